@@ -1,0 +1,73 @@
+"""The cable element: eqs. (3) to (8) of the paper, once for NumPy and for the engine's compiled expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+
+from exunet.net.arrays import Net
+
+Floats = NDArray[np.float64]
+
+
+def green_lagrange_strain(length: Any, reference_length: Any) -> Any:
+    """E11 of eq. (6): (L^2 - L0^2) / (2 L0^2), written in the stretch to keep all digits near L = L0."""
+    stretch = length / reference_length
+    return 0.5 * (stretch - 1.0) * (stretch + 1.0)
+
+
+def tension(
+    length: Any, reference_length: Any, axial_stiffness: Any, maximum: Callable[[Any, Any], Any] = np.maximum
+) -> Any:
+    """Axial force N = S11 A L / L0 [N], positive in tension, zero when slack: eqs. (3) and (8).
+
+    The magnitude of S_e x_e of eq. (3): the second Piola-Kirchhoff stress times the reference area,
+    carried along the current direction with the factor L / L0. `maximum` lets the same line serve
+    floats, arrays (`numpy.maximum`) and the engine's symbolic reals.
+    """
+    strain = maximum(green_lagrange_strain(length, reference_length), 0.0)
+    return axial_stiffness * strain * (length / reference_length)
+
+
+def lengths(net: Net, position: Floats) -> Floats:
+    """Current element lengths [m], eq. (7); position (..., n_nodes, 3) -> (..., n_elements)."""
+    i, j = net.element_nodes.T
+    return np.linalg.norm(position[..., j, :] - position[..., i, :], axis=-1)
+
+
+def elastic_energy(net: Net, length: Floats) -> Floats:
+    """U_el of eq. (19) [J]; length (..., n_elements) -> (...)."""
+    strain = np.maximum(green_lagrange_strain(length, net.reference_length), 0.0)
+    return 0.5 * (strain**2) @ (net.axial_stiffness * net.reference_length)
+
+
+def reference_tangent_stiffness(net: Net) -> csr_array:
+    """T of eqs. (5) and (14) in the reference configuration, (3n, 3n) [N/m].
+
+    S11 is zero there, so each element adds (EA / L0) n n^T to its two nodes, n its reference direction.
+    """
+    i, j = net.element_nodes.T
+    span = net.reference_position[j] - net.reference_position[i]
+    blocks = np.einsum("e,ea,eb->eab", net.axial_stiffness / net.reference_length**3, span, span)
+    return assemble_pairs(net, blocks)
+
+
+def assemble_pairs(net: Net, blocks: Floats) -> csr_array:
+    """Sum of A_e^T [[B, -B], [-B, B]] A_e over the elements; blocks B (n_elements, 3, 3) -> (3n, 3n)."""
+    i, j = net.element_nodes.T
+    axis = np.arange(3)
+    rows, cols, values = [], [], []
+    for a, b, sign in ((i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0)):
+        rows.append(np.broadcast_to(3 * a[:, None, None] + axis[:, None], blocks.shape).ravel())
+        cols.append(np.broadcast_to(3 * b[:, None, None] + axis, blocks.shape).ravel())
+        values.append(sign * blocks.ravel())
+    size = 3 * net.n_nodes
+    matrix = coo_array(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=(size, size)
+    ).tocsr()
+    matrix.eliminate_zeros()
+    return csr_array(matrix)

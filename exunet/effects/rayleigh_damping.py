@@ -1,0 +1,31 @@
+"""Rayleigh damping with the tangent stiffness of the reference configuration: eqs. (13) and (14) of the paper.
+
+It is not objective: beta T brakes a rigid rotation of the net too, and damps slack elements along their
+reference direction. That is the paper's model; it is kept exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+from scipy.sparse import csr_array, diags_array
+
+from exunet.cable import reference_tangent_stiffness
+from exunet.effects.terms import Terms
+from exunet.net.arrays import Net
+from exunet.record import NonNegative, Record
+
+
+class Keys(Record):
+    """D = alpha M + beta T(reference), eq. (13)."""
+
+    alpha: NonNegative = Field(description="factor of the mass matrix [1/s]")
+    beta: NonNegative = Field(description="factor of the tangent stiffness matrix [s]")
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """The constant damping matrix of eq. (13)."""
+    damping = diags_array(np.repeat(keys.alpha * net.mass, 3)) + keys.beta * reference_tangent_stiffness(net)
+    damping = csr_array(damping)
+    damping.eliminate_zeros()
+    return Terms(damping=damping) if damping.nnz else Terms()

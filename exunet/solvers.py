@@ -1,0 +1,77 @@
+"""The integration methods by name, and the keys of [solver] that choose one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from exunet.record import Positive, Record
+
+MethodName = Literal[
+    "DOPRI5",
+    "ODE23",
+    "ExplicitEuler",
+    "ExplicitMidpoint",
+    "RK33",
+    "RK44",
+    "RK67",
+    "VelocityVerlet",
+    "GeneralizedAlpha",
+    "TrapezoidalIndex2",
+]
+
+
+@dataclass(frozen=True)
+class Method:
+    """What the program must know of an integration method of the engine.
+
+    kind  : "adaptive" (explicit, steps chosen from an error estimate), "explicit" or "implicit" (fixed step)
+    order : declared order of convergence
+    stages: right-hand sides of one step
+    """
+
+    kind: Literal["adaptive", "explicit", "implicit"]
+    order: int
+    stages: int
+
+
+# Orders and right-hand sides a step as measured on the engine; tests/test_solvers.py measures them again.
+METHODS: dict[str, Method] = {
+    "DOPRI5": Method("adaptive", 5, 7),
+    "ODE23": Method("adaptive", 3, 4),
+    "ExplicitEuler": Method("explicit", 1, 1),
+    "ExplicitMidpoint": Method("explicit", 2, 2),
+    "RK33": Method("explicit", 3, 3),
+    "RK44": Method("explicit", 4, 4),
+    "RK67": Method("explicit", 6, 7),
+    "VelocityVerlet": Method("explicit", 2, 1),
+    "GeneralizedAlpha": Method("implicit", 2, 1),
+    "TrapezoidalIndex2": Method("implicit", 2, 1),
+}
+
+
+class Solver(Record):
+    """Keys of [solver]."""
+
+    method: MethodName = Field("DOPRI5", description="integration method of the engine")
+    accuracy: Positive = Field(
+        1e-5,
+        description="speed error aimed at, relative to the launch speed; adaptive methods derive their tolerance from it",
+    )
+    tolerance: Positive | None = Field(
+        None, description="absolute tolerance of an adaptive method [m, m/s], instead of the one from accuracy"
+    )
+    step: Positive | None = Field(
+        None, description="step of a fixed-step method [s]; absent: from the stable step"
+    )
+
+    @model_validator(mode="after")
+    def _fits_the_method(self) -> Self:
+        adaptive = METHODS[self.method].kind == "adaptive"
+        if adaptive and self.step is not None:
+            raise ValueError(f"{self.method} chooses its own step: give accuracy (or tolerance) instead of step")
+        if not adaptive and self.tolerance is not None:
+            raise ValueError(f"{self.method} has a fixed step: give step instead of tolerance")
+        return self
