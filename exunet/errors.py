@@ -53,6 +53,12 @@ class RunStopped(ExunetError):
         super().__init__(message)
 
 
+class Interrupted(RunStopped):
+    """A run that the user stopped with Ctrl-C; `partial` holds what was computed until then."""
+
+    exit_code = 130
+
+
 class MissingExtra(ExunetError):
     """An optional dependency is absent."""
 

@@ -2,12 +2,14 @@
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, Strict
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=1)]
-Vector = tuple[float, float, float]
+# A TOML array arrives as a list, which a strict tuple refuses; its items stay strict.
+FromArray = Strict(False)
+Vector = Annotated[tuple[float, float, float], FromArray]
 
 
 class Record(BaseModel):

@@ -2,55 +2,156 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator
 
-from exunet.effects import Effects
-from exunet.net import NetKeys
-from exunet.record import NonNegative, Positive, Record, Vector
+from exunet.checks import Wrong, refuse
+from exunet.effects import Effects as _Effects
+from exunet.net import NetKeys, explicit
+from exunet.net.base import ThrownNetTable, refuse_other_length
+from exunet.record import FromArray, NonNegative, Positive, Record, Vector
 from exunet.solvers import Solver
+
+if TYPE_CHECKING:  # made from the registry of effects, which a type checker cannot follow
+    Effects = Record
+else:
+    Effects = _Effects
+
+MAX_STATES = 10_000_000
 
 
 class Time(Record):
     """Duration and stored times."""
 
-    end: Positive = Field(description="end of the simulation [s]; it starts at 0")
-    output_step: Positive | None = Field(None, description="spacing of the stored states [s]")
-    output_times: tuple[NonNegative, ...] | None = Field(
-        None, description="stored times [s], instead of output_step"
+    end: Positive = Field(description="end of the simulation [s]; it starts at 0", examples=[2.0])
+    output_step: Positive | None = Field(
+        None, description="spacing of the stored states [s]", examples=[0.005]
     )
+    output_times: Annotated[tuple[NonNegative, ...], FromArray] | None = Field(
+        None,
+        validate_default=True,
+        description="stored times [s], instead of output_step; 0 and end are stored anyway",
+        examples=[[0.5, 1.0]],
+    )
+
+    @field_validator("output_step")
+    @classmethod
+    def _not_absurd(cls, step: float | None, others: ValidationInfo) -> float | None:
+        end = others.data.get("end")
+        if step and end and end / step > MAX_STATES:
+            raise ValueError(f"would store {end / step:.3g} states; at most {MAX_STATES:,} are allowed")
+        return step
+
+    @field_validator("output_times")
+    @classmethod
+    def _increasing(cls, times: tuple[float, ...] | None, others: ValidationInfo) -> tuple[float, ...] | None:
+        wrongs = []
+        if "output_step" in others.data and (times is None) == (others.data["output_step"] is None):
+            wrongs.append(Wrong((), "give either time.output_step or time.output_times, exactly one of them"))
+        end = others.data.get("end", float("inf"))
+        before = 0.0
+        for k, time in enumerate(times or ()):
+            if time > end:
+                wrongs.append(Wrong((k,), f"must not be after time.end, {end:g} s, got {time:g}", time))
+            if k > 0 and time <= before:
+                wrongs.append(
+                    Wrong((k,), f"must be greater than the time before it, {before:g} s, got {time:g}")
+                )
+            before = time
+        refuse(wrongs)
+        return times
 
 
 class Initial(Record):
     """State at time 0."""
 
-    packing: NonNegative = Field(description="initial position = packing x reference position")
-    velocity: Vector | None = Field(None, description="velocity of every node [m/s]")
-    spin: Vector | None = Field(None, description="angular velocity about the origin [rad/s]")
-    node_positions: tuple[Vector, ...] | None = Field(
-        None, description="initial positions [m], explicit topology only"
+    packing: NonNegative = Field(
+        description="initial position = packing x reference position", examples=[0.1]
     )
-    node_velocities: tuple[Vector, ...] | None = Field(
-        None, description="initial velocities [m/s], explicit topology only"
+    velocity: Vector | None = Field(
+        None, description="velocity of every node [m/s]", examples=[[0.0, 0.0, 1.0]]
     )
+    spin: Vector | None = Field(
+        None, description="angular velocity about the origin [rad/s]", examples=[[0.0, 0.0, 0.1]]
+    )
+    node_positions: Annotated[tuple[Vector, ...], FromArray] | None = Field(
+        None,
+        description="initial positions [m], explicit topology with packing 1 only",
+        examples=[[[0.0, 0.0, 0.0], [0.9, 0.0, 0.0]]],
+    )
+    node_velocities: Annotated[tuple[Vector, ...], FromArray] | None = Field(
+        None,
+        description="velocities added to those of the nodes [m/s], explicit topology only",
+        examples=[[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]],
+    )
+
+    @field_validator("node_positions")
+    @classmethod
+    def _in_place_of_packing(cls, positions: tuple[Vector, ...] | None, others: ValidationInfo) -> Any:
+        if positions is not None and others.data.get("packing", 1) != 1:
+            raise ValueError(f"needs initial.packing = 1, got {others.data['packing']:g}")
+        return positions
 
 
 class Launch(Record):
-    """Velocities given to the bullets."""
+    """Velocities added to those of the bullets."""
 
-    radial_speed: float = Field(description="away from the origin, in the net's plane [m/s]")
-    axial_speed: float = Field(description="along +z, the direction of the throw [m/s]")
+    radial_speed: float = Field(description="away from the origin, in the net's plane [m/s]", examples=[2.5])
+    axial_speed: float = Field(description="along +z, the direction of the throw [m/s]", examples=[0.0])
 
 
 class Scene(Record):
     """A whole case."""
 
-    format: Literal[1] = Field(description="version of the case format")
-    title: str = Field(description="one line for tables and figures")
-    time: Time
-    solver: Solver = Field(default_factory=Solver)
-    net: Annotated[NetKeys, Field(discriminator="topology")]
-    initial: Initial
-    launch: Launch | None = None
-    effects: Effects = Field(default_factory=Effects)
+    format: Literal[1] = Field(description="version of the case format", examples=[1])
+    title: str = Field(description="one line for tables and figures", examples=["Deployment of a net"])
+    time: Time = Field(description="duration and stored times")
+    solver: Solver = Field(default_factory=lambda: Solver.model_validate({}), description="how the equations are integrated")
+    net: NetKeys = Field(description="the net in its reference configuration")
+    initial: Initial = Field(description="state at time 0")
+    launch: Launch | None = Field(None, description="velocities added to those of the bullets")
+    effects: Effects = Field(default_factory=_Effects, description="a table present switches its effect on")
+
+    @field_validator("format", mode="before")
+    @classmethod
+    def _whole_number(cls, value: Any) -> Any:
+        if isinstance(value, bool | float):  # which Literal would take for equal to 1
+            raise ValueError(f"must be 1, a whole number, got {str(value).lower()}")
+        return value
+
+    @field_validator("title")
+    @classmethod
+    def _one_line(cls, title: str) -> str:
+        if len(title.splitlines()) > 1 or title.endswith("\n"):
+            raise ValueError("must be one line")
+        return title
+
+    @field_validator("initial")
+    @classmethod
+    def _lists_fit_the_net(cls, initial: Initial, others: ValidationInfo) -> Initial:
+        wrongs = []
+        for name in ("node_positions", "node_velocities"):
+            values, net = getattr(initial, name), others.data.get("net")
+            if values is None or net is None:
+                continue
+            if not isinstance(net, explicit.Keys):
+                wrongs.append(Wrong((name,), f'is for net.topology = "explicit", not "{net.topology}"'))
+                continue
+            try:
+                refuse_other_length(values, net.nodes)
+            except ValueError as error:
+                wrongs.append(Wrong((name,), str(error)))
+        refuse(wrongs)
+        return initial
+
+    @field_validator("launch")
+    @classmethod
+    def _needs_bullets(cls, launch: Launch | None, others: ValidationInfo) -> Launch | None:
+        net = others.data.get("net")
+        if launch is not None and net is not None:
+            if not isinstance(net, ThrownNetTable):
+                raise ValueError(f'a net of topology "{net.topology}" has no bullets to launch')
+            if net.bullets is None:
+                raise ValueError("there are no bullets to launch: add [net.bullets] or remove [launch]")
+        return launch

@@ -30,26 +30,48 @@ class Method:
     kind  : "adaptive" (explicit, steps chosen from an error estimate), "explicit" or "implicit" (fixed step)
     order : declared order of convergence
     stages: right-hand sides of one step
+    needs_step: no stable step follows from the net's frequencies (or, implicit, any would do)
     """
 
     kind: Literal["adaptive", "explicit", "implicit"]
     order: int
     stages: int
+    needs_step: bool = False
 
 
 # Orders and right-hand sides a step as measured on the engine; tests/test_solvers.py measures them again.
 METHODS: dict[str, Method] = {
     "DOPRI5": Method("adaptive", 5, 7),
     "ODE23": Method("adaptive", 3, 4),
-    "ExplicitEuler": Method("explicit", 1, 1),
-    "ExplicitMidpoint": Method("explicit", 2, 2),
+    "ExplicitEuler": Method("explicit", 1, 1, needs_step=True),
+    "ExplicitMidpoint": Method("explicit", 2, 2, needs_step=True),
     "RK33": Method("explicit", 3, 3),
     "RK44": Method("explicit", 4, 4),
     "RK67": Method("explicit", 6, 7),
     "VelocityVerlet": Method("explicit", 2, 1),
-    "GeneralizedAlpha": Method("implicit", 2, 1),
-    "TrapezoidalIndex2": Method("implicit", 2, 1),
+    "GeneralizedAlpha": Method("implicit", 2, 1, needs_step=True),
+    "TrapezoidalIndex2": Method("implicit", 2, 1, needs_step=True),
 }
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How one run is integrated: what the solver keys came to on this scene.
+
+    method     : name in METHODS
+    tolerance  : absolute tolerance per step [m, m/s] of an adaptive method, else None
+    step       : longest step [s] of a fixed-step method, else None
+    first_step : first attempt of an adaptive method [s]
+    least_step : steps below this count as collapsed [s]
+    notes      : what the user should know of the choice
+    """
+
+    method: str
+    tolerance: float | None = None
+    step: float | None = None
+    first_step: float = 0.0
+    least_step: float = 0.0
+    notes: tuple[str, ...] = ()
 
 
 class Solver(Record):
@@ -74,4 +96,6 @@ class Solver(Record):
             raise ValueError(f"{self.method} chooses its own step: give accuracy (or tolerance) instead of step")
         if not adaptive and self.tolerance is not None:
             raise ValueError(f"{self.method} has a fixed step: give step instead of tolerance")
+        if METHODS[self.method].needs_step and self.step is None:
+            raise ValueError(f"{self.method} has no stable step of its own: give step")
         return self

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,33 +11,45 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+def _no_indexes() -> Ints:
+    return np.empty(0, dtype=np.int64)
+
+
+def _no_anchors() -> Ints:
+    return np.empty((0, 1), dtype=np.int64)
+
+
 @dataclass(frozen=True)
 class Mesh:
     """What a topology fills in: knots and sides, before strings, bullets and division of the sides.
 
-    knots     : (n_knots, 3) reference positions [m]
-    sides     : (n_sides, 2) knots at the ends of each cable side
-    anchors   : one tuple of knots for each bullet: the corner knots that its strings hold
-                (a plain corner has one, a bridle several); empty when the topology has no corners
-    bullet_at : (n_bullets, 3) reference positions of the bullets [m] for strings of the asked
-                length; equal to the corner knot where the net has no strings
-    faces     : closed loops of knots, one a mesh opening
-    mouth     : closed loop of corner knots that spans the net's opening; empty if there is none
+    knots      : (n_knots, 3) reference positions [m]
+    sides      : (n_sides, 2) knots at the ends of each cable side
+    anchors    : (n_corners, n_strings) for each bullet the knots that its strings hold: one knot for a plain
+                 corner, several for a bridle; no rows when the topology has no corners
+    faces      : mesh openings as loops of knots, anticlockwise seen from +z: one (n_faces, n_corners) array
+                 for each number of corners
+    mouth      : loop of corner knots that spans the net's opening, anticlockwise; empty if there is none
+    node_mass  : (n_knots,) mass added to the knots [kg]; None: nothing
+    fixed      : knots that are held still
     """
 
     knots: Floats
     sides: Ints
-    anchors: tuple[tuple[int, ...], ...] = ()
-    bullet_at: Floats | None = None
-    faces: tuple[tuple[int, ...], ...] = ()
-    mouth: tuple[int, ...] = ()
+    anchors: Ints = field(default_factory=_no_anchors)
+    faces: tuple[Ints, ...] = ()
+    mouth: Ints = field(default_factory=_no_indexes)
+    node_mass: Floats | None = None
+    fixed: Ints = field(default_factory=_no_indexes)
 
 
 @dataclass(frozen=True)
 class Net:
-    """A cable net in its reference configuration, ready for either engine.
+    """A cable net in its reference configuration, ready for either engine. The arrays are read-only.
 
-    Nodes come in the order bullets (or free string ends), knots, inner nodes of divided cables.
+    Nodes come in the order bullets (or free string ends), knots, inner nodes of divided sides, inner nodes
+    of divided strings; without strings a bullet is its corner knot. Elements of the sides come before those
+    of the strings; the elements of one side or string follow each other.
 
     reference_position : (n_nodes, 3) [m], undeformed
     mass               : (n_nodes,) lumped mass [kg], eq. (9) plus bullets
@@ -48,9 +60,10 @@ class Net:
     density            : (n_elements,) rho [kg/m3], reference
     is_string          : (n_elements,) True for the elements of the strings
     bullet_nodes       : (n_bullets,)
-    fixed_nodes        : (n_fixed,) nodes that are held still
-    faces              : loops of nodes round each mesh opening (inner nodes of sides included)
-    mouth              : loop of corner nodes; empty if the topology has none
+    fixed_nodes        : (n_fixed,) nodes that are held still, increasing
+    faces              : loops of nodes round each mesh opening (inner nodes of sides included), anticlockwise
+                         seen from +z
+    mouth              : loop of corner nodes, anticlockwise; empty if the topology has none
     """
 
     reference_position: Floats

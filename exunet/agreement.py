@@ -1,0 +1,30 @@
+"""How far two codes agree on the same case, over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Differences between a result and the reference's, at the times that both have stored.
+
+    time                : (n,) [s]
+    position_difference : (n,) [m], the largest over the nodes
+    speed_difference    : (n,) [m/s], the largest over the bullets (over the nodes if there are none)
+    allowed             : the speed difference up to which the two agree [m/s]
+    agrees_until        : when the speed difference first passes `allowed` [s]; None if it never does
+    reference_speeds    : (n, n_bullets) speeds of the bullets in the reference [m/s]
+    """
+
+    time: Floats
+    position_difference: Floats
+    speed_difference: Floats
+    allowed: float
+    agrees_until: float | None
+    reference_speeds: Floats

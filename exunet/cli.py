@@ -1,0 +1,102 @@
+"""The `exunet` command: thin wrappers that read arguments, call the rooms, print, and set exit codes.
+
+Exit codes: 0 done, 1 a defect of exunet, 2 bad input (nothing written), 3 a run that stopped (what was
+computed is kept), 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from exunet.errors import ExunetError, InputError
+
+app = typer.Typer(
+    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help="Simulates deployable nets."
+)
+
+CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE")]
+Overrides = Annotated[
+    list[str],
+    typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the case; empty: remove it; repeatable"),
+]
+Folder = Annotated[Path | None, typer.Option(help="folder for what is written", metavar="DIR")]
+
+
+def main() -> None:
+    """Entry point: errors become one line each on stderr and an exit code, never a traceback."""
+    try:
+        app()
+    except ExunetError as error:
+        sys.stderr.write(f"{error}\n")
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted\n")
+        sys.exit(130)
+
+
+@app.command("run")
+def run_command(
+    case: CasePath,
+    out: Folder = None,
+    overrides: Overrides = [],  # noqa: B006 - typer reads the default and makes its own list
+    check: Annotated[bool, typer.Option("--check", help="also run reference_impl and compare")] = False,
+) -> None:
+    """Simulate a case; write result.h5, figures and summary.json into results/CASE/."""
+    from exunet.casefile import load
+    from exunet.commands.run import run_case
+
+    loaded = load(case, overrides)
+    stopped = run_case(loaded, out or Path("results") / loaded.name, check=check)
+    if stopped:
+        raise stopped
+
+
+@app.command("check")
+def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B006
+    """Validate a case and say what would be simulated."""
+    from exunet.casefile import load
+    from exunet.commands.check import describe
+    from exunet.commands.table import print_table
+
+    loaded = load(case, overrides)
+    print_table(loaded.scene.title, describe(loaded))
+
+
+@app.command("schema")
+def schema_command(
+    as_json: Annotated[bool, typer.Option("--json", help="only the JSON Schema")] = False,
+    template: Annotated[bool, typer.Option("--template", help="only the commented template case")] = False,
+) -> None:
+    """Print the case format: a commented template case, and its JSON Schema."""
+    from exunet import schema
+
+    if as_json and template:
+        raise InputError("--json, --template: give one of them, or neither for both")
+    if not as_json:
+        typer.echo(schema.template().rstrip())
+    if not (as_json or template):
+        typer.echo("\n# JSON Schema of this format (exunet schema --json prints it alone):")
+    if not template:
+        text = json.dumps(schema.json_schema(), indent=2)
+        typer.echo(text if as_json else "\n".join(f"# {line}" for line in text.splitlines()))
+
+
+@app.command("plot")
+def plot_command(
+    result: Annotated[Path, typer.Argument(help="result.h5 of a run", metavar="RESULT")], out: Folder = None
+) -> None:
+    """Draw the figures of a result, beside it or into --out."""
+    from exunet.plot import save_figures
+    from exunet.result import load_result
+
+    for path in save_figures(load_result(result), out or result.parent):
+        typer.echo(path)
+
+
+if __name__ == "__main__":
+    main()

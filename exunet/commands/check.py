@@ -1,0 +1,47 @@
+"""`exunet check`: what a case would simulate, before it runs."""
+
+from __future__ import annotations
+
+from exunet.build import build, prepare
+from exunet.casefile import Case
+from exunet.effects import EFFECTS, switched_on
+from exunet.run import stored_times
+from exunet.solvers import METHODS
+from exunet.stability import largest_damping_rate, largest_frequency, stable_step
+
+
+def describe(case: Case) -> list[tuple[str, str]]:
+    """Rows (name, value): counts, mass, effects, stable steps and the items the engine would hold."""
+    start = prepare(case.scene)
+    net, plan = start.net, start.plan
+    on = switched_on(case.scene.effects)
+    off = [name for name in EFFECTS if name not in on]
+    items = ", ".join(f"{number} {kind}" for kind, number in build(start).items().items())
+    setting = f"tolerance {plan.tolerance:.3g}" if plan.tolerance is not None else f"step {plan.step:.4g} s"
+    times = stored_times(case.scene.time)
+    return [
+        ("topology", case.scene.net.topology),
+        ("nodes, elements", f"{net.n_nodes}, {net.n_elements} ({int(net.is_string.sum())} of strings)"),
+        ("bullets, fixed nodes", f"{len(net.bullet_nodes)}, {len(net.fixed_nodes)}"),
+        ("mass", f"{net.mass.sum():.6f} kg"),
+        ("simulated time", f"{case.scene.time.end:g} s, {len(times)} stored states"),
+        ("effects on", ", ".join(on) or "none"),
+        ("effects off", ", ".join(off) or "none"),
+        ("method", f"{plan.method}, {setting}"),
+        *[("note", note) for note in plan.notes],
+        ("stable step", _stable_steps(start)),
+        ("engine items", items),
+    ]
+
+
+def _stable_steps(start) -> str:  # type: ignore[no-untyped-def]
+    frequency = largest_frequency(start.net)
+    rate = largest_damping_rate(start.net, start.terms)
+    limits = []
+    for name in ("VelocityVerlet", "RK33", "RK44"):
+        limit = stable_step(name, frequency, rate)
+        limits.append(f"{limit:.4g} s ({name})")
+    own = start.plan.method
+    if METHODS[own].kind == "explicit" and own not in ("VelocityVerlet", "RK33", "RK44"):
+        limits.insert(0, f"{stable_step(own, frequency, rate):.4g} s ({own})")
+    return ", ".join(limits)

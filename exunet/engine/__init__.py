@@ -1,0 +1,1 @@
+"""The only room that knows Exudyn: the multibody model and its time stepping."""

@@ -1,0 +1,202 @@
+"""Time stepping with Exudyn's own integrators, stretch by stretch, every state handed to a watcher."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.engine.loading import exudyn
+from exunet.engine.model import Model
+from exunet.solvers import METHODS, Plan
+
+Floats = NDArray[np.float64]
+Watcher = Callable[[Floats, Floats, Floats], None]
+
+_BUFFER_NUMBERS = 2**19  # of one coordinate array; bounds memory, large enough to vectorise the watcher
+
+
+@dataclass
+class Counts:
+    """What the integration cost: accepted and rejected steps, Newton iterations."""
+
+    steps: int = 0
+    rejected: int = 0
+    newton_iterations: int = 0
+
+
+class EngineFailed(Exception):
+    """The engine gave up; its own words."""
+
+
+class Stepper:
+    """Advances a model to asked times and hands the accepted states, in batches, to a watcher.
+
+    The watcher gets (time (k,), position (k, n, 3), velocity (k, n, 3)); batches overlap in one state, so
+    that it can integrate over steps. `every` thins the states (1 = each step). An exception raised by the
+    watcher, KeyboardInterrupt included, comes out of `advance` unchanged.
+    """
+
+    def __init__(self, model: Model, plan: Plan, end: float, watcher: Watcher, every: int = 1) -> None:
+        self._model = model
+        self._plan = plan
+        self._method = METHODS[plan.method]
+        self._watcher = watcher
+        self._every = every
+        self.counts = Counts()
+        self.time = 0.0
+        rows = max(16, min(4096, _BUFFER_NUMBERS // max(1, model.n_coordinates)))
+        self._times = np.empty(rows)
+        self._q = np.empty((rows, model.n_coordinates))
+        self._v = np.empty((rows, model.n_coordinates))
+        self._rows = 0
+        self._since_sample = 0
+        self._attempt_end = 0.0
+        self._attempting = False
+        self._stop: BaseException | None = None
+        self._settings = _settings(exudyn(), model, plan, end)
+        self._solver = self._start()
+        self._append(0.0)
+
+    def _start(self) -> Any:
+        engine = exudyn()
+        self._model.system.SetPreStepUserFunction(self._before_attempt)
+        implicit = self._method.kind == "implicit"
+        solver = engine.MainSolverImplicitSecondOrder() if implicit else engine.MainSolverExplicit()
+        try:
+            started = solver.InitializeSolver(self._model.system, self._settings)
+        except Exception as error:  # the engine's own exception types share no narrower base
+            raise EngineFailed(_first_line(error)) from error
+        if not started:
+            raise EngineFailed("the engine could not start this method on this scene")
+        return solver
+
+    def advance(self, until: float) -> None:
+        """Integrate from the current time to `until` [s] exactly."""
+        self._set_stretch(until)
+        words = ""
+        try:
+            done = self._solver.SolveSteps(self._model.system, self._settings)
+        except Exception as error:
+            done, words = False, _first_line(error)
+            if self._stop is None and isinstance(error.__cause__, KeyboardInterrupt):
+                self._stop = error.__cause__
+        self._count_newton()
+        if self._stop is not None:
+            stop, self._stop = self._stop, None
+            raise stop
+        if not done:
+            self._flush()
+            raise EngineFailed(words or _first_line(self._solver.GetErrorString()) or "the engine stopped")
+        if self._attempting:
+            self.counts.steps += 1
+        self._attempting = False
+        self.time = until
+        self._append(until)
+        self._flush()
+
+    def _set_stretch(self, until: float) -> None:
+        progress = self._solver.it
+        progress.endTime = until
+        if self._plan.step is not None:
+            # Equal steps, none longer than asked, so that stored times are hit exactly.
+            span = until - self.time
+            number = max(1, math.ceil(span / self._plan.step * (1 - 1e-12)))
+            progress.startTime = self.time
+            progress.currentStepIndex = 1
+            progress.currentStepSize = progress.maxStepSize = progress.initialStepSize = span / number
+
+    def _before_attempt(self, _mbs: Any, end_of_attempt: float) -> bool:
+        """Engine callback before each attempted step; the state is still that of the step's start."""
+        try:
+            if self._attempting and end_of_attempt <= self._attempt_end:
+                self.counts.rejected += 1
+            elif self._attempting:
+                self._step_done(self._attempt_end)
+            self._attempting = True
+            self._attempt_end = end_of_attempt
+        except BaseException as error:  # noqa: BLE001 - kept from the engine; advance() raises it again
+            self._stop = error
+            return False
+        return True
+
+    def _step_done(self, time: float) -> None:
+        self.counts.steps += 1
+        self._since_sample += 1
+        if self._since_sample >= self._every:
+            self._append(time)
+
+    def _append(self, time: float) -> None:
+        self._since_sample = 0
+        row = self._rows
+        data = self._model.system.systemData
+        self._times[row] = time
+        self._q[row] = data.GetODE2Coordinates(copy=False)
+        self._v[row] = data.GetODE2Coordinates_t(copy=False)
+        self._rows = row + 1
+        if self._rows == len(self._times):
+            self._flush()
+
+    def _flush(self) -> None:
+        """Hand the buffered states over; the last one stays as the first of the next batch."""
+        rows = self._rows
+        if rows > 1:
+            position, velocity = self._model.unpack(self._q[:rows], self._v[:rows])
+            time = self._times[:rows].copy()
+            for buffer in (self._times, self._q, self._v):
+                buffer[0] = buffer[rows - 1]
+            self._rows = 1
+            self._watcher(time, position, velocity)
+
+    def _count_newton(self) -> None:
+        self.counts.newton_iterations = int(self._solver.it.newtonStepsCount)
+
+    @property
+    def right_hand_sides(self) -> int:
+        """Evaluations of the forces so far (implicit methods: residuals, Jacobians not counted)."""
+        attempts = self.counts.steps + self.counts.rejected
+        if self._method.kind == "implicit":
+            return attempts + self.counts.newton_iterations
+        return attempts * self._method.stages
+
+
+def _settings(engine: Any, model: Model, plan: Plan, end: float) -> Any:
+    method = METHODS[plan.method]
+    settings = engine.SimulationSettings()
+    settings.solution.file.write = False  # else the engine writes into the working directory
+    settings.solution.sensors.active = False
+    settings.solution.solverInformationFileName = ""
+    settings.linearSolver.solverType = engine.LinearSolverType.EigenSparse  # the default is dense
+    integration = settings.timeIntegration
+    integration.verboseMode = 0
+    integration.solverType = getattr(engine.DynamicSolverType, plan.method)
+    integration.endTime = end
+    integration.adaptiveStep = integration.automaticStepSize = method.kind == "adaptive"
+    if plan.tolerance is not None:
+        integration.absoluteTolerance = plan.tolerance
+        integration.relativeTolerance = 0.0  # the engine's relative scale lacks an absolute value
+        integration.initialStepSize = plan.first_step
+        integration.numberOfSteps = 1
+        integration.minimumStepSize = plan.least_step
+    else:
+        integration.numberOfSteps = 1
+        integration.minimumStepSize = 1e-300  # never the reason to stop
+    explicit = integration.explicit
+    explicit.useLieGroupIntegration = False
+    explicit.computeMassMatrixInversePerBody = model.all_points_alone
+    explicit.computeEndOfStepAccelerations = plan.method == "VelocityVerlet"  # others would pay for nothing
+    if method.kind == "implicit":
+        integration.newton.useModifiedNewton = False
+        trapezoidal = plan.method == "TrapezoidalIndex2"
+        integration.generalizedAlpha.useNewmark = trapezoidal
+        integration.generalizedAlpha.useIndex2Constraints = trapezoidal
+    return settings
+
+
+def _first_line(words: object) -> str:
+    lines = [line.strip() for line in str(words).splitlines() if line.strip()]
+    return lines[0] if lines else ""

@@ -1,0 +1,97 @@
+"""The ledger of energy over the steps of a run, and the guards that stop a run which has gone wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet import cable, energy
+from exunet.effects.terms import Terms
+from exunet.errors import RunStopped
+from exunet.net.arrays import Net
+
+Floats = NDArray[np.float64]
+
+# Kinetic + elastic + potential + dissipated energy may exceed its start by this part of the scale before a
+# run is stopped. A converged run stays below 1e-5; 5 % is far outside what any sound setting shows.
+ENERGY_GROWTH = 0.05
+
+
+class Monitor:
+    """Takes the states of the accepted steps; sums the dissipated energy and stops what has gone wrong.
+
+    The work of damping between two states is integrated by Simpson's rule; the velocity in the middle is
+    that of the cubic Hermite polynomial through both ends, 3/2 (x1 - x0)/h - (v0 + v1)/4, so the sum is of
+    fourth order in the step.
+    """
+
+    def __init__(self, net: Net, terms: Terms, position: Floats, velocity: Floats) -> None:
+        self._net = net
+        self._terms = terms
+        self.dissipated = 0.0
+        self._start = float(self._mechanical(position, velocity))
+        self._turned_over = float(energy.kinetic(net, velocity) + energy.elastic(net, position))
+        self._last_good = (0.0, position)
+
+    def _mechanical(self, position: Floats, velocity: Floats) -> Floats:
+        return (
+            energy.kinetic(self._net, velocity)
+            + energy.elastic(self._net, position)
+            + energy.potential(self._terms, position)
+        )
+
+    def __call__(self, time: Floats, position: Floats, velocity: Floats) -> None:
+        """Take a batch of states: time (k,), position and velocity (k, n_nodes, 3), first one known."""
+        self._check_finite(time, position, velocity)
+        work = self._dissipation(time, position, velocity)
+        self._check_energy(time, position, velocity, self.dissipated + np.cumsum(work))
+        self.dissipated += float(work.sum())
+        self._last_good = (float(time[-1]), position[-1])
+
+    def _dissipation(self, time: Floats, position: Floats, velocity: Floats) -> Floats:
+        """(k - 1,) energy taken out by damping in each step [J]."""
+        if self._terms.damping is None:
+            return np.zeros(len(time) - 1)
+        step = np.diff(time)
+        middle = 1.5 * np.diff(position, axis=0) / step[:, None, None] - 0.25 * (velocity[:-1] + velocity[1:])
+        ends = energy.damping_power(self._terms, velocity)
+        return step / 6.0 * (ends[:-1] + ends[1:] + 4.0 * energy.damping_power(self._terms, middle))
+
+    def _check_finite(self, time: Floats, position: Floats, velocity: Floats) -> None:
+        finite = np.isfinite(position).all(axis=(1, 2)) & np.isfinite(velocity).all(axis=(1, 2))
+        if finite.all():
+            return
+        bad = int(np.argmin(finite))
+        good = (float(time[bad - 1]), position[bad - 1]) if bad else self._last_good
+        raise RunStopped(
+            f"diverged at t = {time[bad]:.6g} s: the state is not finite; {self._worst(*good)}. {ADVICE}"
+        )
+
+    def _check_energy(self, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> None:
+        kinetic = energy.kinetic(self._net, velocity[1:])
+        elastic = energy.elastic(self._net, position[1:])
+        potential = energy.potential(self._terms, position[1:])
+        self._turned_over = max(self._turned_over, float(np.max(dissipated, initial=0.0)))
+        scale = max(self._turned_over, float(np.max(np.abs(potential - self._start), initial=0.0)))
+        growth = kinetic + elastic + potential + dissipated - self._start
+        grown = growth > ENERGY_GROWTH * scale + 1e-12
+        if not grown.any():
+            return
+        bad = int(np.argmax(grown))
+        raise RunStopped(
+            f"diverged at t = {time[bad + 1]:.6g} s: the energy grew by {growth[bad]:.3g} J "
+            f"(allowed {ENERGY_GROWTH * scale:.3g} J); {self._worst(float(time[bad]), position[bad])}. {ADVICE}"
+        )
+
+    def _worst(self, time: float, position: Floats) -> str:
+        length = cable.lengths(self._net, position)
+        strain = cable.green_lagrange_strain(length, self._net.reference_length)
+        element = int(np.argmax(strain))
+        i, j = self._net.element_nodes[element]
+        return (
+            f"the most stretched element, at t = {time:.6g} s, is {element} between nodes {i} and {j}, "
+            f"stretch {length[element] / self._net.reference_length[element]:.4g}"
+        )
+
+
+ADVICE = "Give a smaller solver.step (see `exunet check`: the stable step) or an adaptive method such as DOPRI5"

@@ -1,0 +1,70 @@
+"""The rectangular topology: a grid of cables with one spacing along x and one along y."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+
+from exunet.net.arrays import Mesh
+from exunet.net.base import ThrownNetTable, meshes, refuse_unfit
+from exunet.record import FromArray, Positive
+
+Pair = Annotated[tuple[Positive, Positive], FromArray]
+
+
+class Keys(ThrownNetTable):
+    """A rectangular net of rectangular meshes, with a bullet at each of its four corners."""
+
+    topology: Literal["rectangular"] = Field(description="grid with a spacing along x and another along y")
+    size: Pair = Field(description="edges of the net along x and y [m]", examples=[[5.0, 4.0]])
+    mesh: Pair = Field(
+        description="edges of a mesh along x and y [m]; each divides its size", examples=[[1.0, 0.5]]
+    )
+
+    @field_validator("mesh")
+    @classmethod
+    def _divides_the_size(cls, mesh: tuple[float, float], others: ValidationInfo) -> tuple[float, float]:
+        if "size" in others.data:
+            refuse_unfit(others.data["size"], mesh)
+        return mesh
+
+    @property
+    def n_sides(self) -> int:
+        nx, ny = map(meshes, self.size, self.mesh)
+        return nx * (ny + 1) + ny * (nx + 1)
+
+    @property
+    def n_strings(self) -> int:
+        return 4
+
+
+def mesh(keys: Keys) -> Mesh:
+    """The grid on [-Lx/2, Lx/2] x [-Ly/2, Ly/2]; see `grid`."""
+    return grid(keys.size, keys.mesh)
+
+
+def grid(size: tuple[float, float], spacing: tuple[float, float]) -> Mesh:
+    """Knots row by row from the corner (-, -), sides along x, then along y; corners anticlockwise from there.
+
+    size, spacing : edges of the net and of a mesh [m]
+    """
+    nx, ny = map(meshes, size, spacing)
+    # Whole steps from the middle: positions are exactly symmetric about both axes.
+    x, y = ((np.arange(n + 1) - n / 2) * (length / n) for n, length in zip((nx, ny), size, strict=True))
+    number = np.arange((nx + 1) * (ny + 1)).reshape(ny + 1, nx + 1)
+    knots = np.zeros((number.size, 3))
+    knots[:, 0] = np.tile(x, ny + 1)
+    knots[:, 1] = np.repeat(y, nx + 1)
+    along_x = np.stack([number[:, :-1], number[:, 1:]], axis=-1).reshape(-1, 2)
+    along_y = np.stack([number[:-1], number[1:]], axis=-1).reshape(-1, 2)
+    loops = np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], axis=-1)
+    corners = number[[0, 0, -1, -1], [0, -1, -1, 0]]
+    return Mesh(
+        knots,
+        np.concatenate([along_x, along_y]),
+        corners[:, None],
+        faces=(loops.reshape(-1, 4),),
+        mouth=corners,
+    )

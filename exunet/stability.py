@@ -1,0 +1,108 @@
+"""The stable step of the fixed-step explicit methods: the net's fastest mode and each method's limit.
+
+A slack element has no stiffness, so the net with every element just taut (eq. (14) in the reference
+configuration) has the highest frequencies it can reach, up to the factor (3 lambda^2 - 1)/2 by which a
+stretch lambda stiffens an element; `SAFETY` covers that.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import ArpackError, eigsh
+
+from exunet.cable import reference_tangent_stiffness
+from exunet.effects.terms import Terms
+from exunet.net.arrays import Net
+from exunet.solvers import METHODS
+
+SAFETY = 0.8
+
+_ORDER = {"ExplicitEuler": 1, "ExplicitMidpoint": 2, "RK33": 3, "RK44": 4, "RK67": 6}
+# Coefficient of z^7 in RK67's stability polynomial, read off one step of the engine on a linear
+# oscillator (tests/test_stability.py reads it again); the other methods have as many stages as order.
+_RK67_SEVENTH = -4.4945388576385706e-4
+
+
+def _symmetric(matrix: csr_array, mass: NDArray[np.float64]) -> csr_array:
+    """M^-1/2 A M^-1/2: the same eigenvalues as M^-1 A, but symmetric."""
+    scale = diags_array(1.0 / np.sqrt(mass))
+    return csr_array(scale @ matrix @ scale)
+
+
+def _largest_eigenvalue(matrix: csr_array) -> float:
+    """Largest eigenvalue of a symmetric positive semi-definite matrix; Gershgorin's bound if Lanczos fails."""
+    bound = float(np.max(np.abs(matrix).sum(axis=1), initial=0.0))
+    size = matrix.shape[0]
+    if size <= 60:
+        return float(np.linalg.eigvalsh(matrix.toarray())[-1]) if size else 0.0
+    start = np.sin(np.arange(1.0, size + 1.0))  # fixed: the same case gives the same step
+    try:
+        return float(min(bound, eigsh(matrix, k=1, which="LA", v0=start, tol=1e-6)[0][0] * (1 + 1e-6)))
+    except ArpackError:
+        return bound
+
+
+def largest_frequency(net: Net) -> float:
+    """Highest angular frequency [rad/s] of the just taut net: sqrt of the largest eigenvalue of M^-1 T."""
+    free = _free_coordinates(net)
+    stiffness = reference_tangent_stiffness(net)[free][:, free]
+    return math.sqrt(max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(net.mass, 3)[free]))))
+
+
+def largest_damping_rate(net: Net, terms: Terms) -> float:
+    """Largest eigenvalue [1/s] of M^-1 D; zero without damping."""
+    if terms.damping is None:
+        return 0.0
+    free = _free_coordinates(net)
+    damping = terms.damping[free][:, free]
+    return max(0.0, _largest_eigenvalue(_symmetric(damping, np.repeat(net.mass, 3)[free])))
+
+
+def _free_coordinates(net: Net) -> NDArray[np.int64]:
+    free = np.ones(net.n_nodes, dtype=bool)
+    free[net.fixed_nodes] = False
+    return np.flatnonzero(np.repeat(free, 3))
+
+
+def stable_step(method: str, frequency: float, damping_rate: float = 0.0) -> float:
+    """Largest step [s] at which `method` damps or keeps a mode of that frequency and damping rate.
+
+    frequency    : angular frequency of the undamped mode [rad/s]
+    damping_rate : c in x'' + c x' + w^2 x = 0 [1/s]
+    Zero for a method that makes every such mode grow, infinity if nothing limits it (implicit methods too).
+    """
+    if METHODS[method].kind == "implicit" or (frequency == 0.0 and damping_rate == 0.0):
+        return math.inf
+    if method == "VelocityVerlet":
+        # Central differences with the damping force taken at the start of the step.
+        ratio = damping_rate / (2.0 * frequency) if frequency else math.inf
+        return 2.0 / frequency * (math.hypot(1.0, ratio) - ratio) if frequency else 0.0
+    half = damping_rate / 2.0
+    root = complex(half**2 - frequency**2) ** 0.5
+    return min(_polynomial_limit(method, z) for z in {-half + root, -half - root} if z != 0)
+
+
+def _polynomial_limit(method: str, eigenvalue: complex) -> float:
+    """Largest h with |R(h z)| <= 1 along the ray of one eigenvalue, by bisection from the first crossing."""
+    coefficients = [1.0 / math.factorial(k) for k in range(_ORDER[method] + 1)]
+    if method == "RK67":
+        coefficients.append(_RK67_SEVENTH)
+    polynomial = np.polynomial.Polynomial(coefficients)
+    direction = eigenvalue / abs(eigenvalue)
+
+    def grows(radius: NDArray[np.float64] | float) -> NDArray[np.bool_]:
+        return np.abs(polynomial(radius * direction)) > 1.0 + 1e-9
+
+    radii = np.linspace(0.01, 8.0, 800)
+    outside = np.flatnonzero(grows(radii))
+    if outside[0] == 0:
+        return 0.0
+    low, high = radii[outside[0] - 1], radii[outside[0]]
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if grows(middle) else (middle, high)
+    return float(low / abs(eigenvalue))

@@ -1,0 +1,144 @@
+"""Command line: `python -m reference_impl CASE -o out.npz`; exit codes and the file's content: README.md."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from reference_impl.forces import System, assemble, greatest_frequency
+from reference_impl.march import METHODS, TOLERANCES, Diverged, Interrupted, Trajectory, march
+from reference_impl.read import Refused, parse_override, read
+from reference_impl.record import contents, save
+from reference_impl.start import initial_state
+from reference_impl.weave import weave
+
+DONE, REFUSED, DIVERGED, INTERRUPTED = 0, 2, 3, 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise Refused([message])
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="python -m reference_impl", description="Integrates the cable net of a case file.")
+    parser.add_argument("case", type=Path, help="case file (cases/README.md)")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz")
+    parser.add_argument("--method", choices=METHODS, default="DOP853")
+    parser.add_argument("--rtol", type=_positive, help="relative tolerance of DOP853 (1e-10) or RK45 (1e-3)")
+    parser.add_argument("--atol", type=_positive, help="absolute tolerance [m, m/s]: DOP853 1e-12, RK45 1e-6")
+    parser.add_argument("--step", type=_positive, help="step of RK4 [s]")
+    parser.add_argument("--symmetric", action="store_true", help="keep mirror symmetries to the last bit")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="replaces a value of the case"
+    )
+    return parser
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f"{text} is not a finite number greater than 0")
+    return value
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command; returns the exit code."""
+    try:
+        return _run(_parser().parse_args(arguments))
+    except Refused as refused:
+        for fault in refused.faults:
+            _say(fault)
+        return REFUSED
+    except MemoryError:
+        _say("the case does not fit into memory: fewer elements or stored times")
+        return REFUSED
+    except KeyboardInterrupt:
+        _say("interrupted before anything was stored; nothing written")
+        return INTERRUPTED
+
+
+def _say(message: str) -> None:
+    sys.stderr.write("reference_impl: " + " ".join(message.split()) + "\n")
+
+
+def _run(options: argparse.Namespace) -> int:
+    _check(options)
+    overrides = dict(parse_override(text) for text in options.set)
+    case = read(options.case, overrides)
+    net = weave(case)
+    system = assemble(case, net, options.symmetric)
+    rtol, atol = (
+        given or default
+        for given, default in zip(
+            (options.rtol, options.atol), TOLERANCES.get(options.method, (None, None)), strict=True
+        )
+    )
+    provenance: dict[str, Any] = {
+        "program": "reference_impl",
+        "case": case.source,
+        "overrides": overrides,
+        "method": options.method,
+        "rtol": rtol,
+        "atol": atol,
+        "step": options.step,
+        "symmetric": options.symmetric,
+    }
+    begin, code, note = time.perf_counter(), DONE, ""
+    trajectory: Trajectory
+    try:
+        trajectory = march(
+            system, *initial_state(case, net), case.times, options.method, rtol, atol, options.step
+        )
+    except Diverged as diverged:
+        i, j = net.element_nodes[diverged.element] if diverged.element >= 0 else (-1, -1)
+        trajectory, code = diverged.partial, DIVERGED
+        note = f"{diverged}, nodes {i} and {j}. {_advice(system, options)}"
+    except Interrupted as interrupted:
+        trajectory, code, note = interrupted.partial, INTERRUPTED, "interrupted."
+    provenance["wall_s"] = time.perf_counter() - begin
+    try:
+        save(options.output, contents(system, trajectory, code == DONE, provenance))
+    except OSError as error:
+        raise Refused([f"{options.output}: {error.strerror or error}"]) from error
+    if note:
+        _say(f"{note} {options.output} holds the {len(trajectory.t)} states up to t = {trajectory.t[-1]:g} s")
+    return code
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuses contradicting options, and an output that cannot be written, before any work is done."""
+    faults = []
+    if (options.method == "RK4") != (options.step is not None):
+        faults.append("--step goes with --method RK4, and RK4 needs it")
+    if options.method == "RK4" and (options.rtol or options.atol):
+        faults.append("--rtol and --atol mean nothing to --method RK4")
+    parent = options.output.parent
+    if not parent.is_dir() or not os.access(parent, os.W_OK):
+        faults.append(f"{options.output}: no directory {parent} to write to")
+    elif options.output.is_dir():
+        faults.append(f"{options.output}: is a directory")
+    if faults:
+        raise Refused(faults)
+
+
+def _advice(system: System, options: argparse.Namespace) -> str:
+    """What to do about a divergence."""
+    if options.method == "RK4":
+        return f"Try --step {1.0 / max(greatest_frequency(system), 1e-300):.2g} or less."
+    return "Try smaller --rtol and --atol, and look for a light node or a stiff element there."
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,75 @@
+"""The result file: a NumPy archive whose arrays are listed in README.md."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from reference_impl import energy
+from reference_impl.forces import System, strain, tension
+from reference_impl.march import Trajectory
+
+FORMAT = 1
+
+
+def contents(
+    system: System, trajectory: Trajectory, complete: bool, provenance: dict[str, Any]
+) -> dict[str, NDArray[Any]]:
+    """The arrays of a result file; `provenance` is completed by costs and versions."""
+    net, x, v = system.net, trajectory.x, trajectory.v
+    facts = {
+        **provenance,
+        "n_rhs": trajectory.n_rhs,
+        "n_steps": trajectory.n_steps,
+        "n_rejected": trajectory.n_rejected,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+    }
+    with np.errstate(over="ignore", invalid="ignore"):  # the last states of a diverging run may be huge
+        return {
+            "format": np.array(FORMAT),
+            "complete": np.array(complete),
+            "provenance": np.array(json.dumps(facts, default=str)),
+            "t": trajectory.t,
+            "position": x,
+            "velocity": v,
+            "reference_position": net.reference_position,
+            "element_nodes": net.element_nodes,
+            "reference_length": net.reference_length,
+            "area": net.area,
+            "youngs_modulus": net.youngs_modulus,
+            "density": net.density,
+            "mass": net.mass,
+            "bullet_nodes": net.bullet_nodes,
+            "fixed_nodes": net.fixed_nodes,
+            "strain": strain(system, x),
+            "tension": tension(system, x),
+            "kinetic": energy.kinetic(system, v),
+            "elastic": energy.elastic(system, x),
+            "potential": energy.potential(system, x),
+            "dissipated": trajectory.dissipated,
+            "momentum": energy.momentum(system, v),
+            "angular_momentum": energy.angular_momentum(system, x, v),
+        }
+
+
+def save(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
+    """Writes the archive whole or not at all: to a temporary neighbour first, then renamed."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name + ".", suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]  # the stub takes the names for options
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise

@@ -1,0 +1,276 @@
+"""Builds the net of a case: nodes, elements and masses in the reference configuration (z = 0, centre at 0).
+
+The connectivity comes out of the geometry.  A net is a set of mesh cells: the outline of every cell is laid
+down as loose segments of endpoint coordinates, the strings likewise; endpoints that coincide become one node,
+segments that coincide one side.  No formula for node numbers appears anywhere.  Coordinates that mirror each
+other are mirrored to the last bit, which `mirror` relies on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from reference_impl.read import LARGEST_COUNT, Cable, Case, Explicit, Hexagonal, Radial, Rectangular, Refused
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Net:
+    """n nodes, m elements, k bullets, f fixed nodes.
+
+    Bullets run anticlockwise from the smallest polar angle of their reference position in [-pi, pi), so those
+    of a square net are lower left, lower right, upper right, upper left.  Nodes: knots (and bullets) first,
+    then inner nodes of divided sides, side by side; an explicit net keeps its listed nodes first, as listed.
+    """
+
+    reference_position: Floats  # (n, 3) [m]
+    element_nodes: Ints  # (m, 2)
+    reference_length: Floats  # (m,) [m]
+    area: Floats  # (m,) [m2]
+    youngs_modulus: Floats  # (m,) [Pa]
+    density: Floats  # (m,) [kg/m3]
+    mass: Floats  # (n,) [kg] lumped, eq. (9), with bullets and node masses
+    bullet_nodes: Ints  # (k,)
+    fixed_nodes: Ints  # (f,)
+    inner_ends: Ints  # (q, 2) ends of the side on which each of the last q nodes lies
+    inner_place: Ints  # (q, 2) number on that side, elements of the side: (1, 3) is a third of the way
+
+
+@dataclass(frozen=True, eq=False)
+class _Segments:
+    """Loose segments: ends (s, 2, 3) [m], reference lengths (s,) [m]."""
+
+    ends: Floats
+    length: Floats
+
+
+def weave(case: Case) -> Net:
+    """The net of the case."""
+    if isinstance(case.shape, Explicit):
+        knots, net_sides, length = _listed(case.shape)
+        string_sides, tips = np.empty((0, 2), dtype=np.intp), np.empty(0, dtype=np.intp)
+    else:
+        outlines, corners, spans = _lay(case)
+        knots, labels = merge_points(
+            np.concatenate((outlines.ends.reshape(-1, 3), spans.ends.reshape(-1, 3))),
+            tolerance=1e-6 * float(outlines.length.min()),
+        )
+        laid = labels.reshape(-1, 2)
+        net_sides, length = _once(laid[: len(outlines.length)], outlines.length)
+        string_sides = laid[len(outlines.length) :]
+        tips = string_sides[:, 1] if len(string_sides) else cKDTree(knots).query(corners)[1].astype(np.intp)
+    families = [(net_sides, length, case.cable, case.divisions)]
+    if case.strings is not None and len(string_sides):
+        string_length = np.full(len(string_sides), case.strings.length)
+        families.append((string_sides, string_length, case.strings.cable, case.strings.divisions))
+    bullets = (
+        _anticlockwise(knots, np.unique(tips)) if case.bullet_mass is not None else np.empty(0, dtype=np.intp)
+    )
+    return _finish(case, knots, families, bullets)
+
+
+def _finish(case: Case, knots: Floats, families: list[tuple[Ints, Floats, Cable, int]], bullets: Ints) -> Net:
+    """Divides the sides of each family (sides, lengths, cable, divisions) and lumps the masses."""
+    elements, lengths, ends, places, kinds = [], [], [], [], []
+    n = len(knots)
+    for number, (sides, length, _, divisions) in enumerate(families):
+        if len(sides) * divisions > LARGEST_COUNT:
+            raise Refused([f"net.divisions: more than {LARGEST_COUNT} elements"])
+        inner = n + np.arange(len(sides) * (divisions - 1)).reshape(len(sides), divisions - 1)
+        n += inner.size
+        chain = np.hstack((sides[:, :1], inner, sides[:, 1:]))
+        elements.append(np.stack((chain[:, :-1], chain[:, 1:]), axis=2).reshape(-1, 2))
+        lengths.append(np.repeat(length / divisions, divisions))
+        ends.append(np.repeat(sides, divisions - 1, axis=0))
+        steps = np.tile(np.arange(1, divisions), len(sides))
+        places.append(np.column_stack((steps, np.full(len(steps), divisions))))
+        kinds.append(np.full(len(sides) * divisions, number))
+    kind = np.concatenate(kinds)
+    cables = np.array([(c.area, c.youngs_modulus, c.density) for _, _, c, _ in families])[kind].reshape(-1, 3)
+    element_nodes, reference_length = np.concatenate(elements), np.concatenate(lengths)
+    inner_ends, inner_place = np.concatenate(ends), np.concatenate(places)
+    extra = np.zeros(n)
+    if case.bullet_mass is not None:
+        extra[bullets] = case.bullet_mass
+    fixed = np.empty(0, dtype=np.intp)
+    if isinstance(case.shape, Explicit):
+        extra[: len(case.shape.node_masses)] = case.shape.node_masses
+        fixed = np.unique(np.array(case.shape.fixed, dtype=np.intp))
+    mass = lump(n, element_nodes, cables[:, 2] * cables[:, 0] * reference_length, extra)
+    if (bare := np.flatnonzero(~(mass > 0.0))).size:
+        raise Refused([f"net: node {bare[0]} has no mass"])
+    position = np.concatenate((knots, between(knots, inner_ends, inner_place)))
+    return Net(
+        position,
+        element_nodes,
+        reference_length,
+        cables[:, 0],
+        cables[:, 1],
+        cables[:, 2],
+        mass,
+        bullets,
+        fixed,
+        inner_ends,
+        inner_place,
+    )
+
+
+def lump(n: int, element_nodes: Ints, element_mass: Floats, extra: Floats) -> Floats:
+    """Lumped masses (n,) [kg], eqs. (9), (11): half of each element to either end, plus `extra` (n,).
+
+    Correctly rounded sums: the masses of mirrored nodes agree to the last bit whatever the elements' order.
+    """
+    shares: list[list[float]] = [[float(m)] for m in extra]
+    for (i, j), half in zip(element_nodes.tolist(), (0.5 * element_mass).tolist(), strict=True):
+        shares[i].append(half)
+        shares[j].append(half)
+    return np.array([math.fsum(share) for share in shares])
+
+
+def between(values: Floats, inner_ends: Ints, inner_place: Ints) -> Floats:
+    """Values (q, 3) at the inner nodes of divided sides, evenly spaced between those of its ends (n, 3)."""
+    step, whole = inner_place[:, :1], inner_place[:, 1:]
+    return np.asarray((values[inner_ends[:, 0]] * (whole - step) + values[inner_ends[:, 1]] * step) / whole)
+
+
+def merge_points(points: Floats, tolerance: float) -> tuple[Floats, Ints]:
+    """Distinct points (n, 3), in order of first appearance, and which of them each of the p points became."""
+    pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
+    link = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
+    group = connected_components(link, directed=False)[1]
+    _, first, group = np.unique(group, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return points[first[order]], rank[group].astype(np.intp)
+
+
+def _once(sides: Ints, length: Floats) -> tuple[Ints, Floats]:
+    """Sides shared by two cells, kept once, in order of first appearance."""
+    first = np.sort(np.unique(np.sort(sides, axis=1), axis=0, return_index=True)[1])
+    return sides[first], length[first]
+
+
+def _anticlockwise(points: Floats, nodes: Ints) -> Ints:
+    """`nodes` sorted by polar angle in [-pi, pi)."""
+    angle = np.arctan2(points[nodes, 1], points[nodes, 0])
+    angle[angle > math.pi - 1e-9] -= 2.0 * math.pi
+    return nodes[np.argsort(angle)]
+
+
+def _listed(shape: Explicit) -> tuple[Floats, Ints, Floats]:
+    """Nodes, sides and lengths of an explicit net, as listed: nothing is merged."""
+    knots = np.array(shape.nodes, dtype=float).reshape(-1, 3)
+    sides = np.array(shape.elements, dtype=np.intp).reshape(-1, 2)
+    if not len(knots):
+        raise Refused(["net.nodes: empty"])
+    return knots, sides, np.linalg.norm(knots[sides[:, 1]] - knots[sides[:, 0]], axis=1)
+
+
+def _lay(case: Case) -> tuple[_Segments, Floats, _Segments]:
+    """Outlines of all cells, corner knots (k, 3), and strings as segments from corner knot to bullet."""
+    shape, strings = case.shape, case.strings
+    reach = strings.length if strings is not None else 0.0
+    if isinstance(shape, Rectangular):
+        outlines, corners, held, bullets = _rectangular(shape, reach)
+    elif isinstance(shape, Hexagonal):
+        outlines, corners, held, bullets = _hexagonal(shape, reach)
+    else:
+        assert isinstance(shape, Radial)
+        outlines, corners, held, bullets = _radial(shape, reach)
+    if strings is None:
+        held, bullets = held[:0], bullets[:0]
+    return outlines, corners, _Segments(np.stack((held, bullets), axis=1), np.full(len(held), reach))
+
+
+def _loops(corners: Floats, length: Floats) -> _Segments:
+    """Closed outlines: corners (c, s, 3) of c cells with s sides of the lengths (c, s)."""
+    return _Segments(
+        np.stack((corners, np.roll(corners, -1, axis=1)), axis=2).reshape(-1, 2, 3), length.reshape(-1)
+    )
+
+
+def _outward(corners: Floats, reach: float) -> Floats:
+    """Corners (k, 3) moved away from the origin by `reach` [m]."""
+    radius = np.sqrt(corners[:, :1] * corners[:, :1] + corners[:, 1:2] * corners[:, 1:2])
+    return np.asarray(corners + reach * (corners / radius))
+
+
+def _rectangular(shape: Rectangular, reach: float) -> tuple[_Segments, Floats, Floats, Floats]:
+    """Outlines, corners, string feet, string tips of a grid; positions are multiples of half a mesh."""
+    if shape.cells[0] * shape.cells[1] > LARGEST_COUNT:
+        raise Refused([f"net.mesh: more than {LARGEST_COUNT} cells"])
+    half = np.array([shape.size[0] / shape.cells[0] / 2.0, shape.size[1] / shape.cells[1] / 2.0, 0.0])
+    middles = np.stack(np.meshgrid(*(np.arange(1 - c, c, 2) for c in shape.cells), [0]), axis=-1).reshape(
+        -1, 1, 3
+    )
+    around = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    outlines = (middles + around) * half
+    length = np.broadcast_to(2.0 * half[[0, 1, 0, 1]], outlines.shape[:2])
+    corners = around * np.array([shape.size[0] / 2.0, shape.size[1] / 2.0, 0.0])
+    return _loops(outlines, length), corners, corners, _outward(corners, reach)
+
+
+def _hexagonal(shape: Hexagonal, reach: float) -> tuple[_Segments, Floats, Floats, Floats]:
+    """Outlines, corners, string feet, string tips of a honeycomb of knots at multiples of (√3/2, 1/2) a."""
+    rings, a = shape.rings, shape.mesh
+    if rings > math.isqrt(LARGEST_COUNT // 3):
+        raise Refused([f"net.rings: more than {LARGEST_COUNT} cells"])
+    q, r = (c.reshape(-1) for c in np.meshgrid(np.arange(-rings, rings + 1), np.arange(-rings, rings + 1)))
+    inside = np.abs(q + r) <= rings
+    unit = np.array([math.sqrt(3.0) / 2.0 * a, 0.5 * a, 0.0])
+    middles = np.stack((2 * q + r, 3 * r, 0 * r), axis=1)[inside][:, None, :]
+    around = np.array(
+        [[1, 1, 0], [0, 2, 0], [-1, 1, 0], [-1, -1, 0], [0, -2, 0], [1, -1, 0]]
+    )  # at 30 + 60 k degrees
+    outlines = (middles + around) * unit
+    feet, tips = [], []
+    apothem = (rings + 0.5) * math.sqrt(3.0) * a
+    for k in range(6):
+        c, s = direction(k, 6)
+        outer = apothem + math.sqrt(max(reach**2 - a**2 / 4.0, 0.0))
+        for side in (-0.5 * a, 0.5 * a):
+            feet.append((apothem * c - side * s, apothem * s + side * c, 0.0))
+            tips.append((outer * c, outer * s, 0.0))
+    return _loops(outlines, np.full(outlines.shape[:2], a)), np.array(feet), np.array(feet), np.array(tips)
+
+
+def _radial(shape: Radial, reach: float) -> tuple[_Segments, Floats, Floats, Floats]:
+    """Outlines, corners, string feet, string tips of a web: triangles at the hub, trapezia outside them."""
+    if shape.spokes * shape.rings > LARGEST_COUNT:
+        raise Refused([f"net.spokes: more than {LARGEST_COUNT} cells"])
+    rays = np.array([(*direction(k, shape.spokes), 0.0) for k in range(shape.spokes)])
+    radii = shape.radius * np.arange(shape.rings + 1) / shape.rings
+    right, left = rays, np.roll(rays, -1, axis=0)
+    step, chord = shape.radius / shape.rings, 2.0 * math.sin(math.pi / shape.spokes)
+    hub = np.stack((0.0 * right, radii[1] * right, radii[1] * left), axis=1)
+    laid = [_loops(hub, np.tile([step, radii[1] * chord, step], (shape.spokes, 1)))]
+    for inner, outer in pairwise(radii[1:]):
+        cell = np.stack((inner * right, outer * right, outer * left, inner * left), axis=1)
+        laid.append(_loops(cell, np.tile([step, outer * chord, step, inner * chord], (shape.spokes, 1))))
+    outlines = _Segments(np.concatenate([s.ends for s in laid]), np.concatenate([s.length for s in laid]))
+    corners = shape.radius * rays
+    return outlines, corners, corners, (shape.radius + reach) * rays
+
+
+def direction(k: int, n: int) -> tuple[float, float]:
+    """Cosine and sine of k/n of a turn; mirrored directions agree to the last bit (reduced to one octant)."""
+    eighths = 8 * k % (8 * n)  # the angle is eighths / n times 45 degrees
+    below, eighths = eighths > 4 * n, min(eighths, 8 * n - eighths)
+    behind, eighths = eighths > 2 * n, min(eighths, 4 * n - eighths)
+    steep, eighths = eighths > n, min(eighths, 2 * n - eighths)
+    angle = math.pi / 4.0 * eighths / n
+    c, s = (math.sqrt(0.5), math.sqrt(0.5)) if eighths == n else (math.cos(angle), math.sin(angle))
+    if steep:
+        c, s = s, c
+    return (-c if behind else c), (-s if below else s)

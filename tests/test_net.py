@@ -1,0 +1,534 @@
+"""Nets by topology: counts, masses and geometry against formulas and hand calculations.
+
+Unless said otherwise the numbers come from geometry worked out in the comment beside them; the format is that of
+cases/README.md.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from exunet.casefile import load
+from exunet.errors import CaseError
+from exunet.net import TOPOLOGIES, NetKeys, weave
+from exunet.net.arrays import Net
+from exunet.net.base import MAX_ELEMENTS
+
+CASES = Path(__file__).parents[1] / "cases"
+UNIT = {"area": 1e-3, "density": 1000.0, "youngs_modulus": 1e9}  # 1 kg of cable a metre
+STRING = {"area": 2e-3, "density": 1000.0, "youngs_modulus": 1e9}  # 2 kg a metre
+KEYS = TypeAdapter(NetKeys)
+
+
+def keys(topology: str, **others: Any) -> Any:
+    return KEYS.validate_python({"topology": topology, "cable": UNIT, **others})
+
+
+def net(topology: str, **others: Any) -> Net:
+    return weave(keys(topology, **others))
+
+
+def area(loop: tuple[int, ...], position: np.ndarray) -> float:
+    """Signed area in the x-y plane, positive for an anticlockwise loop (shoelace formula)."""
+    x, y = position[list(loop), :2].T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def distances(woven: Net) -> np.ndarray:
+    i, j = woven.element_nodes.T
+    return np.linalg.norm(woven.reference_position[j] - woven.reference_position[i], axis=1)
+
+
+# The paper's net
+
+
+def test_the_papers_net_has_40_nodes_64_elements_and_2_360819_kg() -> None:
+    """Sec. 3.3 of the paper: 40 nodes, 64 elements. Mass from Table 1: 60 m of cable and 4 sqrt(2) m of string.
+
+    1390 pi/4 (0.002^2 60 + 0.004^2 4 sqrt(2)) + 4 * 0.5 = 2.360819 kg.
+    """
+    woven = weave(load(CASES / "planar_deployment.toml").scene.net)
+    assert (woven.n_nodes, woven.n_elements) == (40, 64)
+    assert woven.mass.sum() == pytest.approx(2.360819, abs=5e-7)
+    assert woven.is_string.sum() == 4
+    assert len(woven.faces) == 25
+
+
+def test_the_papers_bullets_lie_at_3_5_m_anticlockwise_from_the_corner_minus_minus() -> None:
+    """Fig. 3: strings of sqrt(2) m continue the diagonals of the 5 m net, so 2.5 + 1 = 3.5 m on each axis."""
+    woven = weave(load(CASES / "planar_deployment.toml").scene.net)
+    expected = [[-3.5, -3.5, 0], [3.5, -3.5, 0], [3.5, 3.5, 0], [-3.5, 3.5, 0]]
+    np.testing.assert_allclose(woven.reference_position[woven.bullet_nodes], expected, atol=1e-14)
+    np.testing.assert_array_equal(woven.bullet_nodes, [0, 1, 2, 3])
+
+
+# Counts and masses
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 12])
+def test_square_counts(n: int) -> None:
+    """(n + 1)^2 knots and 2 n (n + 1) sides; four strings and their ends more."""
+    woven = net("square", size=3.0, mesh=3.0 / n, strings={**STRING, "length": 1.0})
+    assert (woven.n_nodes, woven.n_elements) == ((n + 1) ** 2 + 4, 2 * n * (n + 1) + 4)
+    assert len(woven.faces) == n * n
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(1, 1), (3, 2), (2, 7)])
+def test_rectangular_counts(nx: int, ny: int) -> None:
+    """(nx + 1)(ny + 1) knots, nx (ny + 1) + ny (nx + 1) sides."""
+    woven = net("rectangular", size=[nx * 0.3, ny * 0.7], mesh=[0.3, 0.7])
+    assert (woven.n_nodes, woven.n_elements) == ((nx + 1) * (ny + 1), nx * (ny + 1) + ny * (nx + 1))
+    assert len(woven.faces) == nx * ny
+
+
+@pytest.mark.parametrize("rings", [0, 1, 2, 5])
+def test_hexagonal_counts(rings: int) -> None:
+    """3 R (R + 1) + 1 cells, 6 (R + 1)^2 knots (those of a coronene), so by Euler V + F - 1 sides."""
+    cells, knots = 3 * rings * (rings + 1) + 1, 6 * (rings + 1) ** 2
+    woven = net("hexagonal", mesh=0.4, rings=rings)
+    assert (len(woven.faces), woven.n_nodes, woven.n_elements) == (cells, knots, knots + cells - 1)
+
+
+@pytest.mark.parametrize(("spokes", "rings"), [(3, 1), (8, 4), (5, 2)])
+def test_radial_counts(spokes: int, rings: int) -> None:
+    """A hub and spokes x rings knots; as many sides along spokes as along rings; as many openings as knots."""
+    woven = net("radial", radius=2.0, spokes=spokes, rings=rings)
+    assert (woven.n_nodes, woven.n_elements) == (1 + spokes * rings, 2 * spokes * rings)
+    assert len(woven.faces) == spokes * rings
+
+
+def test_square_masses_by_hand() -> None:
+    """2 x 2 meshes of 1 m at 1 kg/m: half of two sides at a corner, of three at an edge, of four in the middle.
+
+    A string of 0.5 m at 2 kg/m gives 0.5 kg to the corner and 0.5 kg to the bullet of 3 kg.
+    """
+    woven = net("square", size=2.0, mesh=1.0, strings={**STRING, "length": 0.5}, bullets={"mass": 3.0})
+    expected = [3.5] * 4 + [1.5, 1.5, 1.5, 1.5, 2.0, 1.5, 1.5, 1.5, 1.5]
+    np.testing.assert_allclose(woven.mass, expected, rtol=1e-14)
+
+
+def test_rectangular_masses_by_hand() -> None:
+    """One mesh of 4 m x 2 m at 1 kg/m: every corner carries half of 4 m and half of 2 m."""
+    np.testing.assert_allclose(net("rectangular", size=[4.0, 2.0], mesh=[4.0, 2.0]).mass, [3.0] * 4)
+
+
+def test_hexagonal_masses_by_hand() -> None:
+    """One cell of 2 m sides at 1 kg/m: 2 kg at each of its six knots.
+
+    Each knot holds one string of each of two bridles: 2 x 0.5 x 2 kg/m x 1.5 m = 3 kg; so does each bullet, + 1 kg.
+    """
+    woven = net("hexagonal", mesh=2.0, rings=0, strings={**STRING, "length": 1.5}, bullets={"mass": 1.0})
+    np.testing.assert_allclose(woven.mass, [4.0] * 6 + [5.0] * 6, rtol=1e-14)
+
+
+def test_radial_masses_by_hand() -> None:
+    """Four spokes of 1 m, one ring with chords of sqrt(2) m, 1 kg/m: hub 4/2, knots 1/2 + 2 sqrt(2)/2."""
+    expected = [2.0] + [0.5 + math.sqrt(2)] * 4
+    np.testing.assert_allclose(net("radial", radius=1.0, spokes=4, rings=1).mass, expected, rtol=1e-14)
+
+
+def test_explicit_masses_by_hand() -> None:
+    """3 m and 4 m of cable at 1 kg/m in a chain; 10 kg more at its end, which is fixed."""
+    woven = net(
+        "explicit",
+        nodes=[[0, 0, 0], [3, 0, 0], [3, 4, 0]],
+        elements=[[0, 1], [1, 2]],
+        node_masses=[0.0, 0.0, 10.0],
+        fixed=[2],
+    )
+    np.testing.assert_allclose(woven.mass, [1.5, 3.5, 12.0], rtol=1e-14)
+    np.testing.assert_array_equal(woven.fixed_nodes, [2])
+    assert woven.bullet_nodes.size == 0
+    assert woven.faces == ()
+
+
+def test_diameter_gives_the_area_of_a_circle() -> None:
+    """pi d^2 / 4 with d = 2 mm: 3.14159e-6 m2."""
+    cable = {"diameter": 0.002, "density": 1000.0, "youngs_modulus": 1e9}
+    woven = weave(KEYS.validate_python({"topology": "square", "size": 1.0, "mesh": 1.0, "cable": cable}))
+    np.testing.assert_allclose(woven.area, math.pi * 1e-6, rtol=1e-15)
+
+
+# Geometry
+
+THROWN = {
+    "square": {"size": 3.0, "mesh": 0.75},
+    "rectangular": {"size": [2.0, 3.0], "mesh": [0.5, 1.0]},
+    "hexagonal": {"mesh": 0.6, "rings": 2},
+    "radial": {"radius": 2.0, "spokes": 7, "rings": 3},
+}
+# Reference areas: L^2; Lx Ly; 19 cells (R = 2) of 3 sqrt(3)/2 a^2; the regular heptagon n/2 r^2 sin(2 pi/n).
+AREAS = {
+    "square": 9.0,
+    "rectangular": 6.0,
+    "hexagonal": 19 * 1.5 * math.sqrt(3) * 0.36,
+    "radial": 3.5 * 4.0 * math.sin(2 * math.pi / 7),
+}
+TURNS = {"square": 4, "rectangular": 2, "hexagonal": 6, "radial": 7}
+
+
+def test_every_thrown_topology_is_tested_here() -> None:
+    assert set(THROWN) == set(AREAS) == set(TURNS) == set(TOPOLOGIES) - {"explicit"}
+
+
+@pytest.mark.parametrize("topology", THROWN)
+@pytest.mark.parametrize("divisions", [1, 3])
+def test_faces_are_anticlockwise_and_cover_the_net(topology: str, divisions: int) -> None:
+    woven = net(topology, **THROWN[topology], divisions=divisions)
+    areas = [area(face, woven.reference_position) for face in woven.faces]
+    assert min(areas) > 0
+    assert sum(areas) == pytest.approx(AREAS[topology], rel=1e-12)
+
+
+@pytest.mark.parametrize("topology", THROWN)
+@pytest.mark.parametrize("divisions", [1, 4])
+def test_faces_run_along_elements(topology: str, divisions: int) -> None:
+    woven = net(topology, **THROWN[topology], divisions=divisions)
+    elements = {frozenset(pair) for pair in woven.element_nodes.tolist()}
+    for face in woven.faces:
+        assert len(set(face)) == len(face)
+        assert {frozenset(pair) for pair in zip(face, face[1:] + face[:1], strict=True)} <= elements
+
+
+@pytest.mark.parametrize("topology", THROWN)
+@pytest.mark.parametrize("divisions", [1, 3])
+def test_nets_look_the_same_after_a_turn(topology: str, divisions: int) -> None:
+    """A quarter turn of the square, a half of the rectangle, a sixth of the honeycomb, one spoke of the web."""
+    more = {"strings": {**STRING, "length": 0.9, "divisions": 2}, "bullets": {"mass": 1.0}}
+    woven = net(topology, **THROWN[topology], **more, divisions=divisions)
+    angle = 2 * math.pi / TURNS[topology]
+    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    position = woven.reference_position
+    apart = np.linalg.norm((position[:, :2] @ turn)[:, None] - position[None, :, :2], axis=2)
+    image = apart.argmin(axis=1)
+    assert apart.min(axis=1).max() < 1e-12
+    np.testing.assert_allclose(woven.mass[image], woven.mass, rtol=1e-12)
+    elements = np.sort(woven.element_nodes, axis=1).tolist()
+    assert sorted(np.sort(image[woven.element_nodes], axis=1).tolist()) == sorted(elements)
+
+
+def test_square_positions_are_mirrored_exactly() -> None:
+    """Not only to rounding: an asymmetry of one ulp would grow in the simulation (Fig. 4 of the paper)."""
+    position = net("square", size=5.0, mesh=5.0 / 7).reference_position.reshape(8, 8, 3)
+    np.testing.assert_array_equal(position[:, :, 0], -position[:, ::-1, 0])
+    np.testing.assert_array_equal(position[:, :, 1], -position[::-1, :, 1])
+    np.testing.assert_array_equal(position[:, :, 0], position[:, :, 1].T)
+
+
+def test_hexagonal_knots_are_those_of_the_case_format() -> None:
+    """Every vertex of every cell as cases/README.md writes them, computed one by one."""
+    a, rings = 0.7, 2
+    expected = set()
+    for q in range(-rings, rings + 1):
+        for r in range(-rings, rings + 1):
+            if abs(q + r) <= rings:
+                centre = a * math.sqrt(3) * (q + r / 2), a * 1.5 * r
+                for k in range(6):
+                    angle = math.radians(30 + 60 * k)
+                    x, y = centre[0] + a * math.cos(angle), centre[1] + a * math.sin(angle)
+                    expected.add((round(x, 9) + 0.0, round(y, 9) + 0.0))
+    found = net("hexagonal", mesh=a, rings=rings).reference_position.round(9) + 0.0
+    assert {(x, y) for x, y, _ in found.tolist()} == expected
+    assert len(found) == len(expected)
+
+
+@pytest.mark.parametrize("rings", [0, 1, 3])
+def test_bridles(rings: int) -> None:
+    """cases/README.md: bullet k on the ray at 60 k degrees, at (R + 1/2) sqrt(3) a + sqrt(l^2 - a^2/4)."""
+    a, length = 0.5, 0.8
+    woven = net("hexagonal", mesh=a, rings=rings, strings={**STRING, "length": length}, bullets={"mass": 1.0})
+    knots = (rings + 0.5) * math.sqrt(3) * a
+    distance = knots + math.sqrt(length**2 - a**2 / 4)
+    bullets = woven.reference_position[woven.bullet_nodes]
+    angle = np.radians(60.0 * np.arange(6))
+    expected = distance * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    np.testing.assert_allclose(bullets, expected, atol=1e-13)
+    held = woven.element_nodes[woven.is_string]
+    assert np.bincount(held[:, 0]).tolist() == [2] * 6
+    # The knots that a bridle holds are (R + 1/2) sqrt(3) a along the ray and a/2 to its sides.
+    for bullet, knot in held.tolist():
+        ray = bullets[bullet] / distance
+        place = woven.reference_position[knot]
+        assert place @ ray == pytest.approx(knots, rel=1e-12)
+        assert np.linalg.norm(place - (place @ ray) * ray) == pytest.approx(a / 2, rel=1e-12)
+
+
+def test_radial_knots_are_those_of_the_case_format() -> None:
+    """radius j / rings at angle 2 pi k / spokes, and the hub."""
+    found = net("radial", radius=3.0, spokes=5, rings=2).reference_position
+    expected = [[0.0, 0.0, 0.0]]
+    for j in (1, 2):
+        for k in range(5):
+            angle = 2 * math.pi * k / 5
+            expected.append([1.5 * j * math.cos(angle), 1.5 * j * math.sin(angle), 0.0])
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("topology", THROWN)
+def test_mouth_joins_the_corners_anticlockwise(topology: str) -> None:
+    """The mouth spans the whole square, rectangle and polygon; the honeycomb's 12-gon is wider than its cells."""
+    woven = net(topology, **THROWN[topology], divisions=2, strings={**STRING, "length": 0.9})
+    spanned = area(woven.mouth, woven.reference_position)
+    if topology == "hexagonal":
+        # Corners at ((R + 1/2) sqrt(3) a, +- a/2): twelve triangles from the centre, six of them a/2 wide.
+        apothem, half = 2.5 * math.sqrt(3) * 0.6, 0.3
+        wide = 0.5 * (apothem**2 + half**2) * math.sin(math.pi / 3 - 2 * math.atan(half / apothem))
+        assert spanned == pytest.approx(6 * (apothem * half + wide), rel=1e-12)
+    else:
+        assert spanned == pytest.approx(AREAS[topology], rel=1e-12)
+    held, sides = (set(woven.element_nodes[kind].ravel()) for kind in (woven.is_string, ~woven.is_string))
+    assert set(woven.mouth) == held & sides
+
+
+def test_mouth_of_a_single_cell_is_the_cell() -> None:
+    """3 sqrt(3)/2 a^2, and no knot twice although two bridles share each."""
+    woven = net("hexagonal", mesh=1.0, rings=0)
+    assert sorted(woven.mouth) == list(range(6))
+    assert area(woven.mouth, woven.reference_position) == pytest.approx(1.5 * math.sqrt(3), rel=1e-14)
+
+
+# Strings, bullets, divisions
+
+
+def test_bullets_without_strings_sit_on_the_corners() -> None:
+    """cases/README.md: the mass is added to the corner knot, which is then the bullet's node."""
+    woven = net("square", size=1.0, mesh=1.0, bullets={"mass": 5.0})
+    np.testing.assert_allclose(woven.mass, [6.0] * 4)
+    corners = [[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]
+    np.testing.assert_array_equal(woven.reference_position[woven.bullet_nodes], corners)
+
+
+def test_strings_without_bullets_end_in_a_node_with_half_their_mass() -> None:
+    """2 kg/m x 1.5 m / 2 = 1.5 kg; such a node is no bullet."""
+    woven = net("square", size=1.0, mesh=1.0, strings={**STRING, "length": 1.5})
+    np.testing.assert_allclose(woven.mass[:4], 1.5)
+    assert woven.bullet_nodes.size == 0
+
+
+def test_divided_strings_pass_from_bullet_to_corner() -> None:
+    """0.9 m in three: elements of 0.3 m in a row, with 2 kg/m x 0.3 m at each inner node."""
+    woven = net("square", size=1.0, mesh=1.0, strings={**STRING, "length": 0.9, "divisions": 3})
+    first = woven.element_nodes[woven.is_string][:3]
+    np.testing.assert_array_equal(first[1:, 0], first[:-1, 1])
+    assert (first[0, 0], first[-1, 1]) == (0, 4)
+    np.testing.assert_allclose(woven.reference_length[woven.is_string], 0.3)
+    np.testing.assert_allclose(distances(woven), woven.reference_length, rtol=1e-12)
+    np.testing.assert_allclose(woven.mass[first[1:, 0]], 0.6)
+
+
+@pytest.mark.parametrize("topology", THROWN)
+def test_divisions_keep_mass_and_length(topology: str) -> None:
+    more = {"strings": {**STRING, "length": 0.9}, "bullets": {"mass": 1.0}}
+    whole = net(topology, **THROWN[topology], **more)
+    more["strings"]["divisions"] = 5
+    parts = net(topology, **THROWN[topology], **more, divisions=3)
+    assert parts.mass.sum() == pytest.approx(whole.mass.sum(), rel=1e-12)
+    assert parts.reference_length.sum() == pytest.approx(whole.reference_length.sum(), rel=1e-12)
+    sides, strings = (~whole.is_string).sum(), whole.is_string.sum()
+    assert parts.n_elements == 3 * sides + 5 * strings
+    assert parts.n_nodes == whole.n_nodes + 2 * sides + 4 * strings
+
+
+def test_arrays_are_read_only() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        net("square", size=1.0, mesh=1.0).mass[0] = 2.0
+
+
+def test_a_hundred_meshes_a_side_are_woven_in_under_a_second() -> None:
+    started = time.perf_counter()
+    woven = net("square", size=100.0, mesh=1.0)
+    assert woven.n_elements == 20_200  # 2 n (n + 1)
+    assert time.perf_counter() - started < 1.0
+
+
+# Any valid net
+
+CABLES = st.fixed_dictionaries(
+    {
+        "area": st.floats(1e-8, 1e-2),
+        "density": st.floats(10.0, 1e4),
+        "youngs_modulus": st.floats(1e3, 1e12),
+    }
+)
+LENGTHS = st.floats(1e-3, 1e3)
+
+
+@st.composite
+def nets(draw: st.DrawFn) -> dict[str, Any]:
+    """Keys of [net] of any topology."""
+    table: dict[str, Any] = {
+        "topology": draw(st.sampled_from(list(TOPOLOGIES))),
+        "cable": draw(CABLES),
+        "divisions": draw(st.integers(1, 4)),
+    }
+    small = st.integers(1, 6)
+    mesh = draw(LENGTHS)
+    if table["topology"] == "square":
+        table |= {"mesh": mesh, "size": mesh * draw(small)}
+    elif table["topology"] == "rectangular":
+        other = draw(LENGTHS)
+        table |= {"mesh": [mesh, other], "size": [mesh * draw(small), other * draw(small)]}
+    elif table["topology"] == "hexagonal":
+        table |= {"mesh": mesh, "rings": draw(st.integers(0, 3))}
+    elif table["topology"] == "radial":
+        table |= {"radius": mesh, "spokes": draw(st.integers(3, 9)), "rings": draw(small)}
+    else:
+        place = st.tuples(*[st.integers(-9, 9)] * 3).map(list)
+        nodes = draw(st.lists(place, min_size=2, max_size=8, unique_by=tuple))
+        return table | {"nodes": nodes, "elements": [[k, k + 1] for k in range(len(nodes) - 1)]}
+    if draw(st.booleans()):
+        string = {"length": mesh * draw(st.floats(0.6, 3.0)), "divisions": draw(st.integers(1, 3))}
+        table["strings"] = draw(CABLES) | string
+    if draw(st.booleans()) and (table["topology"] != "hexagonal" or "strings" in table):
+        table["bullets"] = {"mass": draw(st.floats(1e-3, 1e3))}
+    return table
+
+
+@settings(max_examples=150, deadline=None)
+@given(nets())
+def test_any_net_is_sound(table: dict[str, Any]) -> None:
+    woven = weave(KEYS.validate_python(table))
+    n, m = woven.n_nodes, woven.n_elements
+    assert m == KEYS.validate_python(table).n_elements
+    bullets = len(woven.bullet_nodes) * table.get("bullets", {}).get("mass", 0.0)
+    cables = float(np.sum(woven.density * woven.area * woven.reference_length))
+    assert woven.mass.sum() == pytest.approx(cables + bullets, rel=1e-10)
+    assert (woven.mass > 0).all()
+    i, j = woven.element_nodes.T
+    assert (woven.element_nodes >= 0).all()
+    assert (woven.element_nodes < n).all()
+    assert (i != j).all()
+    assert len({frozenset(pair) for pair in woven.element_nodes.tolist()}) == m
+    np.testing.assert_allclose(distances(woven), woven.reference_length, rtol=1e-9)
+    assert connected_components(coo_array((np.ones(m), (i, j)), shape=(n, n)))[0] == 1
+    for array in (woven.area, woven.youngs_modulus, woven.density, woven.is_string):
+        assert array.shape == (m,)
+    assert woven.reference_position.shape == (n, 3)
+
+
+# Nets that cannot be
+
+
+def refused(topology: str, **others: Any) -> list[tuple[tuple[Any, ...], str]]:
+    """(location below [net], message) of each fault."""
+    with pytest.raises(ValidationError) as caught:
+        keys(topology, **others)
+    return [(error["loc"][1:], error["msg"]) for error in caught.value.errors()]
+
+
+def test_a_mesh_that_does_not_divide_the_size_says_which_would() -> None:
+    """5 / 0.3 = 16.7: 16 meshes of 0.3125 m, or 17 of 5/17 m."""
+    ((where, message),) = refused("square", size=5.0, mesh=0.3)
+    assert where == ("mesh",)
+    assert "0.3125 (16 a side)" in message
+    assert "(17 a side)" in message
+
+
+@given(size=st.floats(0.01, 1e4), ratio=st.floats(0.1, 5e2))
+@settings(max_examples=60, deadline=None)
+def test_the_meshes_that_a_fault_proposes_do_fit(size: float, ratio: float) -> None:
+    try:
+        keys("square", size=size, mesh=size / ratio)
+    except ValidationError as error:
+        proposed = error.errors()[0]["msg"].partition("; mesh = ")[2].removesuffix(" would fit")
+        for text in proposed.split(" or "):
+            keys("square", size=size, mesh=float(text.split(" (")[0]))
+
+
+def test_a_whole_number_of_meshes_may_be_off_by_1e_9() -> None:
+    """The bound of cases/README.md."""
+    assert keys("square", size=5.0, mesh=5.0 / (3 + 0.5e-9)).n_sides == 24
+    assert refused("square", size=5.0, mesh=5.0 / (3 + 2e-9))[0][0] == ("mesh",)
+
+
+def test_both_axes_of_a_rectangle_are_checked() -> None:
+    faults = refused("rectangular", size=[1.0, 1.0], mesh=[0.3, 0.4])
+    assert [where for where, _ in faults] == [("mesh", 0), ("mesh", 1)]
+
+
+def test_hexagonal_strings_must_reach_the_bridle() -> None:
+    """cases/README.md: longer than a/2 = 0.5 m."""
+    ((where, message),) = refused("hexagonal", mesh=1.0, rings=1, strings={**STRING, "length": 0.5})
+    assert where == ("strings", "length")
+    assert "0.5" in message
+    assert keys("hexagonal", mesh=1.0, rings=1, strings={**STRING, "length": 0.501}).n_strings == 12
+
+
+def test_hexagonal_bullets_need_strings() -> None:
+    assert refused("hexagonal", mesh=1.0, rings=1, bullets={"mass": 1.0})[0][0] == ("bullets",)
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        ({"elements": [[0, 1], [1, 1]]}, ("elements", 1)),
+        ({"elements": [[0, 1], [1, 3]]}, ("elements", 1)),
+        ({"elements": [[0, 1], [-1, 0]]}, ("elements", 1)),
+        ({"nodes": [[0, 0, 0], [1, 0, 0], [1, 0, 0]], "elements": [[0, 1], [1, 2]]}, ("elements", 1)),
+        ({"elements": [[0, 1]]}, ("nodes", 2)),
+        ({"elements": [[0, 1]], "node_masses": [1, 1, 0]}, ("nodes", 2)),
+        ({"node_masses": [1.0, 2.0]}, ("node_masses",)),
+        ({"node_masses": [1.0, 2.0, -1.0]}, ("node_masses", 2)),
+        ({"fixed": [0, 3]}, ("fixed", 1)),
+        ({"fixed": [-1]}, ("fixed", 0)),
+        ({"nodes": []}, ("nodes",)),
+    ],
+)
+def test_explicit_faults_are_located(change: dict[str, Any], where: tuple[Any, ...]) -> None:
+    table = {"nodes": [[0, 0, 0], [1, 0, 0], [2, 0, 0]], "elements": [[0, 1], [1, 2]]}
+    assert refused("explicit", **(table | change))[0][0] == where
+
+
+def test_a_node_without_elements_may_have_a_mass_of_its_own() -> None:
+    woven = net("explicit", nodes=[[0, 0, 0]], elements=[], node_masses=[2.0])
+    np.testing.assert_array_equal(woven.mass, [2.0])
+    assert woven.n_elements == 0
+
+
+def test_long_lists_of_faults_are_cut_short() -> None:
+    faults = refused("explicit", nodes=[[0, 0, 0], [1, 0, 0]], elements=[[0, 9]] * 1000)
+    assert len(faults) == 21
+    assert "980 more" in faults[-1][1]
+
+
+@pytest.mark.parametrize(
+    ("topology", "others"),
+    [
+        ("square", {"size": 1000.0, "mesh": 1.0}),  # 2 n (n + 1) = 2 002 000 elements
+        ("square", {"size": 1.0, "mesh": 1.0, "divisions": MAX_ELEMENTS}),
+        ("square", {"size": 1e300, "mesh": 1e-300}),
+        ("hexagonal", {"mesh": 1.0, "rings": 1000}),
+        ("radial", {"radius": 1.0, "spokes": 1000, "rings": 1000}),
+        ("radial", {"radius": 1.0, "spokes": 10**18, "rings": 10**18}),
+    ],
+)
+def test_absurd_sizes_are_refused_before_they_are_made(topology: str, others: dict[str, Any]) -> None:
+    started = time.perf_counter()
+    assert refused(topology, **others)
+    assert time.perf_counter() - started < 0.5
+
+
+def test_an_absurd_size_is_named() -> None:
+    """2 n (n + 1) with n = 1000."""
+    assert "2,002,000 elements" in refused("square", size=1000.0, mesh=1.0)[0][1]
+
+
+def test_lengths_beyond_floating_point_are_a_typed_error() -> None:
+    with pytest.raises(CaseError, match="mass"):
+        net("square", size=1e300, mesh=1e300)
+
+
+@pytest.mark.parametrize(("name", "module"), TOPOLOGIES.items())
+def test_registered_topologies_have_their_own_name(name: str, module: Any) -> None:
+    assert module.Keys.model_fields["topology"].annotation.__args__ == (name,)
