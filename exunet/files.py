@@ -19,8 +19,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     A block that raises leaves `path` as it was. Raises InputError if `path` cannot be written (its folder is
     missing or read-only, it is a folder or a device, the disk is full).
     """
-    target = Path(os.path.realpath(path))
     try:
+        target = Path(os.path.realpath(path))
         if target.exists() and not target.is_file():
             raise InputError(f"{path}: cannot be written: it is not an ordinary file")
         part = target.with_name(f".exunet-{os.getpid()}-{secrets.token_hex(4)}.part")

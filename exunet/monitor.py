@@ -30,7 +30,9 @@ class Monitor:
         self._terms = terms
         self.dissipated = 0.0
         self._start = float(self._mechanical(position, velocity))
-        self._turned_over = float(energy.kinetic(net, velocity) + energy.elastic(net, position))
+        self._scale = float(energy.kinetic(net, velocity) + energy.elastic(net, position))
+        self._fall = 0.0  # largest change of the potential energy, which may turn into motion
+        self._potential = float(energy.potential(terms, position))
         self._last_good = (0.0, position)
 
     def _mechanical(self, position: Floats, velocity: Floats) -> Floats:
@@ -71,16 +73,16 @@ class Monitor:
         kinetic = energy.kinetic(self._net, velocity[1:])
         elastic = energy.elastic(self._net, position[1:])
         potential = energy.potential(self._terms, position[1:])
-        self._turned_over = max(self._turned_over, float(np.max(dissipated, initial=0.0)))
-        scale = max(self._turned_over, float(np.max(np.abs(potential - self._start), initial=0.0)))
+        self._fall = max(self._fall, float(np.max(np.abs(potential - self._potential), initial=0.0)))
+        allowed = ENERGY_GROWTH * (self._scale + self._fall) + 1e-12
         growth = kinetic + elastic + potential + dissipated - self._start
-        grown = growth > ENERGY_GROWTH * scale + 1e-12
+        grown = growth > allowed
         if not grown.any():
             return
-        bad = int(np.argmax(grown))
+        bad = int(np.argmax(grown)) + 1
         raise RunStopped(
-            f"diverged at t = {time[bad + 1]:.6g} s: the energy grew by {growth[bad]:.3g} J "
-            f"(allowed {ENERGY_GROWTH * scale:.3g} J); {self._worst(float(time[bad]), position[bad])}. {ADVICE}"
+            f"diverged at t = {time[bad]:.6g} s: the energy grew by {growth[bad - 1]:.3g} J "
+            f"(allowed {allowed:.3g} J); {self._worst(float(time[bad]), position[bad])}. {ADVICE}"
         )
 
     def _worst(self, time: float, position: Floats) -> str:
@@ -90,7 +92,7 @@ class Monitor:
         i, j = self._net.element_nodes[element]
         return (
             f"the most stretched element, at t = {time:.6g} s, is {element} between nodes {i} and {j}, "
-            f"stretch {length[element] / self._net.reference_length[element]:.4g}"
+            f"stretch {length[element] / self._net.reference_length[element]:.6g}"
         )
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from exunet.effects.terms import Terms
 from exunet.net.arrays import Net
 from exunet.scene import Scene
+from exunet.times import stored_times
 from exunet.solvers import METHODS, Plan
 from exunet.stability import SAFETY, largest_damping_rate, largest_frequency, stable_step
 
@@ -22,11 +23,19 @@ def make_plan(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64
     solver = scene.solver
     if METHODS[solver.method].kind == "adaptive":
         return _adaptive(scene, net, velocity)
+    spacing = float(np.diff(stored_times(scene.time)).max())
     if solver.step is not None:
-        return Plan(solver.method, step=min(solver.step, scene.time.end))
+        return _fixed(solver.method, solver.step, spacing)
     limit = stable_step(solver.method, largest_frequency(net), largest_damping_rate(net, terms))
     note = f"step = {SAFETY:g} x the stable step {limit:.4g} s of {solver.method}"
-    return Plan(solver.method, step=min(SAFETY * limit, scene.time.end), notes=(note,))
+    return _fixed(solver.method, SAFETY * limit, spacing, note)
+
+
+def _fixed(method: str, step: float, spacing: float, *notes: str) -> Plan:
+    """A fixed step no longer than the widest gap between stored times, which are hit exactly."""
+    if step > spacing:
+        notes = (*notes, f"step shortened from {step:.4g} s to the {spacing:.4g} s between stored times")
+    return Plan(method, step=min(step, spacing), notes=notes)
 
 
 def _adaptive(scene: Scene, net: Net, velocity: NDArray[np.float64]) -> Plan:

@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 
 FILE_KIND = "exunet result"
 FILE_FORMAT = 1
+HDF5_VERSIONS = ("v110", "v110")  # every reader since 2016; the first form with checksums on all metadata
 
 
 @dataclass(frozen=True)
@@ -119,12 +120,12 @@ def save(result: Result, path: str | Path) -> None:
         provenance = json.dumps(result.provenance, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"the result for {path}: provenance cannot be written as JSON: {error}") from error
-    with replacing(path) as part, h5py.File(part, "w") as file:
-        file.attrs["kind"] = FILE_KIND
+    with replacing(path) as part, h5py.File(part, "w", libver=HDF5_VERSIONS) as file:
+        _put_text(file, "kind", FILE_KIND)
         file.attrs["format"] = FILE_FORMAT
         file.attrs["complete"] = bool(result.complete)
-        file.attrs["verdict"] = result.verdict
-        file.attrs["provenance"] = provenance
+        _put_text(file, "verdict", result.verdict)
+        _put_text(file, "provenance", provenance)
         for name, column in _STATES.items():
             _put(file, name, checked[name], column.units, column.description)
         group = file.create_group("net")
@@ -164,25 +165,40 @@ def _read(file: h5py.File) -> Result:
     for values in arrays.values():
         values.setflags(write=False)
     faces, mouths = (_loops(group[f"{name}_values"][()], group[f"{name}_offsets"][()]) for name in _RAGGED)
-    provenance = json.loads(file.attrs["provenance"])
+    provenance = json.loads(_text(file.attrs["provenance"]))
     if not isinstance(provenance, dict):
         raise ValueError("provenance is not a JSON object")
     return Result(
         net=Net(**arrays, faces=faces, mouth=mouths[0] if mouths else ()),
         **states,
         complete=bool(file.attrs["complete"]),
-        verdict=str(file.attrs["verdict"]),
+        verdict=_text(file.attrs["verdict"]),
         provenance=provenance,
     )
 
 
 def _put(group: h5py.Group, name: str, values: NDArray[Any], units: str, description: str) -> None:
-    """One dataset; arrays over times and nodes are compressed, which costs 12 ms for each MB."""
-    packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-    large = values.ndim > 1 and values.nbytes > 1 << 16
-    dataset = group.create_dataset(name, data=values, track_times=False, **(packed if large else {}))
-    dataset.attrs["units"] = units
-    dataset.attrs["description"] = description
+    """One dataset with checksums; large arrays are compressed, which costs 12 ms for each MB."""
+    kept: dict[str, Any] = {"fletcher32": True} if values.size else {}
+    if values.nbytes > 1 << 16:
+        kept |= {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+    elif values.size:
+        kept["chunks"] = values.shape
+    dataset = group.create_dataset(name, data=values, track_times=False, **kept)
+    _put_text(dataset, "units", units)
+    _put_text(dataset, "description", description)
+
+
+def _put_text(owner: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
+    """An attribute of fixed length: kept with the others under a checksum, unlike text of variable length."""
+    import h5py
+
+    code = text.encode("utf-8", "replace")
+    owner.attrs.create(name, code, dtype=h5py.string_dtype("utf-8", max(1, len(code))))
+
+
+def _text(stored: Any) -> str:
+    return stored.decode("utf-8") if isinstance(stored, bytes) else str(stored)
 
 
 def _get(group: h5py.Group, name: str, column: _Column) -> NDArray[Any]:
@@ -253,7 +269,7 @@ def _refuse_unreadable(path: str | Path) -> None:
 
 
 def _refuse_other_formats(file: h5py.File, path: str | Path) -> None:
-    if file.attrs.get("kind") != FILE_KIND:
+    if _text(file.attrs.get("kind")) != FILE_KIND:
         _refuse(path, "an HDF5 file of some other program")
     found = int(file.attrs["format"])
     if found != FILE_FORMAT:

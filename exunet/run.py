@@ -21,7 +21,8 @@ from exunet.engine.stepper import EngineFailed, Stepper
 from exunet.errors import Interrupted, RunStopped
 from exunet.monitor import Monitor
 from exunet.result import Result
-from exunet.scene import Scene, Time
+from exunet.scene import Scene
+from exunet.times import stored_times
 
 Floats = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -79,18 +80,6 @@ def simulate(
         verdict.partial = record.result(str(verdict))
         raise verdict
     return record.result("ok")
-
-
-def stored_times(time: Time) -> Floats:
-    """(n_times,) stored times [s]: 0, those asked for, and the end."""
-    if time.output_times is not None:
-        inner = np.array([t for t in time.output_times if 0.0 < t < time.end])
-    else:
-        step = time.output_step or time.end
-        number = int(np.floor(time.end / step * (1 + 1e-12)))
-        inner = step * np.arange(1, number + 1)
-        inner = inner[inner < time.end * (1 - 1e-12)]
-    return np.concatenate([[0.0], inner, [time.end]])
 
 
 def _sampling(start: Start) -> int:

@@ -107,7 +107,9 @@ class Scene(Record):
     format: Literal[1] = Field(description="version of the case format", examples=[1])
     title: str = Field(description="one line for tables and figures", examples=["Deployment of a net"])
     time: Time = Field(description="duration and stored times")
-    solver: Solver = Field(default_factory=lambda: Solver.model_validate({}), description="how the equations are integrated")
+    solver: Solver = Field(
+        default_factory=lambda: Solver.model_validate({}), description="how the equations are integrated"
+    )
     net: NetKeys = Field(description="the net in its reference configuration")
     initial: Initial = Field(description="state at time 0")
     launch: Launch | None = Field(None, description="velocities added to those of the bullets")

@@ -59,7 +59,7 @@ def test_packing_zero_gathers_all_nodes_at_the_origin() -> None:
 
 
 def test_listed_positions_and_velocities_are_interpolated_on_divided_elements() -> None:
-    """Three inner nodes between (0, 0, 4) and (4, 0, 0), and between (0, 8, 0) and 0 m/s, plus spin omega x r."""
+    """Three inner nodes between (0, 0, 4) and (4, 0, 0), between (0, 8, 0) and 0 m/s; omega x r on top."""
     initial = {
         "packing": 1.0,
         "velocity": [1.0, 0.0, 0.0],

@@ -1,7 +1,7 @@
 """Nets by topology: counts, masses and geometry against formulas and hand calculations.
 
-Unless said otherwise the numbers come from geometry worked out in the comment beside them; the format is that of
-cases/README.md.
+Unless said otherwise the numbers come from geometry worked out in the docstring beside them; the format is
+that of cases/README.md.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def distances(woven: Net) -> np.ndarray:
 
 
 def test_the_papers_net_has_40_nodes_64_elements_and_2_360819_kg() -> None:
-    """Sec. 3.3 of the paper: 40 nodes, 64 elements. Mass from Table 1: 60 m of cable and 4 sqrt(2) m of string.
+    """Sec. 3.3 of the paper: 40 nodes, 64 elements. Mass from Table 1, 60 m of cable, 4 sqrt(2) m of string.
 
     1390 pi/4 (0.002^2 60 + 0.004^2 4 sqrt(2)) + 4 * 0.5 = 2.360819 kg.
     """
@@ -102,14 +102,14 @@ def test_hexagonal_counts(rings: int) -> None:
 
 @pytest.mark.parametrize(("spokes", "rings"), [(3, 1), (8, 4), (5, 2)])
 def test_radial_counts(spokes: int, rings: int) -> None:
-    """A hub and spokes x rings knots; as many sides along spokes as along rings; as many openings as knots."""
+    """A hub and spokes x rings knots; as many sides along spokes as along rings, and as many openings."""
     woven = net("radial", radius=2.0, spokes=spokes, rings=rings)
     assert (woven.n_nodes, woven.n_elements) == (1 + spokes * rings, 2 * spokes * rings)
     assert len(woven.faces) == spokes * rings
 
 
 def test_square_masses_by_hand() -> None:
-    """2 x 2 meshes of 1 m at 1 kg/m: half of two sides at a corner, of three at an edge, of four in the middle.
+    """2 x 2 meshes of 1 m at 1 kg/m: half of two sides at a corner, of three at an edge, of four within.
 
     A string of 0.5 m at 2 kg/m gives 0.5 kg to the corner and 0.5 kg to the bullet of 3 kg.
     """
@@ -126,7 +126,8 @@ def test_rectangular_masses_by_hand() -> None:
 def test_hexagonal_masses_by_hand() -> None:
     """One cell of 2 m sides at 1 kg/m: 2 kg at each of its six knots.
 
-    Each knot holds one string of each of two bridles: 2 x 0.5 x 2 kg/m x 1.5 m = 3 kg; so does each bullet, + 1 kg.
+    Each knot holds one string of each of two bridles: 2 x 0.5 x 2 kg/m x 1.5 m = 3 kg; so does each bullet
+    of 1 kg. Hence 4 kg at a bullet and 5 kg at a knot.
     """
     woven = net("hexagonal", mesh=2.0, rings=0, strings={**STRING, "length": 1.5}, bullets={"mass": 1.0})
     np.testing.assert_allclose(woven.mass, [4.0] * 6 + [5.0] * 6, rtol=1e-14)
@@ -204,7 +205,7 @@ def test_faces_run_along_elements(topology: str, divisions: int) -> None:
 @pytest.mark.parametrize("topology", THROWN)
 @pytest.mark.parametrize("divisions", [1, 3])
 def test_nets_look_the_same_after_a_turn(topology: str, divisions: int) -> None:
-    """A quarter turn of the square, a half of the rectangle, a sixth of the honeycomb, one spoke of the web."""
+    """A quarter turn of the square, half of the rectangle, sixth of the honeycomb, one spoke of the web."""
     more = {"strings": {**STRING, "length": 0.9, "divisions": 2}, "bullets": {"mass": 1.0}}
     woven = net(topology, **THROWN[topology], **more, divisions=divisions)
     angle = 2 * math.pi / TURNS[topology]
@@ -277,7 +278,7 @@ def test_radial_knots_are_those_of_the_case_format() -> None:
 
 @pytest.mark.parametrize("topology", THROWN)
 def test_mouth_joins_the_corners_anticlockwise(topology: str) -> None:
-    """The mouth spans the whole square, rectangle and polygon; the honeycomb's 12-gon is wider than its cells."""
+    """The mouth spans the whole square, rectangle and polygon; the honeycomb's is a polygon of 12 corners."""
     woven = net(topology, **THROWN[topology], divisions=2, strings={**STRING, "length": 0.9})
     spanned = area(woven.mouth, woven.reference_position)
     if topology == "hexagonal":

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from exunet.build import build, prepare
+from exunet.build import Start, build, prepare
 from exunet.casefile import Case
 from exunet.effects import EFFECTS, switched_on
-from exunet.run import stored_times
 from exunet.solvers import METHODS
 from exunet.stability import largest_damping_rate, largest_frequency, stable_step
+from exunet.times import stored_times
 
 
 def describe(case: Case) -> list[tuple[str, str]]:
@@ -34,7 +34,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
     ]
 
 
-def _stable_steps(start) -> str:  # type: ignore[no-untyped-def]
+def _stable_steps(start: Start) -> str:
     frequency = largest_frequency(start.net)
     rate = largest_damping_rate(start.net, start.terms)
     limits = []

@@ -18,6 +18,7 @@ Floats = NDArray[np.float64]
 Watcher = Callable[[Floats, Floats, Floats], None]
 
 _BUFFER_NUMBERS = 2**19  # of one coordinate array; bounds memory, large enough to vectorise the watcher
+_TINY_ATTEMPTS = 200  # steps of the least size in one stretch; the last step of a stretch may be tiny
 
 
 @dataclass
@@ -55,8 +56,10 @@ class Stepper:
         self._v = np.empty((rows, model.n_coordinates))
         self._rows = 0
         self._since_sample = 0
+        self._step_start = 0.0
         self._attempt_end = 0.0
         self._attempting = False
+        self._tiny_attempts = 0
         self._stop: BaseException | None = None
         self._settings = _settings(exudyn(), model, plan, end)
         self._solver = self._start()
@@ -95,7 +98,8 @@ class Stepper:
         if self._attempting:
             self.counts.steps += 1
         self._attempting = False
-        self.time = until
+        self._tiny_attempts = 0
+        self.time = self._step_start = until
         self._append(until)
         self._flush()
 
@@ -117,6 +121,7 @@ class Stepper:
                 self.counts.rejected += 1
             elif self._attempting:
                 self._step_done(self._attempt_end)
+            self._refuse_collapse(end_of_attempt)
             self._attempting = True
             self._attempt_end = end_of_attempt
         except BaseException as error:  # noqa: BLE001 - kept from the engine; advance() raises it again
@@ -124,8 +129,21 @@ class Stepper:
             return False
         return True
 
+    def _refuse_collapse(self, end_of_attempt: float) -> None:
+        """The engine goes on for ever with its smallest step when a tolerance cannot be met."""
+        if end_of_attempt - self._step_start > 2.0 * self._plan.least_step:
+            return
+        self._tiny_attempts += 1
+        if self._tiny_attempts > _TINY_ATTEMPTS:
+            raise EngineFailed(
+                f"the steps collapsed to {end_of_attempt - self._step_start:.1g} s at "
+                f"t = {self._step_start:.6g} s: the tolerance {self._plan.tolerance:.2g} cannot be met; "
+                "give a larger solver.accuracy (or solver.tolerance)"
+            )
+
     def _step_done(self, time: float) -> None:
         self.counts.steps += 1
+        self._step_start = time
         self._since_sample += 1
         if self._since_sample >= self._every:
             self._append(time)

@@ -58,14 +58,14 @@ def _dimension(start: Floats, end: Floats, offset: Floats, name: str) -> Dimensi
 
 
 def _clear(points: Floats, low: Floats, high: Floats, axis: int) -> float:
-    """How far strings and bullets reach beyond the net's low side along `axis`, where a dimension would stand."""
+    """How far strings reach beyond the net's low side along `axis`, where a dimension would stand."""
     across = points[:, 1 - axis]
     beside = (across >= low[1 - axis]) & (across <= high[1 - axis])
     return float(low[axis] - points[beside, axis].min())
 
 
 def _top_face(net: Net, points: Floats) -> Floats:
-    """Corners (n, 2) of the opening that reaches highest, the one nearest to the middle if there are several."""
+    """Corners (n, 2) of the opening that reaches highest, of several the one nearest to the middle."""
     faces = [np.array(face) for face in net.faces if len(face) > 2]
     tops = np.array([points[face, 1].max() for face in faces])
     offs = np.array([abs(points[face, 0].mean() - points[:, 0].mean()) for face in faces])

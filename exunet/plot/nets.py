@@ -43,7 +43,7 @@ def reference_net(result: Result) -> Figure:
 
 
 def snapshots(result: Result) -> Figure:
-    """Up to six configurations from the first to the last stored time, over the reference configuration in grey.
+    """Up to six configurations from the first to the last time, over the reference configuration in grey.
 
     A net whose centre of mass travels by more than half the net's size is drawn relative to that centre.
     """
@@ -80,7 +80,7 @@ def snapshot_indices(time: Floats, count: int) -> list[int]:
 
 
 def _number_nodes(axes: Axes, net: Net, plane: tuple[int, int]) -> None:
-    """Numbers at the bullets and corners, in the widest gap between the cables; at all nodes of small plain nets."""
+    """Numbers at the bullets and corners, clear of the cables; at all nodes of small nets without any."""
     from matplotlib.patheffects import withStroke
 
     labelled = list(dict.fromkeys([*net.bullet_nodes.tolist(), *net.mouth]))
@@ -106,7 +106,7 @@ def _number_nodes(axes: Axes, net: Net, plane: tuple[int, int]) -> None:
 
 
 def _free_direction(net: Net, points: Floats, node: int) -> Floats:
-    """Unit vector (2,) from a node between its elements: of the gaps of 60 degrees or more the one most inwards."""
+    """Unit vector (2,) from a node into the innermost gap of 60 degrees or more between its elements."""
     ends = net.element_nodes
     others = np.concatenate([ends[ends[:, 0] == node, 1], ends[ends[:, 1] == node, 0]])
     arms = points[others] - points[node]

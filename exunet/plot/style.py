@@ -1,4 +1,4 @@
-"""What all figures share: colours that also differ in grey, line styles, and a canvas without global state."""
+"""What all figures share: colours that also differ in grey, line styles, a canvas without global state."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def heading(figure: Figure, result: Result, text: str) -> None:
 
 
 def shortened(text: str, width: int) -> str:
-    """`text` on one line of at most `width` characters; what matplotlib's own font does not have becomes "?"."""
+    """`text` on one line of at most `width` characters; what matplotlib's font does not have becomes "?"."""
     from matplotlib.font_manager import findfont, get_font
 
     font = get_font(findfont("DejaVu Sans"))

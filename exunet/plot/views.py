@@ -69,8 +69,8 @@ def panels(
     """`count` panels in `columns`, each with one axes for each plane of `view`: (figure, axes by panel).
 
     `head` and `title` are the heights [inch] kept free above the whole and above each panel, `width` [inch]
-    that of the figure (less where the panels would become too tall). All axes have the view's limits and equal
-    scales; labels stand on the outer ones only.
+    that of the figure (less where the panels would become too tall). All axes have the view's limits and
+    equal scales; labels stand on the outer ones only.
     """
     rows = -(-count // columns)
     left, right, foot, gap, gap_in = 0.7, 0.15, 0.5, 0.3, 0.12

@@ -47,10 +47,22 @@ def document():
     """document(topology, **overrides): a complete case with strings and bullets as a dictionary."""
 
     def make(topology="square", **net):
-        return copy.deepcopy({
-            "format": 1, "title": topology, "time": {"end": 1.0, "output_step": 0.1},
-            "net": {**NETS[topology], "cable": CABLE, "strings": STRINGS, "bullets": {"mass": 0.5}, **net},
-            "initial": {"packing": 0.1}, "launch": {"radial_speed": 2.5, "axial_speed": 0.0}})
+        return copy.deepcopy(
+            {
+                "format": 1,
+                "title": topology,
+                "time": {"end": 1.0, "output_step": 0.1},
+                "net": {
+                    **NETS[topology],
+                    "cable": CABLE,
+                    "strings": STRINGS,
+                    "bullets": {"mass": 0.5},
+                    **net,
+                },
+                "initial": {"packing": 0.1},
+                "launch": {"radial_speed": 2.5, "axial_speed": 0.0},
+            }
+        )
 
     return make
 
@@ -60,10 +72,15 @@ def explicit():
     """explicit(nodes, elements, initial, **net): a case listed node by node."""
 
     def make(nodes, elements, initial=None, **net):
-        return copy.deepcopy({
-            "format": 1, "title": "explicit", "time": {"end": 1.0, "output_step": 0.1},
-            "net": {"topology": "explicit", "nodes": nodes, "elements": elements, "cable": CABLE, **net},
-            "initial": {"packing": 1.0, **(initial or {})}})
+        return copy.deepcopy(
+            {
+                "format": 1,
+                "title": "explicit",
+                "time": {"end": 1.0, "output_step": 0.1},
+                "net": {"topology": "explicit", "nodes": nodes, "elements": elements, "cable": CABLE, **net},
+                "initial": {"packing": 1.0, **(initial or {})},
+            }
+        )
 
     return make
 

@@ -39,12 +39,31 @@ def test_result_file(run):
     assert (code, lines) == (0, [])
     net = weave(read(CASE))
     nt, n, m = 5, 40, 64
-    shapes = {"format": (), "complete": (), "provenance": (), "t": (nt,), "position": (nt, n, 3),
-              "velocity": (nt, n, 3), "reference_position": (n, 3), "element_nodes": (m, 2),
-              "reference_length": (m,), "area": (m,), "youngs_modulus": (m,), "density": (m,), "mass": (n,),
-              "bullet_nodes": (4,), "fixed_nodes": (0,), "strain": (nt, m), "tension": (nt, m),
-              "kinetic": (nt,), "elastic": (nt,), "potential": (nt,), "dissipated": (nt,), "momentum": (nt, 3),
-              "angular_momentum": (nt, 3)}
+    shapes = {
+        "format": (),
+        "complete": (),
+        "provenance": (),
+        "t": (nt,),
+        "position": (nt, n, 3),
+        "velocity": (nt, n, 3),
+        "reference_position": (n, 3),
+        "element_nodes": (m, 2),
+        "reference_length": (m,),
+        "area": (m,),
+        "youngs_modulus": (m,),
+        "density": (m,),
+        "mass": (n,),
+        "bullet_nodes": (4,),
+        "fixed_nodes": (0,),
+        "strain": (nt, m),
+        "tension": (nt, m),
+        "kinetic": (nt,),
+        "elastic": (nt,),
+        "potential": (nt,),
+        "dissipated": (nt,),
+        "momentum": (nt, 3),
+        "angular_momentum": (nt, 3),
+    }
     assert {key: value.shape for key, value in got.items()} == shapes
     assert got["complete"]
     assert np.array_equal(got["mass"], net.mass)
@@ -63,18 +82,21 @@ def test_same_command_same_numbers(run):
     assert all(np.array_equal(first[key], second[key]) for key in first if key != "provenance")
 
 
-@pytest.mark.parametrize(("arguments", "says"), [
-    ([CASE, "--set", "effects.drag.rho=1"], "reference_impl does not know effects.drag"),
-    ([CASE, "--set", "net.size=wide"], "net.size: must be a number"),
-    ([CASE, "--set", "net.size"], "expected key.path=value"),
-    ([CASE, "--method", "RK4"], "--step"),
-    ([CASE, "--step", "0.1"], "--step"),
-    ([CASE, "--method", "Euler"], "invalid choice"),
-    ([CASE, "--rtol", "-1"], "not a finite number"),
-    ([CASE, "--sideways"], "--sideways"),
-    ([ROOT / "no.toml"], "No such file"),
-    ([], "required"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([CASE, "--set", "effects.drag.rho=1"], "reference_impl does not know effects.drag"),
+        ([CASE, "--set", "net.size=wide"], "net.size: must be a number"),
+        ([CASE, "--set", "net.size"], "expected key.path=value"),
+        ([CASE, "--method", "RK4"], "--step"),
+        ([CASE, "--step", "0.1"], "--step"),
+        ([CASE, "--method", "Euler"], "invalid choice"),
+        ([CASE, "--rtol", "-1"], "not a finite number"),
+        ([CASE, "--sideways"], "--sideways"),
+        ([ROOT / "no.toml"], "No such file"),
+        ([], "required"),
+    ],
+)
 def test_bad_input_is_one_line_and_writes_nothing(run, arguments, says):
     code, lines, got = run(*arguments)
     assert (code, got) == (2, None)
@@ -116,8 +138,13 @@ def test_interruption_keeps_what_was_computed(run, monkeypatch):
 
 
 def test_runs_as_a_module(tmp_path):
-    done = subprocess.run([sys.executable, "-m", "reference_impl", str(CASE), "-o", str(tmp_path / "a.npz"), *SHORT],
-                          cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "reference_impl", str(CASE), "-o", str(tmp_path / "a.npz"), *SHORT],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "a.npz").exists()
 
@@ -126,6 +153,9 @@ def test_imports_nothing_it_should_be_independent_of():
     allowed = {"__future__", "reference_impl", "numpy", "scipy", *sys.stdlib_module_names}
     for path in (ROOT / "reference_impl").glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
-            names = [a.name for a in node.names] if isinstance(node, ast.Import) else (
-                [node.module] if isinstance(node, ast.ImportFrom) else [])
+            names = (
+                [a.name for a in node.names]
+                if isinstance(node, ast.Import)
+                else ([node.module] if isinstance(node, ast.ImportFrom) else [])
+            )
             assert {name.split(".")[0] for name in names} <= allowed, path

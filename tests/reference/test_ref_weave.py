@@ -24,12 +24,15 @@ def test_planar_net_of_the_paper(net):
     planar = net("square")
     assert (len(planar.mass), len(planar.element_nodes)) == (40, 64)
     assert planar.mass.sum() == pytest.approx(2.360819, abs=5e-7)
-    assert np.allclose(planar.reference_position[planar.bullet_nodes],
-                       3.5 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), atol=1e-15)
+    assert np.allclose(
+        planar.reference_position[planar.bullet_nodes],
+        3.5 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]),
+        atol=1e-15,
+    )
 
 
 def test_one_cell_weighed_by_hand(net):
-    """Four sides of 1 m and 4.366814e-3 kg/m, four strings of sqrt(2) m and 1.746726e-2 kg/m, 0.5 kg bullets."""
+    """Four sides of 1 m and 4.366814e-3 kg/m, four strings of sqrt(2) m and 4 times that."""
     cell = net("square", size=1.0)
     assert sorted(cell.mass) == pytest.approx([0.01671803] * 4 + [0.51235122] * 4, abs=1e-8)
 
@@ -88,8 +91,9 @@ def test_lengths_of_square_cells_are_exact(net):
         assert np.abs(lengths - mesh).max() <= 1e-14 * mesh
 
 
-@pytest.mark.parametrize(("topology", "swaps"), [("square", True), ("rectangular", False), ("hexagonal", False),
-                                                 ("radial", True)])
+@pytest.mark.parametrize(
+    ("topology", "swaps"), [("square", True), ("rectangular", False), ("hexagonal", False), ("radial", True)]
+)
 def test_mirrored_nodes_agree_to_the_last_bit(net, topology, swaps):
     mesh = net(topology, divisions=3)
     rows = {tuple(p): m for p, m in zip((mesh.reference_position + 0.0).tolist(), mesh.mass, strict=True)}
@@ -121,14 +125,19 @@ def test_strings_without_bullets_end_in_light_nodes(document):
 
 def test_explicit_net_keeps_the_listed_order(explicit, scene):
     nodes = [[0.0, 0.0, 1.0], [3.0, 0.0, 1.0], [0.0, 0.0, 1.0], [3.0, 4.0, 1.0]]
-    start = {"node_positions": [[1.0, 0.0, 0.0], [0.0, 3.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 5.0]],
-             "node_velocities": [[3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 3.0, 0.0]],
-             "velocity": [0.0, 0.0, 1.0]}
-    listed = scene(explicit(nodes, [[0, 1], [3, 1]], start, divisions=3, node_masses=[0, 0, 2.5, 0], fixed=[1]))
+    start = {
+        "node_positions": [[1.0, 0.0, 0.0], [0.0, 3.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 5.0]],
+        "node_velocities": [[3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 3.0, 0.0]],
+        "velocity": [0.0, 0.0, 1.0],
+    }
+    listed = scene(
+        explicit(nodes, [[0, 1], [3, 1]], start, divisions=3, node_masses=[0, 0, 2.5, 0], fixed=[1])
+    )
     net = listed.net
     assert np.array_equal(net.reference_position[:4], nodes)
     assert net.reference_position[4:].tolist() == pytest.approx(
-        np.array([[1, 0, 1], [2, 0, 1], [3, 8 / 3, 1], [3, 4 / 3, 1]]))
+        np.array([[1, 0, 1], [2, 0, 1], [3, 8 / 3, 1], [3, 4 / 3, 1]])
+    )
     assert net.element_nodes.tolist() == [[0, 4], [4, 5], [5, 1], [3, 6], [6, 7], [7, 1]]
     assert net.reference_length == pytest.approx([1.0] * 3 + [4 / 3] * 3)
     assert net.mass[2] == 2.5
@@ -145,12 +154,15 @@ def test_node_without_mass_is_refused(explicit):
 
 
 def test_initial_state(document, scene):
-    still = scene(document("hexagonal"), {"initial.velocity": [0.0, 0.0, 1.0], "initial.spin": [0.0, 0.0, 2.0],
-                                          "launch.axial_speed": 0.5})
+    still = scene(
+        document("hexagonal"),
+        {"initial.velocity": [0.0, 0.0, 1.0], "initial.spin": [0.0, 0.0, 2.0], "launch.axial_speed": 0.5},
+    )
     net = still.net
     assert np.array_equal(still.x0, 0.1 * net.reference_position)
     away = net.reference_position[net.bullet_nodes] / np.linalg.norm(
-        net.reference_position[net.bullet_nodes], axis=1, keepdims=True)
+        net.reference_position[net.bullet_nodes], axis=1, keepdims=True
+    )
     x, y, _ = still.x0.T
     expected = np.column_stack((-2 * y, 2 * x, np.ones_like(x)))
     expected[net.bullet_nodes] += 2.5 * away + [0, 0, 0.5]
@@ -161,5 +173,7 @@ def test_initial_state(document, scene):
 def test_directions(n):
     for k in range(n):
         c, s = direction(k, n)
-        assert (c, s) == pytest.approx((math.cos(2 * math.pi * k / n), math.sin(2 * math.pi * k / n)), abs=1e-15)
+        assert (c, s) == pytest.approx(
+            (math.cos(2 * math.pi * k / n), math.sin(2 * math.pi * k / n)), abs=1e-15
+        )
         assert direction(n - k, n) == (c, -s)

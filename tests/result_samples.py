@@ -1,0 +1,109 @@
+"""Small results made by hand, for the tests of result, metrics and plot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet import cable
+from exunet.net.arrays import Net
+from exunet.result import Result
+
+Floats = NDArray[np.float64]
+
+STEEL = {"area": 1e-6, "youngs_modulus": 2e11, "density": 7800.0}
+
+
+def net(
+    position: Any,
+    elements: Any,
+    bullets: tuple[int, ...] = (),
+    faces: tuple[tuple[int, ...], ...] = (),
+    mouth: tuple[int, ...] = (),
+    strings: tuple[int, ...] = (),
+) -> Net:
+    """A net of thin steel cables: lumped masses by eq. (9), half a kilogram more for each bullet."""
+    position, elements = np.array(position, float), np.array(elements, int).reshape(-1, 2)
+    length = np.linalg.norm(position[elements[:, 1]] - position[elements[:, 0]], axis=1)
+    mass = np.zeros(len(position))
+    np.add.at(mass, elements.ravel(), np.repeat(STEEL["density"] * STEEL["area"] * length / 2, 2))
+    mass[list(bullets)] += 0.5
+    is_string = np.zeros(len(elements), bool)
+    is_string[list(strings)] = True
+    return Net(
+        reference_position=position,
+        mass=mass,
+        element_nodes=elements,
+        reference_length=length,
+        is_string=is_string,
+        bullet_nodes=np.array(bullets, int),
+        fixed_nodes=np.array([], int),
+        faces=faces,
+        mouth=mouth,
+        **{name: np.full(len(elements), value) for name, value in STEEL.items()},
+    )
+
+
+def square_net(cells: int = 1, size: float = 1.0, strings: bool = False) -> Net:
+    """A square net in z = 0 with its bullets at the corners, or on strings that reach 1.4 times as far."""
+    side = np.linspace(-size / 2, size / 2, cells + 1)
+    knots = [(x, y, 0.0) for y in side for x in side]
+    at = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    sides = [*zip(at[:, :-1].flat, at[:, 1:].flat, strict=True), *zip(at[:-1].flat, at[1:].flat, strict=True)]
+    loops = zip(at[:-1, :-1].flat, at[:-1, 1:].flat, at[1:, 1:].flat, at[1:, :-1].flat, strict=True)
+    faces = tuple(tuple(map(int, loop)) for loop in loops)
+    corners = tuple(map(int, (at[0, 0], at[0, -1], at[-1, -1], at[-1, 0])))
+    if not strings:
+        return net(knots, sides, bullets=corners, faces=faces, mouth=corners)
+    ends = [tuple(1.4 * c for c in knots[corner]) for corner in corners]
+    tips = range(len(knots), len(knots) + 4)
+    sides += zip(corners, tips, strict=True)
+    return net(
+        knots + ends,
+        sides,
+        bullets=tuple(tips),
+        faces=faces,
+        mouth=corners,
+        strings=tuple(range(len(sides) - 4, len(sides))),
+    )
+
+
+def result(of: Net, time: Any, position: Any, velocity: Any = None, **changes: Any) -> Result:
+    """A result with these states; the energies and forces that belong to them, no damping, no loads."""
+    time, position = np.array(time, float), np.array(position, float)
+    velocity = np.zeros_like(position) if velocity is None else np.array(velocity, float)
+    length = cable.lengths(of, position)
+    whole = Result(
+        net=of,
+        time=time,
+        position=position,
+        velocity=velocity,
+        strain=cable.green_lagrange_strain(length, of.reference_length),
+        tension=cable.tension(length, of.reference_length, of.axial_stiffness),
+        kinetic=0.5 * np.einsum("n,tnk,tnk->t", of.mass, velocity, velocity),
+        elastic=cable.elastic_energy(of, length),
+        potential=np.zeros(len(time)),
+        dissipated=np.zeros(len(time)),
+        momentum=np.einsum("n,tnk->tk", of.mass, velocity),
+        angular_momentum=np.einsum("n,tnk->tk", of.mass, np.cross(position, velocity)),
+        complete=True,
+        verdict="ok",
+        provenance={"method": "by hand", "counts": {"steps": 3}},
+    )
+    return replace(whole, **changes)
+
+
+def unfolding(of: Net, times: int = 7, lift: float = 0.0, **changes: Any) -> Result:
+    """A net that grows evenly from a tenth of its reference configuration to the whole of it within 1 s.
+
+    `lift` bends it out of its plane meanwhile [m].
+    """
+    time = np.linspace(0, 1, times)
+    reference = of.reference_position
+    position = (0.1 + 0.9 * time)[:, None, None] * reference
+    position[..., 2] += lift * time[:, None] * (reference**2).sum(axis=1)
+    velocity = np.broadcast_to(0.9 * reference, position.shape)
+    return result(of, time, position, velocity, **changes)

@@ -1,0 +1,609 @@
+"""Case files: what is read, every kind of fault with its line, overrides, and files that are no cases."""
+
+from __future__ import annotations
+
+import os
+import re
+import string
+import tempfile
+import time
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from exunet.casefile import MAX_BYTES, Case, load
+from exunet.errors import CaseError, Fault, InputError
+from exunet.toml_lines import key_lines
+
+CASES = Path(__file__).parents[1] / "cases"
+PLANAR = CASES / "planar_deployment.toml"
+
+# Line numbers in the tests below count in this text; its first line is line 1.
+GOOD = """\
+format = 1
+title = "a test"
+[time]
+end = 1.0
+output_step = 0.1
+[net]
+topology = "square"
+size = 2.0
+mesh = 1.0
+[net.cable]
+diameter = 0.002
+density = 1390.0
+youngs_modulus = 70e9
+[net.strings]
+length = 0.5
+diameter = 0.002
+density = 1390.0
+youngs_modulus = 70e9
+[net.bullets]
+mass = 0.5
+[initial]
+packing = 0.1
+[launch]
+radial_speed = 2.5
+axial_speed = 0.0
+[effects.rayleigh_damping]
+alpha = 1e-3
+beta = 1e-8
+"""
+EXPLICIT = """\
+format = 1
+title = "explicit"
+time = { end = 1.0, output_times = [0.5] }
+[net]
+topology = "explicit"
+nodes = [
+  [0, 0, 0],  # first
+  [1, 0, 0],
+
+  [2, 0, 0], [3, 0, 0],
+]
+elements = [[0, 1], [1, 2],
+  [2, 3]]
+cable = { area = 1e-6, density = 1000, youngs_modulus = 1e9 }
+[initial]
+packing = 1
+"""
+
+
+@pytest.fixture
+def case(tmp_path: Path) -> Any:
+    """A function that writes a case, loads it, and returns the faults as (line, key, reason)."""
+
+    def faults(text: str, *overrides: str) -> list[tuple[int, str, str]]:
+        path = tmp_path / "case.toml"
+        path.write_text(text, newline="")
+        with pytest.raises(CaseError) as caught:
+            load(path, overrides)
+        return [(_line(fault, path), fault.key, fault.reason) for fault in caught.value.faults]
+
+    return faults
+
+
+def _line(fault: Fault, path: Path) -> int:
+    """The line of a fault; 0 if it is placed at an override."""
+    if fault.place.startswith("--set "):
+        return 0
+    file, _, line = fault.place.rpartition(":")
+    assert file == str(path)
+    return int(line)
+
+
+def changed(old: str, new: str, text: str = GOOD) -> str:
+    assert text.count(old) == 1, f"{old!r} must occur once"
+    return text.replace(old, new)
+
+
+# Good cases
+
+
+def test_the_papers_case_is_read() -> None:
+    """Table 1 and sec. 3.3 of the paper."""
+    case = load(PLANAR)
+    assert case.scene.net.size == 5.0
+    assert case.scene.net.bullets.mass == 0.5
+    assert case.scene.launch is not None
+    assert case.scene.launch.radial_speed == 2.5
+    assert case.scene.effects.rayleigh_damping.beta == 1e-8
+    assert case.scene.effects.gravity is None
+    assert (case.name, case.path, case.overrides) == ("planar_deployment", PLANAR, ())
+    assert case.text.encode() == PLANAR.read_bytes()
+
+
+@pytest.mark.parametrize("path", sorted(CASES.rglob("*.toml")), ids=lambda path: path.stem)
+def test_every_case_of_the_repository_is_valid(path: Path) -> None:
+    assert load(path).scene.format == 1
+
+
+def test_everything_is_frozen(tmp_path: Path) -> None:
+    case = load(PLANAR)
+    for owner, name in ((case, "scene"), (case.scene, "title"), (case.scene.net, "size")):
+        with pytest.raises(Exception, match=r"frozen|cannot assign"):
+            setattr(owner, name, None)
+    path = tmp_path / "x.toml"
+    path.write_text(EXPLICIT)
+    assert hash(load(path).scene.net.nodes)
+
+
+def test_whole_numbers_and_lists_stand_for_floats_and_tuples(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text(EXPLICIT)
+    net = load(path).scene.net
+    assert net.nodes[1] == (1.0, 0.0, 0.0)
+    assert isinstance(net.nodes[1][0], float)
+    assert net.elements == ((0, 1), (1, 2), (2, 3))
+
+
+def test_crlf_files_are_read_and_kept_exactly(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text(GOOD.replace("\n", "\r\n"), newline="")
+    assert load(path).text.count("\r\n") == GOOD.count("\n")
+
+
+# Faults, each with its line
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "key", "words"),
+    [
+        # A value of the wrong type or out of bounds: the line of the key.
+        ("end = 1.0", "end = -3.0", 4, "time.end", "must be a number greater than 0, got -3.0"),
+        ("end = 1.0", 'end = "1.0"', 4, "time.end", 'must be a number greater than 0, got "1.0"'),
+        ("end = 1.0", "end = true", 4, "time.end", "must be a number greater than 0, got true"),
+        ("end = 1.0", "end = nan", 4, "time.end", "must be finite, got nan"),
+        ("end = 1.0", "end = -inf", 4, "time.end", "must be finite, got -inf"),
+        ("end = 1.0", "end = 1e999", 4, "time.end", "must be finite"),
+        ("end = 1.0", "end = 2020-01-01", 4, "time.end", "must be a number greater than 0, got 2020-01-01"),
+        ("end = 1.0", "end = [1, 2, true]", 4, "time.end", "got [1, 2, true]"),
+        ("end = 1.0", "end = {a = 1}", 4, "time.end", "got a table"),
+        ("packing = 0.1", "packing = -1", 22, "initial.packing", "must be a number not less than 0, got -1"),
+        ("mesh = 1.0", "mesh = 1.0\ndivisions = 0", 10, "net.divisions", "a whole number not less than 1"),
+        ("mesh = 1.0", "mesh = 1.0\ndivisions = 2.0", 10, "net.divisions", "whole number"),
+        ('title = "a test"', "title = 3", 2, "title", "must be a string, got 3"),
+        ('title = "a test"', 'title = "a\\nb"', 2, "title", "must be one line"),
+        ("format = 1", "format = 2", 1, "format", "must be 1, got 2"),
+        ("format = 1", "format = true", 1, "format", "must be 1"),
+        ("format = 1", "format = 1.0", 1, "format", "must be 1"),
+        ("packing = 0.1", "packing = 0\nspin = [1, 2]", 23, "initial.spin", "must be a list of 3 numbers"),
+        ("packing = 0.1", "packing = 0\nspin = [1, 2, 3, 4]", 23, "initial.spin", "list of 3 numbers"),
+        ("packing = 0.1", "packing = 0\nspin = []", 23, "initial.spin", "of 3 numbers, got []"),
+        ("packing = 0.1", "packing = 0\nspin = 7", 23, "initial.spin", "must be a list of 3 numbers, got 7"),
+        ("packing = 0.1", 'packing = 0\nspin = [1, 2, "3"]', 23, "initial.spin[2]", 'a number, got "3"'),
+        ("[launch]\nradial_speed = 2.5\naxial_speed = 0.0\n", "[[launch]]\n", 23, "launch", "be a table"),
+        # A key that is missing: the line of its table's header; a table that is missing: the first line.
+        ("end = 1.0\n", "", 3, "time.end", "missing: end of the simulation [s]"),
+        ("mass = 0.5\n", "", 19, "net.bullets.mass", "missing: mass of each bullet [kg]"),
+        ("alpha = 1e-3\n", "", 26, "effects.rayleigh_damping.alpha", "missing: factor of the mass matrix"),
+        ('title = "a test"\n', "", 1, "title", "missing"),
+        ("[initial]\npacking = 0.1\n", "", 1, "initial", "missing table"),
+        ('topology = "square"\n', "", 6, "net.topology", "missing: one of square, rectangular, hexagonal"),
+        # An unknown key: a suggestion, or the known ones.
+        ("mass = 0.5", "mass = 0.5\nmas = 1", 21, "net.bullets.mas", "unknown key; did you mean 'mass'?"),
+        ("mass = 0.5", "mass = 0.5\nq = 1", 21, "net.bullets.q", "unknown key; the known key is mass"),
+        ("[launch]", "[lunch]", 23, "lunch", "did you mean 'launch'?"),
+        ("[effects.rayleigh_damping]", "[effects.drag]", 26, "effects.drag", "keys are gravity and rayleigh"),
+        ("[effects.rayleigh_damping]", "[effects.raleigh]", 26, "effects.raleigh", "'rayleigh_damping'?"),
+        ("mesh = 1.0", "mesh = 1.0\nspokes = 3", 10, "net.spokes", "have no such key; radial nets"),
+        ("mesh = 1.0", 'mesh = 1.0\n"a b" = 3', 10, "net.'a b'", "unknown key"),
+        ("[initial]", "[bodies]\n[initial]", 21, "bodies", "not supported by this version"),
+        # A word that is not among the allowed ones.
+        ('"square"', '"hexagon"', 7, "net.topology", "did you mean 'hexagonal'?"),
+        ('"square"', '"round"', 7, "net.topology", 'must be one of "square", "rectangular"'),
+        ('"square"', "4", 7, "net.topology", "must be one of"),
+        ('"square"', "[[]]", 7, "net.topology", "must be one of"),
+        ("[net]", '[solver]\nmethod = "RK4"\n[net]', 7, "solver.method", "did you mean 'RK44'?"),
+        ("[net]", '[solver]\nmethod = "rk33"\n[net]', 7, "solver.method", "did you mean 'RK33'?"),
+        # Faults between keys.
+        ("mesh = 1.0", "mesh = 0.7", 9, "net.mesh", "mesh = 1 (2 a side) or 0.666666"),
+        ("size = 2.0", "size = 1e9", 9, "net.mesh", "too fine"),
+        ("mesh = 1.0", "mesh = 0.002", 6, "net", "2,002,004 elements"),
+        ("output_step = 0.1", "output_step = 1e-9", 5, "time.output_step", "would store 1e+09 states"),
+        ("output_step = 0.1\n", "", 3, "time.output_times", "exactly one"),
+        ("output_step = 0.1", "output_step = 0.1\noutput_times = [1]", 6, "time.output_times", "exactly one"),
+        ("output_step = 0.1", "output_times = [0, 0.5, 0.5]", 5, "time.output_times[2]", "greater than the"),
+        ("output_step = 0.1", "output_times = [0.5, 1.5]", 5, "time.output_times[1]", "after time.end"),
+        ("output_step = 0.1", "output_times = [-0.5]", 5, "time.output_times[0]", "not less than 0"),
+        ("diameter = 0.002\ndensity = 1390.0\nyoungs_modulus = 70e9\n[net.strings]", "density = 1390.0\n"
+         "youngs_modulus = 70e9\n[net.strings]", 10, "net.cable", "either diameter or area"),
+        ("mass = 0.5", "mass = 0.5\n[net.cable.x]", 21, "net.cable.x", "unknown key"),
+        ("[net.bullets]\nmass = 0.5\n", "", 21, "launch", "no bullets to launch"),
+        ("packing = 0.1", "packing = 1\nnode_positions = [[0, 0, 0]]", 23, "initial.node_positions", "expl"),
+        ("packing = 0.1", "packing = 1\nnode_velocities = []", 23, "initial.node_velocities", "explicit"),
+        ("end = 1.0", f"end = 0x{'f' * 5000}", 4, "time.end", "64 bits"),
+    ],
+)  # fmt: skip
+def test_one_fault(case: Any, old: str, new: str, line: int, key: str, words: str) -> None:
+    ((found_line, found_key, reason),) = case(changed(old, new))
+    assert (found_line, found_key) == (line, key)
+    assert words in reason
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "key", "words"),
+    [
+        ("[1, 0, 0],\n", "[1, 0],\n", 8, "net.nodes[1]", "must be a list of 3 numbers, got [1, 0]"),
+        ("[3, 0, 0]", '[3, "a", 0]', 10, "net.nodes[3][1]", 'must be a number, got "a"'),
+        ("[2, 3]]", "[2, 4]]", 13, "net.elements[2]", "no node 4: the 4 nodes are numbered from 0 to 3"),
+        ("[1, 2],", "[1, 1],", 12, "net.elements[1]", "joins node 1 to itself"),
+        ("[3, 0, 0]", "[2, 0, 0]", 13, "net.elements[2]", "0 m apart"),
+        ("[2, 3]]", "[2, 1]]", 10, "net.nodes[3]", "no mass"),
+        ("[initial]", "node_masses = [1]\n[initial]", 15, "net.node_masses", "each of the 4 nodes"),
+        ("[initial]", "fixed = [0, 7]\n[initial]", 15, "net.fixed[1]", "no node 7"),
+        ("[initial]", "bullets = {mass = 1}\n[initial]", 15, "net.bullets", "explicit nets have no such key"),
+        ("packing = 1", "packing = 1\nnode_velocities = [[0, 0, 0]]", 17, "initial.node_velocities", "each"),
+        ("packing = 1", "packing = 0.5\nnode_positions = [[0,0,0],[1,0,0],[2,0,0],[3,0,0]]", 17,
+         "initial.node_positions", "packing = 1, got 0.5"),
+        ("packing = 1", "packing = 1\n[launch]\nradial_speed = 1\naxial_speed = 0", 17, "launch", "no bul"),
+        ("output_times = [0.5]", "output_times = [2]", 3, "time.output_times[0]", "time.end, 1 s, got 2"),
+        ("density = 1000", "density = 0", 14, "net.cable.density", "greater than 0, got 0"),
+        ("area = 1e-6", "area = 1e-6, diameter = 1", 14, "net.cable.area", "either diameter or area"),
+        ("area = 1e-6", "diameter = 1e-200", 14, "net.cable", "beyond what floating-point numbers can hold"),
+    ],
+)  # fmt: skip
+def test_one_fault_in_an_explicit_case(
+    case: Any, old: str, new: str, line: int, key: str, words: str
+) -> None:
+    ((found_line, found_key, reason),) = case(changed(old, new, EXPLICIT))
+    assert (found_line, found_key) == (line, key)
+    assert words in reason
+
+
+def test_all_faults_come_at_once_in_the_order_of_the_file(case: Any) -> None:
+    text = changed("end = 1.0", "end = 0")
+    text = changed("mesh = 1.0", "mesh = 0.3\ncolour = 1", text)
+    text = changed("mass = 0.5\n", "", text)
+    text = changed("packing = 0.1", "packing = nan", text)
+    text = changed("alpha = 1e-3", 'alpha = "much"', text)
+    assert [(line, key) for line, key, _ in case(text)] == [
+        (4, "time.end"),
+        (9, "net.mesh"),
+        (10, "net.colour"),
+        (20, "net.bullets.mass"),
+        (22, "initial.packing"),
+        (27, "effects.rayleigh_damping.alpha"),
+    ]
+
+
+def test_a_fault_reads_as_file_line_key_reason(tmp_path: Path) -> None:
+    path = tmp_path / "my case.toml"
+    path.write_text(changed("end = 1.0", "end = -3.0"))
+    with pytest.raises(CaseError) as caught:
+        load(path)
+    assert str(caught.value) == f"{path}:4: time.end: must be a number greater than 0, got -3.0"
+
+
+def test_long_values_are_cut_short(case: Any) -> None:
+    ((_, _, reason),) = case(changed("end = 1.0", f'end = "{"x" * 5000}"'))
+    assert len(reason) < 150
+    ((_, key, _),) = case(GOOD + f"{'k' * 5000} = 1")
+    assert len(key) <= 100
+
+
+def test_many_faults_are_cut_short(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text("\n".join(f"key{k} = {k}" for k in range(1000)))
+    with pytest.raises(CaseError) as caught:
+        load(path)
+    assert len(caught.value.faults) == 101
+    assert "more faults" in str(caught.value.faults[-1])
+
+
+# Lines of keys
+
+TANGLED = '''\
+# comment = 1
+a.b.c = 1 # a.b
+"quoted key".'x' = """
+[not.a.header]
+y = 2
+""" # "
+list = [ # one
+  1, "]", # two ]
+  '[', [2,
+    3],
+  {k = [
+    5]},
+]
+
+[table . sub]
+inline = { p = 1, q.r = [1, 2] }
+   [table]
+late = """a\\"""", """
+[[many]]
+x = 1
+[many.deep]
+y = 1
+[[many]]
+x = [
+# nothing
+]
+when = 1979-05-27T07:32:00Z
+'''
+
+
+def test_lines_of_a_tangled_file() -> None:
+    """Counted by eye in the text above."""
+    tangled = TANGLED.replace('"""a\\"""", """', "'''a\n'''")
+    found = key_lines(tangled)
+    expected = {
+        ("a",): 2,
+        ("a", "b"): 2,
+        ("a", "b", "c"): 2,
+        ("quoted key", "x"): 3,
+        ("list",): 7,
+        ("list", 0): 8,
+        ("list", 1): 8,
+        ("list", 2): 9,
+        ("list", 3): 9,
+        ("list", 3, 0): 9,
+        ("list", 3, 1): 10,
+        ("list", 4): 11,
+        ("table",): 17,
+        ("table", "sub"): 15,
+        ("table", "sub", "inline"): 16,
+        ("table", "sub", "inline", "q", "r"): 16,
+        ("table", "late"): 18,
+        ("many", 0): 20,
+        ("many", 0, "x"): 21,
+        ("many", 0, "deep", "y"): 23,
+        ("many", 1): 24,
+        ("many", 1, "x"): 25,
+        ("many", 1, "when"): 28,
+    }
+    assert {path: found.get(path) for path in expected} == expected
+    assert ("k",) not in found
+
+
+SCALARS = st.one_of(
+    st.integers(-99, 99).map(str),
+    st.sampled_from(["1.5", "true", "'a # [b'", '"c\\"]"', "'''d\n[e]'''", '"""\nf = [\n"""', "{ g = 1 }"]),
+)
+ARRAYS = st.lists(SCALARS, max_size=4).map(lambda items: "[ # {\n" + ",\n".join(items) + "\n]")
+VALUES = st.one_of(SCALARS, ARRAYS)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.one_of(VALUES, st.just(None)), max_size=12), st.integers(0, 2))
+def test_lines_of_any_file(values: list[str | None], blank: int) -> None:
+    """Keys k0, k1, ... with random values, their lines known from how the text is made; None: a header."""
+    text, expected, table = "", {}, ()
+    for number, value in enumerate(values):
+        text += "\n" * blank
+        line = text.count("\n") + 1
+        if value is None:
+            table = (f"t{number}",)
+            text += f"[t{number}] # ]\n"
+            expected[table] = line
+        else:
+            text += f"k{number} = {value}\n"
+            expected[(*table, f"k{number}")] = line
+    tomllib.loads(text)  # the text is TOML
+    found = key_lines(text)
+    assert {path: found.get(path) for path in expected} == expected
+
+
+def test_a_fault_in_a_large_case_is_found_quickly(tmp_path: Path) -> None:
+    """20 000 nodes, one on each line; the fault is in the last."""
+    nodes = "\n".join(f"  [{k}, 0, 0]," for k in range(20_000))
+    elements = "\n".join(f"  [{k}, {k + 1}]," for k in range(20_000))
+    text = changed("elements = [[0, 1], [1, 2],\n  [2, 3]]", f"elements = [\n{elements}\n]", EXPLICIT)
+    text = re.sub(r"nodes = \[\n.*?\n\]\n", f"nodes = [\n{nodes}\n]\n", text, flags=re.DOTALL)
+    path = tmp_path / "large.toml"
+    path.write_text(text)
+    started = time.perf_counter()
+    with pytest.raises(CaseError) as caught:
+        load(path)
+    (fault,) = caught.value.faults
+    line = text.splitlines().index("  [19999, 20000],") + 1
+    assert (fault.place, fault.key) == (f"{path}:{line}", "net.elements[19999]")
+    assert time.perf_counter() - started < 5.0
+
+
+# Overrides
+
+
+def loaded(*overrides: str) -> Case:
+    return load(PLANAR, overrides)
+
+
+def test_overrides_set_values_of_every_type() -> None:
+    case = loaded(
+        "time.end=0.5",
+        "solver.method=RK44",
+        "title=Another title",
+        'net.cable = { area = 1e-6, density = 1e3, youngs_modulus = 1e9 }',
+        "initial.velocity=[0, 0, 1]",
+        "effects.gravity.acceleration=[0,0,-9.81]",
+    )  # fmt: skip
+    scene = case.scene
+    assert (scene.time.end, scene.solver.method, scene.title) == (0.5, "RK44", "Another title")
+    assert (scene.net.cable.area, scene.initial.velocity) == (1e-6, (0.0, 0.0, 1.0))
+    assert scene.effects.gravity.acceleration == (0.0, 0.0, -9.81)
+    assert case.overrides[0] == "time.end=0.5"
+    assert case.text == PLANAR.read_text()
+
+
+def test_an_empty_value_removes_a_key_or_a_table() -> None:
+    scene = loaded("effects.rayleigh_damping=", "launch=", "solver.accuracy=").scene
+    assert scene.effects.rayleigh_damping is None
+    assert scene.launch is None
+
+
+def test_the_last_override_wins() -> None:
+    assert loaded("time.end=1", "time.end=3").scene.time.end == 3.0
+    assert loaded("effects.gravity.acceleration=[0,0,1]", "effects.gravity=").scene.effects.gravity is None
+
+
+def test_quoted_strings_and_strings_that_look_like_numbers() -> None:
+    assert loaded('title="2.0"').scene.title == "2.0"
+    assert loaded("title=x=y").scene.title == "x=y"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "text"),
+    [
+        (["time.end=-1"], "--set time.end=-1: time.end: must be a number greater than 0, got -1"),
+        (["time.end="], "--set time.end=: time.end: missing: end of the simulation [s]; it starts at 0"),
+        (["effects.gravity.g=1"], "--set effects.gravity.g=1: effects.gravity.acceleration: missing: g"),
+        (["net.mesh=0.3"], "--set net.mesh=0.3: net.mesh: a net of 5 m is not a whole number of meshes"),
+        (["net.cable={}"], "--set net.cable={}: net.cable.density: missing: mass density [kg/m3]"),
+        (["time.edn=1"], "--set time.edn=1: time.edn: unknown key; did you mean 'end'?"),
+        (["time"], "--set time: must be of the form key.path=value"),
+        (["=3"], "--set =3: must be of the form key.path=value"),
+        (["a b=3"], "--set a b=3: must be of the form"),
+        (["time..end=3"], "--set time..end=3: must be of the form"),
+        (["a=1\nb=2"], "--set a=1 b=2: must set one key"),
+        (["a\nb=2"], "must be of the form"),
+        (["title.x=3"], "--set title.x=3: title is not a table"),
+        (["title.x="], "--set title.x=: title is not a table"),
+        (["net.netting.x="], "--set net.netting.x=: there is no such key to remove"),
+        (["initial.velocity=[1,2"], "the value is not valid TOML: Unclosed array"),
+        (["initial.velocity=1,2"], 'initial.velocity: must be a list of 3 numbers, got "1,2"'),
+        (["x=" + "[" * 5000], "nested too deeply"),
+    ],
+)  # fmt: skip
+def test_faults_of_overrides_name_the_override(overrides: list[str], text: str) -> None:
+    with pytest.raises(CaseError) as caught:
+        load(PLANAR, overrides)
+    assert text in str(caught.value)
+
+
+def test_faults_of_the_file_keep_their_line_beside_overrides(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text(changed("end = 1.0", "end = 0"))
+    with pytest.raises(CaseError) as caught:
+        load(path, ["net.size=-1", "initial.packing=-1"])
+    places = [fault.place for fault in caught.value.faults]
+    assert places == [f"{path}:4", "--set net.size=-1", "--set initial.packing=-1"]
+
+
+def test_bad_overrides_come_all_at_once() -> None:
+    with pytest.raises(CaseError) as caught:
+        load(PLANAR, ["a", "b", "time.end=1"])
+    assert [fault.place for fault in caught.value.faults] == ["--set a", "--set b"]
+
+
+# Files that are no cases
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "words"),
+    [
+        (b"", 1, "the file is empty"),
+        (b" \n\n", 1, "the file is empty"),
+        (b"\xef\xbb\xbfformat = 1\n", 1, "byte order mark"),
+        (b"format = 1\ntitle = '\xff'\n", 2, "byte 0xff is not UTF-8"),
+        ("format = 1".encode("utf-16"), 1, "not UTF-8"),
+        (b"format = 1\n\n[time\nend = 1\n", 3, "not valid TOML"),
+        (b"format = 1\nformat = 1\n", 2, "not valid TOML"),
+        (b"a = [1,\n2\n", 2, "not valid TOML"),
+        (b"format 1", 1, "not valid TOML"),
+        (b"a = 1\rb = 2", 1, "not valid TOML"),
+        (b"a\x00 = 1", 1, "not valid TOML"),
+        (b"a = " + b"[" * 100_000, None, "nested too deeply"),
+        (b"a = " + b"9" * 5000, None, "not valid TOML"),
+    ],
+)
+def test_files_that_are_not_toml(tmp_path: Path, content: bytes, line: int | None, words: str) -> None:
+    path = tmp_path / "x.toml"
+    path.write_bytes(content)
+    with pytest.raises(CaseError) as caught:
+        load(path)
+    (fault,) = caught.value.faults
+    assert fault.place == (f"{path}:{line}" if line else str(path))
+    assert words in fault.reason
+    assert "\n" not in str(fault)
+
+
+def test_a_file_of_comments_lacks_everything(case: Any) -> None:
+    keys = [key for _, key, _ in case("# nothing\n")]
+    assert keys == ["format", "title", "time", "net", "initial"]
+
+
+def test_paths_that_cannot_be_read(tmp_path: Path) -> None:
+    huge = tmp_path / "huge.toml"
+    with huge.open("wb") as stream:
+        stream.truncate(MAX_BYTES + 1)
+    pipe = tmp_path / "pipe.toml"
+    os.mkfifo(pipe)
+    for path, words in (
+        (tmp_path / "none.toml", "no such file"),
+        (tmp_path / "none" / "x.toml", "no such file"),
+        (tmp_path, "is a folder"),
+        (huge, "10,000,001 bytes"),
+        (pipe, "not an ordinary file"),
+        (tmp_path / ("x" * 5000), "cannot be read"),
+        (Path("a\0b"), "cannot be read"),
+    ):
+        with pytest.raises(InputError, match=re.escape(words)) as caught:
+            load(path)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read every file")
+def test_a_file_without_permission(tmp_path: Path) -> None:
+    path = tmp_path / "secret.toml"
+    path.write_text(GOOD)
+    path.chmod(0)
+    with pytest.raises(InputError, match="cannot be read"):
+        load(path)
+
+
+# Anything else
+
+PATHS = [*tomllib.loads(GOOD), "solver.method", "solver.step", "effects.gravity"] + [
+    f"{table}.{key}"
+    for table, content in tomllib.loads(GOOD).items()
+    if isinstance(content, dict)
+    for key in content
+]
+ODD = st.one_of(
+    st.floats().map(repr),
+    st.integers().map(str),
+    st.sampled_from(["", "{}", "[]", "true", "nan", "[[1,2,3]]", "1e308", "5e-324", "2020-01-01", "{a.b=1}"]),
+    st.lists(st.floats(-3, 3), max_size=4).map(str),
+    st.sampled_from(["square", "rectangular", "hexagonal", "radial", "explicit", "RK44", "DOPRI5"]),
+    st.text(max_size=5),
+)
+
+
+def _reads_or_refuses(path: Path, overrides: list[str]) -> None:
+    """Anything but a Case or a CaseError fails the test; so does a fault without a place or of two lines."""
+    faults: list[Fault] | None = None
+    try:
+        load(path, overrides)
+    except CaseError as error:
+        faults = error.faults
+    assert faults != []
+    assert all(fault.place and fault.reason and "\n" not in str(fault) for fault in faults or ())
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(PATHS), ODD), min_size=1, max_size=4))
+def test_any_value_is_read_or_refused(changes: list[tuple[str, str]]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.toml"
+        path.write_text(GOOD)
+        _reads_or_refuses(path, [f"{key}={value}" for key, value in changes])
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.sampled_from([GOOD, EXPLICIT]), st.data())
+def test_any_damaged_text_is_read_or_refused(text: str, data: st.DataObject) -> None:
+    """Pieces are cut out and odd ones put in."""
+    for _ in range(data.draw(st.integers(1, 3))):
+        start = data.draw(st.integers(0, len(text)))
+        stop = min(len(text), start + data.draw(st.integers(0, 12)))
+        piece = data.draw(st.one_of(st.text(string.printable, max_size=6), ODD))
+        text = text[:start] + piece + text[stop:]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.toml"
+        path.write_bytes(text.encode("utf-8", "surrogatepass"))
+        _reads_or_refuses(path, [])

@@ -1,0 +1,202 @@
+"""The figures: there when they make sense, left out when not, never a warning, quick for big nets."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from result_samples import net, result, square_net, unfolding
+
+from exunet import metrics
+from exunet.agreement import Agreement
+from exunet.errors import InputError
+from exunet.plot import figures, save_figures
+from exunet.plot.nets import snapshot_indices
+from exunet.plot.style import drawing, shortened
+
+ALWAYS = {"reference_net", "snapshots", "energies"}
+THROWN = unfolding(square_net(cells=3, strings=True), lift=0.2)
+SPEEDS = {"bullet_speeds"}
+BOTH = {"bullet_speeds", "area"}
+LINE = net([(0, 0, 0), (1, 0, 0)], [(0, 1)])
+HANGING = net([(0, 0, 0), (1, 0, 0.5), (2, 0, 0)], [(0, 1), (1, 2)])
+MANY = net(
+    [(np.cos(a), np.sin(a), 0) for a in range(30)],
+    [(k, (k + 1) % 30) for k in range(30)],
+    bullets=tuple(range(30)),
+)
+
+
+def agreement_with(of, until=0.5, factor=1.0):
+    difference = factor * np.geomspace(1e-12, 1, len(of.time))
+    return Agreement(of.time, difference, difference, 0.025, until, metrics.bullet_speeds(of))
+
+
+def checked(of, agreement=None):
+    """The figures' names, after every one of them was drawn with warnings as errors."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made = figures(of, agreement)
+        with drawing():
+            for figure in made.values():
+                figure.canvas.draw()
+    return made
+
+
+def texts(figure):
+    return " ".join(t.get_text() for t in figure.findobj(matplotlib.text.Text))
+
+
+def curves(figure):
+    return {line.get_label(): line for line in figure.axes[0].get_lines()}
+
+
+AWAY = np.linspace(0, 50, 7)[:, None, None]  # m
+
+ODD = {
+    "thrown": (THROWN, BOTH),
+    "planar": (unfolding(square_net(cells=2, strings=True)), BOTH),
+    "single time": (unfolding(square_net(strings=True), times=1), BOTH),
+    "no bullets, no mouth": (unfolding(LINE), set()),
+    "in the x-z plane": (unfolding(HANGING), set()),
+    "many bullets": (unfolding(MANY), SPEEDS),
+    "at rest": (result(square_net(), [0, 1], [square_net().reference_position] * 2), BOTH),
+    "one node": (result(net([(0, 0, 0)], [], bullets=(0,)), [0, 1], np.zeros((2, 1, 3))), SPEEDS),
+    "far away": (replace(THROWN, position=THROWN.position + AWAY), BOTH),
+    "blown up": (replace(THROWN, position=1e25 * THROWN.position, complete=False, verdict="?"), BOTH),
+    "falling": (replace(unfolding(LINE), potential=-np.linspace(0, 9, 7)), set()),
+    "odd verdict": (replace(THROWN, complete=False, verdict="$5_^{ 中文 \n" + 50 * "more "), BOTH),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_figures_of_odd_results(name):
+    of, more = ODD[name]
+    assert set(checked(of)) == ALWAYS | more
+
+
+@pytest.mark.parametrize("name", ["thrown", "single time", "no bullets, no mouth", "many bullets"])
+def test_agreement_is_drawn_if_given(name):
+    of, more = ODD[name]
+    assert set(checked(of, agreement_with(of))) == ALWAYS | more | {"agreement"}
+    assert set(checked(of, agreement_with(of, until=None, factor=0.0))) == ALWAYS | more | {"agreement"}
+
+
+def test_agreement_shows_threshold_horizon_and_the_other_speeds():
+    made = checked(THROWN, agreement_with(THROWN))
+    assert {"allowed 0.025 m/s", "agree until 0.5 s"} <= set(curves(made["agreement"]))
+    assert made["agreement"].axes[0].get_yscale() == "log"
+    assert "reference" in curves(made["bullet_speeds"])
+
+
+def test_curves_hold_the_results_numbers():
+    made = checked(THROWN)
+    np.testing.assert_array_equal(
+        curves(made["bullet_speeds"])["node 16"].get_ydata(), metrics.bullet_speeds(THROWN)[:, 0]
+    )
+    kinetic = curves(made["energies"])["kinetic"].get_ydata()
+    np.testing.assert_array_equal(kinetic, THROWN.kinetic / (THROWN.kinetic[0] + THROWN.elastic[0]))
+    assert curves(made["area"])["mouth area"].get_ydata()[0] == pytest.approx(
+        0.01
+    )  # a tenth of the size, squared
+
+
+def test_energy_is_in_joule_for_a_net_that_starts_at_rest():
+    at_rest = checked(ODD["at rest"][0])["energies"]
+    assert at_rest.axes[0].get_ylabel() == "energy [J]"
+
+
+def test_reference_figure_names_sizes_and_nodes():
+    figure = checked(unfolding(square_net(cells=5, size=5.0, strings=True)))["reference_net"]
+    said = texts(figure)
+    assert "$L$ = 5 m" in said  # Table 1 of the paper
+    assert "$\\ell$ = 1 m" in said
+    labels = {t.get_text() for t in figure.axes[0].texts}
+    assert {
+        "36",
+        "37",
+        "38",
+        "39",
+        "0",
+        "5",
+        "30",
+        "35",
+    } <= labels  # 36 knots first in this sample, then bullets
+
+
+def test_snapshots_have_equal_scales_and_show_both_configurations():
+    figure = checked(unfolding(square_net(cells=2, strings=True), times=11))["snapshots"]
+    assert [ax.get_title(loc="left") for ax in figure.axes] == [
+        f"t = {t} s" for t in ("0", "0.2", "0.4", "0.6", "0.8", "1")
+    ]
+    for ax in figure.axes:
+        box, (x0, x1), (y0, y1) = ax.get_window_extent(), ax.get_xlim(), ax.get_ylim()
+        assert box.width / (x1 - x0) == pytest.approx(box.height / (y1 - y0), rel=1e-6)
+        assert (
+            len([c for c in ax.collections if isinstance(c, LineCollection)]) == 4
+        )  # cables and strings of each
+
+
+def test_motion_out_of_the_plane_adds_a_side_view():
+    assert len(checked(THROWN)["snapshots"].axes) == 12  # six front views and six side views
+    assert {ax.get_xlabel() for ax in checked(THROWN)["snapshots"].axes} == {"", "x [m]", "z [m]"}
+
+
+def test_snapshots_are_spread_over_the_stored_times():
+    assert snapshot_indices(np.linspace(0, 2, 401), 6) == [0, 80, 160, 240, 320, 400]
+    assert snapshot_indices(np.array([0.0]), 6) == [0]
+    assert snapshot_indices(np.array([0.0, 1.9, 2.0]), 6) == [0, 1, 2]
+
+
+def test_incomplete_result_is_named_so_on_every_figure():
+    stopped = replace(THROWN, complete=False, verdict="speed 1e9 m/s at node 3")
+    for name, figure in checked(stopped, agreement_with(stopped)).items():
+        assert "INCOMPLETE: speed 1e9 m/s at node 3" in texts(figure), name
+    assert "INCOMPLETE" not in texts(checked(THROWN)["energies"])
+
+
+def test_long_verdicts_are_cut():
+    assert shortened("a\n b", 10) == "a b"
+    assert shortened("x" * 20, 10) == "xxxxxxx..."
+    assert shortened("λ 中", 10) == "λ ?"  # Greek is in matplotlib's font, Chinese is not
+
+
+def test_files_are_written_whole_and_alike(tmp_path):
+    first = save_figures(THROWN, tmp_path / "new" / "folder")
+    assert [p.name for p in first] == [
+        f"{n}.png" for n in ("reference_net", "snapshots", "bullet_speeds", "energies", "area")
+    ]
+    assert sorted(p.name for p in (tmp_path / "new" / "folder").iterdir()) == sorted(p.name for p in first)
+    second = save_figures(THROWN, tmp_path / "again")
+    for a, b in zip(first, second, strict=True):
+        assert a.read_bytes().startswith(b"\x89PNG")
+        assert a.read_bytes() == b.read_bytes()
+
+
+def test_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(InputError, match="cannot be written"):
+            save_figures(THROWN, folder)
+
+
+def test_users_matplotlib_settings_are_neither_used_nor_changed(tmp_path):
+    usual = save_figures(unfolding(LINE), tmp_path / "a")[0].read_bytes()
+    with matplotlib.rc_context({"font.size": 30, "axes.grid": True}):
+        before = dict(matplotlib.rcParams)
+        assert save_figures(unfolding(LINE), tmp_path / "b")[0].read_bytes() == usual
+        assert dict(matplotlib.rcParams) == before
+
+
+def test_big_net_is_drawn_within_two_seconds(tmp_path):
+    """100 x 100 cells: 20 204 elements, fourteen times (about 1 s on the machine that it was written on)."""
+    of = unfolding(square_net(cells=100, size=5.0, strings=True), times=6, lift=0.1)
+    save_figures(THROWN, tmp_path)  # matplotlib is loaded once
+    start = time.process_time()
+    save_figures(of, tmp_path)
+    assert time.process_time() - start < 4.0  # twice the budget: other work shares the machine

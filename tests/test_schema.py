@@ -1,0 +1,122 @@
+"""The JSON schema and the template: complete, and true to what `load` accepts."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+from exunet.casefile import load
+from exunet.effects import EFFECTS
+from exunet.net import TOPOLOGIES
+from exunet.scene import Scene
+from exunet.schema import json_schema, resolve, template
+from exunet.solvers import METHODS
+
+# The keys of cases/README.md, which is the contract between the two codes.
+CONTRACT = {
+    None: """format title time.end time.output_step time.output_times net.topology net.divisions
+        net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
+        initial.packing initial.velocity initial.spin initial.node_positions initial.node_velocities
+        launch.radial_speed launch.axial_speed
+        effects.rayleigh_damping.alpha effects.rayleigh_damping.beta effects.gravity.acceleration""",
+    "square": "net.size net.mesh",
+    "rectangular": "net.size net.mesh",
+    "hexagonal": "net.mesh net.rings",
+    "radial": "net.radius net.spokes net.rings",
+    "explicit": "net.nodes net.elements net.node_masses net.fixed",
+}
+THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
+    net.strings.length net.strings.divisions net.bullets.mass"""
+
+
+def contract(topology: str) -> set[str]:
+    thrown = THROWN if topology != "explicit" else ""
+    return set(f"{CONTRACT[None]} {CONTRACT[topology]} {thrown}".split())
+
+
+def leaves(topology: str, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Every key of the schema that is not a table."""
+    node = resolve(path, topology)
+    if "properties" not in node:
+        yield path
+    for name in node.get("properties", ()):
+        yield from leaves(topology, (*path, name))
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_the_schema_has_the_keys_of_the_contract_and_no_other(topology: str) -> None:
+    """But for [solver] and [engine], which the contract leaves to exunet."""
+    found = {".".join(path) for path in leaves(topology) if path[0] not in ("solver", "engine")}
+    assert found == contract(topology)
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_every_key_has_a_description(topology: str) -> None:
+    bare = [path for path in leaves(topology) if not resolve(path, topology).get("description")]
+    assert bare == []
+
+
+def test_the_schema_is_json_and_its_references_resolve() -> None:
+    schema = json_schema()
+    text = json.dumps(schema)
+    assert set(re.findall(r'"#/\$defs/(\w+)"', text)) <= set(schema["$defs"])
+    for name in (*TOPOLOGIES, *EFFECTS, *METHODS):
+        assert f'"{name}"' in text
+    assert schema["additionalProperties"] is False
+
+
+def test_a_caller_cannot_change_the_schema() -> None:
+    json_schema()["properties"].clear()
+    assert json_schema()["properties"]
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_the_template_is_a_valid_case(topology: str, tmp_path: Path) -> None:
+    path = tmp_path / "template.toml"
+    path.write_text(template(topology))
+    assert load(path).scene.net.topology == topology
+
+
+def test_the_template_has_every_key() -> None:
+    """Those of all topologies and of the solver too, commented out or not."""
+    text = template()
+    for topology in TOPOLOGIES:
+        for *_, name in leaves(topology):
+            assert re.search(rf"^(# *)*{name} = \S", text, re.MULTILINE), name
+    for model in _models(Scene):
+        for name, field in model.model_fields.items():
+            assert field.description, f"{model.__name__}.{name}"
+
+
+def _models(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    yield model
+    for field in model.model_fields.values():
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from _models(field.annotation)
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str, tmp_path: Path) -> None:
+    """As its first lines say: by removing the first "# " of each line of a table."""
+    lines, on = [], False
+    for line in template(topology).splitlines():
+        header = re.match(r"(# )?\[([\w.]+)\]", line)
+        if header or not line:
+            on = bool(header and header[1]) and not (header[2] == "launch" and topology == "explicit")
+        lines.append(line.removeprefix("# ") if on else line)
+    path = tmp_path / "template.toml"
+    path.write_text("\n".join(lines))
+    scene: Any = load(path).scene
+    assert all(getattr(scene.effects, name) is not None for name in EFFECTS)
+    assert (scene.launch is not None) == (topology != "explicit")
+
+
+def test_a_template_of_an_unknown_topology_is_refused() -> None:
+    with pytest.raises(KeyError):
+        template("round")
