@@ -44,7 +44,7 @@ def prepare(scene: Scene) -> Start:
 
 
 def build(start: Start) -> Model:
-    """Fill and assemble the engine's model: a point a node, a connector an element, terms if there are any."""
+    """Fill and assemble the engine's model: points, connectors, and terms if there are any."""
     model = Model()
     net = start.net
     fixed = np.zeros(net.n_nodes, dtype=bool)

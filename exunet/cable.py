@@ -1,4 +1,4 @@
-"""The cable element: eqs. (3) to (8) of the paper, once for NumPy and for the engine's compiled expressions."""
+"""The cable element: eqs. (3) to (8) of the paper, once for NumPy and for the engine's expressions."""
 
 from __future__ import annotations
 

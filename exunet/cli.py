@@ -16,13 +16,16 @@ import typer
 from exunet.errors import ExunetError, InputError
 
 app = typer.Typer(
-    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help="Simulates deployable nets."
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Simulates deployable nets.",
 )
 
 CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE")]
 Overrides = Annotated[
     list[str],
-    typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the case; empty: remove it; repeatable"),
+    typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the case (empty: remove it)"),
 ]
 Folder = Annotated[Path | None, typer.Option(help="folder for what is written", metavar="DIR")]
 

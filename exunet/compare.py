@@ -114,7 +114,7 @@ def compare(a: States, b: States) -> Agreement:
     shown = a.bullet_nodes if len(a.bullet_nodes) else np.arange(len(a.reference_position))
     speeds_a, speeds_b = (np.linalg.norm(v[:, shown], axis=-1) for v in (velocity_a, velocity_b))
     speed = np.abs(speeds_a - speeds_b).max(axis=1)
-    scale = float(np.linalg.norm(a.velocity[0], axis=-1).max()) or 2.5
+    scale = float(np.linalg.norm(a.velocity[0], axis=-1).max()) or 1.0
     allowed = ALLOWED_PER_SPEED * scale
     beyond = np.flatnonzero(speed > allowed)
     return Agreement(

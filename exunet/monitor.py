@@ -96,4 +96,4 @@ class Monitor:
         )
 
 
-ADVICE = "Give a smaller solver.step (see `exunet check`: the stable step) or an adaptive method such as DOPRI5"
+ADVICE = "Give a smaller solver.step (`exunet check` tells the stable one) or an adaptive method (DOPRI5)"

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from exunet.effects.terms import Terms
 from exunet.net.arrays import Net
 from exunet.scene import Scene
-from exunet.times import stored_times
 from exunet.solvers import METHODS, Plan
 from exunet.stability import SAFETY, largest_damping_rate, largest_frequency, stable_step
+from exunet.times import stored_times
 
-# Absolute tolerance of DOPRI5, as a part of the speed error asked for: at the paper's undamped net the
-# speed error at t = 1.5 s is about 300 to 700 times the tolerance (benchmarks/); 10 000 leaves room for harder nets.
+# Absolute tolerance of DOPRI5, as a part of the speed error asked for: at the paper's undamped net the speed
+# error at t = 1.5 s is about 300 to 700 times the tolerance; 10 000 leaves room for harder nets.
 TOLERANCE_PER_ACCURACY = 1e-4
 LEAST_TOLERANCE = 1e-12  # below this, steps are rejected for round-off and nothing is gained
 

@@ -80,10 +80,10 @@ class Solver(Record):
     method: MethodName = Field("DOPRI5", description="integration method of the engine")
     accuracy: Positive = Field(
         1e-5,
-        description="speed error aimed at, relative to the launch speed; adaptive methods derive their tolerance from it",
+        description="speed error aimed at, relative to the launch speed; sets an adaptive tolerance",
     )
     tolerance: Positive | None = Field(
-        None, description="absolute tolerance of an adaptive method [m, m/s], instead of the one from accuracy"
+        None, description="absolute tolerance of an adaptive method [m, m/s]; absent: from accuracy"
     )
     step: Positive | None = Field(
         None, description="step of a fixed-step method [s]; absent: from the stable step"
@@ -93,7 +93,7 @@ class Solver(Record):
     def _fits_the_method(self) -> Self:
         adaptive = METHODS[self.method].kind == "adaptive"
         if adaptive and self.step is not None:
-            raise ValueError(f"{self.method} chooses its own step: give accuracy (or tolerance) instead of step")
+            raise ValueError(f"{self.method} chooses its own step: give accuracy or tolerance instead")
         if not adaptive and self.tolerance is not None:
             raise ValueError(f"{self.method} has a fixed step: give step instead of tolerance")
         if METHODS[self.method].needs_step and self.step is None:

@@ -34,7 +34,7 @@ def _symmetric(matrix: csr_array, mass: NDArray[np.float64]) -> csr_array:
 
 
 def _largest_eigenvalue(matrix: csr_array) -> float:
-    """Largest eigenvalue of a symmetric positive semi-definite matrix; Gershgorin's bound if Lanczos fails."""
+    """Largest eigenvalue of a symmetric positive semi-definite matrix; Gershgorin bound if Lanczos fails."""
     bound = float(np.max(np.abs(matrix).sum(axis=1), initial=0.0))
     size = matrix.shape[0]
     if size <= 60:

@@ -68,6 +68,7 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         f"tolerance {engine['tolerance']:.3g}" if engine.get("tolerance") else f"step {engine['step']:.4g} s"
     )
     steps = f"{engine['steps']} accepted, {engine['rejected_steps']} rejected"
+    wall = engine["build_seconds"] + engine["integration_seconds"]
     table = [
         ("verdict", summary["verdict"]),
         ("nodes, elements", f"{summary['nodes']}, {summary['elements']}"),
@@ -75,7 +76,7 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("method", f"{engine['method']}, {setting}"),
         ("steps", steps),
         ("right-hand sides", f"{engine['right_hand_sides']}"),
-        ("wall time", f"{engine['build_seconds'] + engine['integration_seconds']:.2f} s (build and integration)"),
+        ("wall time", f"{wall:.2f} s (build and integration)"),
         ("energy balance", f"{summary['energy_balance']:.1e} of E0 = {summary['initial_energy_J']:.6f} J"),
         ("largest tension", f"{summary['largest_tension_N']:.4g} N"),
     ]

@@ -85,7 +85,7 @@ def test_every_dataset_has_units_and_description(stored):
         for dataset in found:
             assert dataset.attrs["units"], dataset.name
             assert dataset.attrs["description"], dataset.name
-        assert file["position"].attrs["units"] == "m"
+        assert file["position"].attrs["units"].decode() == "m"
         assert file.attrs["format"] == FILE_FORMAT
 
 

@@ -20,7 +20,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
     setting = f"tolerance {plan.tolerance:.3g}" if plan.tolerance is not None else f"step {plan.step:.4g} s"
     times = stored_times(case.scene.time)
     return [
-        ("topology", case.scene.net.topology),
+        ("topology", str(case.scene.net.topology)),
         ("nodes, elements", f"{net.n_nodes}, {net.n_elements} ({int(net.is_string.sum())} of strings)"),
         ("bullets, fixed nodes", f"{len(net.bullet_nodes)}, {len(net.fixed_nodes)}"),
         ("mass", f"{net.mass.sum():.6f} kg"),

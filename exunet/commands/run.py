@@ -43,9 +43,7 @@ def run_case(case: Case, folder: Path, *, check: bool) -> RunStopped | None:
     return stopped
 
 
-def _agreement(
-    reference: ReferenceRun | None, result: Result
-) -> tuple[Agreement | None, InputError | None]:
+def _agreement(reference: ReferenceRun | None, result: Result) -> tuple[Agreement | None, InputError | None]:
     """What the reference says; its refusal must not cost the result that is already computed."""
     if reference is None:
         return None, None

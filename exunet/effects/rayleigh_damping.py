@@ -1,4 +1,4 @@
-"""Rayleigh damping with the tangent stiffness of the reference configuration: eqs. (13) and (14) of the paper.
+"""Rayleigh damping with the tangent stiffness of the reference configuration: paper, eqs. (13), (14).
 
 It is not objective: beta T brakes a rigid rotation of the net too, and damps slack elements along their
 reference direction. That is the paper's model; it is kept exactly.

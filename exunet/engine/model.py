@@ -24,7 +24,7 @@ class Model:
     """
 
     def __init__(self) -> None:
-        import exudyn.itemInterface as items
+        import exudyn.itemInterface as items  # noqa: N813 - a module of the engine
 
         self._engine = exudyn()
         self._items = items

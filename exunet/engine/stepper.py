@@ -84,7 +84,7 @@ class Stepper:
         words = ""
         try:
             done = self._solver.SolveSteps(self._model.system, self._settings)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - as above; told or raised again below
             done, words = False, _first_line(error)
             if self._stop is None and isinstance(error.__cause__, KeyboardInterrupt):
                 self._stop = error.__cause__

@@ -7,7 +7,7 @@ A new topology is a module with `Keys` (a NetTable or ThrownNetTable with `topol
 from __future__ import annotations
 
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, Union, cast
+from typing import TYPE_CHECKING, Annotated, Union
 
 from pydantic import Field
 
@@ -38,5 +38,5 @@ def weave(keys: NetTable) -> Net:
 
     Raises CaseError if a node's mass or position is beyond what floating-point numbers can hold.
     """
-    topology = TOPOLOGIES[cast(Any, keys).topology]
+    topology = TOPOLOGIES[keys.topology]
     return assemble(topology.mesh(keys), keys)

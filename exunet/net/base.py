@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sized
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from pydantic import Field, model_validator
 
@@ -70,6 +70,8 @@ class NetTable(Record, ABC):
     and counts its sides, so that an absurd net is refused before anything of its size is made.
     """
 
+    if TYPE_CHECKING:
+        topology: str
     cable: Cable = Field(description="the cables of the net")
     divisions: Count = Field(1, description="elements on each mesh side")
 
