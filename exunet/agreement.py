@@ -19,6 +19,9 @@ class Agreement:
     speed_difference    : (n,) [m/s], the largest over the bullets (over the nodes if there are none)
     allowed             : the speed difference up to which the two agree [m/s]
     agrees_until        : when the speed difference first passes `allowed` [s]; None if it never does
+    apart_from          : the first stored time from which it never comes back within `allowed` [s], or None.
+                          Earlier passes are single instants inside a snap, where a shift of 1e-7 s in its
+                          beginning shows as 1e-4 m/s
     reference_speeds    : (n, n_bullets) speeds of the bullets in the reference [m/s]
     """
 
@@ -27,4 +30,5 @@ class Agreement:
     speed_difference: Floats
     allowed: float
     agrees_until: float | None
+    apart_from: float | None
     reference_speeds: Floats

@@ -116,13 +116,16 @@ def compare(a: States, b: States) -> Agreement:
     speed = np.abs(speeds_a - speeds_b).max(axis=1)
     scale = float(np.linalg.norm(a.velocity[0], axis=-1).max()) or 1.0
     allowed = ALLOWED_PER_SPEED * scale
+    time = a.time[at_a]
     beyond = np.flatnonzero(speed > allowed)
+    last_within = int(np.flatnonzero(speed <= allowed)[-1]) if len(beyond) < len(time) else -1
     return Agreement(
-        time=a.time[at_a],
+        time=time,
         position_difference=position.max(axis=1),
         speed_difference=speed,
         allowed=allowed,
-        agrees_until=float(a.time[at_a][beyond[0]]) if len(beyond) else None,
+        agrees_until=float(time[beyond[0]]) if len(beyond) else None,
+        apart_from=float(time[last_within + 1]) if last_within + 1 < len(time) else None,
         reference_speeds=np.linalg.norm(velocity_b[:, a.bullet_nodes], axis=-1),
     )
 

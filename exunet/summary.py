@@ -36,6 +36,7 @@ def summarise(result: Result, agreement: Agreement | None = None) -> dict[str, A
         summary["check"] = {
             "agrees_until_s": agreement.agrees_until,
             "agrees_to_the_end": agreement.agrees_until is None,
+            "apart_from_s": agreement.apart_from,
             "compared_until_s": float(agreement.time[-1]),
             "allowed_speed_difference_m_s": agreement.allowed,
             "largest_speed_difference_m_s": float(agreement.speed_difference.max()),
@@ -104,6 +105,7 @@ def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:
         return []
     until = "the end" if check["agrees_to_the_end"] else f"t = {check['agrees_until_s']:.3f} s"
     before = check["before"]
+    apart = f"t = {check['apart_from_s']:.3f} s" if check["apart_from_s"] is not None else "never"
     return [
         (
             "check: agrees until",
@@ -114,4 +116,5 @@ def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:
             f"speeds within {before['speed_difference_m_s']:.1e} m/s, "
             f"positions within {before['position_difference_m']:.1e} m",
         ),
+        ("check: apart for good", f"from {apart} (passes before are instants inside a snap)"),
     ]
