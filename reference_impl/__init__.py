@@ -1,31 +1,41 @@
 """A plain NumPy/SciPy cable net, written to cross-check another program: see README.md.
 
-case = read("cases/planar_deployment.toml")
-net = weave(case)
-system = assemble(case, net)
-trajectory = march(system, *initial_state(case, net), case.times)
+scene = load("cases/planar_deployment.toml", {"time.end": 1.0})
+trajectory = scene.march(method="RK4", step=1e-4)
+a = acceleration(scene.system, 0.0, scene.x0, scene.v0)
 """
 
-from reference_impl.forces import System, acceleration, assemble
+from reference_impl.effects import Effects, Orbit
+from reference_impl.forces import System, acceleration, assemble, damping, secant, tangent
 from reference_impl.march import Diverged, Interrupted, Trajectory, march
 from reference_impl.read import Case, Refused, parse_override, read, read_document
+from reference_impl.scene import Scene, load, perturbed, prepare
 from reference_impl.start import initial_state
 from reference_impl.weave import Net, weave
 
 __all__ = [
     "Case",
     "Diverged",
+    "Effects",
     "Interrupted",
     "Net",
+    "Orbit",
     "Refused",
+    "Scene",
     "System",
     "Trajectory",
     "acceleration",
     "assemble",
+    "damping",
     "initial_state",
+    "load",
     "march",
     "parse_override",
+    "perturbed",
+    "prepare",
     "read",
     "read_document",
+    "secant",
+    "tangent",
     "weave",
 ]

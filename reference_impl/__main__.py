@@ -11,13 +11,26 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from reference_impl.forces import System, assemble, greatest_frequency
-from reference_impl.march import METHODS, TOLERANCES, Diverged, Interrupted, Trajectory, march
-from reference_impl.read import Refused, parse_override, read
+from reference_impl.forces import System, greatest_frequency
+from reference_impl.march import (
+    METHODS,
+    STEPPED,
+    TOLERANCES,
+    Diverged,
+    Interrupted,
+    Trajectory,
+    march,
+    unsupported,
+)
+from reference_impl.read import Refused, parse_override
 from reference_impl.record import contents, save
-from reference_impl.start import initial_state
-from reference_impl.weave import weave
+from reference_impl.scene import load
 
+ARITHMETIC: dict[str, dict[str, bool]] = {
+    "plain": {},
+    "symmetric": {"symmetric": True},
+    "assembled": {"assembled": True},
+}
 DONE, REFUSED, DIVERGED, INTERRUPTED = 0, 2, 3, 130
 
 
@@ -35,8 +48,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--method", choices=METHODS, default="DOP853")
     parser.add_argument("--rtol", type=_positive, help="relative tolerance of DOP853 (1e-10) or RK45 (1e-3)")
     parser.add_argument("--atol", type=_positive, help="absolute tolerance [m, m/s]: DOP853 1e-12, RK45 1e-6")
-    parser.add_argument("--step", type=_positive, help="step of RK4 [s]")
-    parser.add_argument("--symmetric", action="store_true", help="keep mirror symmetries to the last bit")
+    parser.add_argument("--step", type=_positive, help="step of RK4, Verlet or EM [s]")
+    parser.add_argument("--arithmetic", choices=ARITHMETIC, help="default: plain; assembled for RK45")
+    parser.add_argument(
+        "--symmetric",
+        dest="arithmetic",
+        action="store_const",
+        const="symmetric",
+        help="the same as --arithmetic symmetric: keep mirror symmetries to the last bit",
+    )
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="replaces a value of the case"
     )
@@ -76,9 +96,12 @@ def _say(message: str) -> None:
 def _run(options: argparse.Namespace) -> int:
     _check(options)
     overrides = dict(parse_override(text) for text in options.set)
-    case = read(options.case, overrides)
-    net = weave(case)
-    system = assemble(case, net, options.symmetric)
+    # RK45 is here to do what the paper did, with the matrices of eq. (16) as printed
+    arithmetic = options.arithmetic or ("assembled" if options.method == "RK45" else "plain")
+    scene = load(options.case, overrides, **ARITHMETIC[arithmetic])
+    system = scene.system
+    if options.method == "EM" and (reason := unsupported(system)):
+        raise Refused([f"--method EM: reference_impl does not do it with {reason}"])
     rtol, atol = (
         given or default
         for given, default in zip(
@@ -87,22 +110,23 @@ def _run(options: argparse.Namespace) -> int:
     )
     provenance: dict[str, Any] = {
         "program": "reference_impl",
-        "case": case.source,
+        "case": scene.case.source,
         "overrides": overrides,
         "method": options.method,
         "rtol": rtol,
         "atol": atol,
         "step": options.step,
-        "symmetric": options.symmetric,
+        "symmetric": system.symmetric,
+        "assembled": system.assembled,
     }
     begin, code, note = time.perf_counter(), DONE, ""
     trajectory: Trajectory
     try:
         trajectory = march(
-            system, *initial_state(case, net), case.times, options.method, rtol, atol, options.step
+            system, scene.x0, scene.v0, scene.case.times, options.method, rtol, atol, options.step
         )
     except Diverged as diverged:
-        i, j = net.element_nodes[diverged.element] if diverged.element >= 0 else (-1, -1)
+        i, j = system.net.element_nodes[diverged.element] if diverged.element >= 0 else (-1, -1)
         trajectory, code = diverged.partial, DIVERGED
         note = f"{diverged}, nodes {i} and {j}. {_advice(system, options)}"
     except Interrupted as interrupted:
@@ -120,10 +144,11 @@ def _run(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> None:
     """Refuses contradicting options, and an output that cannot be written, before any work is done."""
     faults = []
-    if (options.method == "RK4") != (options.step is not None):
-        faults.append("--step goes with --method RK4, and RK4 needs it")
-    if options.method == "RK4" and (options.rtol or options.atol):
-        faults.append("--rtol and --atol mean nothing to --method RK4")
+    stepped = options.method in STEPPED
+    if stepped != (options.step is not None):
+        faults.append(f"--step goes with --method {', '.join(STEPPED)}, and these need it")
+    if stepped and (options.rtol or options.atol):
+        faults.append(f"--rtol and --atol mean nothing to --method {options.method}")
     parent = options.output.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK):
         faults.append(f"{options.output}: no directory {parent} to write to")
@@ -135,7 +160,9 @@ def _check(options: argparse.Namespace) -> None:
 
 def _advice(system: System, options: argparse.Namespace) -> str:
     """What to do about a divergence."""
-    if options.method == "RK4":
+    if options.method == "EM":
+        return f"Try --step {options.step / 10.0:.2g}."
+    if options.method in STEPPED:
         return f"Try --step {1.0 / max(greatest_frequency(system), 1e-300):.2g} or less."
     return "Try smaller --rtol and --atol, and look for a light node or a stiff element there."
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from reference_impl.forces import System, strain, stress
+from reference_impl.hill import orbital_potential
 from reference_impl.weave import Floats
 
 
@@ -20,8 +21,12 @@ def elastic(system: System, x: Floats) -> Floats:
 
 
 def potential(system: System, x: Floats) -> Floats:
-    """Potential of uniform gravity, -sum m g.x (...) [J], zero at the origin, fixed nodes included."""
-    return np.asarray(-np.einsum("n,...nc,c->...", system.net.mass, x, np.array(system.gravity)))
+    """Potential of gravity, -sum m g.x, and of the orbit (...) [J], zero at x = 0, fixed nodes included."""
+    mass, effects = system.net.mass, system.effects
+    total = -np.einsum("n,...nc,c->...", mass, x, np.array(effects.gravity))
+    if effects.orbit is not None:
+        total = total + orbital_potential(effects.orbit, x) @ mass
+    return np.asarray(total)
 
 
 def momentum(system: System, v: Floats) -> Floats:

@@ -13,19 +13,26 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from reference_impl import mirror
+from reference_impl.effects import Effects
+from reference_impl.hill import orbital_acceleration
 from reference_impl.read import Case
 from reference_impl.weave import Floats, Ints, Net
+
+NOTHING = Effects()
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """A net with what acts on it: eq. (10)."""
+    """A net with what acts on it: eq. (10), and the arithmetic that evaluates it."""
 
     net: Net
-    alpha: float = 0.0  # [1/s], eq. (13)
-    beta: float = 0.0  # [s], eq. (13)
-    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s2]
+    effects: Effects = NOTHING
     symmetric: bool = False  # exactly mirror-symmetric arithmetic, see `mirror`
+    assembled: bool = False  # S(x) x + D v with assembled matrices, as eq. (16) is printed
+
+    def __post_init__(self) -> None:
+        if self.symmetric and self.assembled:
+            raise ValueError("the arithmetic must be symmetric or assembled, not both")
 
     @cached_property
     def ends(self) -> tuple[Ints, Ints]:
@@ -57,6 +64,32 @@ class System:
         return inverse[:, None]
 
     @cached_property
+    def drag(self) -> Floats:
+        """Mass-proportional damping of each node (n, 1) [N s/m]: of Rayleigh's kind and mass_damping."""
+        return np.asarray(((self.effects.alpha + self.effects.mass_damping) * self.net.mass)[:, None])
+
+    @cached_property
+    def weight(self) -> Floats:
+        """Force of gravity (n, 3) [N]."""
+        return np.asarray(self.net.mass[:, None] * np.array(self.effects.gravity))
+
+    @cached_property
+    def damping(self) -> csr_array:
+        """The constant damping matrix, see the function of this name."""
+        return damping(self)
+
+    @cached_property
+    def graph(self) -> tuple[csr_array, csr_array]:
+        """Pattern (n, n) of the secant stiffness, and the map (nnz, m) from S11 A/L to its entries."""
+        i, j = self.ends
+        m, n = len(i), len(self.net.mass)
+        slot = np.concatenate((i, j, i, j)) * n + np.concatenate((i, j, j, i))
+        filled, place = np.unique(slot, return_inverse=True)
+        sign, column = np.repeat([1.0, 1.0, -1.0, -1.0], m), np.tile(np.arange(m), 4)
+        pattern = csr_array((np.ones(len(filled)), np.divmod(filled, n)), shape=(n, n))
+        return pattern, csr_array(coo_array((sign, (place, column)), shape=(len(filled), m)))
+
+    @cached_property
     def incidence(self) -> csr_array:
         """(n, m): +1 where an element ends, -1 where it begins; gathers element forces, eq. (12)."""
         i, j = self.ends
@@ -70,9 +103,9 @@ class System:
         return mirror.leaves(self.net)
 
 
-def assemble(case: Case, net: Net, symmetric: bool = False) -> System:
+def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = False) -> System:
     """The system of a case."""
-    return System(net, case.alpha, case.beta, case.gravity, symmetric)
+    return System(net, case.effects, symmetric, assembled)
 
 
 def span(system: System, x: Floats) -> Floats:
@@ -109,7 +142,7 @@ def stress(system: System, e11: Floats) -> Floats:
 
 
 def tension(system: System, x: Floats) -> Floats:
-    """Axial force N = S11 A L / L_ref (..., m) [N]: force of the deformed cable on its ends."""
+    """Elastic axial force N = S11 A L / L_ref (..., m) [N]: of the deformed cable on its ends, eq. (8)."""
     s11 = stress(system, strain(system, x))
     return np.asarray(s11 * system.net.area * length(system, x) / system.net.reference_length)
 
@@ -152,22 +185,21 @@ def tangent(system: System, x: Floats) -> csr_array:
     return assembled(system, tangent_element(system, x))
 
 
-def damping(system: System) -> csr_array:
-    """Rayleigh damping D = alpha M + beta T(x_ref) (3n, 3n) [N s/m], eq. (13).
+def damping(system: System, x: Floats | None = None) -> csr_array:
+    """Damping matrix (3n, 3n) [N s/m]: D = alpha M + beta T(x_ref) of eq. (13), and mass_damping's alpha M.
 
     In the reference configuration E11 = 0 by definition, which eq. (8) counts as taut; round-off must not
-    decide it.
+    decide it.  Given positions x (n, 3), the matrix of material_damping there, at zero velocity, is added.
     """
     d = system.reference_direction * system.net.reference_length[:, None]
-    viscous = assembled(system, system.beta * _stretching(system, d, np.ones(len(d))))
-    mass = np.repeat(system.alpha * system.net.mass, 3)
+    blocks = system.effects.beta * _stretching(system, d, np.ones(len(d)))
+    if x is not None and system.effects.relaxation_time:
+        taut = np.where(strain(system, x) > 0.0, system.effects.relaxation_time, 0.0)
+        blocks += _stretching(system, span(system, x), taut)
+    viscous = assembled(system, blocks)
+    mass = np.repeat(system.drag[:, 0], 3)
     diagonal = np.arange(len(mass))
     return csr_array(viscous + coo_array((mass, (diagonal, diagonal)), shape=viscous.shape))
-
-
-def load(system: System, t: float) -> Floats:
-    """Nodal loads p(t) (n, 3) [N]: gravity."""
-    return np.asarray(system.net.mass[:, None] * np.array(system.gravity))
 
 
 def gather(system: System, element_force: Floats) -> Floats:
@@ -179,42 +211,81 @@ def gather(system: System, element_force: Floats) -> Floats:
 
 def elastic_forces(system: System, x: Floats) -> Floats:
     """Nodal forces S(x) x (n, 3) [N] of eqs. (10), (12), without forming the matrix."""
-    return gather(system, _pull(system, x))
-
-
-def _pull(system: System, x: Floats) -> Floats:
-    """Elastic part of the element forces: rows 4 to 6 of S_e x_e, (m, 3) [N]; eqs. (3), (6)-(8)."""
     d = span(system, x)
     per_length = system.axial_stiffness * np.maximum(_strain(system, d), 0.0)
-    return np.asarray(per_length[:, None] * d)
+    return gather(system, per_length[:, None] * d)
+
+
+def _pull(system: System, d: Floats, v: Floats) -> tuple[Floats, float]:
+    """S11 A/L of eq. (3) (m,) [N/m] with the viscous part of material_damping, and the power it takes [W].
+
+    S11 = E max(E11 + tau dE11/dt, 0) where E11 > 0: a cable cannot push.
+    """
+    e11 = _strain(system, d)
+    elastic = system.axial_stiffness * np.maximum(e11, 0.0)
+    tau = system.effects.relaxation_time
+    if not tau:
+        return np.asarray(elastic), 0.0
+    rate = dot(d, span(system, v)) / system.squared_reference_length
+    viscous = np.maximum(tau * system.axial_stiffness * np.where(e11 > 0.0, rate, 0.0), -elastic)
+    return np.asarray(elastic + viscous), float(np.sum(viscous * rate * system.squared_reference_length))
 
 
 def _drag(system: System, v: Floats) -> tuple[Floats, float]:
     """Viscous element forces beta T_e(x_ref) v_e (m, 3) [N] and the power v^T beta T v they take [W]."""
     rate = dot(system.reference_direction, span(system, v))
-    force = system.beta * system.axial_stiffness * rate
+    force = system.effects.beta * system.axial_stiffness * rate
     return np.asarray(force[:, None] * system.reference_direction), float(force @ rate)
 
 
 def acceleration(system: System, t: float, x: Floats, v: Floats) -> Floats:
-    """dv/dt (n, 3) [m/s2], eq. (16); zero at fixed nodes."""
+    """dv/dt (n, 3) [m/s2], eq. (16), at any finite x, v (n, 3) [m, m/s]; zero at fixed nodes."""
     return motion(system, t, x, v)[0]
 
 
 def motion(system: System, t: float, x: Floats, v: Floats) -> tuple[Floats, float]:
-    """dv/dt of eq. (16) (n, 3) [m/s2], and the power v^T D v taken by damping [W]."""
-    element_force, power = _pull(system, x), 0.0
-    if system.beta:
-        viscous, power = _drag(system, v)
+    """dv/dt of eq. (16) (n, 3) [m/s2], and the power v^T D v taken by damping [W].
+
+    Nothing depends on t; an absent effect takes a comparison.
+    """
+    push, power = (_assembled_forces if system.assembled else _element_forces)(system, x, v)
+    effects = system.effects
+    if any(effects.gravity):
+        push += system.weight
+    result = system.compliance_of_inertia * push
+    if effects.orbit is not None:
+        result += np.where(system.compliance_of_inertia > 0.0, orbital_acceleration(effects.orbit, x, v), 0.0)
+    return np.asarray(result), power
+
+
+def _element_forces(system: System, x: Floats, v: Floats) -> tuple[Floats, float]:
+    """-S(x) x - D v (n, 3) [N], element by element, and the power taken [W]."""
+    d = span(system, x)
+    per_length, power = _pull(system, d, v)
+    element_force = per_length[:, None] * d
+    if system.effects.beta:
+        viscous, taken = _drag(system, v)
         element_force += viscous
+        power += taken
     push = -gather(system, element_force)
-    if system.alpha:
-        external = system.alpha * (system.net.mass[:, None] * v)
+    if system.effects.alpha or system.effects.mass_damping:
+        external = system.drag * v
         power += float(np.vdot(external, v))
         push -= external
-    if any(system.gravity):
-        push += load(system, t)
-    return np.asarray(system.compliance_of_inertia * push), power
+    return push, power
+
+
+def _assembled_forces(system: System, x: Floats, v: Floats) -> tuple[Floats, float]:
+    """The same with the matrices S(x) and D of eqs. (12), (13): other round-off, nothing else."""
+    per_length, power = _pull(system, span(system, x), v)
+    pattern, spread = system.graph
+    stiffness = csr_array((spread @ per_length, pattern.indices, pattern.indptr), shape=pattern.shape)
+    push = -(stiffness @ x)
+    if system.effects.alpha or system.effects.beta or system.effects.mass_damping:
+        external = system.damping @ v.ravel()
+        power += float(external @ v.ravel())
+        push -= external.reshape(v.shape)
+    return push, power
 
 
 def greatest_frequency(system: System) -> float:

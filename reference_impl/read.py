@@ -15,14 +15,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from reference_impl.effects import Effects, Vector, read_effects
 from reference_impl.table import Table, count, number, numbers, refusal, text, triples
-
-Vector = tuple[float, float, float]
 
 LARGEST_COUNT = 10_000_000  # of cells, elements or stored times; beyond it a slip of the pen is likelier
 
 
-class Refused(ValueError):  # noqa: N818
+class Refused(ValueError):
     """A case that this program does not run; `faults` holds one line for each reason."""
 
     def __init__(self, faults: Sequence[str]) -> None:
@@ -96,7 +95,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Case:
-    """One scene.  Absent things are None (bullets, strings, launch) or zero (alpha, beta, gravity)."""
+    """One scene.  Absent bullets, strings, launch are None."""
 
     title: str
     times: tuple[float, ...]  # stored times [s], from 0 to the end
@@ -107,9 +106,7 @@ class Case:
     bullet_mass: float | None
     start: Start
     launch: tuple[float, float] | None  # radial and axial speed [m/s]
-    alpha: float  # [1/s], eq. (13)
-    beta: float  # [s], eq. (13)
-    gravity: Vector  # [m/s2]
+    effects: Effects
     source: str = ""  # the file's text, for the record
 
 
@@ -158,14 +155,8 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
     start = _start(root.table("initial"))
     launch_table = root.table("launch", required=False)
     launch = (launch_table.need("radial_speed", number()), launch_table.need("axial_speed", number()))
-    effects = root.table("effects", required=False)
-    damping = effects.table("rayleigh_damping", required=False)
-    alpha, beta = (
-        (damping.need("alpha", number(0.0)), damping.need("beta", number(0.0))) if damping else (0.0, 0.0)
-    )
-    gravity_table = effects.table("gravity", required=False)
-    gravity = gravity_table.need("acceleration", numbers(3)) if gravity_table else (0.0, 0.0, 0.0)
-    for table in (root, net, bullets, launch_table, effects, damping, gravity_table):
+    effects = read_effects(root.table("effects", required=False))
+    for table in (root, net, bullets, launch_table):
         table.close()
     if faults:
         raise Refused(faults)
@@ -179,9 +170,7 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
         bullet_mass,
         start,
         launch if launch_table else None,
-        alpha,
-        beta,
-        gravity,
+        effects,
     )
     if misfits := _misfits(case):
         raise Refused(misfits)

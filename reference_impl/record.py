@@ -30,6 +30,8 @@ def contents(
         "n_rhs": trajectory.n_rhs,
         "n_steps": trajectory.n_steps,
         "n_rejected": trajectory.n_rejected,
+        "n_newton": trajectory.n_newton,
+        "n_halvings": trajectory.n_halvings,
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from reference_impl import assemble, initial_state, march, read, read_document, weave  # noqa: E402
+from reference_impl import load, prepare, read_document  # noqa: E402
 
 CABLE = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 70e9}
 STRINGS = {**CABLE, "diameter": 0.004, "length": 2**0.5}
@@ -23,23 +23,6 @@ NETS = {
     "hexagonal": {"topology": "hexagonal", "mesh": 0.5, "rings": 2},
     "radial": {"topology": "radial", "radius": 2.0, "spokes": 8, "rings": 3},
 }
-
-
-class Scene:
-    """A case made ready to run."""
-
-    def __init__(self, case, symmetric=False):
-        self.case, self.net = case, weave(case)
-        self.system = assemble(case, self.net, symmetric)
-        self.x0, self.v0 = initial_state(case, self.net)
-
-    def march(self, times=None, **options):
-        return march(self.system, self.x0, self.v0, self.case.times if times is None else times, **options)
-
-    def bullet_speeds(self, trajectory):
-        """(nt, k) [m/s]"""
-        vx, vy, vz = np.moveaxis(trajectory.v[:, self.net.bullet_nodes], -1, 0)
-        return np.sqrt((vx * vx + vy * vy) + vz * vz)
 
 
 @pytest.fixture(scope="session")
@@ -87,10 +70,22 @@ def explicit():
 
 @pytest.fixture(scope="session")
 def scene():
-    """scene(document or name of a file in cases/, overrides, symmetric): ready to run."""
+    """scene(document or name of a file in cases/, overrides, **arithmetic): ready to run."""
 
-    def make(what, overrides=None, symmetric=False):
-        reader = read_document if isinstance(what, dict) else lambda name, o: read(ROOT / "cases" / name, o)
-        return Scene(reader(what, overrides), symmetric)
+    def make(what, overrides=None, **arithmetic):
+        if isinstance(what, dict):
+            return prepare(read_document(what, overrides), **arithmetic)
+        return load(ROOT / "cases" / what, overrides, **arithmetic)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def bullet_speeds():
+    """bullet_speeds(scene, trajectory): (nt, k) [m/s], mirrored velocities give the same bits."""
+
+    def make(made, trajectory):
+        vx, vy, vz = np.moveaxis(trajectory.v[:, made.net.bullet_nodes], -1, 0)
+        return np.sqrt((vx * vx + vy * vy) + vz * vz)
 
     return make

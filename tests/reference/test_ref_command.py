@@ -17,7 +17,8 @@ from reference_impl import read, weave
 
 ROOT = Path(__file__).resolve().parents[2]
 CASE = ROOT / "cases" / "planar_deployment.toml"
-SHORT = ["--set", "time.end=0.02"]
+STORED = ["--set", "time.output_step=0.005"]
+SHORT = ["--set", "time.end=0.02", *STORED]
 
 
 @pytest.fixture
@@ -71,10 +72,20 @@ def test_result_file(run):
     assert got["kinetic"][0] == pytest.approx(6.404390, abs=1e-6)
     facts = json.loads(str(got["provenance"]))
     assert facts["case"] == CASE.read_text()
-    assert facts["overrides"] == {"time.end": 0.02}
+    assert facts["overrides"] == {"time.end": 0.02, "time.output_step": 0.005}
     assert (facts["method"], facts["rtol"], facts["atol"], facts["step"]) == ("DOP853", 1e-10, 1e-12, None)
     assert facts["n_steps"] > 0
-    assert set(facts) >= {"n_rhs", "python", "numpy", "scipy", "wall_s", "symmetric"}
+    assert set(facts) >= {
+        "n_rhs",
+        "n_newton",
+        "n_halvings",
+        "assembled",
+        "python",
+        "numpy",
+        "scipy",
+        "wall_s",
+        "symmetric",
+    }
 
 
 def test_same_command_same_numbers(run):
@@ -117,7 +128,7 @@ def test_output_must_be_writable(tmp_path, capsys):
 
 
 def test_divergence_keeps_what_was_computed(run):
-    code, lines, got = run(CASE, "--method", "RK4", "--step", "2e-3", "--set", "time.end=1.0")
+    code, lines, got = run(CASE, "--method", "RK4", "--step", "2e-3", "--set", "time.end=1.0", *STORED)
     assert code == 3
     assert len(lines) == 1
     assert all(word in lines[0] for word in ("t = ", "element", "Try --step"))

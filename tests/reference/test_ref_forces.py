@@ -49,9 +49,10 @@ def test_elastic_forces_are_those_of_the_secant_stiffness(shaken):
     assert np.allclose(force.ravel(), mechanics.secant(system, x) @ x.ravel(), rtol=0, atol=1e-11 * size)
 
 
-def test_symmetric_arithmetic_gives_the_same_forces(shaken):
+@pytest.mark.parametrize("arithmetic", ["symmetric", "assembled"])
+def test_other_arithmetic_gives_the_same_forces(shaken, arithmetic):
     system, x, v, _ = shaken
-    other = System(system.net, system.alpha, system.beta, system.gravity, symmetric=True)
+    other = System(system.net, system.effects, **{arithmetic: True})
     size = np.abs(acceleration(system, 0.0, x, v)).max()
     assert np.allclose(
         acceleration(system, 0.0, x, v), acceleration(other, 0.0, x, v), rtol=0, atol=1e-12 * size
@@ -101,7 +102,7 @@ def test_element_tangent_against_the_closed_form(explicit, scene):
 
 def test_acceleration_is_equation_16(shaken):
     system, x, v, _ = shaken
-    right = (mechanics.load(system, 0.0) - mechanics.elastic_forces(system, x)).ravel()
+    right = (system.weight - mechanics.elastic_forces(system, x)).ravel()
     right -= mechanics.damping(system) @ v.ravel()
     expected = right.reshape(x.shape) / system.net.mass[:, None]
     assert np.allclose(acceleration(system, 0.0, x, v), expected, rtol=0, atol=1e-12 * np.abs(expected).max())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from reference_impl import acceleration, energy
+from reference_impl import acceleration, energy, perturbed
 
 TIMES = [0.0, 1.0, 1.25, 1.5, 1.75, 2.0]
 
@@ -27,10 +27,10 @@ def total_energy(made, run):
     return energy.kinetic(made.system, run.v) + energy.elastic(made.system, run.x) + run.dissipated
 
 
-def test_bullet_speeds(undamped):
+def test_bullet_speeds(undamped, bullet_speeds):
     """field.md: 2.231874 m/s at 1.00 s and 1.621663 m/s at 1.50 s, all four alike."""
     made, run = undamped
-    speeds = made.bullet_speeds(run)
+    speeds = bullet_speeds(made, run)
     assert speeds[1] == pytest.approx([2.231874] * 4, abs=1e-6)
     assert speeds[3] == pytest.approx([1.621663] * 4, abs=1e-6)
     assert np.ptp(speeds[:4], axis=1).max() <= 1e-12
@@ -55,9 +55,9 @@ def test_energy_with_damping_balances(damped):
     assert np.abs(total / total[0] - 1.0).max() <= 1e-5
 
 
-def test_symmetric_arithmetic_keeps_the_bullets_bitwise_alike(damped):
+def test_symmetric_arithmetic_keeps_the_bullets_bitwise_alike(damped, bullet_speeds):
     made, run = damped
-    speeds = made.bullet_speeds(run)
+    speeds = bullet_speeds(made, run)
     assert np.all(speeds == speeds[:, :1])
 
 
@@ -89,27 +89,46 @@ def test_symmetric_arithmetic_keeps_mirrors_of_fine_nets(document, scene, topolo
         assert np.array_equal(run.x[:, image], mirror(run.x))
 
 
-def test_default_arithmetic_lets_the_curves_separate(damped, scene):
+def test_default_arithmetic_lets_the_curves_separate(scene, bullet_speeds):
     """field.md: with the paper's damping, round-off alone separates the four curves between 1.5 and 2.0 s."""
     made = scene("planar_deployment.toml")
-    speeds = made.bullet_speeds(made.march([0.0, 1.5, 2.0], rtol=1e-8, atol=1e-10))
+    speeds = bullet_speeds(made, made.march([0.0, 1.5, 2.0], rtol=1e-8, atol=1e-10))
     assert np.ptp(speeds[1]) < 1e-6
     assert np.ptp(speeds[2]) > 1e-3
 
 
-def test_curves_separate_at_the_defaults_of_ode45(scene):
-    """Paper, Fig. 5: the four curves separate for t > 1.75 s."""
-    made = scene("planar_deployment.toml")
-    run = made.march(method="RK45")
-    apart = np.ptp(made.bullet_speeds(run), axis=1) > 1e-2
-    assert 1.6 < run.t[np.argmax(apart)] < 1.95
-    assert np.ptp(made.bullet_speeds(run)[-1]) > 0.05
+@pytest.mark.parametrize(
+    ("arithmetic", "ulps"), [({"assembled": True}, 0), ({}, 1)], ids=["assembled", "last bit of the start"]
+)
+def test_curves_separate_at_the_defaults_of_ode45(scene, bullet_speeds, arithmetic, ulps):
+    """Paper, Fig. 5: the four curves separate for t > 1.75 s.
+
+    Measured to 0.05 m/s, a line's width in the figure: 1.75 s with eq. (16) as printed, 1.565 to 1.575 s for
+    eight starts of which the last bit was changed.
+    """
+    made = scene("planar_deployment.toml", {"time.output_step": 0.005}, **arithmetic)
+    bits = np.random.default_rng(1).integers(-1, 2, made.x0.shape)
+    run = made.march(method="RK45", x0=made.x0 * (1.0 + ulps * 2.0**-52 * bits))
+    apart = np.ptp(bullet_speeds(made, run), axis=1)
+    assert apart[run.t <= 1.25].max() < 1e-6
+    assert 1.4 < run.t[np.argmax(apart > 0.05)] <= 1.8
     total = total_energy(made, run)
-    assert np.abs(total / total[0] - 1.0).max() > 0.01  # these tolerances do not keep the balance
+    assert 1e-3 < np.abs(total / total[0] - 1.0).max() < 0.1  # these tolerances do not keep the balance
 
 
-def test_scipy_agrees(scene, undamped):
-    """SciPy's own driver of DOP853 on the same right-hand side."""
+def test_curves_stay_together_at_the_defaults_of_ode45_where_round_off_is_mirrored(scene, bullet_speeds):
+    """Same tolerances, same steps rule: the separation is round-off, magnified by the problem."""
+    made = scene("planar_deployment.toml", symmetric=True)
+    speeds = bullet_speeds(made, made.march(method="RK45"))
+    assert np.all(speeds == speeds[:, :1])
+
+
+def test_scipy_agrees(undamped, bullet_speeds):
+    """SciPy's own driver of DOP853 on the same right-hand side.
+
+    It needs the tighter tolerance: at rtol 1e-10 its blended estimate leaves an error of 1.1e-6 m/s, measured
+    against both programs' limit 1.6216634348 m/s; that of `march` at 1e-10 is 8e-9.
+    """
     made, run = undamped
     n = len(made.net.mass)
 
@@ -123,27 +142,27 @@ def test_scipy_agrees(scene, undamped):
             (0.0, 1.5),
             np.concatenate((made.x0.ravel(), made.v0.ravel())),
             method="DOP853",
-            rtol=1e-10,
-            atol=1e-12,
+            rtol=1e-12,
+            atol=1e-14,
         )
     bullet = other.y[3 * n :, -1].reshape(n, 3)[made.net.bullet_nodes]
-    assert np.linalg.norm(bullet, axis=1) == pytest.approx(made.bullet_speeds(run)[3], abs=1e-6)
+    assert np.linalg.norm(bullet, axis=1) == pytest.approx(bullet_speeds(made, run)[3], abs=5e-8)
 
 
-def test_sensitivity_to_the_start(scene):
+def test_sensitivity_to_the_start(scene, bullet_speeds):
     """field.md: 1e-12 m at the start is about 4e-13 m/s at 1.0 s, but 0.1 m/s at 1.5 s."""
     made = scene("planar_undamped.toml")
-    made.x0 = made.x0 + 1e-12 * np.random.default_rng(1).standard_normal(made.x0.shape)
-    spread = np.ptp(made.bullet_speeds(made.march([0.0, 1.0, 1.5])), axis=1)
+    run = made.march([0.0, 1.0, 1.5], x0=perturbed(made, 1e-12, seed=1))
+    spread = np.ptp(bullet_speeds(made, run), axis=1)
     assert spread[1] < 1e-11
     assert spread[2] > 1e-3
 
 
 @pytest.mark.slow
-def test_symmetric_runs_converge(scene):
+def test_symmetric_runs_converge(scene, bullet_speeds):
     """Kept symmetric, the damped run converges to the end: reference values for the symmetric motion."""
     made = scene("planar_deployment.toml", symmetric=True)
-    rough, fine = (made.bullet_speeds(made.march(TIMES, rtol=r, atol=r / 100))[:, 0] for r in (1e-10, 1e-12))
+    rough, fine = (bullet_speeds(made, made.march(TIMES, rtol=r, atol=r / 100))[:, 0] for r in (1e-10, 1e-12))
     assert np.abs(rough - fine).max() < 1e-6
     assert fine[1:] == pytest.approx(
         [2.2612965804, 2.2633471175, 2.0154888410, 1.8046988894, 0.54215856], abs=1e-8

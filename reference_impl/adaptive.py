@@ -1,0 +1,192 @@
+"""Embedded Runge-Kutta pairs with step control: DOP853 and RK45, the latter with the rules of MATLAB's ode45.
+
+The stages are combined by plain elementwise sums, the same for every component, never by a matrix product
+whose order of additions may depend on the place in the array: mirrored components stay mirrored to the last
+bit.  The energy W taken by damping has no part in the control of the step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.integrate import DOP853, RK45
+
+from reference_impl.run import Breakdown, Run
+from reference_impl.weave import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """An embedded Runge-Kutta pair: stages a (s, s), result b (s,), times c (s,), error weights (s + 1,)."""
+
+    a: Floats
+    b: Floats
+    c: Floats
+    error: Floats
+
+
+def _pair(method: type[RK45] | type[DOP853], error: ArrayLike) -> _Pair:
+    """A pair of Dormand and Prince with SciPy's coefficients."""
+    return _Pair(*(np.asarray(values, dtype=float) for values in (method.A, method.B, method.C, error)))
+
+
+def _combine(weights: Floats, rates: Floats) -> Floats:
+    """Sum over s of weights (s,) times rates (s, N), row by row: the same operations in every column."""
+    return np.asarray(np.add.reduce(weights[:, None] * rates, axis=0))
+
+
+class _Stages:
+    """The stages of a pair along a run; `rates` (s + 1, N), the last row at the end of the step tried."""
+
+    def __init__(self, run: Run, pair: _Pair) -> None:
+        self.run, self.pair = run, pair
+        self.rates = np.empty((len(pair.b) + 1, run.y.size))
+        self.rates[-1] = run.rate(run.t, run.y)
+        if not np.all(np.isfinite(self.rates[-1])):
+            raise Breakdown("the initial acceleration is not finite")
+
+    def begin(self) -> None:
+        """First same as last."""
+        self.rates[0] = self.rates[-1]
+
+    def attempt(self, h: float, arrival: float) -> Floats:
+        """The state after a step of h [s], and its rate in the last row."""
+        run, pair, rates = self.run, self.pair, self.rates
+        for s in range(1, len(pair.b)):
+            rates[s] = run.rate(run.t + pair.c[s] * h, run.y + h * _combine(pair.a[s, :s], rates[:s]))
+        y = run.y + h * _combine(pair.b, rates[:-1])
+        rates[-1] = run.rate(arrival, y)
+        return np.asarray(y)
+
+    def scaled_error(self, h: float, scale: Floats) -> Floats:
+        """Estimated error of the step over `scale` (6n,)."""
+        return h * (_combine(self.pair.error, self.rates)[:-1] / scale)
+
+
+class Dop853:
+    """Dormand and Prince 8(5), step control of Hairer, Norsett, Wanner, Solving ODEs I, II.4.
+
+    Stored times are hit by shortening steps, not by interpolation: a stored state then has the full order and
+    its error is under the same control; many stored times shorten steps.  Only the fifth-order estimate is
+    used.  The customary blend with a third-order one presumes smooth motion: now and then it lets a step
+    swallow an impact, and 1e-5 of the energy goes astray at rtol 1e-10.
+    """
+
+    def __init__(self, run: Run, rtol: float, atol: float, times: Floats) -> None:
+        self.run, self.rtol, self.atol = run, max(rtol, 100.0 * np.finfo(float).eps), atol
+        self.stages = _Stages(run, _pair(DOP853, DOP853.E5))
+        self.h = self._first_step(float(times[-1] - times[0]))
+
+    def _rms(self, ratio: Floats) -> float:
+        return math.sqrt(float(ratio @ ratio) / ratio.size)
+
+    def _first_step(self, span: float) -> float:
+        """A first step [s] from the sizes of y' and y'' (HNW, II.4, starting step size)."""
+        run, rate = self.run, self.stages.rates[-1]
+        scale = self.atol + self.rtol * np.abs(run.y[:-1])
+        size, speed = self._rms(run.y[:-1] / scale), self._rms(rate[:-1] / scale)
+        h = min(0.01 * size / speed if size > 1e-5 and speed > 1e-5 else 1e-6, span)
+        change = self._rms((run.rate(run.t + h, run.y + h * rate) - rate)[:-1] / scale) / h
+        greatest = max(speed, change)
+        if not math.isfinite(greatest):
+            raise Breakdown("the initial acceleration is not finite")
+        second = (0.01 / greatest) ** (1.0 / 6.0) if greatest > 1e-15 else max(1e-6, 1e-3 * h)
+        return float(min(100.0 * h, second, span)) or span
+
+    def advance(self, end: float) -> Floats:
+        """Takes the run to t = end exactly."""
+        run = self.run
+        while run.t < end:
+            left = end - run.t
+            last = self.h >= left
+            shortened = left if last else 0.5 * left if 2.0 * self.h > left else self.h
+            suggestion = self._step(shortened, end if last else run.t + shortened)
+            # a step cut short by an output says little about how long the next may be
+            self.h = max(self.h, suggestion) if shortened < self.h and suggestion >= shortened else suggestion
+        return run.y
+
+    def _step(self, h: float, arrival: float) -> float:
+        """Takes one step of at most h, to `arrival` if h itself will do; returns the step to try next [s]."""
+        run, stages, most = self.run, self.stages, 10.0
+        stages.begin()
+        while True:
+            if not abs(h) > 10.0 * math.ulp(run.t):
+                raise Breakdown(f"the step collapsed to {h:.3g} s")
+            y = stages.attempt(h, arrival)
+            scale = self.atol + self.rtol * np.maximum(np.abs(run.y[:-1]), np.abs(y[:-1]))
+            error = self._rms(stages.scaled_error(h, scale))
+            if error < 1.0:
+                break
+            run.n_rejected += 1
+            h *= max(0.2, 0.9 * error ** (-1.0 / 6.0)) if math.isfinite(error) else 0.2
+            arrival, most = run.t + h, 1.0
+        run.arrive(arrival, y)
+        return h * (most if error == 0.0 else min(most, max(0.2, 0.9 * error ** (-1.0 / 6.0))))
+
+
+class Ode45:
+    """Dormand and Prince 5(4) with the rules of MATLAB's ode45: Shampine & Reichelt, The MATLAB ODE Suite,
+    SIAM J. Sci. Comput. 18 (1997), doi:10.1137/S1064827594276424.
+
+    Error in the maximum norm, each component over max(|y|, atol/rtol); steps of at most a tenth of the whole;
+    stored states come from the pair's interpolant of order 4, so that stored times leave the steps alone (the
+    second one bounds the first step, though).
+    """
+
+    def __init__(self, run: Run, rtol: float, atol: float, times: Floats) -> None:
+        self.run, self.rtol = run, max(rtol, 100.0 * np.finfo(float).eps)
+        self.threshold = atol / self.rtol
+        self.end = float(times[-1])
+        self.longest = 0.1 * (self.end - run.t)
+        self.stages = _Stages(run, _pair(RK45, RK45.E))
+        self.powers = np.asarray(RK45.P, dtype=float)
+        self.before: tuple[float, Floats] = (run.t, run.y)
+        scale = np.maximum(np.abs(run.y[:-1]), self.threshold)
+        speed = float(np.max(np.abs(self.stages.rates[-1][:-1] / scale))) / (0.8 * self.rtol**0.2)
+        h = min(self.longest, float(times[1] - times[0])) if len(times) > 1 else 0.0
+        self.h = 1.0 / speed if h * speed > 1.0 else h
+
+    def advance(self, end: float) -> Floats:
+        """Takes the run to t >= end; the state at `end` by interpolation over the step that holds it."""
+        run = self.run
+        while run.t < end:
+            self._step()
+        begin, y = self.before
+        if run.t == end:
+            return run.y
+        h = run.t - begin
+        weights = _combine(((end - begin) / h) ** np.arange(1.0, 5.0), self.powers.T)
+        return np.asarray(y + h * _combine(weights, self.stages.rates))
+
+    def _step(self) -> None:
+        run, stages, failed = self.run, self.stages, False
+        stages.begin()
+        shortest = 16.0 * math.ulp(run.t)
+        h = min(self.longest, max(shortest, self.h))
+        while True:
+            last = 1.1 * h >= self.end - run.t and not failed
+            if last:
+                h = self.end - run.t
+            arrival = self.end if last else run.t + h
+            y = stages.attempt(h, arrival)
+            scale = np.maximum(np.maximum(np.abs(run.y[:-1]), np.abs(y[:-1])), self.threshold)
+            error = float(np.max(np.abs(stages.scaled_error(h, scale))))
+            if error <= self.rtol:
+                break
+            run.n_rejected += 1
+            if h <= shortest:
+                raise Breakdown(f"the step collapsed to {h:.3g} s")
+            finite = math.isfinite(error)
+            cut = 0.5 if failed else max(0.1, 0.8 * (self.rtol / error) ** 0.2) if finite else 0.1
+            h, failed = max(shortest, h * cut), True
+        self.before = (run.t, run.y)
+        run.arrive(arrival, y)
+        growth = 1.25 * (error / self.rtol) ** 0.2
+        self.h = h if failed else h / growth if growth > 0.2 else 5.0 * h
+
+
+PAIRS: dict[str, Callable[[Run, float, float, Floats], Dop853 | Ode45]] = {"RK45": Ode45, "DOP853": Dop853}
