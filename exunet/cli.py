@@ -1,7 +1,7 @@
 """The `exunet` command: thin wrappers that read arguments, call the rooms, print, and set exit codes.
 
-Exit codes: 0 done, 1 a defect of exunet, 2 bad input (nothing written), 3 a run that stopped (what was
-computed is kept), 130 interrupted.
+Exit codes: 0 done, 1 a check of `verify` failed (or a defect of exunet), 2 bad input (nothing written), 3 a
+run that stopped (what was computed is kept), 130 interrupted.
 """
 
 from __future__ import annotations
@@ -87,6 +87,31 @@ def schema_command(
     if not template:
         text = json.dumps(schema.json_schema(), indent=2)
         typer.echo(text if as_json else "\n".join(f"# {line}" for line in text.splitlines()))
+
+
+@app.command("verify")
+def verify_command(
+    cases: Annotated[
+        list[Path] | None, typer.Argument(help="case files; none: the shipped ones", metavar="[CASE]...")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="whole runs of one case only")] = False,
+    out: Folder = Path("results/verification"),
+) -> None:
+    """Compare Exudyn with the reference and both with known answers; write verification.md and figures."""
+    from exunet.commands.verify import verify
+
+    raise typer.Exit(verify(cases or [], out or Path(), quick=quick))
+
+
+@app.command("compare")
+def compare_command(
+    a: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="A")],
+    b: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="B")],
+) -> None:
+    """Print the differences of two runs of the same net at the times that both have stored."""
+    from exunet.commands.compare import compare_runs
+
+    compare_runs(a, b)
 
 
 @app.command("plot")

@@ -1,0 +1,40 @@
+"""`exunet compare`: the differences of two runs at the times that both have stored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from exunet.commands.table import print_table
+from exunet.compare import compare, read_states
+
+SHOWN = 20  # times in the table, evenly chosen, the last among them
+
+
+def compare_runs(a: Path, b: Path) -> None:
+    """Print how far run `b` is from run `a`; raises InputError if they are not of the same net."""
+    first, second = read_states(a), read_states(b)
+    found = compare(first, second)
+    rows = [("times in common", f"{len(found.time)}, {found.time[0]:g} s to {found.time[-1]:g} s")]
+    rows += [(f"run {name}", "incomplete") for name, run in ((a, first), (b, second)) if not run.complete]
+    shown = np.unique(np.linspace(0, len(found.time) - 1, SHOWN).round().astype(int))
+    rows += [
+        (
+            f"t = {found.time[k]:.6g} s",
+            f"positions {found.position_difference[k]:.3e} m, speeds {found.speed_difference[k]:.3e} m/s",
+        )
+        for k in shown
+    ]
+    worst = int(np.argmax(found.speed_difference))
+    rows += [
+        ("largest", f"speeds {found.speed_difference[worst]:.3e} m/s at t = {found.time[worst]:.6g} s"),
+        ("allowed", f"speeds {found.allowed:.3e} m/s"),
+        ("first beyond that", _instant(found.agrees_until)),
+        ("beyond it for good", _instant(found.apart_from)),
+    ]
+    print_table(f"{b} against {a}", rows)
+
+
+def _instant(time: float | None) -> str:
+    return "never" if time is None else f"t = {time:.6g} s"

@@ -1,0 +1,85 @@
+"""`exunet verify`: climbs the ladder, prints the table as it grows, writes the report."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+
+from exunet.verify.check import Check, Finding, Plate
+from exunet.verify.ladder import RUNGS, Ladder, read_cases
+from exunet.verify.report import make_folder, number, save_plate, verdict, write_report
+
+FAILED = 1
+INTERRUPTED = 130
+
+
+def verify(paths: Sequence[Path], folder: Path, *, quick: bool) -> int:
+    """Climb the ladder over the cases (none: the shipped ones); returns the exit code.
+
+    0 if all checks hold, 1 if one fails, 130 if interrupted (what was done is in the report). Raises
+    InputError before anything runs if a case is out of the reference's reach or the folder cannot be written.
+    """
+    pairs = read_cases(paths)
+    make_folder(folder)
+    findings: list[Finding] = []
+    console = _console()
+    interrupted = False
+    try:
+        for finding in _climb(Ladder(pairs, quick=quick, study=not paths), console):
+            findings.append(finding)
+            if isinstance(finding, Check):
+                _show(finding, console)
+            elif isinstance(finding, Plate):
+                save_plate(finding, folder)
+    except KeyboardInterrupt:
+        interrupted = True
+    names = [pair.name for pair in pairs]
+    report = write_report(folder, findings, names, quick=quick, interrupted=interrupted)
+    checks = [finding for finding in findings if isinstance(finding, Check)]
+    console.print(f"{verdict(checks, interrupted=interrupted)} Report: {report}")
+    if interrupted:
+        return INTERRUPTED
+    return 0 if all(check.holds for check in checks) else FAILED
+
+
+def _climb(ladder: Ladder, console: Console) -> Iterator[Finding]:
+    """All findings, under a heading for each rung; the step at work is shown on a terminal."""
+    rung = 0
+    with _status() as say:
+        for step in ladder.steps():
+            say(f"rung {step.rung}: {step.title}")
+            for finding in step.run():
+                if isinstance(finding, Check) and finding.rung != rung:
+                    rung = finding.rung
+                    console.print(f"\n{rung}. {RUNGS[rung]}")
+                    console.print(f"{'case':24s} {'check':52s} {'measured':>10s} {'allowed':>8s}  verdict")
+                yield finding
+
+
+def _show(check: Check, console: Console) -> None:
+    allowed = number(check.allowed.value) if check.allowed else "-"
+    console.print(
+        f"{check.subject:24s} {check.name:52s} {number(check.measured):>10s} {allowed:>8s}  {check.verdict}"
+    )
+    if not check.holds:
+        console.print(f"    worst: {check.worst}")
+
+
+def _console() -> Console:
+    width = None if sys.stdout.isatty() else 120
+    return Console(markup=False, emoji=False, highlight=False, width=width, soft_wrap=True)
+
+
+@contextmanager
+def _status():  # type: ignore[no-untyped-def]
+    """A function that names the step at work on stderr; it says nothing when that is not a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda words: None
+        return
+    console = Console(stderr=True, markup=False, emoji=False, highlight=False)
+    with console.status("") as status:
+        yield lambda words: status.update(words)

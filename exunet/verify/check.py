@@ -1,0 +1,74 @@
+"""What a rung of the ladder yields: checks with verdicts, pictures, and words for the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from exunet.verify.tolerances import Tolerance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Check:
+    """One comparison.
+
+    rung     : number of the rung
+    subject  : the case (or what else) that was looked at
+    name     : what was compared
+    measured : the difference found, in `allowed.unit`
+    allowed  : the tolerance, or None for a measurement that nothing is demanded of
+    worst    : where the difference is largest: node or element, time, both values
+    """
+
+    rung: int
+    subject: str
+    name: str
+    measured: float
+    allowed: Tolerance | None
+    worst: str = ""
+
+    @property
+    def holds(self) -> bool:
+        """False also where the measurement is not a number."""
+        return self.allowed is None or self.measured <= self.allowed.value
+
+    @property
+    def verdict(self) -> str:
+        if self.allowed is None:
+            return "noted"
+        return "holds" if self.holds else "FAILS"
+
+
+def worst_of(name: str, checks: Iterable[Check]) -> Check:
+    """The check that is closest to (or furthest beyond) its tolerance, under a common name.
+
+    What it was called itself goes in front of its `worst`. The tolerances must be the same.
+    """
+    worst = max(checks, key=lambda check: check.measured if check.measured == check.measured else math.inf)
+    return replace(worst, name=name, worst=f"{worst.name}: {worst.worst}")
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A figure for the report: file name without ending, figure, caption."""
+
+    rung: int
+    name: str
+    figure: Figure
+    caption: str
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph (Markdown) for the report."""
+
+    rung: int
+    words: str
+
+
+Finding = Check | Plate | Text

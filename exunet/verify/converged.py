@@ -1,0 +1,72 @@
+"""Rung 5: trajectories of both codes, each with its own best method, as long as a prediction is possible."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.solvers import Plan
+from exunet.stability import largest_frequency
+from exunet.verify.check import Check
+from exunet.verify.growth import Growth, distance
+from exunet.verify.pair import Motion, Pair
+from exunet.verify.tolerances import CONVERGED, TRAJECTORY
+
+Floats = NDArray[np.float64]
+
+INSTANTS = 12  # compared times, evenly spaced up to the horizon
+OWN = (
+    4e-11,
+    4e-12,
+)  # tolerances of Exudyn's DOPRI5 per unit of the launch speed; below, round-off takes over
+THEIRS = ((1e-10, 1e-12), (1e-12, 1e-13))  # rtol, atol of the reference's DOP853
+
+
+def best_plan(pair: Pair, tolerance: float) -> Plan:
+    """DOPRI5 with an absolute tolerance [m, m/s]."""
+    frequency = largest_frequency(pair.start.net)
+    first = min(pair.start.scene.time.end, 0.1 / frequency if frequency else 1.0)
+    return Plan("DOPRI5", tolerance=tolerance, first_step=first, least_step=1e-6 * first)
+
+
+def converged(pair: Pair, grown: Growth) -> Iterator[Check]:
+    """Positions and bullet speeds up to the horizon of rung 7, while each code agrees with itself.
+
+    Each code runs at two tolerances, a factor of ten or more apart. Instants at which one of them has not
+    converged are left out, and a row says so.
+    """
+    end = min(grown.reaches(1e-16, 1e-3), float(grown.time[-1]))
+    times = np.linspace(0.0, end, INSTANTS + 1)
+    ours = [pair.engine(times, best_plan(pair, pair.speed * tolerance)) for tolerance in OWN]
+    theirs = [pair.march(times, rtol=rtol, atol=atol) for rtol, atol in THEIRS]
+    own = np.maximum(distance(*ours), distance(*theirs)) / pair.size
+    beyond = np.flatnonzero(own > CONVERGED.value)
+    kept = int(beyond[0]) if len(beyond) else len(times)
+    if kept < len(times):
+        name = f"not compared from t = {times[kept]:.4g} s on: a code's own error [of the size]"
+        yield Check(5, pair.name, name, float(own[kept]), None)
+    a, b = ours[-1], theirs[-1]
+    until = f"{kept - 1} instants to t = {times[kept - 1]:.4g} s"
+    yield _positions(pair, until, a, b, kept)
+    yield _speeds(pair, until, a, b, kept)
+
+
+def _positions(pair: Pair, until: str, a: Motion, b: Motion, kept: int) -> Check:
+    gap = np.linalg.norm(a.position[:kept] - b.position[:kept], axis=-1)
+    at, node = (int(k) for k in np.unravel_index(int(np.argmax(gap)), gap.shape))
+    places = (", ".join(f"{c:.12g}" for c in motion.position[at, node]) for motion in (a, b))
+    worst = f"t = {a.time[at]:.4g} s, node {node}: " + " and ".join(f"({place}) m" for place in places)
+    return Check(5, pair.name, f"positions, {until}", float(gap[at, node]) / pair.size, TRAJECTORY, worst)
+
+
+def _speeds(pair: Pair, until: str, a: Motion, b: Motion, kept: int) -> Check:
+    ours, theirs = pair.bullet_speeds(a)[:kept], pair.bullet_speeds(b)[:kept]
+    gap = np.abs(ours - theirs)
+    at, bullet = (int(k) for k in np.unravel_index(int(np.argmax(gap)), gap.shape))
+    values = f"{ours[at, bullet]:.12g} and {theirs[at, bullet]:.12g} m/s"
+    worst = f"t = {a.time[at]:.4g} s, bullet {bullet}: {values}"
+    return Check(
+        5, pair.name, f"bullet speeds, {until}", float(gap[at, bullet]) / pair.speed, TRAJECTORY, worst
+    )

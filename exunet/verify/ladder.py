@@ -1,0 +1,118 @@
+"""The ladder: its rungs in order, as steps that can be run one by one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import reference_impl as reference
+from exunet.engine.stepper import EngineFailed
+from exunet.errors import ExunetError, InputError
+from exunet.verify.check import Check, Finding
+from exunet.verify.pair import Pair, read_pair
+from exunet.verify.tolerances import RAN
+
+RUNGS = {
+    1: "Topology and mass",
+    2: "Forces at given states",
+    3: "Matrices",
+    4: "One step, then many, with the same scheme",
+    5: "Converged trajectories",
+    6: "Known answers",
+    7: "Horizon",
+}
+MOST_ELEMENTS = 2000  # larger nets are compared at given states and over one step, not over whole runs
+
+
+@dataclass(frozen=True)
+class Step:
+    """A part of the ladder; `run` yields what it finds, and fails where a code stops."""
+
+    rung: int
+    title: str
+    work: Callable[[], Iterator[Finding]]
+
+    def run(self) -> Iterator[Finding]:
+        """The findings of the step; a run that stops becomes a failed check."""
+        try:
+            yield from self.work()
+        except (ExunetError, EngineFailed, reference.Diverged) as stop:
+            yield Check(self.rung, self.title, "ran to its end", math.inf, RAN, str(stop).split("\n")[0])
+
+
+def shipped(folder: str = "") -> list[Path]:
+    """Case files that come with exunet: cases/ or a folder in it, of the working directory or the sources.
+
+    Raises InputError if there are none.
+    """
+    here = Path("cases") / folder
+    beside = Path(__file__).resolve().parents[2] / "cases" / folder
+    for place in (here, beside):
+        if found := sorted(place.glob("*.toml")):
+            return found
+    raise InputError(f"there is no folder {here} with case files, here or beside the program: name a case")
+
+
+def read_cases(paths: Sequence[Path]) -> list[Pair]:
+    """The cases in both codes; raises InputError for the first that the reference does not know."""
+    return [read_pair(path) for path in paths or (*shipped(), *shipped("verification/trajectories"))]
+
+
+class Ladder:
+    """The rungs over some cases.
+
+    quick : one case only for what takes whole runs, fewer random nets; rungs 1 to 3 are the same
+    study : also look into the separation of the paper's bullet curves
+    """
+
+    def __init__(self, pairs: Sequence[Pair], *, quick: bool, study: bool) -> None:
+        self._pairs = pairs
+        self._quick = quick
+        self._study = study
+        self._different: set[str] = set()
+
+    def steps(self) -> Iterator[Step]:
+        """The steps in order; which come later may depend on what earlier ones found."""
+        yield from self._states()
+        yield from self._runs()
+
+    def _states(self) -> Iterator[Step]:
+        from exunet.verify import forces, matrices, stepping, topology
+
+        for pair in self._pairs:
+            yield Step(1, pair.name, lambda pair=pair: self._topology(pair))  # type: ignore[misc]
+        count = 30 if self._quick else 300
+        yield Step(1, "random nets", lambda: topology.random_topologies(count))
+        for rung, what in ((2, forces.forces), (3, matrices.matrices), (4, stepping.one_step)):
+            for pair in self._same_nets():
+                yield Step(rung, pair.name, lambda pair=pair, what=what: what(pair))  # type: ignore[misc]
+
+    def _topology(self, pair: Pair) -> Iterator[Check]:
+        from exunet.verify.topology import topology
+
+        for check in topology(pair):
+            if not check.holds:
+                self._different.add(pair.name)
+            yield check
+
+    def _same_nets(self) -> list[Pair]:
+        """Cases whose nets are the same in both codes: only these can be compared further."""
+        return [pair for pair in self._pairs if pair.name not in self._different]
+
+    def _runs(self) -> Iterator[Step]:
+        pairs = [pair for pair in self._same_nets() if pair.start.net.n_elements <= MOST_ELEMENTS]
+        for pair in pairs[:1] if self._quick else pairs:
+            yield Step(4, pair.name, lambda pair=pair: self._trajectories(pair))  # type: ignore[misc]
+
+    def _trajectories(self, pair: Pair) -> Iterator[Finding]:
+        from exunet.verify import converged, growth, stepping
+
+        followed = (QUICK_END, growth.AMPLITUDES[:1]) if self._quick else ()
+        grown = growth.growth(pair, *followed)
+        yield from stepping.same_scheme(pair, grown)
+        yield from converged.converged(pair, grown)
+
+
+QUICK_END = 1.0  # [s] of the run that --quick follows

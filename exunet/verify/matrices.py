@@ -1,0 +1,94 @@
+"""Rung 3: mass, damping and tangent stiffness of the engine's own linearisation against the formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+import reference_impl as reference
+from exunet.verify.check import Check, worst_of
+from exunet.verify.pair import Pair
+from exunet.verify.states import smooth_states
+from exunet.verify.tolerances import (
+    DAMPING,
+    MASS,
+    SECANT_FORCE,
+    SECANT_SYMMETRY,
+    STIFFNESS,
+    Tolerance,
+)
+from reference_impl import forces as formulas
+
+Floats = NDArray[np.float64]
+
+SEED = 20210615
+# Effects whose forces do not change with the position, and with the velocity only by eq. (13).
+WITH_FORMULAS = {"gravity", "rayleigh_damping"}
+MOST_NODES = 500  # the engine's matrices are dense here
+
+
+def matrices(pair: Pair) -> Iterator[Check]:
+    """Mass, damping (eq. 13), tangent (eqs. 5, 14) and secant stiffness (eqs. 3, 12) of one case."""
+    beyond = sorted(pair.effects - WITH_FORMULAS)
+    net = pair.start.net
+    if beyond or net.n_nodes > MOST_NODES:
+        why = f"{net.n_nodes} nodes, dense matrices" if not beyond else "no formula for " + ", ".join(beyond)
+        yield Check(3, pair.name, f"not compared: {why}", 0.0, None)
+        return
+    probe, system = pair.probe(), pair.system
+    yield _compare(pair, "mass matrix", probe.mass(), np.diag(_masses(pair)), MASS)
+    at_rest = np.zeros_like(net.reference_position)
+    found: dict[str, list[Check]] = {}
+    for kind, position in smooth_states(net, np.random.default_rng(SEED)).items():
+        position[net.fixed_nodes] = pair.start.position[net.fixed_nodes]
+        there = pair.give(position)
+        tangent = _ours(pair, formulas.tangent(system, there).toarray())
+        damping = _ours(pair, formulas.damping(system).toarray())
+        secant = formulas.secant(system, there).toarray()
+        pull = pair.take((secant @ there.ravel()).reshape(-1, 3))
+        felt = probe.accelerations(position, at_rest) - _gravity(pair)
+        force = -_masses(pair).reshape(-1, 3) * felt
+        force[net.fixed_nodes] = pull[net.fixed_nodes]  # the engine's fixed points feel nothing
+        for name, a, b, allowed in (
+            ("tangent stiffness", probe.stiffness(position, at_rest), tangent, STIFFNESS),
+            ("damping matrix", probe.damping(position, at_rest), damping, DAMPING),
+            ("secant stiffness, S - S^T", secant, secant.T, SECANT_SYMMETRY),
+            ("forces against S(x) x", force, pull, SECANT_FORCE),
+        ):
+            found.setdefault(name, []).append(_compare(pair, kind, a, b, allowed))
+    for name, checks in found.items():
+        yield worst_of(f"{name}, {' and '.join(check.name for check in checks)}", checks)
+
+
+def _masses(pair: Pair) -> Floats:
+    """(3n,) the reference's masses in exunet's order, zero where fixed."""
+    mass = pair.net.mass[pair.to_theirs].copy()
+    mass[pair.start.net.fixed_nodes] = 0.0
+    return np.repeat(mass, 3)
+
+
+def _gravity(pair: Pair) -> Floats:
+    """(n, 3) accelerations of the reference where no cable pulls: all nodes at rest on one spot."""
+    nowhere = np.zeros_like(pair.net.reference_position)
+    return pair.take(reference.acceleration(pair.system, 0.0, nowhere, nowhere))
+
+
+def _ours(pair: Pair, matrix: Floats) -> Floats:
+    """A matrix of the reference (3n, 3n) in exunet's order, with zero rows and columns for fixed nodes."""
+    place = (3 * pair.to_theirs[:, None] + np.arange(3)).ravel()
+    result = matrix[np.ix_(place, place)]
+    fixed = (3 * pair.start.net.fixed_nodes[:, None] + np.arange(3)).ravel()
+    result[fixed], result[:, fixed] = 0.0, 0.0
+    return result
+
+
+def _compare(pair: Pair, name: str, ours: Floats, theirs: Floats, allowed: Tolerance) -> Check:
+    """Largest difference of two arrays whose rows belong to coordinates, over the largest entry."""
+    gap = np.abs(ours - theirs)
+    at = np.unravel_index(int(np.argmax(gap)), gap.shape)
+    scale = max(float(np.abs(ours).max()), float(np.abs(theirs).max())) or 1.0
+    nodes = " and ".join(str(int(k) // 3) for k in at) if gap.shape[1] > 3 else str(int(at[0]))
+    worst = f"node {nodes}: {ours[at]:.16g} and {theirs[at]:.16g}"
+    return Check(3, pair.name, name, float(gap[at]) / scale, allowed, worst)

@@ -1,0 +1,80 @@
+"""Random valid cases: every topology, divided cables and strings, any material, any thrown start."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+TOPOLOGIES = ("square", "rectangular", "hexagonal", "radial", "explicit")
+
+
+def random_case(random: np.random.Generator, topology: str | None = None) -> tuple[str, str]:
+    """(topology, TOML text) of a valid case, drawn from `random`; `topology` fixes its kind."""
+    kind = topology or str(random.choice(TOPOLOGIES))
+    net: dict[str, Any] = {"topology": kind, "divisions": int(random.integers(1, 4))}
+    side = float(random.uniform(0.2, 2.0))
+    match kind:
+        case "square":
+            net |= {"mesh": side, "size": side * int(random.integers(1, 6))}
+        case "rectangular":
+            other = float(random.uniform(0.2, 2.0))
+            cells = random.integers(1, 6, size=2).tolist()
+            net |= {"mesh": [side, other], "size": [side * cells[0], other * cells[1]]}
+        case "hexagonal":
+            net |= {"mesh": side, "rings": int(random.integers(0, 3))}
+        case "radial":
+            spokes, rings = int(random.integers(3, 9)), int(random.integers(1, 4))
+            net |= {"radius": side * rings, "spokes": spokes, "rings": rings}
+        case "explicit":
+            net |= _listed(random)
+    thrown = kind != "explicit"
+    tables: dict[str, dict[str, Any]] = {"net": net, "net.cable": _cable(random)}
+    if thrown:
+        longer = side * float(random.uniform(0.6, 2.0))
+        tables["net.strings"] = _cable(random) | {"length": longer, "divisions": int(random.integers(1, 3))}
+        tables["net.bullets"] = {"mass": float(random.uniform(0.05, 2.0))}
+    tables["initial"] = {
+        "packing": float(random.uniform(0.02, 1.0)),
+        "velocity": random.normal(size=3).tolist(),
+        "spin": random.normal(size=3).tolist(),
+    }
+    if thrown:
+        tables["launch"] = {
+            "radial_speed": float(random.uniform(0.1, 5.0)),
+            "axial_speed": float(random.uniform(-5.0, 5.0)),
+        }
+    if random.random() < 0.5:
+        tables["effects.rayleigh_damping"] = {"alpha": float(random.uniform(0, 1e-2)), "beta": 1e-7}
+    head = f'format = 1\ntitle = "random {kind} net"\n[time]\nend = 0.1\noutput_step = 0.1\n'
+    return kind, head + "".join(_table(name, keys) for name, keys in tables.items())
+
+
+def _cable(random: np.random.Generator) -> dict[str, float]:
+    return {
+        "diameter": float(random.uniform(5e-4, 5e-3)),
+        "density": float(random.uniform(500.0, 3000.0)),
+        "youngs_modulus": float(10.0 ** random.uniform(6.0, 11.5)),
+    }
+
+
+def _listed(random: np.random.Generator) -> dict[str, Any]:
+    """A chain through random places with a few random chords, one node heavier, maybe one fixed."""
+    count = int(random.integers(3, 9))
+    nodes = random.uniform(-2.0, 2.0, size=(count, 3))
+    pairs = {(k, k + 1) for k in range(count - 1)}
+    for _ in range(int(random.integers(0, count))):
+        i, j = sorted(random.choice(count, size=2, replace=False).tolist())
+        pairs.add((i, j))
+    masses = np.zeros(count)
+    masses[int(random.integers(count))] = random.uniform(0.1, 1.0)
+    listed = {"nodes": nodes.tolist(), "elements": sorted(pairs), "node_masses": masses.tolist()}
+    if random.random() < 0.5:
+        listed["fixed"] = [int(random.integers(count))]
+    return listed
+
+
+def _table(name: str, keys: dict[str, Any]) -> str:
+    """A TOML table; JSON writes its strings, numbers and lists as TOML does."""
+    return f"\n[{name}]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in keys.items())

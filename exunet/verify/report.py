@@ -1,0 +1,146 @@
+"""verification.md: the evidence as a page to read, with its figures beside it."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+import exunet
+from exunet.engine.loading import exudyn_version
+from exunet.files import cannot_write, replacing
+from exunet.plot.style import drawing
+from exunet.verify import tolerances
+from exunet.verify.check import Check, Finding, Plate, Text
+from exunet.verify.ladder import RUNGS
+from exunet.verify.planted import PLANTED
+from exunet.verify.tolerances import Tolerance
+
+
+def number(value: float, unit: str = "") -> str:
+    """A measured or allowed value for a table."""
+    return f"{value:.3g} {unit}".strip()
+
+
+def save_plate(plate: Plate, folder: Path) -> None:
+    """Draw a figure of the report into its folder."""
+    with replacing(folder / f"{plate.name}.png") as part, drawing():
+        plate.figure.savefig(part, format="png")
+
+
+def make_folder(folder: Path) -> None:
+    """The folder for the report, proved writable; raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with replacing(folder / "verification.md") as part:
+            part.write_text("INCOMPLETE: the ladder was not climbed to its end.\n", encoding="utf-8")
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+
+
+def write_report(
+    folder: Path, findings: Sequence[Finding], cases: Sequence[str], *, quick: bool, interrupted: bool
+) -> Path:
+    """Write verification.md; its figures (`save_plate`) are expected beside it."""
+    path = folder / "verification.md"
+    text = "\n".join(_lines(findings, cases, quick=quick, interrupted=interrupted)) + "\n"
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8")
+    return path
+
+
+def verdict(checks: Sequence[Check], *, interrupted: bool) -> str:
+    """One sentence on the whole ladder."""
+    demanded = [check for check in checks if check.allowed is not None]
+    failed = [check for check in demanded if not check.holds]
+    if interrupted:
+        return f"INCOMPLETE: interrupted after {len(demanded)} checks, {len(failed)} of them failed."
+    if failed:
+        return f"{len(failed)} of {len(demanded)} checks FAIL."
+    return f"All {len(demanded)} checks hold."
+
+
+def _lines(findings: Sequence[Finding], cases: Sequence[str], *, quick: bool, interrupted: bool) -> list[str]:
+    checks = [finding for finding in findings if isinstance(finding, Check)]
+    lines = [
+        "# Verification of exunet",
+        "",
+        f"**{verdict(checks, interrupted=interrupted)}**",
+        "",
+        f"{'Quick' if quick else 'Full'} ladder over {', '.join(cases)}; "
+        f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, exunet {exunet.__version__}, Exudyn {exudyn_version()}, "
+        f"NumPy {np.__version__}, Python {platform.python_version()}, {platform.platform()}.",
+        "",
+        "Exudyn is compared with `reference_impl`, a NumPy code that shares the case files with it and no "
+        "line of code, and both with known answers. A check holds if what was measured is not more than what is "
+        "allowed; every allowed value stands in the table of tolerances below, with its reason.",
+        "",
+    ]
+    failed = [check for check in checks if not check.holds]
+    if failed:
+        lines += ["## What fails", ""]
+        lines += [
+            f"- rung {check.rung}, {check.subject}, {check.name}: {number(check.measured)} "
+            f"(allowed {number(check.allowed.value) if check.allowed else '-'}). Worst: {check.worst}"
+            for check in failed
+        ]
+        lines.append("")
+    for rung, title in RUNGS.items():
+        if any(finding.rung == rung for finding in findings):
+            lines += _section(rung, title, findings)
+    return lines + _tolerances() + _planted()
+
+
+def _section(rung: int, title: str, findings: Sequence[Finding]) -> list[str]:
+    mine = [finding for finding in findings if finding.rung == rung]
+    lines = [f"## {rung}. {title}", ""]
+    checks = [finding for finding in mine if isinstance(finding, Check)]
+    if checks:
+        lines += ["| case | check | measured | allowed | verdict | worst |", "|---|---|---|---|---|---|"]
+        lines += [_row(check) for check in checks]
+        lines.append("")
+    for finding in mine:
+        if isinstance(finding, Text):
+            lines += [finding.words, ""]
+        elif isinstance(finding, Plate):
+            lines += [f"![{finding.caption}]({finding.name}.png)", "", f"*{finding.caption}*", ""]
+    return lines
+
+
+def _row(check: Check) -> str:
+    unit = check.allowed.unit if check.allowed else ""
+    allowed = number(check.allowed.value, unit) if check.allowed else "-"
+    cells = (
+        check.subject,
+        check.name,
+        number(check.measured, unit),
+        allowed,
+        check.verdict,
+        check.worst,
+    )
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _tolerances() -> list[str]:
+    lines = ["## Tolerances", "", "| name | value | reason |", "|---|---|---|"]
+    for name, value in vars(tolerances).items():
+        if isinstance(value, Tolerance):
+            lines.append(f"| {name} | {number(value.value, value.unit)} | {value.reason} |")
+    return [*lines, ""]
+
+
+def _planted() -> list[str]:
+    lines = [
+        "## Planted errors",
+        "",
+        "A ladder that nothing can fail proves nothing. `pytest -m slow tests/mutations` plants these errors, "
+        "one at a time, and demands that the quick ladder fails at the rung named here.",
+        "",
+        "| error | in | caught by |",
+        "|---|---|---|",
+    ]
+    lines += [f"| {error.what} | {error.code} | rung {error.rung} |" for error in PLANTED]
+    return [*lines, ""]

@@ -1,0 +1,63 @@
+"""Every tolerance of the ladder: value, unit and reason. No other file of the ladder holds one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """The largest difference that counts as agreement.
+
+    value  : in `unit`
+    unit   : "" for a ratio
+    reason : why this much, and not less
+    """
+
+    value: float
+    unit: str
+    reason: str
+
+
+TOPOLOGY = Tolerance(
+    1e-14, "", "the same arithmetic in another order: a few units in the last place of the net's size"
+)
+CONNECTIVITY = Tolerance(0.0, "", "nodes and elements are counted, not measured")
+FORCES = Tolerance(
+    1e-12,
+    "",
+    "of the largest acceleration among the states of a kind: round-off of lengths near 1, divided by the "
+    "strains (1e-3 and more) that it is subtracted from",
+)
+MASS = Tolerance(1e-14, "", "of the largest mass: both codes add halves of the same element masses")
+DAMPING = Tolerance(1e-12, "", "of the largest entry: a constant matrix, assembled in another order")
+STIFFNESS = Tolerance(
+    3e-6,
+    "",
+    "of the largest entry: the engine differentiates the force law numerically, with differences of about "
+    "1e-8 of a coordinate; 3e-7 was seen",
+)
+SECANT_SYMMETRY = Tolerance(0.0, "", "eq. (3) is symmetric term by term, so its sum is so to the last bit")
+SECANT_FORCE = Tolerance(1e-12, "", "S(x) x of the reference against the engine's forces; as for the forces")
+ONE_STEP = Tolerance(
+    1e-13,
+    "",
+    "of the largest coordinate and speed: four evaluations of the forces with round-off of 1e-14 in each "
+    "change of the state",
+)
+SAME_SCHEME = Tolerance(
+    1.0,
+    "x",
+    "the two codes may part as fast as one code parts from itself when its start is moved by 1e-12 m, the "
+    "round-off of 1e4 steps: more would be an error, not round-off",
+)
+RAN = Tolerance(0.0, "", "a run that stops leaves nothing to compare")
+CONVERGED = Tolerance(
+    1e-6,
+    "",
+    "of the net's size: a code counts as converged while ten times its tolerance changes no position by "
+    "more, a tenth of what the comparison of the codes allows",
+)
+TRAJECTORY = Tolerance(
+    1e-5, "", "of the net's size and of the launch speed: ten times the error that each code has by itself"
+)
