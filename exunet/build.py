@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.cable import Law
 from exunet.effects import total_terms
 from exunet.effects.terms import Terms
 from exunet.engine.model import Model
@@ -44,22 +45,58 @@ def prepare(scene: Scene) -> Start:
 
 
 def build(start: Start) -> Model:
-    """Fill and assemble the engine's model: points, connectors, and terms if there are any."""
+    """Fill and assemble the engine's model in the form that `engine.net` asks for.
+
+    "connectors": a point a node, a connector an element, terms if there are any. "fused": the nodes, and the
+    forces and masses of the whole net at once; raises MissingExtra without Numba.
+    """
     model = Model()
+    if start.scene.engine.net == "fused":
+        _fused(model, start)
+    else:
+        _connectors(model, start)
+    model.assemble()
+    return model
+
+
+def _connectors(model: Model, start: Start) -> None:
+    net, terms = start.net, start.terms
+    _points(model, start, massive=True)
+    law = Law.of(net, terms.free_strain, terms.relaxation_time)
+    times = law.relaxation_time if law.relaxation_time is not None else [None] * net.n_elements
+    for (i, j), length, stiffness, time in zip(
+        net.element_nodes.tolist(), law.natural_length, law.stiffness, times, strict=True
+    ):
+        model.cable_element(i, j, length, stiffness, time)
+    model.linear_terms(terms.on_velocity, terms.stiffness, terms.load)
+    if terms.kernels:
+        from exunet.kernel.net import term_kernel
+        from exunet.kernel.on_engine import apply
+
+        apply(model, term_kernel(terms.kernels))
+
+
+def _fused(model: Model, start: Start) -> None:
+    from exunet.kernel.compile import require_numba
+    from exunet.kernel.net import net_kernel
+    from exunet.kernel.on_engine import apply
+
+    require_numba('engine.net = "fused"')
+    _points(model, start, massive=False)
+    apply(model, net_kernel(start.net, start.terms), start.net.mass)
+
+
+def _points(model: Model, start: Start, *, massive: bool) -> None:
     net = start.net
     fixed = np.zeros(net.n_nodes, dtype=bool)
     fixed[net.fixed_nodes] = True
     for node in range(net.n_nodes):
+        reference, position, velocity = (
+            a[node] for a in (net.reference_position, start.position, start.velocity)
+        )
         if fixed[node]:
-            model.fixed_point(start.position[node])
+            model.fixed_point(position)
+        elif massive:
+            model.point(net.mass[node], reference, position, velocity)
         else:
-            model.point(
-                net.mass[node], net.reference_position[node], start.position[node], start.velocity[node]
-            )
-    for (i, j), length, stiffness in zip(
-        net.element_nodes, net.reference_length, net.axial_stiffness, strict=True
-    ):
-        model.cable_element(int(i), int(j), length, stiffness)
-    model.linear_terms(start.terms.damping, start.terms.load)
-    model.assemble()
-    return model
+            model.node(reference, position, velocity)

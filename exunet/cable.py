@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,47 @@ def tension(
     """
     strain = maximum(green_lagrange_strain(length, reference_length), 0.0)
     return axial_stiffness * strain * (length / reference_length)
+
+
+def viscous_tension(
+    length: Any,
+    rate: Any,
+    reference_length: Any,
+    axial_stiffness: Any,
+    relaxation_time: Any,
+    maximum: Callable[[Any, Any], Any] = np.maximum,
+    where: Callable[[Any, Any, Any], Any] = np.where,
+) -> Any:
+    """Axial force [N] with S11 = max(E (E11 + tau dE11/dt), 0) while E11 > 0, else zero; rate = dL/dt [m/s]."""
+    strain = green_lagrange_strain(length, reference_length)
+    stretch = length / reference_length
+    viscous = relaxation_time * stretch * (rate / reference_length)
+    return axial_stiffness * where(strain > 0.0, maximum(strain + viscous, 0.0), 0.0) * stretch
+
+
+@dataclass(frozen=True)
+class Law:
+    """The constants of the elements' axial law, a free strain taken in; arrays of (n_elements,).
+
+    natural_length  : length that is free of stress [m]
+    stiffness       : axial stiffness [N] that goes with the strain relative to natural_length
+    relaxation_time : tau of the viscous stress [s], None without it
+
+    With a free strain e, E11 - e = (L1 / L0)^2 (L^2 - L1^2) / (2 L1^2) where L1 = L0 sqrt(1 + 2 e): the
+    law is that of an element of length L1 and stiffness EA (L1 / L0)^3, in force and in energy.
+    """
+
+    natural_length: Floats
+    stiffness: Floats
+    relaxation_time: Floats | None = None
+
+    @classmethod
+    def of(cls, net: Net, free_strain: Floats | None = None, relaxation_time: Floats | None = None) -> Law:
+        """The law of a net's elements."""
+        if free_strain is None:
+            return cls(net.reference_length, net.axial_stiffness, relaxation_time)
+        ratio = np.sqrt(1.0 + 2.0 * free_strain)
+        return cls(net.reference_length * ratio, net.axial_stiffness * ratio**3, relaxation_time)
 
 
 def lengths(net: Net, position: Floats) -> Floats:

@@ -101,6 +101,15 @@ class Launch(Record):
     axial_speed: float = Field(description="along +z, the direction of the throw [m/s]", examples=[0.0])
 
 
+class Engine(Record):
+    """Which form of the engine computes; the results are the same."""
+
+    net: Literal["connectors", "fused"] = Field(
+        "connectors",
+        description="an engine item for each element, or one object for the whole net with compiled forces",
+    )
+
+
 class Scene(Record):
     """A whole case."""
 
@@ -109,6 +118,9 @@ class Scene(Record):
     time: Time = Field(description="duration and stored times")
     solver: Solver = Field(
         default_factory=lambda: Solver.model_validate({}), description="how the equations are integrated"
+    )
+    engine: Engine = Field(
+        default_factory=lambda: Engine.model_validate({}), description="which form of the engine computes"
     )
     net: NetKeys = Field(description="the net in its reference configuration")
     initial: Initial = Field(description="state at time 0")

@@ -1,30 +1,98 @@
-"""What an effect adds to the equations of motion, as data that every form of the engine can take."""
+"""What an effect adds to the equations of motion, as data that every form of the engine can take.
+
+This is the one seam between effects and engines: the connectors, the fused net and the compiled loop all
+read `Terms`, so an effect's physics is written once.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class KernelTerm:
+    """A nonlinear force on the nodes, written once as a scalar loop and compiled where Numba is installed.
+
+    add        : module-level function add(t, x, v, *parameters, force) that adds its force [N] to `force`;
+                 x, v, force are flat (3 n_nodes,) arrays, node-wise x, y, z, in the subset of Python that Numba
+                 compiles. It may use `math`, `np` and its `helpers`, no other global name.
+    parameters : arrays and numbers, in the order in which `add` takes them
+    potential  : module-level function potential(x, *parameters) -> energy [J] if the force is conservative;
+                 None: the work of force . v is integrated along the run
+    helpers    : module-level functions that `add` or `potential` call
+    frequency, damping_rate : bounds of what the term adds to the stable step's eigenvalues [rad/s], [1/s]
+
+    Names of functions must differ between terms, since they come to stand in one compiled module.
+    """
+
+    add: Callable[..., None]
+    parameters: tuple[Any, ...] = ()
+    potential: Callable[..., float] | None = None
+    helpers: tuple[Callable[..., Any], ...] = ()
+    frequency: float = 0.0
+    damping_rate: float = 0.0
+
 
 @dataclass(frozen=True)
 class Terms:
-    """Constant terms on the nodal coordinates: force = load - damping @ v (n = 3 x nodes, node-wise x, y, z).
+    """What the effects that are on add up to; None or () means that nothing of it exists.
 
-    damping : (n, n) [N s/m], symmetric positive semi-definite; None: no such term
-    load    : (n,) [N], with the potential energy -load . x; None: no such term
+    With n = 3 n_nodes coordinates (node-wise x, y, z), positions x and velocities v, the force is
+    load - damping v - gyroscopic v - stiffness x + the sum of the kernel terms.
+
+    damping     : (n, n) [N s/m], symmetric positive semi-definite; takes out the power v . damping v
+    gyroscopic  : (n, n) [N s/m], antisymmetric; does no work
+    stiffness   : (n, n) [N/m], symmetric, on absolute positions; potential energy x . stiffness x / 2
+    load        : (n,) [N]; potential energy -load . x
+    kernels     : nonlinear forces on the nodes
+    free_strain : (n_elements,) Green-Lagrange strain at which an element is free of stress (a thermal strain)
+    relaxation_time : (n_elements,) [s] of the viscous stress along the current direction while taut
     """
 
     damping: csr_array | None = None
-    load: NDArray[np.float64] | None = None
+    gyroscopic: csr_array | None = None
+    stiffness: csr_array | None = None
+    load: Floats | None = None
+    kernels: tuple[KernelTerm, ...] = ()
+    free_strain: Floats | None = None
+    relaxation_time: Floats | None = None
 
     def __add__(self, other: Terms) -> Terms:
-        return Terms(_add(self.damping, other.damping), _add(self.load, other.load))
+        return Terms(
+            damping=_add(self.damping, other.damping),
+            gyroscopic=_add(self.gyroscopic, other.gyroscopic),
+            stiffness=_add(self.stiffness, other.stiffness),
+            load=_add(self.load, other.load),
+            kernels=self.kernels + other.kernels,
+            free_strain=_add(self.free_strain, other.free_strain),
+            relaxation_time=_add(self.relaxation_time, other.relaxation_time),
+        )
+
+    @property
+    def dissipates(self) -> bool:
+        """True if work must be integrated along the run for the energy balance to close."""
+        return (
+            self.damping is not None
+            or self.relaxation_time is not None
+            or any(term.potential is None for term in self.kernels)
+        )
+
+    @property
+    def on_velocity(self) -> csr_array | None:
+        """damping + gyroscopic, the constant matrix on velocities; None: no such term."""
+        total: csr_array | None = _add(self.damping, self.gyroscopic)
+        return total
 
 
-def _add(a, b):  # type: ignore[no-untyped-def]
+def _add(a: Any, b: Any) -> Any:
     if a is None or b is None:
         return a if b is None else b
     return a + b

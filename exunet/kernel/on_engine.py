@@ -1,0 +1,46 @@
+"""A kernel as forces on the points of an engine's model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.engine.model import Model
+from exunet.kernel.net import Index, Kernel
+
+Floats = NDArray[np.float64]
+
+
+def apply(model: Model, kernel: Kernel, mass: Floats | None = None) -> None:
+    """Let a kernel push the points of `model`, which are a net's nodes; mass as for `Model.applied_forces`.
+
+    Where the coordinates stand is only known once the model is assembled, so it is looked up at first use.
+    """
+    place: list[Any] = []
+
+    def evaluate(t: float, q: Floats, q_t: Floats, out: Floats) -> None:
+        if not place:
+            place.append(_place(model))
+        column, free, reference, x, v, force = place[0]
+        run(t, q, q_t, column, free, reference, data, x, v, force, out)
+
+    run, data = kernel.module.engine_forces, kernel.data
+    model.applied_forces(evaluate, mass=mass)
+
+
+def _place(model: Model) -> tuple[Any, ...]:
+    """Column and node coordinate of each free coordinate, its reference, and work space."""
+    nothing = np.zeros(model.n_coordinates)
+    reference, _ = model.unpack(nothing, nothing)
+    free = np.flatnonzero(np.repeat(model.free, 3))
+    x = reference.ravel().copy()
+    return (
+        model.columns().astype(Index),
+        free.astype(Index),
+        x[free],
+        x,
+        np.zeros_like(x),
+        np.zeros_like(x),
+    )
