@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.cable import Law
 from exunet.effects import total_terms
 from exunet.effects.terms import Terms
 from exunet.engine.model import Model
@@ -16,7 +15,7 @@ from exunet.net import weave
 from exunet.net.arrays import Net
 from exunet.plan import make_plan
 from exunet.scene import Scene
-from exunet.solvers import Plan
+from exunet.solvers import METHODS, Plan
 
 Floats = NDArray[np.float64]
 
@@ -62,7 +61,7 @@ def build(start: Start) -> Model:
 def _connectors(model: Model, start: Start) -> None:
     net, terms = start.net, start.terms
     _points(model, start, massive=True)
-    law = Law.of(net, terms.free_strain, terms.relaxation_time)
+    law = terms.law(net)
     times = law.relaxation_time if law.relaxation_time is not None else [None] * net.n_elements
     for (i, j), length, stiffness, time in zip(
         net.element_nodes.tolist(), law.natural_length, law.stiffness, times, strict=True
@@ -70,20 +69,27 @@ def _connectors(model: Model, start: Start) -> None:
         model.cable_element(i, j, length, stiffness, time)
     model.linear_terms(terms.on_velocity, terms.stiffness, terms.load)
     if terms.kernels:
+        from exunet.kernel.linearised import Linearised
         from exunet.kernel.net import term_kernel
         from exunet.kernel.on_engine import apply
 
-        apply(model, term_kernel(terms.kernels))
+        only = Terms(kernels=terms.kernels)
+        implicit = METHODS[start.plan.method].kind == "implicit"
+        linearised = Linearised(net, only, elements=False) if implicit else None
+        apply(model, term_kernel(terms.kernels), linearised)
 
 
 def _fused(model: Model, start: Start) -> None:
     from exunet.kernel.compile import require_numba
+    from exunet.kernel.linearised import Linearised
     from exunet.kernel.net import net_kernel
     from exunet.kernel.on_engine import apply
 
     require_numba('engine.net = "fused"')
     _points(model, start, massive=False)
-    apply(model, net_kernel(start.net, start.terms), start.net.mass)
+    net, terms = start.net, start.terms
+    linearised = Linearised(net, terms) if METHODS[start.plan.method].kind == "implicit" else None
+    apply(model, net_kernel(net, terms), linearised, net.mass)
 
 
 def _points(model: Model, start: Start, *, massive: bool) -> None:

@@ -43,7 +43,7 @@ def viscous_tension(
     maximum: Callable[[Any, Any], Any] = np.maximum,
     where: Callable[[Any, Any, Any], Any] = np.where,
 ) -> Any:
-    """Axial force [N] with S11 = max(E (E11 + tau dE11/dt), 0) while E11 > 0, else zero; rate = dL/dt [m/s]."""
+    """Axial force [N] of S11 = max(E (E11 + tau dE11/dt), 0) where E11 > 0, else zero; rate = dL/dt [m/s]."""
     strain = green_lagrange_strain(length, reference_length)
     stretch = length / reference_length
     viscous = relaxation_time * stretch * (rate / reference_length)
@@ -77,14 +77,65 @@ class Law:
 
 def lengths(net: Net, position: Floats) -> Floats:
     """Current element lengths [m], eq. (7); position (..., n_nodes, 3) -> (..., n_elements)."""
+    return np.linalg.norm(spans(net, position), axis=-1)
+
+
+def spans(net: Net, nodal: Floats) -> Floats:
+    """Differences x_j - x_i over the elements; (..., n_nodes, 3) -> (..., n_elements, 3)."""
     i, j = net.element_nodes.T
-    return np.linalg.norm(position[..., j, :] - position[..., i, :], axis=-1)
+    return nodal[..., j, :] - nodal[..., i, :]
 
 
-def elastic_energy(net: Net, length: Floats) -> Floats:
+def element_tension(net: Net, law: Law, position: Floats, velocity: Floats) -> Floats:
+    """Axial forces [N]; position, velocity (..., n_nodes, 3) -> (..., n_elements)."""
+    length = lengths(net, position)
+    if law.relaxation_time is None:
+        return tension(length, law.natural_length, law.stiffness)
+    along = np.einsum("...a,...a->...", spans(net, position), spans(net, velocity))
+    rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
+    return viscous_tension(length, rate, law.natural_length, law.stiffness, law.relaxation_time)
+
+
+def viscous_power(net: Net, law: Law, position: Floats, velocity: Floats) -> Floats:
+    """Power [W] that the viscous stress takes out, never negative; (..., n_nodes, 3) twice -> (...)."""
+    strain = green_lagrange_strain(lengths(net, position), law.natural_length)
+    along = np.einsum("...a,...a->...", spans(net, position), spans(net, velocity))
+    rate = along / law.natural_length**2
+    stress = np.where(strain > 0.0, np.maximum(law.relaxation_time * rate, -strain), 0.0)
+    return (stress * rate) @ (law.stiffness * law.natural_length)
+
+
+def elastic_energy(law: Law, length: Floats) -> Floats:
     """U_el of eq. (19) [J]; length (..., n_elements) -> (...)."""
-    strain = np.maximum(green_lagrange_strain(length, net.reference_length), 0.0)
-    return 0.5 * (strain**2) @ (net.axial_stiffness * net.reference_length)
+    strain = np.maximum(green_lagrange_strain(length, law.natural_length), 0.0)
+    return 0.5 * (strain**2) @ (law.stiffness * law.natural_length)
+
+
+def tangent_blocks(law: Law, span: Floats, rate: Floats) -> tuple[Floats, Floats | None]:
+    """Tangent stiffness and damping blocks of the elements, (n_elements, 3, 3) [N/m], [N s/m]: eq. (5).
+
+    span, rate : (n_elements, 3) differences of position and velocity over each element. The matrices of an
+    element are [[B, -B], [-B, B]]; the second is None without viscous stress.
+    """
+    square = law.natural_length**2
+    factor = law.stiffness / (2.0 * law.natural_length**3)
+    excess = np.einsum("ea,ea->e", span, span) - square
+    slope = 2.0 * span
+    if law.relaxation_time is not None:
+        twice = 2.0 * law.relaxation_time
+        taut = excess > 0.0
+        excess = excess + twice * np.einsum("ea,ea->e", span, rate)
+        slope = slope + twice[:, None] * rate
+        taut &= excess > 0.0
+    else:
+        taut = excess > 0.0
+    active = np.where(taut, factor, 0.0)
+    stiffness = active[:, None, None] * (
+        excess[:, None, None] * np.eye(3) + np.einsum("ea,eb->eab", span, slope)
+    )
+    if law.relaxation_time is None:
+        return stiffness, None
+    return stiffness, np.einsum("e,ea,eb->eab", active * twice, span, span)
 
 
 def reference_tangent_stiffness(net: Net) -> csr_array:

@@ -20,25 +20,25 @@ ENERGY_GROWTH = 0.05
 class Monitor:
     """Takes the states of the accepted steps; sums the dissipated energy and stops what has gone wrong.
 
-    The work of damping between two states is integrated by Simpson's rule; the velocity in the middle is
-    that of the cubic Hermite polynomial through both ends, 3/2 (x1 - x0)/h - (v0 + v1)/4, so the sum is of
-    fourth order in the step.
+    The work of the terms that have no potential is integrated by Simpson's rule between two states; the state
+    in the middle is that of the cubic Hermite polynomial through both ends, (x0 + x1)/2 + h (v0 - v1)/8 and
+    3/2 (x1 - x0)/h - (v0 + v1)/4, so the sum is of fourth order in the step.
     """
 
     def __init__(self, net: Net, terms: Terms, position: Floats, velocity: Floats) -> None:
         self._net = net
         self._terms = terms
         self.dissipated = 0.0
-        self._start = float(self._mechanical(position, velocity))
-        self._scale = float(energy.kinetic(net, velocity) + energy.elastic(net, position))
+        self._start = float(self._mechanical(position[None], velocity[None])[0])
+        self._scale = float(energy.kinetic(net, velocity) + energy.elastic(net, terms, position))
         self._fall = 0.0  # largest change of the potential energy, which may turn into motion
-        self._potential = float(energy.potential(terms, position))
+        self._potential = float(energy.potential(terms, position[None])[0])
         self._last_good = (0.0, position)
 
     def _mechanical(self, position: Floats, velocity: Floats) -> Floats:
         return (
             energy.kinetic(self._net, velocity)
-            + energy.elastic(self._net, position)
+            + energy.elastic(self._net, self._terms, position)
             + energy.potential(self._terms, position)
         )
 
@@ -51,13 +51,16 @@ class Monitor:
         self._last_good = (float(time[-1]), position[-1])
 
     def _dissipation(self, time: Floats, position: Floats, velocity: Floats) -> Floats:
-        """(k - 1,) energy taken out by damping in each step [J]."""
-        if self._terms.damping is None:
+        """(k - 1,) energy taken out by terms without a potential in each step [J]."""
+        if not self._terms.dissipates:
             return np.zeros(len(time) - 1)
         step = np.diff(time)
-        middle = 1.5 * np.diff(position, axis=0) / step[:, None, None] - 0.25 * (velocity[:-1] + velocity[1:])
-        ends = energy.damping_power(self._terms, velocity)
-        return step / 6.0 * (ends[:-1] + ends[1:] + 4.0 * energy.damping_power(self._terms, middle))
+        h = step[:, None, None]
+        place = 0.5 * (position[:-1] + position[1:]) + 0.125 * h * (velocity[:-1] - velocity[1:])
+        speed = 1.5 * np.diff(position, axis=0) / h - 0.25 * (velocity[:-1] + velocity[1:])
+        ends = energy.power_taken(self._net, self._terms, time, position, velocity)
+        middle = energy.power_taken(self._net, self._terms, time[:-1] + 0.5 * step, place, speed)
+        return step / 6.0 * (ends[:-1] + ends[1:] + 4.0 * middle)
 
     def _check_finite(self, time: Floats, position: Floats, velocity: Floats) -> None:
         finite = np.isfinite(position).all(axis=(1, 2)) & np.isfinite(velocity).all(axis=(1, 2))
@@ -71,7 +74,7 @@ class Monitor:
 
     def _check_energy(self, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> None:
         kinetic = energy.kinetic(self._net, velocity[1:])
-        elastic = energy.elastic(self._net, position[1:])
+        elastic = energy.elastic(self._net, self._terms, position[1:])
         potential = energy.potential(self._terms, position[1:])
         self._fall = max(self._fall, float(np.max(np.abs(potential - self._potential), initial=0.0)))
         allowed = ENERGY_GROWTH * (self._scale + self._fall) + 1e-12

@@ -14,7 +14,7 @@ from exunet.scene import Scene
 Node = dict[str, Any]
 
 # Of keys of which a case gives exactly one, those that the template uses; it leaves out other optional keys.
-_CHOSEN = ("output_step", "diameter")
+_CHOSEN = ("output_step", "diameter", "altitude")
 
 
 def json_schema() -> Node:

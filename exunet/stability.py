@@ -54,12 +54,15 @@ def largest_frequency(net: Net) -> float:
 
 
 def largest_damping_rate(net: Net, terms: Terms) -> float:
-    """Largest eigenvalue [1/s] of M^-1 D; zero without damping."""
-    if terms.damping is None:
-        return 0.0
-    free = _free_coordinates(net)
-    damping = terms.damping[free][:, free]
-    return max(0.0, _largest_eigenvalue(_symmetric(damping, np.repeat(net.mass, 3)[free])))
+    """Bound [1/s] of the eigenvalues of M^-1 D, with viscous stress and kernel terms; zero without damping."""
+    rate = sum(term.damping_rate for term in terms.kernels)
+    if terms.damping is not None:
+        free = _free_coordinates(net)
+        damping = terms.damping[free][:, free]
+        rate += max(0.0, _largest_eigenvalue(_symmetric(damping, np.repeat(net.mass, 3)[free])))
+    if terms.relaxation_time is not None:  # of a taut net, tau T at most
+        rate += float(terms.relaxation_time.max(initial=0.0)) * largest_frequency(net) ** 2
+    return rate
 
 
 def _free_coordinates(net: Net) -> NDArray[np.int64]:

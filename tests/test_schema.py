@@ -24,7 +24,9 @@ CONTRACT = {
         net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
         initial.packing initial.velocity initial.spin initial.node_positions initial.node_velocities
         launch.radial_speed launch.axial_speed
-        effects.rayleigh_damping.alpha effects.rayleigh_damping.beta effects.gravity.acceleration""",
+        effects.rayleigh_damping.alpha effects.rayleigh_damping.beta effects.gravity.acceleration
+        effects.mass_damping.alpha effects.material_damping.relaxation_time effects.orbit.altitude
+        effects.orbit.mean_motion effects.orbit.radial effects.orbit.along_track effects.orbit.model""",
     "square": "net.size net.mesh",
     "rectangular": "net.size net.mesh",
     "hexagonal": "net.mesh net.rings",

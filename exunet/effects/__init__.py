@@ -11,13 +11,16 @@ from typing import Any
 
 from pydantic import Field, create_model
 
-from exunet.effects import gravity, rayleigh_damping
+from exunet.effects import gravity, mass_damping, material_damping, orbit, rayleigh_damping
 from exunet.effects.terms import Terms
 from exunet.net.arrays import Net
 from exunet.record import Record
 
 EFFECTS: dict[str, ModuleType] = {
     "gravity": gravity,
+    "mass_damping": mass_damping,
+    "material_damping": material_damping,
+    "orbit": orbit,
     "rayleigh_damping": rayleigh_damping,
 }
 

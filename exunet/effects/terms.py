@@ -14,21 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from exunet.cable import Law
+from exunet.net.arrays import Net
+
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class KernelTerm:
     """A nonlinear force on the nodes, written once as a scalar loop and compiled where Numba is installed.
 
     add        : module-level function add(t, x, v, *parameters, force) that adds its force [N] to `force`;
-                 x, v, force are flat (3 n_nodes,) arrays, node-wise x, y, z, in the subset of Python that Numba
-                 compiles. It may use `math`, `np` and its `helpers`, no other global name.
+                 x, v, force are flat (3 n_nodes,) arrays, node-wise x, y, z, in the subset of Python
+                 that Numba compiles. It may use `math`, `np` and its `helpers`, no other global name.
     parameters : arrays and numbers, in the order in which `add` takes them
     potential  : module-level function potential(x, *parameters) -> energy [J] if the force is conservative;
                  None: the work of force . v is integrated along the run
     helpers    : module-level functions that `add` or `potential` call
-    frequency, damping_rate : bounds of what the term adds to the stable step's eigenvalues [rad/s], [1/s]
+    damping_rate : bound of what the term adds to the eigenvalues of M^-1 D, for the stable step [1/s]
 
     Names of functions must differ between terms, since they come to stand in one compiled module.
     """
@@ -37,7 +40,6 @@ class KernelTerm:
     parameters: tuple[Any, ...] = ()
     potential: Callable[..., float] | None = None
     helpers: tuple[Callable[..., Any], ...] = ()
-    frequency: float = 0.0
     damping_rate: float = 0.0
 
 
@@ -84,6 +86,10 @@ class Terms:
             or self.relaxation_time is not None
             or any(term.potential is None for term in self.kernels)
         )
+
+    def law(self, net: Net) -> Law:
+        """The axial law of a net's elements with these terms."""
+        return Law.of(net, self.free_strain, self.relaxation_time)
 
     @property
     def on_velocity(self) -> csr_array | None:

@@ -156,7 +156,7 @@ class Model:
         """Add forces on all free points that a function computes at once.
 
         evaluate : evaluate(t, q, q_t, out) writes the forces [N] on the free coordinates into out
-                   (3 n_free,); q, q_t are all the engine's coordinates (displacements, velocities), not to be kept
+                   (3 n_free,); q, q_t are all the engine's coordinates (displacements, velocities)
         jacobian : jacobian(t, q, q_t, of_position, of_velocity) gives the csr matrix of
                    -(of_position df/dq + of_velocity df/dq_t), (3 n_free, 3 n_free); None: an explicit method
         mass     : (n,) of all points [kg], for points added by `node`

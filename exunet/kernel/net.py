@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import ModuleType
 from typing import Any
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from exunet.cable import Law
 from exunet.effects.terms import KernelTerm, Terms
 from exunet.kernel import drivers, pieces
 from exunet.kernel.compile import compiled_module, interpreted_module, numba_installed
@@ -65,13 +64,14 @@ def net_kernel(net: Net, terms: Terms) -> Kernel:
     return Kernel([_elements(net, terms), *_constant(terms), *map(_piece, terms.kernels)])
 
 
+@lru_cache(maxsize=8)
 def term_kernel(kernels: tuple[KernelTerm, ...]) -> Kernel:
     """The nonlinear terms alone, for the forms that take the rest in another way."""
     return Kernel([_piece(term) for term in kernels])
 
 
 def _elements(net: Net, terms: Terms) -> Piece:
-    law = Law.of(net, terms.free_strain, terms.relaxation_time)
+    law = terms.law(net)
     first, second = (3 * net.element_nodes.T).astype(Index)
     length = law.natural_length
     data = (first, second, length**2, law.stiffness / (2.0 * length**3))

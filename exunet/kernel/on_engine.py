@@ -6,16 +6,21 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from exunet.engine.model import Model
+from exunet.kernel.linearised import Linearised
 from exunet.kernel.net import Index, Kernel
 
 Floats = NDArray[np.float64]
 
 
-def apply(model: Model, kernel: Kernel, mass: Floats | None = None) -> None:
+def apply(
+    model: Model, kernel: Kernel, linearised: Linearised | None = None, mass: Floats | None = None
+) -> None:
     """Let a kernel push the points of `model`, which are a net's nodes; mass as for `Model.applied_forces`.
 
+    linearised : the kernel's derivatives, for implicit methods
     Where the coordinates stand is only known once the model is assembled, so it is looked up at first use.
     """
     place: list[Any] = []
@@ -26,8 +31,15 @@ def apply(model: Model, kernel: Kernel, mass: Floats | None = None) -> None:
         column, free, reference, x, v, force = place[0]
         run(t, q, q_t, column, free, reference, data, x, v, force, out)
 
+    def jacobian(t: float, q: Floats, q_t: Floats, of_position: float, of_velocity: float) -> csr_array:
+        column, free, reference, x, v, _ = place[0]
+        x[free] = reference + q[column]
+        v[free] = q_t[column]
+        assert linearised is not None
+        return linearised(t, x, v, of_position, of_velocity)
+
     run, data = kernel.module.engine_forces, kernel.data
-    model.applied_forces(evaluate, mass=mass)
+    model.applied_forces(evaluate, jacobian if linearised else None, mass)
 
 
 def _place(model: Model) -> tuple[Any, ...]:

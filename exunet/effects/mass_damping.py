@@ -1,0 +1,24 @@
+"""Damping by the mass: a force -alpha m v on every node, the first part of eq. (13) alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+from scipy.sparse import csr_array, diags_array
+
+from exunet.effects.terms import Terms
+from exunet.net.arrays import Net
+from exunet.record import NonNegative, Record
+
+
+class Keys(Record):
+    """A force -alpha m v on every node."""
+
+    alpha: NonNegative = Field(description="decay rate of the velocity [1/s]")
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """The diagonal damping matrix alpha M; nothing if alpha is zero."""
+    if keys.alpha == 0.0:
+        return Terms()
+    return Terms(damping=csr_array(diags_array(np.repeat(keys.alpha * net.mass, 3))))
