@@ -15,23 +15,25 @@ if TYPE_CHECKING:
     from exunet.casefile import load as load
     from exunet.errors import CaseError as CaseError
     from exunet.errors import ExunetError as ExunetError
+    from exunet.errors import InputError as InputError
     from exunet.errors import RunStopped as RunStopped
     from exunet.metrics import deployment as deployment
     from exunet.plot import save_figures as save_figures
     from exunet.result import Result as Result
     from exunet.result import load_result as load_result
     from exunet.result import save as save
-    from exunet.run import run as run
+    from exunet.timeloop import run as run
 
 _HOME = {
     "load": "exunet.casefile",
-    "run": "exunet.run",
+    "run": "exunet.timeloop",
     "Result": "exunet.result",
     "load_result": "exunet.result",
     "save": "exunet.result",
     "deployment": "exunet.metrics",
     "save_figures": "exunet.plot",
     "CaseError": "exunet.errors",
+    "InputError": "exunet.errors",
     "ExunetError": "exunet.errors",
     "RunStopped": "exunet.errors",
 }
@@ -42,5 +44,5 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'exunet' has no attribute {name!r}")
     value = getattr(import_module(_HOME[name]), name)
-    globals()[name] = value  # the module `exunet.run` must not hide the function of that name
+    globals()[name] = value  # so that this function is asked once for each name
     return value

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,9 @@ from exunet.times import stored_times
 # Absolute tolerance of DOPRI5, as a part of the speed error asked for: at the paper's undamped net the speed
 # error at t = 1.5 s is about 300 to 700 times the tolerance; 10 000 leaves room for harder nets.
 TOLERANCE_PER_ACCURACY = 1e-4
+# Longest adaptive step, times the highest angular frequency. In free flight the error estimate would allow any
+# step; one that ends deep inside a snap overflows, and the engine accepts the step whose error is not a number.
+LONGEST = 30.0
 LEAST_TOLERANCE = 1e-12  # below this, steps are rejected for round-off and nothing is gained
 
 
@@ -53,11 +58,13 @@ def _adaptive(scene: Scene, net: Net, velocity: NDArray[np.float64]) -> Plan:
                 f"ran at {reached:.2g}, tolerance {tolerance:g}",
             )
     frequency = largest_frequency(net)
-    first = min(scene.time.end, 0.1 / frequency if frequency else scene.time.end)
+    period = 1.0 / frequency if frequency else math.inf
+    first = min(scene.time.end, 0.1 * period)
     return Plan(
         solver.method,
         tolerance=tolerance,
         first_step=first,
+        longest_step=LONGEST * period,
         least_step=1e-6 * first,
         notes=notes,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, Self
 
@@ -62,6 +63,7 @@ class Plan:
     tolerance  : absolute tolerance per step [m, m/s] of an adaptive method, else None
     step       : longest step [s] of a fixed-step method, else None
     first_step : first attempt of an adaptive method [s]
+    longest_step: longest step of an adaptive method [s]
     least_step : steps below this count as collapsed [s]
     notes      : what the user should know of the choice
     """
@@ -70,6 +72,7 @@ class Plan:
     tolerance: float | None = None
     step: float | None = None
     first_step: float = 0.0
+    longest_step: float = math.inf
     least_step: float = 0.0
     notes: tuple[str, ...] = ()
 

@@ -14,7 +14,7 @@ from exunet.crosscheck import ReferenceRun
 from exunet.errors import InputError, RunStopped
 from exunet.files import cannot_write, replacing
 from exunet.result import Result, save
-from exunet.run import Progress, run
+from exunet.timeloop import Progress, run
 from exunet.summary import rows, summarise, write_summary
 
 FIGURES = ("reference_net", "snapshots", "bullet_speeds", "energies", "area", "agreement")

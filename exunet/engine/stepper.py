@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from exunet.engine.loading import exudyn
 from exunet.engine.model import Model
+from exunet.interrupt import postponed
 from exunet.solvers import METHODS, Plan
 
 Floats = NDArray[np.float64]
 Watcher = Callable[[Floats, Floats, Floats], None]
 
 _BUFFER_NUMBERS = 2**19  # of one coordinate array; bounds memory, large enough to vectorise the watcher
-_TINY_ATTEMPTS = 200  # steps of the least size in one stretch; the last step of a stretch may be tiny
+_TINY_ATTEMPTS = 200  # of the least size, one after the other; a snap's beginning may need a few
 
 
 @dataclass
@@ -83,7 +84,9 @@ class Stepper:
         self._set_stretch(until)
         words = ""
         try:
-            done = self._solver.SolveSteps(self._model.system, self._settings)
+            with postponed() as self._check_interrupt:
+                done = self._solver.SolveSteps(self._model.system, self._settings)
+                self._check_interrupt()  # asked for during the last step of the stretch
         except Exception as error:  # noqa: BLE001 - as above; told or raised again below
             done, words = False, _first_line(error)
             if self._stop is None and isinstance(error.__cause__, KeyboardInterrupt):
@@ -121,17 +124,19 @@ class Stepper:
                 self.counts.rejected += 1
             elif self._attempting:
                 self._step_done(self._attempt_end)
+            self._check_interrupt()
             self._refuse_collapse(end_of_attempt)
             self._attempting = True
             self._attempt_end = end_of_attempt
-        except BaseException as error:  # noqa: BLE001 - kept from the engine; advance() raises it again
-            self._stop = error
-            return False
+        except BaseException as error:
+            self._stop = error  # advance() raises it again
+            raise  # returning False would not end the engine's search for a smaller step
         return True
 
     def _refuse_collapse(self, end_of_attempt: float) -> None:
         """The engine goes on for ever with its smallest step when a tolerance cannot be met."""
-        if end_of_attempt - self._step_start > 2.0 * self._plan.least_step:
+        if end_of_attempt - self._step_start > 4.0 * self._plan.least_step:
+            self._tiny_attempts = 0
             return
         self._tiny_attempts += 1
         if self._tiny_attempts > _TINY_ATTEMPTS:
@@ -198,7 +203,7 @@ def _settings(engine: Any, model: Model, plan: Plan, end: float) -> Any:
         integration.absoluteTolerance = plan.tolerance
         integration.relativeTolerance = 0.0  # the engine's relative scale lacks an absolute value
         integration.initialStepSize = plan.first_step
-        integration.numberOfSteps = 1
+        integration.numberOfSteps = max(1, math.ceil(end / plan.longest_step))  # sets the longest step
         integration.minimumStepSize = plan.least_step
     else:
         integration.numberOfSteps = 1

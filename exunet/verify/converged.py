@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.solvers import Plan
-from exunet.stability import largest_frequency
+from exunet.plan import make_plan
+from exunet.solvers import Plan, Solver
 from exunet.verify.check import Check
 from exunet.verify.growth import Growth, distance
 from exunet.verify.pair import Motion, Pair
@@ -26,9 +26,9 @@ THEIRS = ((1e-10, 1e-12), (1e-12, 1e-13))  # rtol, atol of the reference's DOP85
 
 def best_plan(pair: Pair, tolerance: float) -> Plan:
     """DOPRI5 with an absolute tolerance [m, m/s]."""
-    frequency = largest_frequency(pair.start.net)
-    first = min(pair.start.scene.time.end, 0.1 / frequency if frequency else 1.0)
-    return Plan("DOPRI5", tolerance=tolerance, first_step=first, least_step=1e-6 * first)
+    start = pair.start
+    scene = start.scene.model_copy(update={"solver": Solver(method="DOPRI5", tolerance=tolerance)})
+    return make_plan(scene, start.net, start.terms, start.velocity)
 
 
 def converged(pair: Pair, grown: Growth) -> Iterator[Check]:

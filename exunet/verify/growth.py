@@ -66,10 +66,10 @@ class Growth:
 LINEAR = 1e-3  # [m]: differences above this part no longer in proportion to their start
 
 
-def fixed_plan(pair: Pair, spacing: float) -> Plan:
-    """RK44 with a whole number of equal steps in `spacing` [s], within the stable step."""
+def fixed_plan(pair: Pair, spacing: float, part: float = STEP_PART) -> Plan:
+    """RK44 with a whole number of equal steps in `spacing` [s], within a part of the stable step."""
     net, terms = pair.start.net, pair.start.terms
-    limit = STEP_PART * stable_step("RK44", largest_frequency(net), largest_damping_rate(net, terms))
+    limit = part * stable_step("RK44", largest_frequency(net), largest_damping_rate(net, terms))
     return Plan("RK44", step=spacing / max(1, math.ceil(spacing / limit)))
 
 

@@ -28,10 +28,6 @@ from exunet.solvers import Plan
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Stretches of a run: the adaptive methods of the engine are not trusted with a longer step than this part
-# of the time that a net needs to open.
-LONGEST_STRETCH = 0.005
-
 
 @dataclass(frozen=True)
 class Motion:
@@ -48,12 +44,14 @@ class Pair:
     """A case as both codes see it.
 
     name    : for tables
+    path    : of the case file
     start   : exunet's
     theirs  : the reference's case
     net, system : the reference's net and equations of motion
     """
 
     name: str
+    path: Path
     start: Start
     theirs: reference.Case
     net: reference.Net
@@ -148,9 +146,6 @@ class Pair:
         states = [model.coordinates()]
         stepper = Stepper(model, plan or self.start.plan, float(times[-1]), _ignore, every=1 << 30)
         for until in times[1:].tolist():
-            begin = stepper.time
-            for k in range(1, parts := max(1, int(np.ceil((until - begin) / LONGEST_STRETCH)))):
-                stepper.advance(begin + k * (until - begin) / parts)
             stepper.advance(until)
             states.append(model.coordinates())
         raw = [np.array(part) for part in zip(*states, strict=True)]
@@ -192,7 +187,7 @@ def pair_of(case: Case) -> Pair:
         net = reference.weave(theirs)
     except reference.Refused as refused:
         raise _out_of_reach(case.name, refused) from refused
-    return Pair(case.name, prepare(case.scene), theirs, net, reference.assemble(theirs, net))
+    return Pair(case.name, case.path, prepare(case.scene), theirs, net, reference.assemble(theirs, net))
 
 
 def pair_of_text(name: str, text: str) -> Pair:

@@ -75,8 +75,8 @@ def _lines(findings: Sequence[Finding], cases: Sequence[str], *, quick: bool, in
         f"NumPy {np.__version__}, Python {platform.python_version()}, {platform.platform()}.",
         "",
         "Exudyn is compared with `reference_impl`, a NumPy code that shares the case files with it and no "
-        "line of code, and both with known answers. A check holds if what was measured is not more than what is "
-        "allowed; every allowed value stands in the table of tolerances below, with its reason.",
+        "line of code, and both with known answers. A check holds if what was measured is not more than what "
+        "is allowed; every allowed value stands in the table of tolerances below, with its reason.",
         "",
     ]
     failed = [check for check in checks if not check.holds]
@@ -136,8 +136,8 @@ def _planted() -> list[str]:
     lines = [
         "## Planted errors",
         "",
-        "A ladder that nothing can fail proves nothing. `pytest -m slow tests/mutations` plants these errors, "
-        "one at a time, and demands that the quick ladder fails at the rung named here.",
+        "A ladder that nothing can fail proves nothing. `pytest -m slow tests/mutations` plants these "
+        "errors, one at a time, and demands that the quick ladder fails at the rung named here.",
         "",
         "| error | in | caught by |",
         "|---|---|---|",

@@ -1,0 +1,170 @@
+"""The command as its user meets it: exit codes, files, words."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import exunet
+
+CASES = Path(__file__).parent.parent / "cases"
+PLANAR = CASES / "planar_deployment.toml"
+SHORT = ("--set", "time.end=0.02", "--set", "time.output_step=0.01")
+FIGURES = {"reference_net.png", "snapshots.png", "bullet_speeds.png", "energies.png", "area.png"}
+
+
+def command(*arguments: object, folder: Path, timeout: float = 120) -> subprocess.CompletedProcess[str]:
+    """`exunet …` in a process of its own, in `folder`."""
+    return subprocess.run(
+        [sys.executable, "-m", "exunet", *map(str, arguments)],
+        cwd=folder, capture_output=True, text=True, timeout=timeout, check=False,
+    )  # fmt: skip
+
+
+def written(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+def test_run_writes_result_summary_and_figures_only(tmp_path):
+    done = command("run", PLANAR, *SHORT, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""  # no progress bar where there is no terminal
+    names = {"result.h5", "summary.json"} | FIGURES
+    assert written(tmp_path) == {f"results/planar_deployment/{name}" for name in names}
+    summary = json.loads((tmp_path / "results/planar_deployment/summary.json").read_text())
+    result = exunet.load_result(tmp_path / "results/planar_deployment/result.h5")
+    assert summary["verdict"] == result.verdict == "ok"
+    rows = ("nodes, elements", "mass", "method", "steps", "right-hand sides", "wall time", "energy balance")
+    for row in (*rows, "largest area", "time of largest", "distance", "area above 80 %"):
+        assert row in done.stdout
+    assert f"{summary['mass_kg']:.6f} kg" in done.stdout
+    assert result.provenance["text"] == PLANAR.read_text()
+    assert result.provenance["overrides"] == [SHORT[1], SHORT[3]]
+
+
+def test_check_adds_the_reference(tmp_path):
+    done = command("run", PLANAR, "--check", *SHORT, "--out", "here", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    check = json.loads((tmp_path / "here/summary.json").read_text())["check"]
+    assert check["agrees_to_the_end"]
+    assert 0 <= check["largest_speed_difference_m_s"] < 1e-12  # free flight: round-off only
+    assert "check: agrees until" in done.stdout
+    assert (tmp_path / "here/agreement.png").stat().st_size > 10_000
+
+
+def test_plot_draws_the_figures_again(tmp_path):
+    command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
+    done = command("plot", "here/result.h5", "--out", "again", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for name in FIGURES:
+        assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "here" / name).read_bytes()
+
+
+def test_check_command_says_what_would_be_simulated(tmp_path):
+    done = command("check", PLANAR, folder=tmp_path)
+    assert done.returncode == 0
+    for words in ("40, 64", "2.360819 kg", "rayleigh_damping", "gravity", "DOPRI5", "stable step",
+                  "64 ObjectConnectorSpringDamper", "40 MassPoint", "1 ObjectGenericODE2"):  # fmt: skip
+        assert words in done.stdout
+    bare = command("check", CASES / "planar_undamped.toml", folder=tmp_path)
+    assert "ObjectGenericODE2" not in bare.stdout  # no damping object where there is no damping
+    assert written(tmp_path) == set()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "absent.toml"], ["absent.toml"]),
+        (["run", "."], ["is a folder"]),
+        (["check", PLANAR, "--set", "net.mesh=0.7"], ["net.mesh", "whole number"]),
+        (["run", PLANAR, "--set", "time.end=0"], ["time.end", "greater than 0"]),
+        (["run", PLANAR, "--set", "solver.method=RK4"], ["solver.method", "RK44"]),
+        (["run", PLANAR, "--set", "net.cable.diametr=1"], ["net.cable.diametr", "diameter"]),
+        (["run", PLANAR, "--out", PLANAR], ["planar_deployment.toml", "cannot be written"]),
+        (["run", PLANAR, "--out", "/proc/no"], ["/proc/no", "cannot be written"]),
+        (["plot", PLANAR], ["not a result file"]),
+        (["plot", "absent.h5"], ["absent.h5", "No such file"]),
+        (["schema", "--json", "--template"], ["one of them"]),
+    ],
+)
+def test_bad_input_ends_with_code_2_and_writes_nothing(tmp_path, arguments, words):
+    done = command(*arguments, folder=tmp_path)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    assert written(tmp_path) == set()
+    for word in words:
+        assert word in done.stderr
+
+
+def test_all_faults_are_told_at_once(tmp_path):
+    case = tmp_path / "bad.toml"
+    text = PLANAR.read_text().replace("mass = 0.5", "mass = -0.5").replace("end = 2.0", "end = nan")
+    case.write_text(text.replace("radial_speed", "radial_sped"))
+    done = command("run", "bad.toml", folder=tmp_path)
+    assert done.returncode == 2
+    lines = done.stderr.splitlines()
+    places = [line.split(": ")[:2] for line in lines]
+    numbered = text.splitlines()
+    for start, key in (("mass = -0.5", "net.bullets.mass"), ("end = nan", "time.end")):
+        number = next(n for n, line in enumerate(numbered, 1) if line.startswith(start))
+        assert [f"bad.toml:{number}", key] in places
+    assert any("radial_sped" in line and "radial_speed" in line for line in lines)
+
+
+def test_a_step_100_times_too_large_is_told_and_kept(tmp_path):
+    done = command(
+        "run", PLANAR, "--set", "solver.method=RK44", "--set", "solver.step=2.5e-2",  # stable: 2.5e-4 s
+        "--set", "time.output_step=0.1", "--out", "here", folder=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 3
+    for words in ("diverged at t = ", "element", "between nodes", "stretch", "solver.step"):
+        assert words in done.stderr
+    result = exunet.load_result(tmp_path / "here/result.h5")
+    assert not result.complete
+    assert result.verdict.startswith("diverged")
+    assert 0 < result.time[-1] < 0.6  # the strings snap at 0.57 s
+    assert json.loads((tmp_path / "here/summary.json").read_text())["complete"] is False
+
+
+def test_a_tolerance_that_cannot_be_met_ends(tmp_path):
+    done = command("run", PLANAR, "--set", "solver.tolerance=1e-30", "--out", "here", folder=tmp_path)
+    assert done.returncode == 3
+    assert "steps collapsed" in done.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
+def test_ctrl_c_keeps_the_part_done(tmp_path):
+    arguments = ["run", PLANAR, "--set", "time.end=1000", "--set", "time.output_step=0.05", "--out", "here"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "exunet", *map(str, arguments)],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    time.sleep(3.0)  # well into the run; how far does not matter
+    process.send_signal(signal.SIGINT)
+    _, words = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in words
+    assert "Traceback" not in words
+    result = exunet.load_result(tmp_path / "here/result.h5")
+    assert not result.complete
+    assert len(result.time) > 1
+
+
+def test_a_case_beyond_the_reference_keeps_the_result(tmp_path):
+    """What the reference does not know is refused by name; the engine's own result is kept."""
+    from exunet import crosscheck
+
+    case = exunet.load(PLANAR, [SHORT[1], SHORT[3]])
+    strange = tmp_path / "strange.toml"
+    strange.write_text(PLANAR.read_text() + "\n[effects.warp]\nspeed = 9.0\n")
+    other = dataclasses.replace(case, path=strange)
+    with crosscheck.ReferenceRun(other) as reference, pytest.raises(exunet.InputError, match="warp"):
+        reference.agreement(exunet.run(case))

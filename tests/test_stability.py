@@ -1,0 +1,144 @@
+"""Frequencies and stable steps, against closed forms and against the engine."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from exunet.build import prepare
+from exunet.effects.terms import Terms
+from exunet.scene import Scene
+from exunet.solvers import METHODS
+from exunet.stability import _RK67_SEVENTH, largest_damping_rate, largest_frequency, stable_step
+
+E, RHO, D = 70e9, 1390.0, 0.002
+AREA = math.pi / 4 * D**2
+
+
+def square_net(cells: int, **more: object) -> Scene:
+    cable = {"diameter": D, "density": RHO, "youngs_modulus": E}
+    net = {"topology": "square", "size": float(cells), "mesh": 1.0, "cable": cable}
+    return Scene.model_validate(
+        {
+            "format": 1,
+            "title": "a square net",
+            "time": {"end": 1.0, "output_step": 1.0},
+            "net": net,
+            "initial": {"packing": 1.0},
+        }
+        | more
+    )
+
+
+def oscillator(**more: object) -> Scene:
+    """A mass of 1 kg on a massless-looking cable of 1 m, tied to the ground and kept taut by its start."""
+    net = {
+        "topology": "explicit",
+        "nodes": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+        "elements": [[0, 1]],
+        "node_masses": [0.0, 1.0],
+        "fixed": [0],
+        "cable": {"area": 1e-6, "density": 2e-6, "youngs_modulus": 1e8},
+    }
+    return Scene.model_validate(
+        {"format": 1, "title": "a mass on a cable", "time": {"end": 1.0, "output_step": 1.0}, "net": net,
+         "initial": {"packing": 1.0}} | more
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("cells", "factor"), [(5, 1.251), (10, 1.234), (25, 1.227)])
+def test_verlet_step_of_square_nets(cells, factor):
+    """field.md: 1.251, 1.234, 1.227 times mesh over wave speed, from eigenvalues."""
+    start = prepare(square_net(cells))
+    step = stable_step("VelocityVerlet", largest_frequency(start.net))
+    assert step == pytest.approx(factor / math.sqrt(E / RHO), rel=1e-3)
+
+
+def test_frequency_of_one_mass_on_a_cable():
+    start = prepare(oscillator())
+    assert largest_frequency(start.net) == pytest.approx(math.sqrt(1e8 * 1e-6 / 1.0), rel=1e-12)
+
+
+def test_damping_rate_of_rayleigh_damping():
+    alpha, beta = 3.0, 1e-4
+    scene = oscillator(effects={"rayleigh_damping": {"alpha": alpha, "beta": beta}})
+    start = prepare(scene)
+    # M^-1 D = alpha + beta w^2 along the cable
+    assert largest_damping_rate(start.net, start.terms) == pytest.approx(alpha + beta * 100.0, rel=1e-10)
+    assert largest_damping_rate(start.net, Terms()) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("method", "limit"),
+    [("VelocityVerlet", 2.0), ("RK33", math.sqrt(3.0)), ("RK44", 2.0 * math.sqrt(2.0))],
+)
+def test_limits_on_the_imaginary_axis(method, limit):
+    """Hairer & Wanner, Solving ODEs II, IV.2; central differences: Belytschko et al., section 6.2."""
+    assert stable_step(method, 10.0) == pytest.approx(limit / 10.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("method", "limit"), [("ExplicitEuler", 2.0), ("ExplicitMidpoint", 2.0), ("RK44", 2.785293563)]
+)
+def test_limits_on_the_negative_real_axis(method, limit):
+    """Hairer & Wanner, IV.2: the real stability intervals."""
+    assert stable_step(method, 0.0, 5.0) == pytest.approx(limit / 5.0, rel=1e-6)
+
+
+def test_euler_and_midpoint_are_unstable_without_damping():
+    assert stable_step("ExplicitEuler", 10.0) == 0.0
+    assert stable_step("ExplicitMidpoint", 10.0) == 0.0
+
+
+def test_implicit_methods_have_no_limit():
+    assert math.isinf(stable_step("GeneralizedAlpha", 1e5))
+
+
+def test_damped_verlet_limit_is_where_the_engine_starts_to_grow():
+    """h = 2/w (sqrt(1 + z^2) - z): damping force taken at the start of the step."""
+    frequency, rate = 10.0, 6.0
+    limit = stable_step("VelocityVerlet", frequency, rate)
+
+    def radius(h: float) -> float:
+        # x1 = x + h v + h^2/2 a(x, v); v1 = v + h/2 (a(x, v) + a(x1, v + h a(x, v)))
+        columns = []
+        for x, v in ((1.0, 0.0), (0.0, 1.0)):
+            a = -(frequency**2) * x - rate * v
+            x1 = x + h * v + 0.5 * h * h * a
+            v1 = v + 0.5 * h * (a - frequency**2 * x1 - rate * (v + h * a))
+            columns.append((x1, v1))
+        return float(np.abs(np.linalg.eigvals(np.array(columns).T)).max())
+
+    assert radius(0.98 * limit) < 1.0
+
+
+def test_sixth_order_methods_last_coefficient():
+    """One step of the engine on x'' = -w^2 x is R(ihw) (x, v); its 7th coefficient is read off."""
+    from exunet.timeloop import simulate
+
+    h, w = 0.1, 10.0
+    scene = oscillator(
+        time={"end": h, "output_step": h},
+        solver={"method": "RK67", "step": h},
+        net={
+            "topology": "explicit",
+            "nodes": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+            "elements": [[0, 1]],
+            "node_masses": [0.0, 1.0],
+            "fixed": [0],
+            "cable": {"area": 1e-6, "density": 2e-6, "youngs_modulus": 1e8},
+        },
+        initial={"packing": 1.0, "node_positions": [[0, 0, 0], [1 + 1e-7, 0, 0]],
+                 "node_velocities": [[0, 0, 0], [1e-5, 0, 0]]},
+    )  # fmt: skip
+    start = prepare(scene)
+    end = simulate(start)
+    z = 1j * h * w
+    # x + i v / w with the sign that makes exp(-z) of it: the motion is R(-z) on that number
+    state = (end.position[:, 1, 0] - 1.0) + 1j * end.velocity[:, 1, 0] / w
+    known = sum((-z) ** k / math.factorial(k) for k in range(7))
+    seventh = (state[1] / state[0] - known) / (-z) ** 7
+    assert METHODS["RK67"].stages == 7
+    assert seventh.real == pytest.approx(_RK67_SEVENTH, rel=2e-2)  # the spring is linear to 1e-7 only
