@@ -27,7 +27,9 @@ THEIRS = ((1e-10, 1e-12), (1e-12, 1e-13))  # rtol, atol of the reference's DOP85
 def best_plan(pair: Pair, tolerance: float) -> Plan:
     """DOPRI5 with an absolute tolerance [m, m/s]."""
     start = pair.start
-    scene = start.scene.model_copy(update={"solver": Solver(method="DOPRI5", tolerance=tolerance)})
+    scene = start.scene.model_copy(
+        update={"solver": Solver.model_validate({"method": "DOPRI5", "tolerance": tolerance})}
+    )
     return make_plan(scene, start.net, start.terms, start.velocity)
 
 

@@ -111,7 +111,7 @@ def convergence(
     title: str, x_label: str, lines: Mapping[str, tuple[Floats, Floats]], panels: Mapping[str, Sequence[str]]
 ) -> Figure:
     """Errors against step or number of steps, both logarithmic; panels name the lines that they show."""
-    figure = blank(3.9 * len(panels), 4.0)
+    figure = blank(3.9 * len(panels), 4.8)
     figure.suptitle(title, fontsize=10)
     grid = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     markers = "osv^xD+*pP"
@@ -123,9 +123,9 @@ def convergence(
         axes.set_xlabel(x_label)
         axes.grid(color="0.92", linewidth=0.6)
         axes.set_axisbelow(True)
-        axes.legend(fontsize=7)
+        axes.legend(fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.16), frameon=False)
     grid[0].set_ylabel("largest error of a position [m]")
-    figure.subplots_adjust(left=0.1, right=0.98, top=0.86, bottom=0.13, wspace=0.06)
+    figure.subplots_adjust(left=0.1, right=0.98, top=0.88, bottom=0.34, wspace=0.06)
     return figure
 
 

@@ -77,6 +77,7 @@ class Ladder:
         """The steps in order; which come later may depend on what earlier ones found."""
         yield from self._states()
         yield from self._runs()
+        yield from self._answers()
 
     def _states(self) -> Iterator[Step]:
         from exunet.verify import forces, matrices, stepping, topology
@@ -114,5 +115,15 @@ class Ladder:
         yield from stepping.same_scheme(pair, grown)
         yield from converged.converged(pair, grown)
 
+    def _answers(self) -> Iterator[Step]:
+        from exunet.verify.answers import ANSWERS
 
+        paths = {path.stem: path for path in shipped("verification")}
+        for name, answer in ANSWERS:
+            if not (self._quick and name in LONG_ANSWERS):
+                path = paths[name]
+                yield Step(6, name, lambda path=path, answer=answer: answer(read_pair(path)))  # type: ignore[misc]
+
+
+LONG_ANSWERS = {"snap_from_slack"}
 QUICK_END = 1.0  # [s] of the run that --quick follows

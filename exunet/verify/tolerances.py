@@ -65,23 +65,37 @@ SNAP = Tolerance(1e-8, "", "of the known value, which is exact: what the toleran
 FREQUENCY = Tolerance(
     1e-6,
     "",
-    "of the known frequency: with (w h)^4 / 120 the steps of RK4 shift it by less than 1e-7, and the amplitude "
-    "of 1e-6 m changes no stretch by more than 1e-8 of it",
+    "of the known frequency: with (w h)^4 / 120 the steps of RK4 shift it by less than 1e-7, and the "
+    "amplitude of 1e-6 m changes no stretch by more than 1e-8 of it",
 )
-EIGENVALUE = Tolerance(1e-6, "", "both are eigenvalues of the same matrix; the larger nets take Lanczos' method to 1e-6")
-FIELD_DIGITS = Tolerance(5e-4, "", "half a unit in the last digit of the values known for 5, 10 and 25 meshes")
+EIGENVALUE = Tolerance(
+    1e-6, "", "both are eigenvalues of the same matrix; the larger nets take Lanczos' method to 1e-6"
+)
+FIELD_DIGITS = Tolerance(
+    5e-4, "", "half a unit in the last digit of the values known for 5, 10 and 25 meshes"
+)
 STABLE = Tolerance(
-    100.0, "x", "below the stable step a disturbance stays bounded; the bound grows as 1/sqrt(1 - 0.99^2), about 7"
+    100.0,
+    "x",
+    "below the stable step a disturbance stays bounded; the bound grows as 1/sqrt(1 - 0.99^2), about 7",
 )
 UNSTABLE = Tolerance(1e-3, "", "above it the highest mode grows by a third each step, by 1e7 in 60 steps")
-HANGING = Tolerance(1e-8, "", "of the length: what is left of the fall after 14 s of damping, exp(-35), and round-off")
-PENDULUM = Tolerance(
-    1e-6, "", "of the frequency: the formula leaves out terms of the fourth order in the angle and the pumping of "
-    "the cable's stretch by the swing, both about 1e-8 here"
+HANGING = Tolerance(
+    1e-8, "", "of the length: what is left of the fall after 14 s of damping, exp(-35), and round-off"
 )
-MOMENTUM = Tolerance(1e-12, "", "of the sum of the nodes' shares: Runge-Kutta methods keep linear invariants to round-off")
+PENDULUM = Tolerance(
+    1e-6,
+    "",
+    "of the frequency: the formula leaves out terms of the fourth order in the angle and the pumping of "
+    "the cable's stretch by the swing, both about 1e-8 here",
+)
+MOMENTUM = Tolerance(
+    1e-12, "", "of the sum of the nodes' shares: Runge-Kutta methods keep linear invariants to round-off"
+)
 ANGULAR = Tolerance(
-    1e-8, "", "of the sum of the nodes' shares: not kept by the methods, only by the accuracy of the integration"
+    1e-8,
+    "",
+    "of the sum of the nodes' shares: not kept by the methods, only by the accuracy of the integration",
 )
 ENERGY = Tolerance(1e-8, "", "of the energy at the start: kept by the accuracy of the integration only")
 BRAKING = Tolerance(

@@ -21,7 +21,7 @@ CODES = ("Exudyn", "reference")
 def best(pair: Pair, times: Floats, tolerance: float = 1e-11) -> Iterator[tuple[str, Motion]]:
     """(code, motion at `times`) with the best adaptive method of each code."""
     yield CODES[0], pair.engine(times, best_plan(pair, tolerance))
-    yield CODES[1], pair.march(times, rtol=1e-12, atol=1e-14)
+    yield CODES[1], pair.march(times, rtol=1e-11, atol=1e-13)
 
 
 def in_steps(pair: Pair, times: Floats, part: float) -> Iterator[tuple[str, Motion]]:

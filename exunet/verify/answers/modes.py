@@ -34,8 +34,8 @@ def frequency(amplitude: float, rate: float, start: float, time: float, expected
 def waves(pair: Pair) -> Iterator[Check]:
     """Wave speeds in the reference frame: sqrt(E/rho (3 lambda^2 - 1)/2) and, transverse, sqrt(E E11/rho).
 
-    The chain of N elements of length l is displaced in its first mode; a standing wave of wave number k has the
-    frequency 2 c / l sin(k l / 2), which tells c.
+    The chain of N elements of length l is displaced in its first mode; a standing wave of wave number k has
+    the frequency 2 c / l sin(k l / 2), which tells c.
     """
     net = pair.start.net
     count, element = net.n_elements, float(net.reference_length[0])

@@ -21,8 +21,8 @@ def hanging_chain(net: Net, weight: Floats, span: float) -> Floats:
     """(n, 2) places [m] (along, upwards) of a chain of elements between supports `span` apart at one height.
 
     weight : (n,) of each node [N]. Statics alone: the horizontal force H and the vertical one V at the first
-    support determine the force in each element, eqs. (3), (8) its length; H and V are those that end the chain
-    at the second support.
+    support determine the force in each element, eqs. (3), (8) its length; H and V are those that end the
+    chain at the second support.
     """
     stiffness, lengths = net.axial_stiffness, net.reference_length
 
@@ -59,5 +59,7 @@ def hanging(pair: Pair) -> Iterator[Check]:
         gap = np.linalg.norm(motion.position[1][:, [0, 2]] - known, axis=1)
         node = int(np.argmax(gap))
         x, z = motion.position[1, node, [0, 2]]
-        words = f"node {node}: ({x:.10g}, {z:.10g}) m, known: ({known[node, 0]:.10g}, {known[node, 1]:.10g}) m"
+        words = (
+            f"node {node}: ({x:.10g}, {z:.10g}) m, known: ({known[node, 0]:.10g}, {known[node, 1]:.10g}) m"
+        )
         yield Check(6, pair.name, f"shape at rest, {code}", float(gap[node]) / size, HANGING, words)

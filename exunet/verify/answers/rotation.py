@@ -16,7 +16,7 @@ from exunet.verify.tolerances import BRAKING, PENDULUM
 
 
 def pendulum(pair: Pair) -> Iterator[Check]:
-    """Frequency sqrt(g / l) (1 - a^2 / 16) of a pendulum of (stretched) length l and amplitude a, let go at rest."""
+    """Frequency sqrt(g / l) (1 - a^2 / 16) of a pendulum of (stretched) length l and amplitude a."""
     place = pair.start.position[1]
     length, amplitude = float(np.linalg.norm(place)), math.atan2(place[0], -place[2])
     gravity = float(np.linalg.norm(pair.start.scene.effects.model_dump()["gravity"]["acceleration"]))
@@ -33,8 +33,8 @@ def braking(pair: Pair) -> Iterator[Check]:
     """Angular momentum that beta T(reference) takes from a rigid rotation by the angle a.
 
     The cable lies along x at first, so eq. (13) damps the relative velocity along x for ever, with beta k,
-    k = EA / L0. At the distance l the relative velocity along x is -w l sin(a), the torque -beta k w l^2 sin(a)^2,
-    and over the angle the loss is beta k l^2 (a / 2 - sin(2 a) / 4). An objective damping would take nothing.
+    k = EA / L0. At the distance l the relative velocity along x is -w l sin(a), the torque
+    -beta k w l^2 sin(a)^2, and over the angle the loss is beta k l^2 (a / 2 - sin(2 a) / 4). An objective damping would take nothing.
     """
     net = pair.start.net
     stiffness = float(net.axial_stiffness[0] / net.reference_length[0])
@@ -48,5 +48,7 @@ def braking(pair: Pair) -> Iterator[Check]:
         known = beta * stiffness * length**2 * (angle / 2 - math.sin(2 * angle) / 4)
         found = float(spin[0] - spin[-1])
         yield against(pair, f"momentum taken by damping, {code}", found, known, BRAKING, "kg m2/s")
-        words = f"of {spin[0]:.6g} kg m2/s in {angle / (2 * math.pi):.3f} turns; an objective damping takes none"
+        words = (
+            f"of {spin[0]:.6g} kg m2/s in {angle / (2 * math.pi):.3f} turns; an objective damping takes none"
+        )
         yield Check(6, pair.name, f"part of the rotation lost, {code}", found / float(spin[0]), None, words)

@@ -34,10 +34,14 @@ def stable_steps(pair: Pair) -> Iterator[Check]:
         step = stable_step("VelocityVerlet", largest_frequency(net))
         theirs = 2.0 / math.sqrt(_largest_eigenvalue(larger))
         name, values = f"{meshes} x {meshes} meshes", f"{step:.9g} s and {theirs:.9g} s"
-        yield Check(6, pair.name, f"Verlet step, {name}, both codes", abs(step / theirs - 1), EIGENVALUE, values)
+        yield Check(
+            6, pair.name, f"Verlet step, {name}, both codes", abs(step / theirs - 1), EIGENVALUE, values
+        )
         unit = net.reference_length[0] / math.sqrt(net.youngs_modulus[0] / net.density[0])
         words = f"{step / unit:.5f}, known: {known}"
-        yield Check(6, pair.name, f"Verlet step, {name}, known", abs(step / unit - known), FIELD_DIGITS, words)
+        yield Check(
+            6, pair.name, f"Verlet step, {name}, known", abs(step / unit - known), FIELD_DIGITS, words
+        )
 
 
 def _largest_eigenvalue(pair: Pair) -> float:
