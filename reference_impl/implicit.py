@@ -29,7 +29,7 @@ from reference_impl.run import Breakdown, Run
 from reference_impl.weave import Floats, Ints
 
 GOAL = 1e-14  # residual over the forces at work at which Newton's method stops
-ENOUGH = 1e-11  # the same, at which it may stop where round-off lets it come no closer
+ENOUGH = 1e-12  # the same, at which it may stop where round-off lets it come no closer
 ITERATIONS = 60
 HALVINGS = 12  # of a step that fails
 
@@ -191,7 +191,7 @@ class _Scheme:
                         break
                     length *= 0.5
             if not improved:
-                if size <= ENOUGH * scale:
+                if size <= ENOUGH * scale and solved < ITERATIONS:
                     break
                 worst = int(np.argmax(np.max(np.abs(residual), axis=1)))
                 raise _NoRoot(solved, float(size / scale), worst)
