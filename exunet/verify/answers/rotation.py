@@ -34,7 +34,8 @@ def braking(pair: Pair) -> Iterator[Check]:
 
     The cable lies along x at first, so eq. (13) damps the relative velocity along x for ever, with beta k,
     k = EA / L0. At the distance l the relative velocity along x is -w l sin(a), the torque
-    -beta k w l^2 sin(a)^2, and over the angle the loss is beta k l^2 (a / 2 - sin(2 a) / 4). An objective damping would take nothing.
+    -beta k w l^2 sin(a)^2, and over the angle the loss is beta k l^2 (a / 2 - sin(2 a) / 4). An
+    objective damping would take nothing.
     """
     net = pair.start.net
     stiffness = float(net.axial_stiffness[0] / net.reference_length[0])
