@@ -89,6 +89,7 @@ def test_symmetric_arithmetic_keeps_mirrors_of_fine_nets(document, scene, topolo
         assert np.array_equal(run.x[:, image], mirror(run.x))
 
 
+@pytest.mark.slow
 def test_default_arithmetic_lets_the_curves_separate(scene, bullet_speeds):
     """field.md: with the paper's damping, round-off alone separates the four curves between 1.5 and 2.0 s."""
     made = scene("planar_deployment.toml")
