@@ -105,7 +105,7 @@ ORDER = Tolerance(0.5, "", "half an order: observed orders approach the declared
 ADAPTIVE_ORDER = Tolerance(
     1.0,
     "",
-    "one order: the steps of an adaptive method are unequal, their number is small, and the last is cut short",
+    "one order: the steps of an adaptive method are unequal, few, and the last is cut short",
 )
 KINK = Tolerance(
     0.3,
