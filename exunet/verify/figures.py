@@ -31,11 +31,24 @@ def curves(
     floor: float = 1e-17,
 ) -> Figure:
     """Lines (t,) over time [s] on a logarithmic scale; marks are named instants [s]."""
+    figure = values(title, y_label, time, {k: _positive(v, floor) for k, v in lines.items()}, marks)
+    figure.axes[0].set_yscale("log")
+    return figure
+
+
+def values(
+    title: str,
+    y_label: str,
+    time: Floats,
+    lines: Mapping[str, Floats],
+    marks: Mapping[str, float] | None = None,
+) -> Figure:
+    """Lines (t,) over time [s]; marks are named instants [s]."""
     figure = blank(6.4, 3.8)
-    axes = figure.add_axes((0.12, 0.13, 0.84, 0.72))
+    axes = figure.add_axes((0.12, 0.13, 0.84, 0.77))
     figure.suptitle(title, fontsize=10)
-    for (label, values), style in zip(lines.items(), STYLES, strict=False):
-        axes.plot(time, _positive(values, floor), label=label, **style)
+    for (label, line), style in zip(lines.items(), STYLES, strict=False):
+        axes.plot(time, line, label=label, **style)
     for (label, instant), dashes in zip((marks or {}).items(), ("-", "--", ":"), strict=False):
         if np.isfinite(instant) and instant <= time[-1]:
             axes.axvline(instant, color="0.45", linewidth=1.0, linestyle=dashes, label=label)
@@ -63,6 +76,7 @@ def families(
             axes.plot(time, _positive(values, floor), label=label, **style)
         axes.set_title(name, fontsize=9)
         _finish(axes, time, "")
+        axes.set_yscale("log")
         handles, names = axes.get_legend_handles_labels()
     for axes in grid[:-1].flat:
         axes.set_xlabel("")
@@ -70,7 +84,7 @@ def families(
     height = figure.get_figheight()
     figure.legend(handles, names, loc="lower center", ncols=5, frameon=False)
     figure.subplots_adjust(
-        left=0.11, right=0.98, top=1 - 0.62 / height, bottom=0.95 / height, wspace=0.06, hspace=0.22
+        left=0.11, right=0.98, top=1 - 0.62 / height, bottom=0.95 / height, wspace=0.12, hspace=0.22
     )
     return figure
 
@@ -144,7 +158,6 @@ def _positive(values: Floats, floor: float) -> Floats:
 
 
 def _finish(axes: Axes, time: Floats, y_label: str) -> None:
-    axes.set_yscale("log")
     axes.set_xlabel("time [s]")
     axes.set_ylabel(y_label)
     axes.grid(color="0.92", linewidth=0.6)

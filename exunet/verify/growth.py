@@ -81,6 +81,13 @@ def grid(pair: Pair, end: float | None = None) -> tuple[Floats, Plan]:
     return np.linspace(0.0, end, STATES + 1), fixed_plan(pair, end / STATES)
 
 
+def coarse(pair: Pair) -> tuple[Floats, Plan]:
+    """As `grid`, with steps as long as stability allows and fewer states, for many runs of a case."""
+    times, _ = grid(pair)
+    times = times[::2]
+    return times, fixed_plan(pair, float(times[1]), part=0.8)
+
+
 def perturbed(pair: Pair, amplitude: float, seed: int = SEED) -> Pair:
     """The case with each coordinate of the start moved by up to `amplitude` [m]."""
     random = np.random.default_rng(seed)

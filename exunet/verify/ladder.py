@@ -11,6 +11,7 @@ import reference_impl as reference
 from exunet.engine.stepper import EngineFailed
 from exunet.errors import ExunetError, InputError
 from exunet.verify.check import Check, Finding
+from exunet.verify.growth import Growth
 from exunet.verify.pair import Pair, read_pair
 from exunet.verify.tolerances import RAN
 
@@ -72,12 +73,14 @@ class Ladder:
         self._quick = quick
         self._study = study
         self._different: set[str] = set()
+        self._grown: dict[str, Growth] = {}
 
     def steps(self) -> Iterator[Step]:
         """The steps in order; which come later may depend on what earlier ones found."""
         yield from self._states()
         yield from self._runs()
         yield from self._answers()
+        yield from self._horizons()
 
     def _states(self) -> Iterator[Step]:
         from exunet.verify import forces, matrices, stepping, topology
@@ -112,6 +115,7 @@ class Ladder:
 
         followed = (QUICK_END, growth.AMPLITUDES[:1]) if self._quick else ()
         grown = growth.growth(pair, *followed)
+        self._grown[pair.name] = grown
         yield from stepping.same_scheme(pair, grown)
         yield from converged.converged(pair, grown)
 
@@ -124,6 +128,28 @@ class Ladder:
                 path = paths[name]
                 yield Step(6, name, lambda path=path, answer=answer: answer(read_pair(path)))  # type: ignore[misc]
 
+    def _horizons(self) -> Iterator[Step]:
+        from exunet.verify import horizon, separation
 
+        pairs = {pair.name: pair for pair in self._pairs if pair.name in self._grown}
+        for name, pair in pairs.items():
+            grown = self._grown[name]
+            yield Step(7, name, lambda pair=pair, grown=grown: horizon.sensitivity(pair, grown))  # type: ignore[misc]
+        if self._quick:
+            return
+        papers = [pairs[name] for name in PAPER if name in pairs] if self._study else []
+        for pair in papers if self._study else pairs.values():
+            grown, both = self._grown[pair.name], pair.name not in PAPER[1:]
+            title = f"{pair.name}, ensemble"
+            yield Step(
+                7,
+                title,
+                lambda pair=pair, grown=grown, both=both: horizon.after_it(pair, grown, both),  # type: ignore[misc]
+            )
+        if len(papers) == len(PAPER):
+            yield Step(7, "the paper's case", lambda: separation.separation(*papers))
+
+
+PAPER = ("planar_deployment", "planar_undamped")  # the paper's case, with its damping and without
 LONG_ANSWERS = {"snap_from_slack"}
 QUICK_END = 1.0  # [s] of the run that --quick follows

@@ -113,3 +113,15 @@ KINK = Tolerance(
     "about order 2: a kink of the force inside a step costs a method of any order an error of h^2; it comes "
     "anywhere in its step, so the root mean square over eight starts still scatters by a third",
 )
+PROPORTIONAL = Tolerance(
+    0.5,
+    "decades",
+    "small differences obey linear equations, so a start moved 100 times further (another length of the same "
+    "move) parts 100 times as much, but for the kinks that the larger one meets at other times",
+)
+SAME_STATISTICS = Tolerance(
+    5.0,
+    "standard errors",
+    "ten times are looked at; five standard errors are passed by chance once in 200 000 such comparisons",
+)
+SYMMETRIC = Tolerance(0.0, "m/s", "mirrored sums are formed in mirrored order: equal to the last bit")

@@ -1,0 +1,119 @@
+"""Rung 7: until when a trajectory can be predicted at all, and what can be said after that."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.verify.check import Check, Finding, Plate, Text
+from exunet.verify.ensemble import RUNS, Ensemble, ensemble
+from exunet.verify.figures import bands, curves
+from exunet.verify.growth import Growth
+from exunet.verify.pair import Pair
+from exunet.verify.tolerances import PROPORTIONAL, SAME_STATISTICS
+
+Floats = NDArray[np.float64]
+
+ROUND_OFF, VISIBLE = 1e-16, 1e-3  # [m]
+
+
+def sensitivity(pair: Pair, grown: Growth) -> Iterator[Finding]:
+    """Rate of growth and horizon of a case, and that small differences grow in proportion."""
+    horizon = grown.reaches(ROUND_OFF, VISIBLE)
+    if len(grown.amplitudes) > 1:
+        yield _in_proportion(pair, grown)
+    words = ", ".join(
+        f"{rate:.3g}/s from {a:.0e} m" for rate, a in zip(grown.rates, grown.amplitudes, strict=True)
+    )
+    yield Check(7, pair.name, "rate of growth [1/s]", grown.rate, None, words)
+    if math.isfinite(horizon):
+        name = f"horizon: {ROUND_OFF:.0e} m becomes {VISIBLE:.0e} m at t [s]"
+        yield Check(7, pair.name, name, horizon, None, "read off the growth of the smallest perturbation")
+    else:
+        name = f"no horizon before t = {grown.time[-1]:.3g} s"
+        yield Check(7, pair.name, name, grown.rate, None, "differences stay small for the whole run")
+    lines = {f"start moved by {a:.0e} m": d for a, d in zip(grown.amplitudes, grown.difference, strict=True)}
+    title = f"{pair.name}: distance from the unperturbed motion"
+    marks = {f"horizon, t = {horizon:.3g} s": horizon}
+    figure = curves(title, "largest difference of a position [m]", grown.time, lines, marks)
+    caption = (
+        f"{pair.name}: growth of perturbations of the start. The vertical line is where a difference of "
+        "1e-16 m, the round-off of one operation, has become 1e-3 m."
+    )
+    yield Plate(7, f"growth_{pair.name}", figure, caption)
+
+
+def _in_proportion(pair: Pair, grown: Growth) -> Check:
+    """While all differences are small, one that started 100 times larger is 100 times larger."""
+    small = grown.difference[1] < 1e-6
+    small[int(np.argmin(small)) if not small.all() else len(small) :] = False
+    factor = grown.amplitudes[1] / grown.amplitudes[0]
+    ratio = np.abs(np.log10(grown.difference[1, small] / (factor * grown.difference[0, small])))
+    at = int(np.argmax(ratio))
+    words = f"t = {grown.time[at]:.4g} s: {grown.difference[0, at]:.3e} and {grown.difference[1, at]:.3e} m"
+    name = f"growth in proportion until t = {grown.time[small][-1]:.3g} s, decades"
+    return Check(7, pair.name, name, float(ratio[at]), PROPORTIONAL, words)
+
+
+def after_it(pair: Pair, grown: Growth, both: bool) -> Iterator[Finding]:
+    """Mean and spread of perturbed runs; with `both`, those of the two codes are compared."""
+    ours = ensemble(pair, "Exudyn")
+    yield _band(pair, ours, grown.reaches(ROUND_OFF, VISIBLE))
+    yield _words(pair, ours)
+    if both:
+        theirs = ensemble(pair, "reference")
+        for name in ("area", "energy", "speed"):
+            yield _same_mean(pair, name, ours, theirs)
+
+
+def _same_mean(pair: Pair, name: str, ours: Ensemble, theirs: Ensemble) -> Check:
+    """Difference of the means in standard errors, at the times after which the runs have parted."""
+    a, b = getattr(ours, name), getattr(theirs, name)
+    error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / len(a))
+    parted = error > 1e-4 * np.abs(a).max()
+    if not parted.any():
+        gap = float(np.abs(a.mean(axis=0) - b.mean(axis=0)).max() / np.abs(a).max())
+        words = "the runs do not part: difference of the means relative to the largest value"
+        return Check(7, pair.name, f"mean {name} of both codes", gap, None, words)
+    # Neighbouring times are not independent: ten of them stand for all.
+    shown = np.flatnonzero(parted)[:: max(1, int(parted.sum()) // 10)]
+    gap = np.abs(a.mean(axis=0) - b.mean(axis=0))[shown] / error[shown]
+    at = shown[int(np.argmax(gap))]
+    words = (
+        f"t = {ours.time[at]:.4g} s: {a[:, at].mean():.5g} and {b[:, at].mean():.5g}, "
+        f"standard error of their difference {error[at]:.2g}"
+    )
+    title = f"mean {name} of {len(a)} runs of each code"
+    return Check(7, pair.name, title, float(gap.max()), SAME_STATISTICS, words)
+
+
+def _band(pair: Pair, found: Ensemble, horizon: float) -> Plate:
+    panels = {
+        "area / reference": (found.area, "Mouth area"),
+        "energy / start": (found.energy, "Kinetic and elastic energy"),
+        "speed [m/s]": (found.speed, "Mean speed of the bullets"),
+    }
+    figure = bands(f"{pair.name}: {RUNS} runs, starts moved by 1e-10 m", found.time, panels, horizon)
+    return Plate(
+        7,
+        f"ensemble_{pair.name}",
+        figure,
+        f"{pair.name}: what {RUNS} runs with perturbed starts have in common. Dashed: the horizon.",
+    )
+
+
+def _words(pair: Pair, found: Ensemble) -> Text:
+    rows = ["| t [s] | area / reference | energy / start | mean bullet speed [m/s] |", "|---|---|---|---|"]
+    for at in np.linspace(0, len(found.time) - 1, 9).round().astype(int)[1:]:
+        cells = [
+            f"{values[:, at].mean():.4f} ± {values[:, at].std(ddof=1):.1e}"
+            for values in (found.area, found.energy, found.speed)
+        ]
+        rows.append(f"| {found.time[at]:.3g} | " + " | ".join(cells) + " |")
+    head = (
+        f"What stays predictable in `{pair.name}`: mean ± standard deviation over {RUNS} perturbed runs.\n\n"
+    )
+    return Text(7, head + "\n".join(rows))
