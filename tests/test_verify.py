@@ -43,6 +43,15 @@ def test_states_of_a_case_agree(path):
             assert check.holds, f"{check.name}: {check.measured} ({check.worst})"
 
 
+def test_states_agree_with_the_fused_net():
+    pytest.importorskip("numba")
+    pair = read_pair(CASES[0]).fused()
+    assert pair.start.scene.engine.net == "fused"
+    for rung in (lambda pair: forces(pair, 10), matrices, one_step):
+        for check in rung(pair):
+            assert check.holds, f"{check.name}: {check.measured} ({check.worst})"
+
+
 @pytest.mark.parametrize("kind", ["radial", "hexagonal", "explicit"])
 def test_states_of_random_nets_agree(kind):
     """Topologies that no shipped case has; the seed only fixes which nets are drawn."""

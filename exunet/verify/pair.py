@@ -127,8 +127,16 @@ class Pair:
         return values[..., self.to_theirs, :]
 
     def probe(self) -> Probe:
-        """The engine's equations of motion."""
-        return Probe(build(self.start))
+        """The engine's equations of motion, in the form that also has derivatives."""
+        implicit = Plan("GeneralizedAlpha", step=1e-6)
+        return Probe(build(replace(self.start, plan=implicit)))
+
+    def fused(self) -> Pair:
+        """The same case with the engine's fused net in place of connectors."""
+        scene = self.start.scene
+        engine = scene.engine.model_copy(update={"net": "fused"})
+        start = replace(self.start, scene=scene.model_copy(update={"engine": engine}))
+        return replace(self, name=f"{self.name}, fused", start=start)
 
     def from_state(self, position: Floats, velocity: Floats) -> Pair:
         """The same case started from another state of the free nodes (both in exunet's order)."""

@@ -46,7 +46,8 @@ def same_scheme(pair: Pair, grown: Growth) -> Iterator[Finding]:
     times, plan = grid(pair, float(grown.time[-1]))
     ours, theirs = pair.engine(times, plan), pair.march(times, method="RK4", step=plan.step)
     apart = distance(ours, theirs)
-    bound = np.maximum.accumulate(grown.difference[0])
+    round_off = ours.steps * np.finfo(float).eps * pair.size
+    bound = np.maximum.accumulate(grown.difference[0]) * round_off / grown.amplitudes[0]
     at = int(np.argmax(apart / bound))
     node = int(np.argmax(np.linalg.norm(ours.position[at] - theirs.position[at], axis=1)))
     a, b = (", ".join(f"{c:.12g}" for c in run.position[at, node]) for run in (ours, theirs))

@@ -48,8 +48,9 @@ ONE_STEP = Tolerance(
 SAME_SCHEME = Tolerance(
     1.0,
     "x",
-    "the two codes may part as fast as one code parts from itself when its start is moved by 1e-12 m, the "
-    "round-off of 1e4 steps: more would be an error, not round-off",
+    "the two codes may part as far as one code parts from itself when its start is moved by the round-off of "
+    "all steps, a unit in the last place of the net's size each (in even flight all steps round alike): more "
+    "would be an error, not round-off",
 )
 RAN = Tolerance(0.0, "", "a run that stops leaves nothing to compare")
 CONVERGED = Tolerance(
