@@ -103,6 +103,22 @@ def verify_command(
     raise typer.Exit(verify(cases or [], out or Path(), quick=quick))
 
 
+@app.command("cost")
+def cost_command(
+    case: CasePath,
+    until: Annotated[float | None, typer.Option(help="end of the runs [s]", metavar="T")] = None,
+    budget: Annotated[float, typer.Option(help="wall time", metavar="SECONDS", min=0.0)] = 120.0,
+    out: Folder = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Measure what accuracy costs on a case, method by method; write the work-precision diagram."""
+    from exunet.casefile import load
+    from exunet.commands.cost import cost
+
+    loaded = load(case, overrides)
+    raise typer.Exit(cost(loaded, out or Path("results") / loaded.name, until, budget))
+
+
 @app.command("compare")
 def compare_command(
     a: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="A")],

@@ -1,0 +1,157 @@
+"""`exunet cost`: climbs the ladder of methods on a case, prints the answer, writes figure and tables."""
+
+from __future__ import annotations
+
+import sys
+import time as clock
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from exunet.build import prepare
+from exunet.casefile import Case
+from exunet.commands.table import print_table
+from exunet.cost.converged import Converged, converge
+from exunet.cost.figure import work_precision
+from exunet.cost.runners import Subject
+from exunet.cost.study import Say, Study, all_rungs, climb
+from exunet.cost.table import answer_rows, write_csv
+from exunet.errors import InputError
+from exunet.files import cannot_write, replacing
+from exunet.kernel.compile import numba_installed
+from exunet.plot.style import drawing
+from exunet.verify.pair import pair_of
+
+INTERRUPTED = 130
+BEYOND_INSTANTS = 100  # stored times of each run where deployment measures are compared
+
+
+def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
+    """Study a case and write work_precision.png, cost.csv and cost.md into `folder`; returns the exit code.
+
+    until  : end of the runs [s], at most the case's; None: the case's
+    budget : wall time [s] of all of it; at least the converged solution is computed
+    Raises InputError for an `until` or a folder that cannot be used, RunStopped if not even the converged
+    solution can be computed.
+    """
+    _ready(folder)
+    began = clock.perf_counter()
+
+    def left() -> float:
+        return budget - (clock.perf_counter() - began)
+
+    subject, refusal = _subject(case, until)
+    compiled = numba_installed()
+    with _status() as say:
+        say("converged solution")
+        converged = converge(subject, compiled=compiled)
+        if not converged.predicts:
+            subject = subject.at(tuple(np.linspace(0.0, subject.end, BEYOND_INSTANTS + 1).tolist()))
+        study = Study(converged)
+        climb(study, subject, all_rungs(subject, compiled=compiled), left, say)
+    title = f"{case.scene.title}, to t = {subject.end:g} s"
+    _write(study, folder, title)
+    notes = [("note", refusal)] if refusal else []
+    if not compiled:
+        notes.append(
+            ("note", "without Numba (pip install 'exunet[fast]') there is no fused net, no compiled loop")
+        )
+    rows = [*_head(converged, subject), *answer_rows(study), *_failures(study), *notes]
+    if study.interrupted:
+        rows.insert(0, ("INCOMPLETE", "interrupted; what was measured until then is kept"))
+    print_table(title, [*rows, ("written to", f"{folder}/")])
+    _write_words(folder, title, rows)
+    return INTERRUPTED if study.interrupted else 0
+
+
+def _subject(case: Case, until: float | None) -> tuple[Subject, str]:
+    end = case.scene.time.end
+    if until is not None:
+        if not 0.0 < until <= end:
+            raise InputError(f"--until: must be in (0, {end:g}] s, the case's time, got {until:g}")
+        end = until
+    start = prepare(case.scene)
+    try:
+        return Subject(start, pair_of(case), (0.0, end)), ""
+    except InputError as error:
+        return Subject(start, None, (0.0, end)), f"without the reference: {error}"
+
+
+def _head(converged: Converged, subject: Subject) -> list[tuple[str, str]]:
+    rows = [("converged solution", words) for words in converged.words]
+    if not converged.predicts:
+        rows.append(
+            (
+                "beyond the horizon",
+                f"from about t = {converged.horizon:.3g} s on no speed is predictable here: errors below are "
+                "those of the energy balance; momentum and largest area are in cost.csv. For speeds give a "
+                "shorter --until",
+            )
+        )
+    elif converged.sensitivity > max(1e-2, 1e3 * converged.uncertainty):
+        rows.append(
+            (
+                "sensitive start",
+                f"the speeds at t = {subject.end:g} s hold for exactly this start only: what is symmetric in "
+                "it stays so; a real start, moved a little, has no predictable speeds there",
+            )
+        )
+    return rows
+
+
+def _failures(study: Study) -> list[tuple[str, str]]:
+    rows = [
+        ("failed", f"{entry.setting.name}, {entry.setting.value}: {_brief(entry.reason)}")
+        for entry in study.entries
+        if entry.failed
+    ]
+    left_out = [entry for entry in study.entries if entry.reason and not entry.failed]
+    if left_out:
+        names = ", ".join(f"{entry.setting.name} {entry.setting.value}" for entry in left_out[:6])
+        more = f" and {len(left_out) - 6} more" if len(left_out) > 6 else ""
+        rows.append(("left out", f"too long for the budget: {names}{more}; give --budget"))
+    return rows
+
+
+def _brief(words: str) -> str:
+    return words if len(words) <= 110 else words[:107] + "..."
+
+
+def _ready(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with replacing(folder / "cost.csv"):
+            pass
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+
+
+def _write(study: Study, folder: Path, title: str) -> None:
+    write_csv(study, folder / "cost.csv")
+    with drawing():
+        figure = work_precision(study, title)
+        with replacing(folder / "work_precision.png") as part:
+            figure.savefig(part, format="png")
+
+
+def _write_words(folder: Path, title: str, rows: list[tuple[str, str]]) -> None:
+    lines = [f"# {title}", "", "Errors of speeds are relative to the launch speed.", "", "| | |", "|---|---|"]
+    lines += [f"| {name} | {words} |" for name, words in rows]
+    lines += ["", "![work-precision diagram](work_precision.png)"]
+    with replacing(folder / "cost.md") as part:
+        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def _status() -> Iterator[Say]:
+    """A function that names the run at work on stderr; it says nothing when that is not a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda words: None
+        return
+    from rich.console import Console
+
+    console = Console(stderr=True, markup=False, emoji=False, highlight=False)
+    with console.status("") as status:
+        yield lambda words: status.update(words)
