@@ -35,6 +35,11 @@ class Monitor:
         self._potential = float(energy.potential(terms, position[None])[0])
         self._last_good = (0.0, position)
 
+    @property
+    def good_until(self) -> float:
+        """Time [s] of the last state that had nothing wrong with it."""
+        return self._last_good[0]
+
     def _mechanical(self, position: Floats, velocity: Floats) -> Floats:
         return (
             energy.kinetic(self._net, velocity)
@@ -42,10 +47,13 @@ class Monitor:
             + energy.potential(self._terms, position)
         )
 
-    def __call__(self, time: Floats, position: Floats, velocity: Floats) -> None:
-        """Take a batch of states: time (k,), position and velocity (k, n_nodes, 3), first one known."""
+    def __call__(self, time: Floats, position: Floats, velocity: Floats, taken: Floats | None = None) -> None:
+        """Take a batch of states: time (k,), position and velocity (k, n_nodes, 3), first one known.
+
+        taken : (k,) energy [J] that the integration itself says was taken out so far; None: summed here
+        """
         self._check_finite(time, position, velocity)
-        work = self._dissipation(time, position, velocity)
+        work = self._dissipation(time, position, velocity) if taken is None else np.diff(taken)
         self._check_energy(time, position, velocity, self.dissipated + np.cumsum(work))
         self.dissipated += float(work.sum())
         self._last_good = (float(time[-1]), position[-1])
@@ -67,10 +75,10 @@ class Monitor:
         if finite.all():
             return
         bad = int(np.argmin(finite))
-        good = (float(time[bad - 1]), position[bad - 1]) if bad else self._last_good
-        raise RunStopped(
-            f"diverged at t = {time[bad]:.6g} s: the state is not finite; {self._worst(*good)}. {ADVICE}"
-        )
+        if bad:
+            self._last_good = (float(time[bad - 1]), position[bad - 1])
+        worst = self._worst(*self._last_good)
+        raise RunStopped(f"diverged at t = {time[bad]:.6g} s: the state is not finite; {worst}. {ADVICE}")
 
     def _check_energy(self, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> None:
         kinetic = energy.kinetic(self._net, velocity[1:])
@@ -83,6 +91,7 @@ class Monitor:
         if not grown.any():
             return
         bad = int(np.argmax(grown)) + 1
+        self._last_good = (float(time[bad - 1]), position[bad - 1])
         raise RunStopped(
             f"diverged at t = {time[bad]:.6g} s: the energy grew by {growth[bad - 1]:.3g} J "
             f"(allowed {allowed:.3g} J); {self._worst(float(time[bad]), position[bad])}. {ADVICE}"

@@ -104,10 +104,17 @@ class Launch(Record):
 class Engine(Record):
     """Which form of the engine computes; the results are the same."""
 
+    loop: Literal["exudyn", "compiled"] = Field(
+        "exudyn",
+        description="who steps in time: the engine, or a compiled loop of exunet's own (a net alone)",
+    )
     net: Literal["connectors", "fused"] = Field(
         "connectors",
         description="an engine item for each element, or one object for the whole net with compiled forces",
     )
+
+
+COMPILED_METHODS = ("DOPRI5", "RK44", "VelocityVerlet")
 
 
 class Scene(Record):
@@ -140,6 +147,17 @@ class Scene(Record):
         if len(title.splitlines()) > 1 or title.endswith("\n"):
             raise ValueError("must be one line")
         return title
+
+    @field_validator("engine")
+    @classmethod
+    def _knows_the_method(cls, engine: Engine, others: ValidationInfo) -> Engine:
+        solver = others.data.get("solver")
+        if engine.loop == "compiled" and solver is not None and solver.method not in COMPILED_METHODS:
+            reason = (
+                f"the compiled loop has {', '.join(COMPILED_METHODS)}, not solver.method = {solver.method}"
+            )
+            refuse([Wrong(("loop",), reason)])
+        return engine
 
     @field_validator("initial")
     @classmethod

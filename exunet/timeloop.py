@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import time as clock
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,15 @@ from exunet.build import Start, build, prepare
 from exunet.casefile import Case
 from exunet.effects import switched_on
 from exunet.engine.loading import exudyn_version
-from exunet.engine.model import Model
 from exunet.engine.stepper import EngineFailed, Stepper
 from exunet.errors import Interrupted, RunStopped
 from exunet.monitor import Monitor
 from exunet.result import Result
 from exunet.scene import Scene
 from exunet.times import stored_times
+
+if TYPE_CHECKING:
+    from exunet.loop.loop import Loop
 
 Floats = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -50,26 +52,25 @@ def simulate(
     times = stored_times(start.scene.time)
     monitor = Monitor(start.net, start.terms, start.position, start.velocity)
 
-    def watch(time: Floats, position: Floats, velocity: Floats) -> None:
-        monitor(time, position, velocity)
+    def watch(time: Floats, position: Floats, velocity: Floats, taken: Floats | None = None) -> None:
+        monitor(time, position, velocity, taken)
         if progress:
             progress(float(time[-1]))
 
-    began = clock.perf_counter()
-    model = build(start)
-    record.built(model, clock.perf_counter() - began)
-    record.store(0.0, model, 0.0)
-    began = clock.perf_counter()
+    record.store(0.0, (start.position, start.velocity), 0.0)
     try:
-        stepper = Stepper(model, start.plan, float(times[-1]), watch, every=_sampling(start))
+        stepper = _stepper(start, float(times[-1]), watch, record)
     except EngineFailed as failure:
         raise RunStopped(f"not started: {failure}", record.result("not started")) from failure
+    began = clock.perf_counter()
     verdict: RunStopped | None = None
     try:
         for until in times[1:]:
             stepper.advance(float(until))
-            record.store(float(until), model, monitor.dissipated)
+            taken = monitor.dissipated if stepper.dissipated is None else stepper.dissipated
+            record.store(float(until), stepper.state(), taken)
     except RunStopped as stop:
+        record.forget_after(monitor.good_until)
         verdict = stop
     except EngineFailed as failure:
         verdict = RunStopped(f"the engine stopped after t = {stepper.time:.6g} s: {failure}")
@@ -80,6 +81,20 @@ def simulate(
         verdict.partial = record.result(str(verdict))
         raise verdict
     return record.result("ok")
+
+
+def _stepper(start: Start, end: float, watch: Callable[..., None], record: _Record) -> Stepper | Loop:
+    """The engine, or the compiled loop, at time 0; raises EngineFailed, or MissingExtra without Numba."""
+    began = clock.perf_counter()
+    if start.scene.engine.loop == "compiled":
+        from exunet.loop.loop import Loop
+
+        loop = Loop(start, end, watch)
+        record.built({}, clock.perf_counter() - began)
+        return loop
+    model = build(start)
+    record.built(model.items(), clock.perf_counter() - began)
+    return Stepper(model, start.plan, end, watch, every=_sampling(start))
 
 
 def _sampling(start: Start) -> int:
@@ -101,23 +116,27 @@ class _Record:
             "step": start.plan.step,
             "end": start.scene.time.end,
             "notes": list(start.plan.notes),
+            "engine": start.scene.engine.model_dump(),
             "effects": sorted(switched_on(start.scene.effects)),
         }
         self._time: list[float] = []
-        self._raw: list[tuple[Floats, Floats]] = []
+        self._states: list[tuple[Floats, Floats]] = []
         self._dissipated: list[float] = []
-        self._unpack: Callable[[Floats, Floats], tuple[Floats, Floats]]
 
-    def built(self, model: Model, seconds: float) -> None:
-        self._unpack = model.unpack
-        self._provenance |= {"items": model.items(), "build_seconds": seconds}
+    def built(self, items: dict[str, int], seconds: float) -> None:
+        self._provenance |= {"items": items, "build_seconds": seconds}
 
-    def store(self, time: float, model: Model, dissipated: float) -> None:
+    def store(self, time: float, state: tuple[Floats, Floats], dissipated: float) -> None:
         self._time.append(time)
-        self._raw.append(model.coordinates())
+        self._states.append(state)
         self._dissipated.append(dissipated)
 
-    def integrated(self, stepper: Stepper, seconds: float) -> None:
+    def forget_after(self, time: float) -> None:
+        """Drop the states after `time` [s]: the guards look at batches, which may end after one."""
+        good = sum(stored <= time for stored in self._time)
+        del self._time[good:], self._states[good:], self._dissipated[good:]
+
+    def integrated(self, stepper: Stepper | Loop, seconds: float) -> None:
         self._provenance |= {
             "steps": stepper.counts.steps,
             "rejected_steps": stepper.counts.rejected,
@@ -128,8 +147,7 @@ class _Record:
 
     def result(self, verdict: str) -> Result:
         net, terms = self._start.net, self._start.terms
-        displacement, speed = (np.array(raw) for raw in zip(*self._raw, strict=True))
-        position, velocity = self._unpack(displacement, speed)
+        position, velocity = (np.array(states) for states in zip(*self._states, strict=True))
         length = cable.lengths(net, position)
         return Result(
             net=net,

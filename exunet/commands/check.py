@@ -16,7 +16,8 @@ def describe(case: Case) -> list[tuple[str, str]]:
     net, plan = start.net, start.plan
     on = switched_on(case.scene.effects)
     off = [name for name in EFFECTS if name not in on]
-    items = ", ".join(f"{number} {kind}" for kind, number in build(start).items().items())
+    compiled = case.scene.engine.loop == "compiled"
+    items = "none: compiled loop" if compiled else _items(start)
     setting = f"tolerance {plan.tolerance:.3g}" if plan.tolerance is not None else f"step {plan.step:.4g} s"
     times = stored_times(case.scene.time)
     return [
@@ -32,6 +33,10 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("stable step", _stable_steps(start)),
         ("engine items", items),
     ]
+
+
+def _items(start: Start) -> str:
+    return ", ".join(f"{number} {kind}" for kind, number in build(start).items().items())
 
 
 def _stable_steps(start: Start) -> str:

@@ -51,6 +51,7 @@ class Stepper:
         self._every = every
         self.counts = Counts()
         self.time = 0.0
+        self.dissipated = None  # the watcher has to sum it
         rows = max(16, min(4096, _BUFFER_NUMBERS // max(1, model.n_coordinates)))
         self._times = np.empty(rows)
         self._q = np.empty((rows, model.n_coordinates))
@@ -174,6 +175,10 @@ class Stepper:
                 buffer[0] = buffer[rows - 1]
             self._rows = 1
             self._watcher(time, position, velocity)
+
+    def state(self) -> tuple[Floats, Floats]:
+        """Position [m] and velocity [m/s] of all points now, (n, 3) each."""
+        return self._model.unpack(*self._model.coordinates())
 
     def _count_newton(self) -> None:
         self.counts.newton_iterations = int(self._solver.it.newtonStepsCount)

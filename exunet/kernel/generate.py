@@ -46,6 +46,7 @@ def module_source(pieces: Sequence[Piece], drivers: Iterable[Function] = ()) -> 
         '"""Compiled by exunet for one kind of scene; safe to delete."""',
         "from __future__ import annotations\n\nimport math\n\nimport numpy as np",
         *(_text(function) for function in functions.values()),
+        f"TAKES_POWER = {any(piece.works or piece.power is not None for piece in pieces)}",
         _joined(pieces),
         *(_text(driver) for driver in drivers),
     ]

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from exunet.effects.terms import KernelTerm, Terms
 from exunet.kernel import drivers, pieces
 from exunet.kernel.compile import compiled_module, interpreted_module, numba_installed
-from exunet.kernel.generate import Piece, data_of, module_source
+from exunet.kernel.generate import Function, Piece, data_of, module_source
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -22,15 +22,14 @@ Index = np.uint32
 
 
 class Kernel:
-    """The forces of some pieces on n_nodes nodes.
+    """The forces of some pieces on n_nodes nodes; `extra` functions join those of `drivers` in the module.
 
     data : the parameters of all pieces, to be handed to the functions of `module`
     """
 
-    def __init__(self, parts: list[Piece]) -> None:
-        self._parts = parts
+    def __init__(self, parts: list[Piece], extra: tuple[Function, ...] = ()) -> None:
         self.data: tuple[Any, ...] = data_of(parts)
-        self.source = module_source(parts, drivers.DRIVERS)
+        self.source = module_source(parts, (*drivers.DRIVERS, *extra))
 
     @cached_property
     def module(self) -> ModuleType:
@@ -59,9 +58,9 @@ class Kernel:
         return taken
 
 
-def net_kernel(net: Net, terms: Terms) -> Kernel:
+def net_kernel(net: Net, terms: Terms, extra: tuple[Function, ...] = ()) -> Kernel:
     """All forces on the nodes of a net: the elements and every term of the effects."""
-    return Kernel([_elements(net, terms), *_constant(terms), *map(_piece, terms.kernels)])
+    return Kernel([_elements(net, terms), *_constant(terms), *map(_piece, terms.kernels)], extra)
 
 
 @lru_cache(maxsize=8)

@@ -1,0 +1,1 @@
+"""The compiled time loop: a net alone, integrated without the engine by the same kernel."""

@@ -1,0 +1,186 @@
+"""Many steps in compiled code: with equal steps, or with steps chosen from an error estimate.
+
+The text of these functions is copied into a kernel's specialised module, after those of `schemes`. Common to
+both, beside what is said there:
+
+taken   : (1,) energy [J] that terms without a potential have taken out so far, summed by Simpson's rule on
+          the cubic Hermite polynomial of each step
+counts  : (2,) accepted and rejected steps so far
+kept    : time (k,), x (k, n), v (k, n), taken (k,) of one step in `every` and of the last, for the guards,
+          from `row` on
+Both return the number of rows of `kept` that are filled; they return when those are full, when `limit` steps
+have been tried, or at the end.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from exunet.loop.schemes import accelerate, dormand_prince_step, largest, runge_kutta_4_step, verlet_step
+
+if TYPE_CHECKING:  # the generated module holds these beside the functions below
+    TAKES_POWER = False
+
+    def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
+
+
+def work_of_step(
+    t: float, h: float, x: Any, v: Any, power_at_start: float, data: Any, work: Any, taken: Any
+) -> float:
+    """Add to `taken` what the step to (work[1], work[2]) took out; returns the power at its end [W]."""
+    x1 = work[1]
+    v1 = work[2]
+    middle_x = work[13]
+    middle_v = work[14]
+    for c in range(x.size):
+        middle_x[c] = 0.5 * (x[c] + x1[c]) + 0.125 * h * (v[c] - v1[c])
+        middle_v[c] = 1.5 * (x1[c] - x[c]) / h - 0.25 * (v[c] + v1[c])
+    middle = power(t + 0.5 * h, middle_x, middle_v, data, work[15])
+    end = power(t + h, x1, v1, data, work[15])
+    taken[0] += h / 6.0 * (power_at_start + 4.0 * middle + end)
+    return end
+
+
+def accept(x: Any, v: Any, work: Any) -> None:
+    """Make the step's result the state."""
+    x1 = work[1]
+    v1 = work[2]
+    for c in range(x.size):
+        x[c] = x1[c]
+        v[c] = v1[c]
+
+
+def keep(row: int, t: float, x: Any, v: Any, taken: Any, kept: Any) -> int:
+    """Copy a state into a row of `kept`; returns the next row."""
+    kept[0][row] = t
+    kept[3][row] = taken[0]
+    for c in range(x.size):
+        kept[1][row, c] = x[c]
+        kept[2][row, c] = v[c]
+    return row + 1
+
+
+def equal_steps(
+    verlet: bool,
+    start: float,
+    until: float,
+    number: int,
+    first: int,
+    limit: int,
+    row: int,
+    x: Any,
+    v: Any,
+    inverse: Any,
+    data: Any,
+    work: Any,
+    taken: Any,
+    counts: Any,
+    every: int,
+    kept: Any,
+) -> int:
+    """Steps number `first`, ... of the `number` equal steps from `start` to `until`, at most `limit`."""
+    h = (until - start) / number
+    watts = 0.0
+    if TAKES_POWER:
+        watts = power(start + first * h, x, v, data, work[15])
+    for step in range(first, min(number, first + limit)):
+        t = start + step * h
+        if verlet:
+            verlet_step(t, h, x, v, inverse, data, work)
+        else:
+            runge_kutta_4_step(t, h, x, v, inverse, data, work)
+        if TAKES_POWER:
+            watts = work_of_step(t, h, x, v, watts, data, work, taken)
+        accept(x, v, work)
+        counts[0] += 1
+        if (step + 1) % every == 0 or step + 1 == number:
+            end = until if step + 1 == number else start + (step + 1) * h
+            row = keep(row, end, x, v, taken, kept)
+            if row == kept[0].size:
+                break
+    return row
+
+
+def chosen_steps(
+    clock: Any,
+    until: float,
+    tolerance: float,
+    longest: float,
+    least: float,
+    limit: int,
+    row: int,
+    x: Any,
+    v: Any,
+    inverse: Any,
+    data: Any,
+    work: Any,
+    taken: Any,
+    counts: Any,
+    every: int,
+    kept: Any,
+) -> int:
+    """Dormand-Prince steps to `until`, the largest error estimate of each not above `tolerance` [m, m/s].
+
+    clock : (4,) time [s]; the step to try next [s]; 1 after a rejected step, else 0; number of steps in a row
+            that were of the length `least`, at which no error is too large
+
+    `until` is hit by shortened steps, the last two of a stretch made equal, and the length that the control
+    had chosen goes on after it: so the stored states are of full order, which interpolated ones would not be.
+    The control is that of Hairer, Norsett and Wanner, "Solving Ordinary Differential Equations I", eq.
+    (II.4.13), with growth by 2 at most: a slack net snaps taut within a step, and larger jumps get rejected.
+    """
+    watts = 0.0
+    if TAKES_POWER:
+        watts = power(clock[0], x, v, data, work[15])
+    for _ in range(limit):
+        wanted = min(clock[1], longest)
+        rest = until - clock[0]
+        h = wanted
+        if rest <= 1.0000001 * wanted:
+            h = rest
+        elif rest < 2.0 * wanted:
+            h = 0.5 * rest
+        error = dormand_prince_step(clock[0], h, x, v, inverse, data, work) / tolerance
+        if not (error <= 1.0 or (h <= least and error < np.inf)):
+            counts[1] += 1
+            clock[2] = 1.0
+            shrink = 0.2 if error == np.inf else max(0.2, 0.9 * error**-0.2)
+            clock[1] = max(least, h * shrink)
+            if h <= least:
+                clock[3] = np.inf
+                break
+            continue
+        clock[3] = clock[3] + 1.0 if error > 1.0 else 0.0
+        if TAKES_POWER:
+            watts = work_of_step(clock[0], h, x, v, watts, data, work, taken)
+        accept(x, v, work)
+        for c in range(x.size):
+            work[0, c] = work[9, c]
+        counts[0] += 1
+        clock[0] = until if h == rest else clock[0] + h
+        change = max(0.2, min(1.0 if clock[2] == 1.0 else 2.0, 0.9 * max(error, 1e-10) ** -0.2))
+        clock[2] = 0.0
+        clock[1] = max(least, h * change, wanted if h < wanted and error <= 1.0 else 0.0)
+        if counts[0] % every == 0 or clock[0] == until:
+            row = keep(row, clock[0], x, v, taken, kept)
+            if row == kept[0].size:
+                break
+        if clock[0] == until:
+            break
+    return row
+
+
+LOOP = (
+    accelerate,
+    verlet_step,
+    runge_kutta_4_step,
+    largest,
+    dormand_prince_step,
+    work_of_step,
+    accept,
+    keep,
+    equal_steps,
+    chosen_steps,
+)
