@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.effects import total_terms
+from exunet.effects import extended, total_terms
 from exunet.effects.terms import Terms
 from exunet.engine.model import Model
+from exunet.estimates import chosen
 from exunet.initial import initial_state
 from exunet.net import weave
 from exunet.net.arrays import Net
@@ -36,11 +37,13 @@ class Start:
 
 
 def prepare(scene: Scene) -> Start:
-    """Weave the net, sum the effects' terms, set the initial state and plan the integration."""
-    net = weave(scene.net)
-    terms = total_terms(scene.effects, net)
+    """Choose the effects, weave the net, set the initial state, sum the terms and plan the integration."""
+    scene, notes = chosen(scene)
+    net = extended(scene.effects, weave(scene.net))
     position, velocity = initial_state(scene, net)
-    return Start(scene, net, terms, position, velocity, make_plan(scene, net, terms, velocity))
+    terms = total_terms(scene.effects, net, position)
+    plan = make_plan(scene, net, terms, velocity)
+    return Start(scene, net, terms, position, velocity, replace(plan, notes=plan.notes + notes))
 
 
 def build(start: Start) -> Model:

@@ -49,4 +49,5 @@ def _launch_velocity(launch: Launch, net: Net) -> Floats:
     """(n_bullets, 3) [m/s]: radially away from the origin, and along +z."""
     outward = net.reference_position[net.bullet_nodes]
     outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-    return launch.radial_speed * outward + np.array([0.0, 0.0, launch.axial_speed])
+    radial, axial = launch.radial_and_axial
+    return radial * outward + np.array([0.0, 0.0, axial])

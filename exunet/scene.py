@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+import math
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from exunet.checks import Wrong, refuse
 from exunet.effects import Effects as _Effects
+from exunet.effects import misfits, switched_on
+from exunet.effects.needs import Surroundings
 from exunet.net import NetKeys, explicit
 from exunet.net.base import ThrownNetTable, refuse_other_length
 from exunet.record import FromArray, NonNegative, Positive, Record, Vector
@@ -97,8 +100,47 @@ class Initial(Record):
 class Launch(Record):
     """Velocities added to those of the bullets."""
 
-    radial_speed: float = Field(description="away from the origin, in the net's plane [m/s]", examples=[2.5])
-    axial_speed: float = Field(description="along +z, the direction of the throw [m/s]", examples=[0.0])
+    radial_speed: float | None = Field(
+        None, description="away from the origin, in the net's plane [m/s]", examples=[2.5]
+    )
+    axial_speed: float | None = Field(
+        None, description="along +z, the direction of the throw [m/s]", examples=[0.0]
+    )
+    speed: NonNegative | None = Field(
+        None, description="of each bullet [m/s], with spread_angle instead of the two above", examples=[2.5]
+    )
+    spread_angle: float | None = Field(
+        None,
+        ge=0.0,
+        le=math.pi / 2,
+        description="between the bullets' velocities and +z, the direction of the throw [rad]",
+        examples=[0.6],
+    )
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Self:
+        plain = {"radial_speed": self.radial_speed, "axial_speed": self.axial_speed}
+        polar = {"speed": self.speed, "spread_angle": self.spread_angle}
+        given, other = (polar, plain) if any(v is not None for v in polar.values()) else (plain, polar)
+        wrongs = [
+            Wrong((), f"missing {name}: {type(self).model_fields[name].description}")
+            for name, value in given.items()
+            if value is None
+        ]
+        wrongs += [
+            Wrong((name,), "give either radial_speed and axial_speed, or speed and spread_angle", value)
+            for name, value in other.items()
+            if value is not None
+        ]
+        refuse(wrongs)
+        return self
+
+    @property
+    def radial_and_axial(self) -> tuple[float, float]:
+        """Speeds away from the origin and along +z [m/s]."""
+        if self.speed is not None and self.spread_angle is not None:
+            return self.speed * math.sin(self.spread_angle), self.speed * math.cos(self.spread_angle)
+        return self.radial_speed or 0.0, self.axial_speed or 0.0
 
 
 class Engine(Record):
@@ -108,13 +150,14 @@ class Engine(Record):
         "exudyn",
         description="who steps in time: the engine, or a compiled loop of exunet's own (a net alone)",
     )
-    net: Literal["connectors", "fused"] = Field(
-        "connectors",
-        description="an engine item for each element, or one object for the whole net with compiled forces",
+    net: Literal["auto", "connectors", "fused"] = Field(
+        "auto",
+        description="an engine item for each element, or one object for the whole net with compiled forces; "
+        "auto: what was measured as faster",
     )
 
 
-COMPILED_METHODS = ("DOPRI5", "RK44", "VelocityVerlet")
+COMPILED_METHODS = ("auto", "DOPRI5", "RK44", "VelocityVerlet")
 
 
 class Scene(Record):
@@ -187,3 +230,18 @@ class Scene(Record):
             if net.bullets is None:
                 raise ValueError("there are no bullets to launch: add [net.bullets] or remove [launch]")
         return launch
+
+    @field_validator("effects")
+    @classmethod
+    def _fit_the_case(cls, effects: Any, others: ValidationInfo) -> Any:
+        known = others.data
+        if all(name in known for name in ("net", "time", "solver", "launch")):
+            around = Surroundings(
+                on=switched_on(effects),
+                has_bullets=getattr(known["net"], "bullets", None) is not None,
+                has_launch=known["launch"] is not None,
+                duration=known["time"].end,
+                method=known["solver"].method,
+            )
+            refuse(misfits(around))
+        return effects

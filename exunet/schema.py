@@ -14,7 +14,7 @@ from exunet.scene import Scene
 Node = dict[str, Any]
 
 # Of keys of which a case gives exactly one, those that the template uses; it leaves out other optional keys.
-_CHOSEN = ("output_step", "diameter", "altitude")
+_CHOSEN = ("output_step", "diameter", "altitude", "radial_speed", "axial_speed", "strain")
 
 
 def json_schema() -> Node:
@@ -71,13 +71,14 @@ def template(topology: str = "square") -> str:
     lines = [
         "# A case of exunet, in SI units. What is commented out is optional:",
         "# remove the first '# ' of a key, or of each line of a table, to use it.",
-        *_table((), topology),
+        *_keys((), topology),
+        *_tables((), topology),
     ]
     return "\n".join(lines) + "\n"
 
 
-def _table(path: tuple[str, ...], topology: str) -> Iterator[str]:
-    """Lines of a table: its own keys, then its tables."""
+def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
+    """Lines of the keys of a table that are not tables, those that it needs first."""
     node = resolve(path, topology)
     given = {*node.get("required", ()), *_CHOSEN}
     keys = {name: _plain(raw, topology) for name, raw in node["properties"].items()}
@@ -86,19 +87,21 @@ def _table(path: tuple[str, ...], topology: str) -> Iterator[str]:
             yield ("" if name in given else "# ") + _assignment(name, keys[name])
     if path == ("net",):
         yield from _other_topologies(topology)
-    for name, key in keys.items():
-        if key.get("type") == "object":
-            yield from _subtable((*path, name), key, name in given, topology)
 
 
-def _subtable(path: tuple[str, ...], node: Node, needed: bool, topology: str) -> Iterator[str]:
-    kinds = {_plain(raw, topology).get("type") for raw in node["properties"].values()}
-    if kinds == {"object"}:  # nothing but tables: they need no header above them
-        yield from _table(path, topology)
-        return
-    yield ""
-    for line in (f"[{'.'.join(path)}]  # {node.get('description', '')}", *_table(path, topology)):
-        yield line if needed or not line else "# " + line
+def _tables(path: tuple[str, ...], topology: str) -> Iterator[str]:
+    """Lines of the tables in a table, each with its header."""
+    node = resolve(path, topology)
+    for name, raw in node["properties"].items():
+        key = _plain(raw, topology)
+        if key.get("type") != "object":
+            continue
+        inner = (*path, name)
+        if keys := list(_keys(inner, topology)):  # a table of nothing but tables needs no header
+            yield ""
+            for line in (f"[{'.'.join(inner)}]  # {key.get('description', '')}", *keys):
+                yield line if name in node.get("required", ()) else "# " + line
+        yield from _tables(inner, topology)
 
 
 def _other_topologies(chosen: str) -> Iterator[str]:

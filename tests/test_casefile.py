@@ -188,7 +188,7 @@ def test_crlf_files_are_read_and_kept_exactly(tmp_path: Path) -> None:
         ("mass = 0.5", "mass = 0.5\nmas = 1", 21, "net.bullets.mas", "unknown key; did you mean 'mass'?"),
         ("mass = 0.5", "mass = 0.5\nq = 1", 21, "net.bullets.q", "unknown key; the known key is mass"),
         ("[launch]", "[lunch]", 23, "lunch", "did you mean 'launch'?"),
-        ("[effects.rayleigh_damping]", "[effects.drag]", 26, "effects.drag", "the known keys are gravity, "),
+        ("[effects.rayleigh_damping]", "[effects.zzz]", 26, "effects.zzz", "the known keys are choose, "),
         ("[effects.rayleigh_damping]", "[effects.raleigh]", 26, "effects.raleigh", "'rayleigh_damping'?"),
         ("mesh = 1.0", "mesh = 1.0\nspokes = 3", 10, "net.spokes", "have no such key; radial nets"),
         ("mesh = 1.0", 'mesh = 1.0\n"a b" = 3', 10, "net.'a b'", "unknown key"),

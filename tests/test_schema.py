@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,19 @@ CONTRACT = {
         launch.radial_speed launch.axial_speed
         effects.rayleigh_damping.alpha effects.rayleigh_damping.beta effects.gravity.acceleration
         effects.mass_damping.alpha effects.material_damping.relaxation_time effects.orbit.altitude
-        effects.orbit.mean_motion effects.orbit.radial effects.orbit.along_track effects.orbit.model""",
+        effects.orbit.mean_motion effects.orbit.radial effects.orbit.along_track effects.orbit.model
+        launch.speed launch.spread_angle effects.choose effects.threshold
+        effects.air_drag.density effects.air_drag.drag_coefficient effects.air_drag.bullet_drag_coefficient
+        effects.air_drag.bullet_area effects.bending.modulus effects.breaking.strain effects.breaking.force
+        effects.j2.altitude effects.j2.mean_motion effects.j2.radial effects.j2.along_track
+        effects.j2.inclination effects.j2.argument_of_latitude effects.launch_force.kind
+        effects.launch_force.force effects.launch_force.stroke effects.launch_force.spread_angle
+        effects.launch_force.chaser_mass effects.launch_force.dead_length effects.launch_force.exponent
+        effects.molecular_drag.density effects.molecular_drag.altitude effects.molecular_drag.flow
+        effects.molecular_drag.drag_coefficient effects.molecular_drag.bullet_area
+        effects.solar_pressure.flux effects.solar_pressure.direction
+        effects.solar_pressure.pressure_coefficient effects.solar_pressure.bullet_area
+        effects.thermal_strain.temperature_change effects.thermal_strain.expansion_coefficient""",
     "square": "net.size net.mesh",
     "rectangular": "net.size net.mesh",
     "hexagonal": "net.mesh net.rings",
@@ -103,20 +115,36 @@ def _models(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
             yield from _models(field.annotation)
 
 
+def switched(topology: str, on: Callable[[str], bool], path: Path) -> Any:
+    """The scene of the template with the optional tables that `on` names, by removing the first "# "."""
+    lines, active = [], False
+    for line in template(topology).splitlines():
+        header = re.match(r"# \[([\w.]+)\]", line)
+        if header or not line or line.startswith("["):
+            active = bool(header and on(header[1]))
+        lines.append(line.removeprefix("# ") if active else line)
+    path.write_text("\n".join(lines))
+    return load(path).scene
+
+
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str, tmp_path: Path) -> None:
-    """As its first lines say: by removing the first "# " of each line of a table."""
-    lines, on = [], False
-    for line in template(topology).splitlines():
-        header = re.match(r"(# )?\[([\w.]+)\]", line)
-        if header or not line:
-            on = bool(header and header[1]) and not (header[2] == "launch" and topology == "explicit")
-        lines.append(line.removeprefix("# ") if on else line)
-    path = tmp_path / "template.toml"
-    path.write_text("\n".join(lines))
-    scene: Any = load(path).scene
-    assert all(getattr(scene.effects, name) is not None for name in EFFECTS)
+    """As its first lines say; effects, some of which exclude each other, come one at a time below."""
+    scene = switched(
+        topology,
+        lambda name: not name.startswith("effects.") and (topology != "explicit" or name != "launch"),
+        tmp_path / "template.toml",
+    )
     assert (scene.launch is not None) == (topology != "explicit")
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_the_template_with_an_effect_on_is_a_valid_case(effect: str, tmp_path: Path) -> None:
+    needed = {"j2": ["effects.orbit"], "launch_force": ["net.strings", "net.bullets"]}.get(effect, [])
+    scene = switched(
+        "square", lambda name: name in (f"effects.{effect}", *needed), tmp_path / "template.toml"
+    )
+    assert getattr(scene.effects, effect) is not None
 
 
 def test_a_template_of_an_unknown_topology_is_refused() -> None:

@@ -1,20 +1,51 @@
 """Effects: one file each, listed here. A table [effects.NAME] in the case switches NAME on.
 
-A new effect is a module with `Keys` (a Record: keys, units, bounds) and `terms(keys, net) -> Terms`, and one
-line in `EFFECTS`.
+A new effect is a module, and one line in `EFFECTS`. The module has
+
+- `Keys`, a Record: keys, units, bounds; no default for a physical quantity;
+- `terms(keys, net) -> Terms`, or `terms_from(keys, net, position)` where it depends on the initial position;
+- `nominal(setting) -> (Keys, assumption)`: what to assume where an estimate is asked for and the case is
+silent;
+  None if nothing can be assumed for this scene;
+- `magnitude(keys, setting) -> Estimate`: the order of magnitude of what leaving it out would change;
+- if it needs something of the rest of the case, or contradicts it, `needs(keys, around) -> list[Wrong]`;
+- if it brings a mass of its own, `extend(keys, net) -> Net`.
+
+Its energy is that of the terms: a potential, or work that the monitor integrates along the run.
+
+The capture scene will add, in this list and by the same contract: `contact` (of nodes with bodies and with
+each other: kernel terms with friction, states of the bodies), `tether` (elements of variable reference length
+from the chaser to the net: a `free_strain` that changes with time) and `closing` (a thread that slides
+through rings, drawn by winches). What they need of `Terms` beyond what is there is the bodies' coordinates.
 """
 
 from __future__ import annotations
 
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal, Self
 
-from pydantic import Field, create_model
+from pydantic import Field, create_model, model_validator
 
-from exunet.effects import gravity, mass_damping, material_damping, orbit, rayleigh_damping
-from exunet.effects.terms import Terms
+from exunet.checks import Wrong, refuse
+from exunet.effects import (
+    air_drag,
+    bending,
+    breaking,
+    gravity,
+    j2,
+    launch_force,
+    mass_damping,
+    material_damping,
+    molecular_drag,
+    orbit,
+    rayleigh_damping,
+    solar_pressure,
+    thermal_strain,
+)
+from exunet.effects.needs import Surroundings
+from exunet.effects.terms import Floats, Terms
 from exunet.net.arrays import Net
-from exunet.record import Record
+from exunet.record import Positive, Record
 
 EFFECTS: dict[str, ModuleType] = {
     "gravity": gravity,
@@ -22,23 +53,85 @@ EFFECTS: dict[str, ModuleType] = {
     "material_damping": material_damping,
     "orbit": orbit,
     "rayleigh_damping": rayleigh_damping,
+    "air_drag": air_drag,
+    "bending": bending,
+    "breaking": breaking,
+    "j2": j2,
+    "launch_force": launch_force,
+    "molecular_drag": molecular_drag,
+    "solar_pressure": solar_pressure,
+    "thermal_strain": thermal_strain,
 }
+
+
+class Choice(Record):
+    """The effects that are on."""
+
+    choose: Literal["auto"] | None = Field(
+        None,
+        description="each table is a candidate, switched on if its estimate exceeds the threshold",
+        examples=["auto"],
+    )
+    threshold: Positive | None = Field(
+        None,
+        description="displacement over the scene that matters, as a part of the net's size (for choose)",
+        examples=[1e-3],
+    )
+
+    @model_validator(mode="after")
+    def _both_or_neither(self) -> Self:
+        if self.choose is not None and self.threshold is None:
+            refuse([Wrong((), 'choose = "auto" needs threshold, a part of the net\'s size')])
+        if self.choose is None and self.threshold is not None:
+            refuse([Wrong(("threshold",), 'is for choose = "auto" only', self.threshold)])
+        return self
+
 
 _fields: dict[str, Any] = {
     name: (module.Keys | None, Field(None, description=(module.Keys.__doc__ or "").strip()))
     for name, module in EFFECTS.items()
 }
-Effects = create_model("Effects", __base__=Record, __doc__="The effects that are on.", **_fields)
+Effects = create_model("Effects", __base__=Choice, __doc__="The effects that are on.", **_fields)
 
 
 def switched_on(effects: Record) -> dict[str, Record]:
-    """The keys of each effect that the case switches on."""
+    """The keys of each effect that has a table: what is on, and under "auto" what may be chosen."""
     return {name: keys for name in EFFECTS if (keys := getattr(effects, name)) is not None}
 
 
-def total_terms(effects: Record, net: Net) -> Terms:
-    """Sum of the terms of all effects that are on."""
+def misfits(around: Surroundings) -> list[Wrong]:
+    """What the effects that are on miss in the case, and where they contradict each other."""
+    wrongs = []
+    for name, keys in around.on.items():
+        if hasattr(EFFECTS[name], "needs"):
+            wrongs += [
+                Wrong((name, *wrong.where), wrong.reason, wrong.value)
+                for wrong in EFFECTS[name].needs(keys, around)
+            ]
+    return wrongs
+
+
+def extended(effects: Record, net: Net) -> Net:
+    """The net with the nodes that effects bring."""
+    for name, keys in switched_on(effects).items():
+        if hasattr(EFFECTS[name], "extend"):
+            net = EFFECTS[name].extend(keys, net)
+    return net
+
+
+def total_terms(effects: Record, net: Net, position: Floats) -> Terms:
+    """Sum of the terms of all effects that are on; position (n_nodes, 3) at the start [m]."""
     total = Terms()
     for name, keys in switched_on(effects).items():
-        total = total + EFFECTS[name].terms(keys, net)
+        total = total + terms_of(name, keys, net, position)
     return total
+
+
+def terms_of(name: str, keys: Record, net: Net, position: Floats) -> Terms:
+    """The terms of one effect."""
+    module = EFFECTS[name]
+    if hasattr(module, "terms_from"):
+        terms: Terms = module.terms_from(keys, net, position)
+    else:
+        terms = module.terms(keys, net)
+    return terms

@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import Field
 from scipy.sparse import csr_array, diags_array
 
+from exunet.effects.estimate import Estimate, Setting
 from exunet.effects.terms import Terms
 from exunet.net.arrays import Net
 from exunet.record import NonNegative, Record
@@ -22,3 +23,17 @@ def terms(keys: Keys, net: Net) -> Terms:
     if keys.alpha == 0.0:
         return Terms()
     return Terms(damping=csr_array(diags_array(np.repeat(keys.alpha * net.mass, 3))))
+
+
+def nominal(setting: Setting) -> tuple[Keys, str]:
+    """The paper's coefficient."""
+    return Keys(alpha=1e-3), "alpha = 1e-3 1/s (paper, sec. 3.3)"
+
+
+def magnitude(keys: Keys, setting: Setting) -> Estimate:
+    """The way lost by a speed that decays as exp(-alpha t)."""
+    return Estimate(
+        keys.alpha * setting.speed,
+        setting.held(setting.braked(keys.alpha)),
+        f"decay at alpha = {keys.alpha:.3g} 1/s of a speed of {setting.speed:.3g} m/s",
+    )

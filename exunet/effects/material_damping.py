@@ -6,9 +6,12 @@ motion of the net is not braked, unlike by eq. (13).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from pydantic import Field
 
+from exunet.effects.estimate import Estimate, Setting, snap_of
 from exunet.effects.terms import Terms
 from exunet.net.arrays import Net
 from exunet.record import NonNegative, Record
@@ -25,3 +28,20 @@ def terms(keys: Keys, net: Net) -> Terms:
     if keys.relaxation_time == 0.0:
         return Terms()
     return Terms(relaxation_time=np.full(net.n_elements, keys.relaxation_time))
+
+
+def nominal(setting: Setting) -> tuple[Keys, str]:
+    """As the paper's beta, which damps the same modes alike while taut."""
+    return Keys(relaxation_time=1e-8), "tau = 1e-8 s, as the paper's beta"
+
+
+def magnitude(keys: Keys, setting: Setting) -> Estimate:
+    """Speed lost in the hardest snap, v (1 - exp(-pi tau omega / 2)), over half of the time."""
+    snap = snap_of(setting)
+    ratio = 0.5 * keys.relaxation_time * snap.frequency
+    lost = -math.expm1(-math.pi * ratio) if ratio < 1.0 else 1.0
+    return Estimate(
+        2.0 * ratio * snap.frequency * snap.speed * (setting.speed / snap.speed if snap.speed else 0.0),
+        setting.held(0.5 * lost * setting.speed * setting.duration),
+        f"damping ratio tau omega / 2 = {ratio:.2g} of the first snap, omega = {snap.frequency:.3g} rad/s",
+    )

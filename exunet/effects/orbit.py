@@ -9,74 +9,24 @@ Astrodynamics", sec. 8.3).
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field, ValidationInfo, field_validator, model_validator
-from scipy.sparse import csr_array, diags_array, kron
+from pydantic import Field
 
-from exunet.checks import Wrong, refuse
+from exunet.effects.directions import OrbitKeys
+from exunet.effects.estimate import Estimate, Setting
+from exunet.effects.lumped import each_node
 from exunet.effects.terms import KernelTerm, Terms
 from exunet.net.arrays import Net
-from exunet.record import Positive, Record, Vector
-
-EARTH_MU = 3.986004418e14  # [m3/s2], cases/README.md
-EARTH_RADIUS = 6378137.0  # [m], equatorial
-NEAR = 1e-9  # how near the directions must be to unit length and a right angle
 
 
-class Keys(Record):
+class Keys(OrbitKeys):
     """The scene's axes turn with a circular orbit round the Earth (Hill's frame)."""
 
-    altitude: Positive | None = Field(
-        None, description="height of the orbit above Earth's equatorial radius [m]", examples=[500e3]
-    )
-    mean_motion: Positive | None = Field(
-        None, description="angular rate n of the orbit [rad/s], instead of altitude", examples=[1.1e-3]
-    )
-    radial: Vector = Field(
-        description="unit vector away from Earth's centre, in the scene's axes", examples=[[0.0, 0.0, 1.0]]
-    )
-    along_track: Vector = Field(
-        description="unit vector along the orbital velocity, in the scene's axes", examples=[[1.0, 0.0, 0.0]]
-    )
     model: Literal["linear", "two_body"] = Field(
         description="equations of Clohessy and Wiltshire, or the full relative two-body motion"
     )
-
-    @field_validator("radial", "along_track")
-    @classmethod
-    def _of_length_one(cls, vector: tuple[float, float, float]) -> tuple[float, float, float]:
-        if not abs(math.hypot(*vector) - 1.0) <= NEAR:
-            raise ValueError(f"must have length 1 (within {NEAR:g}), got length {math.hypot(*vector):.12g}")
-        return vector
-
-    @field_validator("along_track")
-    @classmethod
-    def _at_right_angles(
-        cls, vector: tuple[float, float, float], others: ValidationInfo
-    ) -> tuple[float, float, float]:
-        radial = others.data.get("radial")
-        if radial is not None and abs(cosine := float(np.dot(radial, vector))) > NEAR:
-            raise ValueError(
-                f"must be at right angles to radial (within {NEAR:g}), got a cosine of {cosine:.3g}"
-            )
-        return vector
-
-    @model_validator(mode="after")
-    def _one_orbit(self) -> Self:
-        if (self.altitude is None) == (self.mean_motion is None):
-            where = ("mean_motion",) if self.mean_motion is not None else ()
-            refuse([Wrong(where, "give either altitude or mean_motion, exactly one of them")])
-        return self
-
-    @property
-    def rate(self) -> float:
-        """Mean motion n [rad/s]."""
-        if self.mean_motion is not None:
-            return self.mean_motion
-        return math.sqrt(EARTH_MU / (EARTH_RADIUS + (self.altitude or 0.0)) ** 3)
 
 
 def terms(keys: Keys, net: Net) -> Terms:
@@ -84,19 +34,12 @@ def terms(keys: Keys, net: Net) -> Terms:
     radial, normal = np.array(keys.radial), np.cross(keys.radial, keys.along_track)
     rate = keys.rate
     turning = 2.0 * rate * np.cross(normal, np.eye(3)).T  # turning @ v = 2 n h x v
-    gyroscopic = _each_node(net.mass, turning)
+    gyroscopic = each_node(net.mass, turning)
     if keys.model == "linear":
         gradient = rate**2 * (np.outer(normal, normal) - 3.0 * np.outer(radial, radial))
-        return Terms(gyroscopic=gyroscopic, stiffness=_each_node(net.mass, gradient))
-    radius = math.cbrt(EARTH_MU / rate**2)
-    term = KernelTerm(add_two_body, (net.mass, rate, radius, radial, normal), two_body_potential)
+        return Terms(gyroscopic=gyroscopic, stiffness=each_node(net.mass, gradient))
+    term = KernelTerm(add_two_body, (net.mass, rate, keys.radius, radial, normal), two_body_potential)
     return Terms(gyroscopic=gyroscopic, kernels=(term,))
-
-
-def _each_node(mass: NDArray[np.float64], block: NDArray[np.float64]) -> csr_array:
-    matrix = csr_array(kron(diags_array(mass), block))
-    matrix.eliminate_zeros()
-    return matrix
 
 
 def add_two_body(
@@ -131,3 +74,27 @@ def two_body_potential(x: Any, mass: Any, rate: float, radius: float, radial: An
         inward = radius * radius * q * q * (u + 2.0) / (u * (1.0 + u) * (1.0 + u))
         total += 0.5 * mass[node] * rate * rate * (across * across - inward)
     return total
+
+
+def nominal(setting: Setting) -> tuple[Keys, str]:
+    """An orbit at 700 km; the throw along the radial, the net's plane in the local horizon."""
+    keys = Keys.model_validate(
+        {"altitude": 700e3, "radial": (0.0, 0.0, 1.0), "along_track": (1.0, 0.0, 0.0), "model": "linear"}
+    )
+    return keys, "an orbit at 700 km, the radial along z"
+
+
+def magnitude(keys: Keys, setting: Setting) -> Estimate:
+    """Coriolis, gradient and centrifugal acceleration of the nominal motion, of the linear model."""
+    rate, normal = keys.rate, np.cross(keys.radial, keys.along_track)
+    radial = setting.middle @ np.array(keys.radial)
+    across = setting.middle @ normal
+    coriolis = -2.0 * rate * np.cross(normal, setting.motion)
+    tidal = rate**2 * (3.0 * np.outer(radial, keys.radial) - np.outer(across, normal))
+    total = setting.rms(coriolis + tidal)
+    return Estimate(
+        total,
+        setting.ballistic(total),
+        f"n = {rate:.3g} rad/s: Coriolis 2 n v = {setting.rms(coriolis):.2g}, "
+        f"gradient 3 n^2 r = {setting.rms(tidal):.2g} m/s2",
+    )

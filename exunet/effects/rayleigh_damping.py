@@ -11,6 +11,7 @@ from pydantic import Field
 from scipy.sparse import csr_array, diags_array
 
 from exunet.cable import reference_tangent_stiffness
+from exunet.effects.estimate import Estimate, Setting
 from exunet.effects.terms import Terms
 from exunet.net.arrays import Net
 from exunet.record import NonNegative, Record
@@ -29,3 +30,19 @@ def terms(keys: Keys, net: Net) -> Terms:
     damping = csr_array(damping)
     damping.eliminate_zeros()
     return Terms(damping=damping) if damping.nnz else Terms()
+
+
+def nominal(setting: Setting) -> tuple[Keys, str]:
+    """The paper's coefficients."""
+    return Keys(alpha=1e-3, beta=1e-8), "alpha = 1e-3 1/s, beta = 1e-8 s (paper, sec. 3.3)"
+
+
+def magnitude(keys: Keys, setting: Setting) -> Estimate:
+    """The way lost by a speed that decays at the rate v.D v / v.M v of the nominal motion."""
+    damping = terms(keys, setting.net).damping
+    rate = setting.decay_rate(damping) if damping is not None else 0.0
+    return Estimate(
+        rate * setting.speed,
+        setting.held(setting.braked(rate)),
+        f"decay at v.Dv / v.Mv = {rate:.3g} 1/s of a speed of {setting.speed:.3g} m/s",
+    )

@@ -7,7 +7,7 @@ read `Terms`, so an effect's physics is written once.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,18 @@ class KernelTerm:
     damping_rate: float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class Breaking:
+    """Limits (n_elements,) above which an element carries nothing any more; one of the two.
+
+    strain : Green-Lagrange strain less the free strain
+    force  : elastic axial force [N]
+    """
+
+    strain: Floats | None = None
+    force: Floats | None = None
+
+
 @dataclass(frozen=True)
 class Terms:
     """What the effects that are on add up to; None or () means that nothing of it exists.
@@ -57,6 +69,8 @@ class Terms:
     kernels     : nonlinear forces on the nodes
     free_strain : (n_elements,) Green-Lagrange strain at which an element is free of stress (a thermal strain)
     relaxation_time : (n_elements,) [s] of the viscous stress along the current direction while taut
+    breaking    : limits of the elements
+    intact      : (n_elements,) 1.0, or 0.0 for elements that have broken; None: all are whole
     """
 
     damping: csr_array | None = None
@@ -66,6 +80,8 @@ class Terms:
     kernels: tuple[KernelTerm, ...] = ()
     free_strain: Floats | None = None
     relaxation_time: Floats | None = None
+    breaking: Breaking | None = None
+    intact: Floats | None = None
 
     def __add__(self, other: Terms) -> Terms:
         return Terms(
@@ -76,6 +92,7 @@ class Terms:
             kernels=self.kernels + other.kernels,
             free_strain=_add(self.free_strain, other.free_strain),
             relaxation_time=_add(self.relaxation_time, other.relaxation_time),
+            breaking=self.breaking or other.breaking,
         )
 
     @property
@@ -89,7 +106,8 @@ class Terms:
 
     def law(self, net: Net) -> Law:
         """The axial law of a net's elements with these terms."""
-        return Law.of(net, self.free_strain, self.relaxation_time)
+        law = Law.of(net, self.free_strain, self.relaxation_time)
+        return law if self.intact is None else replace(law, stiffness=law.stiffness * self.intact)
 
     @property
     def on_velocity(self) -> csr_array | None:

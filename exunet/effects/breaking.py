@@ -1,0 +1,91 @@
+"""Breaking: an element whose strain or force exceeds a limit at the end of a step carries nothing any more.
+
+The elastic energy that it held is booked as dissipated. Its mass stays lumped at its nodes.
+"""
+
+from __future__ import annotations
+
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from exunet.checks import Wrong, refuse
+from exunet.effects.estimate import Estimate, Setting, snap_of
+from exunet.effects.needs import Surroundings
+from exunet.effects.terms import Breaking, Terms
+from exunet.net.arrays import Net
+from exunet.record import Positive, Record
+
+# They use, in the step after a break, the acceleration of the step before it.
+REMEMBERING = ("VelocityVerlet", "GeneralizedAlpha", "TrapezoidalIndex2")
+
+
+class Keys(Record):
+    """Elements break for good at a strain or a force."""
+
+    strain: Positive | None = Field(
+        None,
+        description="Green-Lagrange strain, free strain excluded, above which an element breaks",
+        examples=[0.03],
+    )
+    force: Positive | None = Field(
+        None,
+        description="elastic axial force [N] above which an element breaks, instead of strain",
+        examples=[500.0],
+    )
+
+    @model_validator(mode="after")
+    def _one_limit(self) -> Self:
+        if (self.strain is None) == (self.force is None):
+            where = ("force",) if self.force is not None else ()
+            refuse([Wrong(where, "give either strain or force, exactly one of them")])
+        return self
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """The limit of every element."""
+    everywhere = np.ones(net.n_elements)
+    if keys.strain is not None:
+        return Terms(breaking=Breaking(strain=keys.strain * everywhere))
+    assert keys.force is not None
+    return Terms(breaking=Breaking(force=keys.force * everywhere))
+
+
+def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
+    """A method that starts each step afresh, and no damping along elements that may be gone."""
+    wrongs = []
+    if around.method in REMEMBERING:
+        wrongs.append(
+            Wrong((), f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {around.method}")
+        )
+    if getattr(around.on.get("rayleigh_damping"), "beta", 0.0) > 0.0:
+        wrongs.append(
+            Wrong(
+                (),
+                "contradicts effects.rayleigh_damping.beta, which damps along broken elements too; "
+                "use material_damping",
+            )
+        )
+    return wrongs
+
+
+def nominal(setting: Setting) -> tuple[Keys, str]:
+    """Strain at break of aramid fibre."""
+    return Keys.model_validate({"strain": 0.03}), "breaks at a strain of 0.03, as aramid fibres do"
+
+
+def magnitude(keys: Keys, setting: Setting) -> Estimate:
+    """Nothing if the hardest snap stays below the limit, else the way of what flies off at its speed."""
+    snap = snap_of(setting)
+    limit = keys.strain
+    if limit is None:
+        assert keys.force is not None
+        limit = keys.force / float(setting.net.axial_stiffness.max(initial=np.inf))
+    breaks = snap.strain > limit
+    words = "breaks" if breaks else "holds"
+    return Estimate(
+        snap.frequency * snap.speed if breaks else 0.0,
+        setting.held(setting.speed * setting.duration) if breaks else 0.0,
+        f"strain v sqrt(mu / EA L) = {snap.strain:.2g} of the first snap, limit {limit:.2g}: {words}",
+    )

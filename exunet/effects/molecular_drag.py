@@ -1,0 +1,111 @@
+"""Drag in free-molecular flow: along the flow, on the mean area of tumbling cables, and on the bullets.
+
+F = rho C A |u| u / 2 with u the velocity of the gas against the node; in free-molecular flow C is about 2 to
+2.4 (Vallado, "Fundamentals of Astrodynamics and Applications", sec. 8.6.2). The cables tumble, so A is the
+mean over all orientations, pi d L0 / 4, lumped to the nodes as their mass is; nodes do not shade each other.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from exunet.checks import Wrong, refuse
+from exunet.effects.atmosphere import HIGHEST, LOWEST, exponential_density
+from exunet.effects.estimate import Estimate, Setting
+from exunet.effects.needs import Surroundings, bullet_key, excludes
+from exunet.effects.surface import bullet_disc, tumbling_areas
+from exunet.effects.terms import KernelTerm, Terms
+from exunet.net.arrays import Net
+from exunet.record import NonNegative, Positive, Record, Vector
+
+
+class Keys(Record):
+    """Drag of the thin gas in orbit on tumbling cables and on bullets."""
+
+    density: Positive | None = Field(None, description="density of the gas [kg/m3]", examples=[1e-12])
+    altitude: float | None = Field(
+        None,
+        ge=LOWEST,
+        le=HIGHEST,
+        description="height [m] for the exponential model of the atmosphere, instead of density",
+        examples=[400e3],
+    )
+    flow: Vector = Field(
+        description="velocity of the gas in the scene's axes [m/s]", examples=[[-7500.0, 0.0, 0.0]]
+    )
+    drag_coefficient: NonNegative = Field(description="C [-], about 2 to 2.4", examples=[2.2])
+    bullet_area: NonNegative | None = Field(
+        None,
+        description="area of a bullet across the flow [m2]; just when there are bullets",
+        examples=[4e-3],
+    )
+
+    @model_validator(mode="after")
+    def _one_density(self) -> Self:
+        if (self.density is None) == (self.altitude is None):
+            where = ("altitude",) if self.altitude is not None else ()
+            refuse([Wrong(where, "give either density or altitude, exactly one of them")])
+        return self
+
+    @property
+    def gas_density(self) -> float:
+        """Density [kg/m3], given or of the exponential model."""
+        return self.density if self.density is not None else exponential_density(self.altitude or 0.0)
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """One kernel term over all nodes."""
+    factor = 0.5 * keys.gas_density * keys.drag_coefficient * tumbling_areas(net, keys.bullet_area)
+    flow = np.array(keys.flow)
+    rate = 2.0 * float(np.max(factor / net.mass, initial=0.0)) * math.hypot(*keys.flow)
+    return Terms(kernels=(KernelTerm(add_molecular_drag, (factor, flow), damping_rate=rate),))
+
+
+def add_molecular_drag(t: float, x: Any, v: Any, factor: Any, flow: Any, force: Any) -> None:
+    """rho C A |u| u / 2 on every node, u = flow - v."""
+    for node in range(factor.size):
+        k = 3 * node
+        ux = flow[0] - v[k]
+        uy = flow[1] - v[k + 1]
+        uz = flow[2] - v[k + 2]
+        scale = factor[node] * math.sqrt(ux * ux + uy * uy + uz * uz)
+        force[k] += scale * ux
+        force[k + 1] += scale * uy
+        force[k + 2] += scale * uz
+
+
+def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
+    """The bullets' area with bullets; the height of the orbit, if there is one; not on the ground."""
+    wrongs = bullet_key(around, "bullet_area", keys.bullet_area)
+    wrongs += excludes(around, "gravity", "uniform gravity is for the ground, free-molecular flow for orbits")
+    orbit = getattr(around.on.get("orbit"), "altitude", None)
+    if keys.altitude is not None and orbit is not None and orbit != keys.altitude:
+        wrongs.append(Wrong(("altitude",), f"is not that of effects.orbit, {orbit:g} m", keys.altitude))
+    return wrongs
+
+
+def nominal(setting: Setting) -> tuple[Keys, str]:
+    """An orbit at 700 km, bullets as balls of aluminium."""
+    bullets = setting.net.bullet_nodes
+    area = bullet_disc(float(setting.net.mass[bullets[0]])) if len(bullets) else None
+    keys = Keys.model_validate(
+        {"altitude": 700e3, "flow": (-7504.0, 0.0, 0.0), "drag_coefficient": 2.2, "bullet_area": area}
+    )
+    return keys, "an orbit at 700 km, 7.5 km/s, C = 2.2" + (", balls of aluminium" if area else "")
+
+
+def magnitude(keys: Keys, setting: Setting) -> Estimate:
+    """The force on nodes at rest."""
+    term = terms(keys, setting.net).kernels[0]
+    force = np.zeros(3 * setting.net.n_nodes)
+    term.add(0.0, force, np.zeros_like(force), *term.parameters, force)
+    acceleration = setting.of_force(force.reshape(-1, 3))
+    return Estimate(
+        acceleration,
+        setting.ballistic(acceleration),
+        f"rho C A u^2 / 2m, rho = {keys.gas_density:.3g} kg/m3, u = {math.hypot(*keys.flow):.4g} m/s",
+    )

@@ -1,0 +1,84 @@
+"""Solar radiation pressure: a constant force away from the Sun on tumbling cables and on bullets.
+
+F = C (flux / c) A along the light (Montenbruck and Gill, "Satellite Orbits", sec. 3.4). The cables tumble: A
+is the mean over all orientations, pi d L0 / 4; nodes do not shade each other, and the Earth casts no shadow.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from exunet.checks import Wrong
+from exunet.effects.directions import refuse_other_than_unit
+from exunet.effects.estimate import Estimate, Setting
+from exunet.effects.needs import Surroundings, bullet_key, excludes
+from exunet.effects.surface import bullet_disc, tumbling_areas
+from exunet.effects.terms import Terms
+from exunet.net.arrays import Net
+from exunet.record import NonNegative, Positive, Record, Vector
+
+LIGHT = 299792458.0  # [m/s]
+
+
+class Keys(Record):
+    """Pressure of sunlight on tumbling cables and on bullets."""
+
+    flux: Positive = Field(description="of sunlight [W/m2], 1361 at the Earth", examples=[1361.0])
+    direction: Vector = Field(
+        description="unit vector of the light, away from the Sun, in the scene's axes",
+        examples=[[1.0, 0.0, 0.0]],
+    )
+    pressure_coefficient: NonNegative = Field(
+        le=2.0, description="C [-]: 1 absorbs all light, 2 sends all back", examples=[1.3]
+    )
+    bullet_area: NonNegative | None = Field(
+        None,
+        description="area of a bullet across the light [m2]; just when there are bullets",
+        examples=[4e-3],
+    )
+
+    @field_validator("direction")
+    @classmethod
+    def _of_length_one(cls, vector: Vector) -> Vector:
+        refuse_other_than_unit(vector)
+        return vector
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """A constant load on each node."""
+    pressure = keys.pressure_coefficient * keys.flux / LIGHT
+    return Terms(load=np.outer(pressure * tumbling_areas(net, keys.bullet_area), keys.direction).ravel())
+
+
+def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
+    """The bullets' area with bullets; not on the ground."""
+    wrongs = bullet_key(around, "bullet_area", keys.bullet_area)
+    return wrongs + excludes(
+        around, "gravity", "uniform gravity is for the ground, sunlight in vacuum for orbits"
+    )
+
+
+def nominal(setting: Setting) -> tuple[Keys, str]:
+    """Near the Earth, bullets as balls of aluminium."""
+    bullets = setting.net.bullet_nodes
+    area = bullet_disc(float(setting.net.mass[bullets[0]])) if len(bullets) else None
+    keys = Keys.model_validate(
+        {"flux": 1361.0, "direction": (1.0, 0.0, 0.0), "pressure_coefficient": 1.3, "bullet_area": area}
+    )
+    return keys, "1361 W/m2, C = 1.3" + (", balls of aluminium" if area else "")
+
+
+def magnitude(keys: Keys, setting: Setting) -> Estimate:
+    """The load on each node."""
+    load = terms(keys, setting.net).load
+    assert load is not None
+    acceleration = setting.of_force(load.reshape(-1, 3))
+    pressure = keys.pressure_coefficient * keys.flux / LIGHT
+    return Estimate(
+        acceleration,
+        setting.ballistic(acceleration),
+        f"C flux / c = {pressure:.3g} Pa on {math.pi / 4:.3f} d L of each cable",
+    )

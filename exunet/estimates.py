@@ -1,0 +1,155 @@
+"""Which effects matter in a scene: every known effect's estimate, its cost, and advice.
+
+The estimates are those of the effects' own `magnitude`; what is off in the case is estimated with the stated
+assumptions of its `nominal`. Under `effects.choose = "auto"` the same estimates switch effects on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from exunet.effects import EFFECTS, launch_force, switched_on, terms_of
+from exunet.effects.estimate import Estimate, Setting
+from exunet.effects.terms import Terms
+from exunet.initial import initial_state
+from exunet.net import weave
+from exunet.net.arrays import Net
+from exunet.record import Record
+from exunet.scene import Scene
+
+ASKED = 0.01  # of the net's size: the accuracy that the advice is for, where the case states none
+
+# Nanoseconds measured on the paper's net (docs/effects.md): of the bare net's elements, and of what effects
+# add. Connectors pay in the engine's expressions, the fused net in compiled code; a kernel term on connectors
+# pays once for the call from the engine.
+_ELEMENT = {"connectors": 200.0, "fused": 3.5}
+_ENTRY = {"connectors": 2.0, "fused": 1.0}
+_VISCOUS = {"connectors": 150.0, "fused": 2.0}
+_NODE_OF_KERNEL = 6.0
+_CALL = {"connectors": 6000.0, "fused": 0.0}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect in one scene.
+
+    on         : it is on in the case (under "auto": it has a table)
+    keys       : those of the case, or the assumed ones; None if nothing can be assumed for this scene
+    assumption : what was assumed where the case is silent; "" if it is on
+    estimate   : None without keys
+    relative   : estimated displacement over the size of the net
+    cost       : estimated change of the time of one right-hand side, as a part of the bare net's
+    """
+
+    name: str
+    on: bool
+    keys: Record | None
+    assumption: str
+    estimate: Estimate | None
+    relative: float
+    cost: float
+
+    def advice(self, asked: float) -> str:
+        """What to do at an accuracy of `asked`, as a part of the net's size."""
+        if self.estimate is None:
+            return "off: nothing to assume for this scene"
+        if self.on:
+            return "on, and it matters" if self.relative >= asked else "on, but below the asked accuracy"
+        if self.relative >= asked:
+            return "off, and above it: switch on, if it is there"
+        return f"would move the net by {self.relative:.0e} of its size: leave out"
+
+
+def setting_of(scene: Scene, without: str = "", duration: float | None = None) -> Setting:
+    """What the estimates of a scene start from; bullets that a force launches have their final speed.
+
+    without : an effect that is taken as off
+    """
+    net = weave(scene.net)
+    position, velocity = initial_state(scene, net)
+    launch = switched_on(scene.effects).get("launch_force")
+    if isinstance(launch, launch_force.Keys) and without != "launch_force":
+        mass = net.mass[net.bullet_nodes]
+        speed = np.sqrt(2.0 * launch.work / mass)
+        velocity[net.bullet_nodes] += speed[:, None] * launch_force.barrels(launch, net)
+    return Setting(net, scene.time.end if duration is None else duration, position, velocity)
+
+
+def survey(scene: Scene, duration: float | None = None) -> list[Finding]:
+    """A finding for every known effect; those that are on first, each kind by falling displacement.
+
+    duration : [s] over which to estimate; None: the scene's
+    """
+    found = [finding(scene, name, duration) for name in EFFECTS]
+    return sorted(found, key=lambda one: (not one.on, -one.relative))
+
+
+def finding(scene: Scene, name: str, duration: float | None = None) -> Finding:
+    """The finding of one effect."""
+    setting = setting_of(scene, name, duration)
+    keys, assumption = switched_on(scene.effects).get(name), ""
+    on = keys is not None
+    if keys is None:
+        assumed = EFFECTS[name].nominal(setting)
+        if assumed is None:
+            return Finding(name, False, None, "", None, 0.0, 0.0)
+        keys, assumption = assumed
+    estimate: Estimate = EFFECTS[name].magnitude(keys, setting)
+    cost = cost_of(terms_of_alone(name, keys, setting), setting.net, scene.engine.net)
+    return Finding(name, on, keys, assumption, estimate, estimate.displacement / setting.size, cost)
+
+
+def terms_of_alone(name: str, keys: Record, setting: Setting) -> Terms:
+    """The terms that an effect alone adds, with the nodes that it brings."""
+    net, position = setting.net, setting.position
+    if hasattr(EFFECTS[name], "extend"):
+        net = EFFECTS[name].extend(keys, net)
+        position = np.concatenate([position, np.zeros((net.n_nodes - len(position), 3))])
+    return terms_of(name, keys, net, position)
+
+
+def cost_of(terms: Terms, net: Net, form: str) -> float:
+    """Estimated time that terms add to a right-hand side, as a part of the bare net's."""
+    added = 0.0
+    for matrix in (terms.on_velocity, terms.stiffness):
+        added += _ENTRY[form] * matrix.nnz if matrix is not None else 0.0
+    added += _ENTRY[form] * net.n_nodes if terms.load is not None else 0.0
+    added += _VISCOUS[form] * net.n_elements if terms.relaxation_time is not None else 0.0
+    for term in terms.kernels:
+        longest = max((len(p) for p in term.parameters if isinstance(p, np.ndarray)), default=0)
+        added += _NODE_OF_KERNEL * longest
+    added += _CALL[form] if terms.kernels else 0.0
+    return added / (_ELEMENT[form] * max(net.n_elements, 1))
+
+
+def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
+    """The scene with the effects that matter, and why each candidate is on or off, under "auto".
+
+    Any other scene comes back as it is.
+    """
+    choice: Any = scene.effects
+    if choice.choose is None:
+        return scene, ()
+    off: dict[str, None] = {}
+    notes = []
+    for name in switched_on(choice):
+        one = finding(scene, name)
+        assert one.estimate is not None
+        matters = one.relative >= choice.threshold
+        if not matters:
+            off[name] = None
+        word, sign = ("on", ">=") if matters else ("off", "<")
+        notes.append(
+            f"auto: {name} {word}: {one.relative:.1e} of the net's size {sign} {choice.threshold:g} "
+            f"({one.estimate.source})"
+        )
+    return scene.model_copy(update={"effects": choice.model_copy(update=off)}), tuple(notes)
+
+
+def with_effect(scene: Scene, name: str, keys: Record | None) -> Scene:
+    """The scene with one effect switched on with `keys`, or off."""
+    effects: Any = scene.effects
+    return scene.model_copy(update={"effects": effects.model_copy(update={name: keys})})
