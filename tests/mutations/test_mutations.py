@@ -34,6 +34,7 @@ def test_a_planted_error_is_caught(error, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.ci
 def test_without_a_planted_error_the_ladder_holds():
     assert first_failure() is None
 

@@ -160,6 +160,7 @@ def test_sensitivity_to_the_start(scene, bullet_speeds):
 
 
 @pytest.mark.slow
+@pytest.mark.ci
 def test_symmetric_runs_converge(scene, bullet_speeds):
     """Kept symmetric, the damped run converges to the end: reference values for the symmetric motion."""
     made = scene("planar_deployment.toml", symmetric=True)
