@@ -14,11 +14,14 @@ have been tried, or at the end.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from exunet.loop.schemes import accelerate, dormand_prince_step, largest, runge_kutta_4_step, verlet_step
+
+TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that count as a collapse
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     TAKES_POWER = False
@@ -172,6 +175,79 @@ def chosen_steps(
     return row
 
 
+def through_times(
+    chosen: bool,
+    verlet: bool,
+    times: Any,
+    step: float,
+    tolerance: float,
+    longest: float,
+    least: float,
+    most_tiny: float,
+    clock: Any,
+    x: Any,
+    v: Any,
+    inverse: Any,
+    data: Any,
+    work: Any,
+    taken: Any,
+    counts: Any,
+    kept: Any,
+) -> int:
+    """From times[0] through all `times` [s], the state at each in its row of `kept`; rows that were reached.
+
+    chosen    : steps by error estimate; else equal ones, none longer than `step` [s]
+    most_tiny : steps of the length `least`, one after the other, before this gives up
+    """
+    never = 2**62
+    row = keep(0, times[0], x, v, taken, kept)
+    for k in range(1, times.size):
+        if chosen:
+            while clock[0] < times[k] and clock[3] <= most_tiny:
+                row = chosen_steps(
+                    clock,
+                    times[k],
+                    tolerance,
+                    longest,
+                    least,
+                    1000,
+                    row,
+                    x,
+                    v,
+                    inverse,
+                    data,
+                    work,
+                    taken,
+                    counts,
+                    never,
+                    kept,
+                )
+        else:
+            span = times[k] - times[k - 1]
+            number = max(1, math.ceil(span / step * (1.0 - 1e-12)))
+            row = equal_steps(
+                verlet,
+                times[k - 1],
+                times[k],
+                number,
+                0,
+                number,
+                row,
+                x,
+                v,
+                inverse,
+                data,
+                work,
+                taken,
+                counts,
+                never,
+                kept,
+            )
+        if row == k:
+            break
+    return row
+
+
 LOOP = (
     accelerate,
     verlet_step,
@@ -183,4 +259,5 @@ LOOP = (
     keep,
     equal_steps,
     chosen_steps,
+    through_times,
 )

@@ -1,8 +1,8 @@
 """Single steps of the compiled loop: velocity Verlet, the classical Runge-Kutta method, Dormand-Prince 5(4).
 
 The text of these functions is copied into a kernel's specialised module (see `exunet.kernel.generate`),
-beside its `forces`. A step starts from x, v (n,) [m], [m/s] at time t [s], is h long, and leaves its result in
-work[1], work[2]. inverse is 1 / mass (n,) [1/kg], zero for what is held still, data the kernel's data.
+beside its `forces`. A step starts from x, v (n,) [m], [m/s] at time t [s], is h long, and leaves its result
+in work[1], work[2]. inverse is 1 / mass (n,) [1/kg], zero for what is held still, data the kernel's data.
 work (16, n): row 0 holds the acceleration at (x, v) that the step before has left, rows 13 to 15 are
 scratch for the work of forces.
 """

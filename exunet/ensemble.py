@@ -1,0 +1,111 @@
+"""Many runs of one net from perturbed starts, by the compiled loop on all cores, and their measures."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet import energy, metrics
+from exunet.build import Start
+from exunet.errors import InputError, RunStopped
+from exunet.kernel.net import Kernel
+from exunet.loop.loop import March, loop_kernel
+from exunet.monitor import Monitor
+from exunet.scene import COMPILED_METHODS
+from exunet.times import stored_times
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Measures of all runs at the stored times.
+
+    time          : (t,) [s]
+    bullet_speed  : (runs, t, n_bullets) [m/s]
+    area          : (runs, t) area of the mouth [m2]
+    kinetic, elastic, potential, dissipated : (runs, t) [J]
+    right_hand_sides : (runs,) evaluations of the forces
+    """
+
+    time: Floats
+    bullet_speed: Floats
+    area: Floats
+    kinetic: Floats
+    elastic: Floats
+    potential: Floats
+    dissipated: Floats
+    right_hand_sides: NDArray[np.int64]
+
+
+def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int) -> Floats:
+    """(runs, n_nodes, 3) initial positions, each coordinate of free nodes moved by up to +-amplitude [m].
+
+    Run k gets the same perturbation however many runs there are.
+    """
+    shifts = [
+        np.random.default_rng((seed, run)).uniform(-amplitude, amplitude, start.position.shape)
+        for run in range(runs)
+    ]
+    moved = start.position + np.array(shifts).reshape(-1, *start.position.shape)
+    moved[:, start.net.fixed_nodes] = start.position[start.net.fixed_nodes]
+    return moved
+
+
+def run_ensemble(
+    start: Start, position: Floats, velocity: Floats | None = None, workers: int | None = None
+) -> Ensemble:
+    """Run `start` once from each initial state; the result does not depend on the number of workers.
+
+    position, velocity : (runs, n_nodes, 3) [m], [m/s]; velocity None: that of `start` for all
+    workers            : threads (compiled code runs beside each other); None: one a core
+    Raises RunStopped, naming the run, if one diverges or its steps collapse; MissingExtra without Numba;
+    InputError for a method that the compiled loop does not have, or states of another shape.
+    """
+    if start.plan.method not in COMPILED_METHODS:
+        raise InputError(f"an ensemble runs by {', '.join(COMPILED_METHODS)}, not by {start.plan.method}")
+    speeds = np.broadcast_to(start.velocity, position.shape) if velocity is None else velocity
+    if position.shape[1:] != start.position.shape or speeds.shape != position.shape:
+        raise InputError(
+            f"initial states must be (runs, {start.net.n_nodes}, 3), got {position.shape} and {speeds.shape}"
+        )
+    times = stored_times(start.scene.time)
+    kernel = loop_kernel(start)
+
+    def one(run: int) -> tuple[Any, ...]:
+        return _one(replace(start, position=position[run], velocity=speeds[run]), kernel, times, run)
+
+    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        found = list(pool.map(one, range(len(position))))
+    return Ensemble(times, *_stacked(found))
+
+
+def _stacked(found: Sequence[tuple[Any, ...]]) -> list[Any]:
+    return [np.array(column) for column in zip(*found, strict=True)]
+
+
+def _one(start: Start, kernel: Kernel, times: Floats, run: int) -> tuple[Any, ...]:
+    net, terms = start.net, start.terms
+    march = March(start, kernel)
+    time, place, speed, taken = march.through(times)
+    try:
+        Monitor(net, terms, start.position, start.velocity)(time, place, speed, taken)
+    except RunStopped as stop:
+        raise RunStopped(f"run {run} of the ensemble {stop}") from stop
+    if len(time) < len(times):
+        raise RunStopped(f"run {run} of the ensemble stopped: {march.collapse()}")
+    return (
+        np.linalg.norm(speed[:, net.bullet_nodes], axis=-1),
+        metrics.mouth_area(net, place),
+        energy.kinetic(net, speed),
+        energy.elastic(net, terms, place),
+        energy.potential(terms, place),
+        taken,
+        march.right_hand_sides,
+    )
