@@ -3,37 +3,85 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet import auto
 from exunet.effects.terms import Terms
+from exunet.errors import CaseError, Fault
 from exunet.net.arrays import Net
 from exunet.scene import Scene
-from exunet.solvers import METHODS, Plan
+from exunet.solvers import METHODS, Plan, Solver
 from exunet.stability import SAFETY, largest_damping_rate, largest_frequency, stable_step
 from exunet.times import stored_times
 
-# Absolute tolerance of DOPRI5, as a part of the speed error asked for: at the paper's undamped net the speed
-# error at t = 1.5 s is about 300 to 700 times the tolerance; 10 000 leaves room for harder nets.
-TOLERANCE_PER_ACCURACY = 1e-4
-# Longest adaptive step, times the highest angular frequency. In free flight the error estimate would allow any
-# step; one that ends deep inside a snap overflows, and the engine accepts the step whose error is not a number.
+# Longest adaptive step, times the highest angular frequency. In free flight the error estimate would allow
+# any step; one that ends deep inside a snap overflows, and the engine accepts the step whose error is not a
+# number.
 LONGEST = 30.0
-LEAST_TOLERANCE = 1e-12  # below this, steps are rejected for round-off and nothing is gained
+# Damping rate over the highest frequency from which on damping, not accuracy, sets an explicit method's step.
+STIFF = 10.0
 
 
 def make_plan(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64]) -> Plan:
     """How this scene is integrated; velocity (n_nodes, 3) is the initial one [m/s]."""
     solver = scene.solver
+    if solver.method == "auto":
+        return _chosen(scene, net, terms, velocity)
     if METHODS[solver.method].kind == "adaptive":
-        return _adaptive(scene, net, velocity)
+        return _adaptive(solver.method, scene, net, velocity)
     spacing = float(np.diff(stored_times(scene.time)).max())
-    if solver.step is not None:
-        return _fixed(solver.method, solver.step, spacing)
     limit = stable_step(solver.method, largest_frequency(net), largest_damping_rate(net, terms))
+    if solver.step is not None:
+        notes = _above(limit, min(solver.step, spacing), solver)
+        return _fixed(solver.method, solver.step, spacing, *notes)
     note = f"step = {SAFETY:g} x the stable step {limit:.4g} s of {solver.method}"
     return _fixed(solver.method, SAFETY * limit, spacing, note)
+
+
+def _chosen(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64]) -> Plan:
+    """What "auto" comes to: DOPRI5, which no other method of the engine beat at any accuracy on any scene.
+
+    That holds for stiff damping too: implicit steps beyond the damping's own time misjudge the work that it
+    takes, and the guards stop them (benchmarks/auto_table.md).
+    """
+    plan = _adaptive("DOPRI5", scene, net, velocity)
+    notes = [f"auto: DOPRI5, tolerance {plan.tolerance:.2g}: measured as cheapest at every accuracy"]
+    rate, frequency = largest_damping_rate(net, terms), largest_frequency(net)
+    if rate > STIFF * frequency:
+        steps = scene.time.end / stable_step("RK44", frequency, rate)
+        notes.append(f"stiff damping ({rate:.2g}/s): it, not the accuracy, asks for some {steps:.2g} steps")
+    if plan.expected_error is not None:
+        notes.append(
+            f"expected speed error {plan.expected_error:.1g} of the launch speed, before the horizon of "
+            "predictability (exunet run --estimate-error measures it)"
+        )
+    return replace(plan, notes=(*notes, *plan.notes))
+
+
+def with_net_form(scene: Scene, net: Net, plan: Plan) -> tuple[Scene, Plan]:
+    """The scene with engine.net = "auto" replaced by what it comes to, and the plan that says why."""
+    engine = scene.engine
+    if engine.net != "auto":
+        return scene, plan
+    form, why = auto.choose_net(net.n_elements, implicit=METHODS[plan.method].kind == "implicit")
+    scene = scene.model_copy(update={"engine": engine.model_copy(update={"net": form})})
+    if engine.loop == "compiled":  # which has a form of its own
+        return scene, plan
+    return scene, replace(plan, notes=(*plan.notes, why))
+
+
+def _above(limit: float, step: float, solver: Solver) -> list[str]:
+    """Refuse a step above the stable one, or note that it is forced; a limit of 0 says nothing of a step."""
+    if not 0.0 < limit < step:
+        return []
+    words = f"{step:.4g} s is above the stable step {limit:.4g} s of {solver.method} on this net"
+    if solver.force:
+        return [f"step {words}: forced"]
+    advice = "give a smaller one or none, or an adaptive method (DOPRI5); solver.force = true runs it anyway"
+    raise CaseError([Fault("", "solver.step", f"{words}; {advice}")])
 
 
 def _fixed(method: str, step: float, spacing: float, *notes: str) -> Plan:
@@ -43,28 +91,28 @@ def _fixed(method: str, step: float, spacing: float, *notes: str) -> Plan:
     return Plan(method, step=min(step, spacing), notes=notes)
 
 
-def _adaptive(scene: Scene, net: Net, velocity: NDArray[np.float64]) -> Plan:
+def _adaptive(method: str, scene: Scene, net: Net, velocity: NDArray[np.float64]) -> Plan:
     solver = scene.solver
     notes: tuple[str, ...] = ()
-    tolerance = solver.tolerance
+    tolerance, expected = solver.tolerance, None
     if tolerance is None:
         speed = float(np.sqrt((velocity**2).sum(axis=1)).max(initial=0.0)) or 1.0
-        tolerance = TOLERANCE_PER_ACCURACY * solver.accuracy * speed
-        if tolerance < LEAST_TOLERANCE:
-            tolerance = LEAST_TOLERANCE
-            reached = LEAST_TOLERANCE / (TOLERANCE_PER_ACCURACY * speed)
+        relative = auto.tolerance_for(solver.accuracy)
+        tolerance, expected = relative * speed, auto.expected_error(relative)
+        if solver.accuracy < auto.table().best:
             notes = (
                 f"accuracy {solver.accuracy:g} is beyond double precision here: "
-                f"ran at {reached:.2g}, tolerance {tolerance:g}",
+                f"ran at the best, {auto.table().best:.1g}, tolerance {tolerance:.2g}",
             )
     frequency = largest_frequency(net)
     period = 1.0 / frequency if frequency else math.inf
     first = min(scene.time.end, 0.1 * period)
     return Plan(
-        solver.method,
+        method,
         tolerance=tolerance,
         first_step=first,
         longest_step=LONGEST * period,
         least_step=1e-6 * first,
+        expected_error=expected,
         notes=notes,
     )

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from exunet.record import Positive, Record
 
 MethodName = Literal[
+    "auto",
     "DOPRI5",
     "ODE23",
     "ExplicitEuler",
@@ -65,6 +66,7 @@ class Plan:
     first_step : first attempt of an adaptive method [s]
     longest_step: longest step of an adaptive method [s]
     least_step : steps below this count as collapsed [s]
+    expected_error: speed error to expect at the end, relative to the launch speed; None: not known
     notes      : what the user should know of the choice
     """
 
@@ -74,13 +76,16 @@ class Plan:
     first_step: float = 0.0
     longest_step: float = math.inf
     least_step: float = 0.0
+    expected_error: float | None = None
     notes: tuple[str, ...] = ()
 
 
 class Solver(Record):
     """Keys of [solver]."""
 
-    method: MethodName = Field("DOPRI5", description="integration method of the engine")
+    method: MethodName = Field(
+        "auto", description="integration method; auto: what was measured as cheapest for the accuracy"
+    )
     accuracy: Positive = Field(
         1e-5,
         description="speed error aimed at, relative to the launch speed; sets an adaptive tolerance",
@@ -91,9 +96,22 @@ class Solver(Record):
     step: Positive | None = Field(
         None, description="step of a fixed-step method [s]; absent: from the stable step"
     )
+    force: bool = Field(
+        False, description="run also with a step above the stable one, which is refused otherwise"
+    )
+    retry: int = Field(
+        2,
+        ge=0,
+        le=20,
+        description="how often a run that its steps spoil goes on from its last good state with finer ones",
+    )
 
     @model_validator(mode="after")
     def _fits_the_method(self) -> Self:
+        if self.method == "auto":
+            if self.step is not None:
+                raise ValueError("auto chooses its own step: name the fixed-step method that it is for")
+            return self
         adaptive = METHODS[self.method].kind == "adaptive"
         if adaptive and self.step is not None:
             raise ValueError(f"{self.method} chooses its own step: give accuracy or tolerance instead")

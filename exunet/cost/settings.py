@@ -66,7 +66,7 @@ def ladders(limits: Limits, *, compiled: bool, reference: tuple[str, ...]) -> li
     found: list[list[Setting]] = []
     forms: tuple[Code, ...] = ("fused", "connectors") if compiled else ("connectors",)
     for form in forms:
-        found += [_of_engine(form, method, limits) for method in METHODS if method != "auto"]
+        found += [_of_engine(form, method, limits) for method in METHODS]
     if compiled:
         found += [_of_engine("compiled loop", method, limits) for method in LOOP_METHODS]
     return found + [_of_reference(method, limits) for method in reference]

@@ -195,7 +195,12 @@ def pair_of(case: Case) -> Pair:
         net = reference.weave(theirs)
     except reference.Refused as refused:
         raise _out_of_reach(case.name, refused) from refused
-    return Pair(case.name, case.path, prepare(case.scene), theirs, net, reference.assemble(theirs, net))
+    # The form that states the law element by element; `Pair.fused` is the other.
+    scene = case.scene
+    if scene.engine.net == "auto":
+        engine = scene.engine.model_copy(update={"net": "connectors"})
+        scene = scene.model_copy(update={"engine": engine})
+    return Pair(case.name, case.path, prepare(scene), theirs, net, reference.assemble(theirs, net))
 
 
 def pair_of_text(name: str, text: str) -> Pair:

@@ -1,0 +1,181 @@
+"""Measures the table from which solver.method = "auto" chooses: python benchmarks/auto_table.py
+
+Writes exunet/auto_table.toml and benchmarks/auto_table.md. Errors are those of bullet speeds at the end
+of a run, relative to the launch speed, against the converged solution of `exunet cost`.
+tests/test_auto.py checks the promise on other scenes than these.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+import exunet
+from exunet.build import build, prepare
+from exunet.cost.converged import converge
+from exunet.cost.measure import launch_speed
+from exunet.cost.runners import Subject, run
+from exunet.cost.settings import Setting
+from exunet.engine.stepper import Stepper
+from exunet.files import replacing
+from exunet.scene import Engine
+from exunet.solvers import Plan
+from exunet.verify.pair import pair_of
+
+ROOT = Path(__file__).parent.parent
+PLANAR = ROOT / "cases" / "planar_undamped.toml"
+DAMPED = ROOT / "cases" / "planar_deployment.toml"
+OUT_OF_PLANE = ("launch.axial_speed=4.0",)
+# (case, overrides, ends): before each scene's horizon of predictability
+SCENES = (
+    (PLANAR, (), (0.9, 1.2, 1.5)),
+    (DAMPED, (), (0.9, 1.3)),
+    (PLANAR, ("initial.packing=0.2",), (0.5, 0.9)),
+    (PLANAR, ("net.mesh=0.5",), (0.7,)),
+    (PLANAR, (*OUT_OF_PLANE, "effects.gravity.acceleration=[0.5, 0.0, -1.0]"), (0.6, 0.9)),
+    (PLANAR, ("launch.radial_speed=10.0",), (0.2, 0.3)),
+    (PLANAR, ("net.divisions=2",), (0.6,)),
+    (PLANAR, ("net.cable.youngs_modulus=1e9", "net.strings.youngs_modulus=1e9"), (0.6, 1.0)),
+)
+TOLERANCES = tuple(10.0**-k for k in np.arange(3.0, 11.5, 0.5))
+ACCURACIES = tuple(10.0**-k for k in range(1, 9))
+MARGIN = 3.0  # the accuracy asked for over the worst error measured
+MESHES = (1, 2, 3, 5, 10, 20, 40)
+CERTAIN = 1e-8  # uncertainty of the converged solution up to which a scene counts: not close to its horizon
+RESOLVED = 10.0  # an error counts if it is this many times the uncertainty of the converged solution
+STIFF = ("effects.rayleigh_damping.beta=1e-3", "time.end=0.8")
+IMPLICIT_STEPS = (1e-2, 1e-3, 1e-4)
+
+
+def say(words: str) -> None:
+    """A line of progress."""
+    sys.stdout.write(words + "\n")
+    sys.stdout.flush()
+
+
+def errors(words: list[str]) -> dict[float, tuple[float, float]]:
+    """tolerance -> (worst, median) error over the scenes."""
+    found: dict[float, list[float]] = {tolerance: [] for tolerance in TOLERANCES}
+    head = " | ".join(f"{tolerance:.0e}" for tolerance in TOLERANCES)
+    words += ["# What the table of `auto` was made from", "", STAMP, ""]
+    words += [
+        "Speed errors of DOPRI5 (fused net) relative to the launch speed, by tolerance / launch speed.",
+        "",
+    ]
+    words += [f"| scene | to [s] | uncertainty | {head} |", "|---" * (len(TOLERANCES) + 3) + "|"]
+    for path, overrides, ends in SCENES:
+        case = exunet.load(path, overrides)
+        for end in ends:
+            subject = Subject(prepare(case.scene), pair_of(case), (0.0, end))
+            converged = converge(subject, compiled=True)
+            scene = f"{path.stem} {' '.join(overrides)}".strip()
+            row = []
+            for tolerance in TOLERANCES:
+                trial = run(subject, Setting("fused", "DOPRI5", tolerance=tolerance))
+                assert trial.measures is not None, trial.reason
+                off = np.abs(trial.measures.speeds - converged.speeds).max() / launch_speed(subject.start)
+                if converged.uncertainty < CERTAIN and off > RESOLVED * converged.uncertainty:
+                    found[tolerance].append(float(off))
+                row.append(f"{off:.0e}")
+            words.append(f"| `{scene}` | {end:g} | {converged.uncertainty:.0e} | {' | '.join(row)} |")
+            say(words[-1])
+    return {tolerance: (max(offs), statistics.median(offs)) for tolerance, offs in found.items()}
+
+
+def stiff(words: list[str]) -> None:
+    """An explicit and the implicit methods under stiff damping."""
+    case = exunet.load(DAMPED, STIFF)
+    subject = Subject(prepare(case.scene), None, (0.0, case.scene.time.end))
+    settings = [Setting("fused", "DOPRI5", tolerance=1e-6)]
+    for method in ("TrapezoidalIndex2", "GeneralizedAlpha"):
+        settings += [Setting("fused", method, step=step) for step in IMPLICIT_STEPS]
+    words += ["", f"Stiff damping, `{DAMPED.stem} {' '.join(STIFF)}`:", "", "| | s | |", "|---|---|---|"]
+    for setting in settings:
+        trial = run(subject, setting)
+        outcome = trial.reason.partition(";")[0] or "ran"
+        words.append(f"| {setting.name}, {setting.value} | {trial.seconds:.2f} | {outcome} |")
+        say(words[-1])
+
+
+def tolerances(worst: dict[float, tuple[float, float]]) -> list[tuple[float, float]]:
+    """(accuracy, tolerance): the largest tolerance at and below which MARGIN x the worst error is within."""
+    rows = []
+    for accuracy in ACCURACIES:
+        good = 0.0
+        for tolerance in sorted(worst):
+            if MARGIN * worst[tolerance][0] > accuracy:
+                break
+            good = tolerance
+        if good:
+            rows.append((accuracy, good))
+    return rows
+
+
+def seconds_of_forms() -> list[tuple[int, float, float]]:
+    """(elements, connectors, fused) seconds of a right-hand side, medians of interleaved runs."""
+    rows = []
+    for meshes in MESHES:
+        scene = exunet.load(PLANAR, [f"net.mesh={5.0 / meshes!r}"]).scene
+        found: dict[str, list[float]] = {"connectors": [], "fused": []}
+        for form in [*found] * 6:
+            start = prepare(scene.model_copy(update={"engine": Engine.model_validate({"net": form})}))
+            found[form].append(_seconds(start))
+        medians = [statistics.median(times[1:]) for times in found.values()]  # the first one compiles
+        rows.append((start.net.n_elements, *medians))
+        say(str(rows[-1]))
+    return rows
+
+
+def _seconds(start) -> float:
+    steps = max(20, 40_000 // start.net.n_elements)
+    step = 1e-9
+    stepper = Stepper(build(start), Plan("RK44", step=step), 1.0, lambda *_: None, every=1 << 30)
+    stepper.advance(step)
+    began = time.perf_counter()
+    stepper.advance(step * (1 + steps))
+    return (time.perf_counter() - began) / (4 * steps)
+
+
+STAMP = (
+    f"{time.strftime('%Y-%m-%d')}, {platform.platform()}, {os.cpu_count()} cores, "
+    f"Python {platform.python_version()}, exunet {exunet.__version__}"
+)
+
+
+def main() -> None:
+    words: list[str] = []
+    worst = errors(words)
+    stiff(words)
+    lines = [
+        "# Measured by benchmarks/auto_table.py, read by exunet/auto.py.",
+        f"# {STAMP}",
+        "",
+        "# DOPRI5: accuracy asked for (speed error / launch speed) -> tolerance per step / launch speed.",
+        f"# At and below it, {MARGIN:g} x the worst error of all scenes is within the accuracy.",
+        "tolerance = [",
+        *(f"  [{accuracy:.0e}, {tolerance:.2e}]," for accuracy, tolerance in tolerances(worst)),
+        "]",
+        "",
+        "# DOPRI5: tolerance -> median error over the scenes, what to expect.",
+        "expected_error = [",
+        *(f"  [{tolerance:.2e}, {middle:.2e}]," for tolerance, (_, middle) in sorted(worst.items())),
+        "]",
+        "",
+        "# Number of elements -> seconds of a right-hand side with connectors, and fused.",
+        "seconds = [",
+        *(f"  [{n}, {a:.3g}, {b:.3g}]," for n, a, b in seconds_of_forms()),
+        "]",
+    ]
+    with replacing(ROOT / "exunet" / "auto_table.toml") as part:
+        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (ROOT / "benchmarks" / "auto_table.md").write_text("\n".join(words) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

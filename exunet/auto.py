@@ -1,0 +1,84 @@
+"""What solver.method = "auto" and engine.net = "auto" come to, from a stored table of measurements.
+
+auto_table.toml is written by benchmarks/auto_table.py, which says on what scenes it measured.
+"""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.kernel.compile import numba_installed
+
+Floats = NDArray[np.float64]
+Form = Literal["connectors", "fused"]
+
+
+@dataclass(frozen=True)
+class Table:
+    """The measurements; each array has two or three columns, increasing in the first.
+
+    tolerance : accuracy asked for (speed error / launch speed) -> tolerance of DOPRI5 / launch speed
+    expected  : tolerance of DOPRI5 / launch speed -> speed error / launch speed to expect
+    seconds   : elements -> seconds of a right-hand side with connectors, and fused
+    """
+
+    tolerance: Floats
+    expected: Floats
+    seconds: Floats
+
+    @property
+    def best(self) -> float:
+        """The least accuracy that was reached on all measured scenes."""
+        return float(self.tolerance[0, 0])
+
+
+@functools.cache
+def table() -> Table:
+    """The stored table."""
+    read = tomllib.loads(Path(__file__).with_name("auto_table.toml").read_text(encoding="utf-8"))
+    arrays = (np.array(sorted(read[name])) for name in ("tolerance", "expected_error", "seconds"))
+    return Table(*arrays)
+
+
+def tolerance_for(accuracy: float) -> float:
+    """Tolerance of DOPRI5 per unit of the launch speed that meets an accuracy; constant outside the table."""
+    rows = table().tolerance
+    return _between(accuracy, rows[:, 0], rows[:, 1])
+
+
+def expected_error(tolerance: float) -> float:
+    """Speed error to expect at a tolerance of DOPRI5, both relative to the launch speed."""
+    rows = table().expected
+    return _between(tolerance, rows[:, 0], rows[:, 1])
+
+
+def choose_net(n_elements: int, *, implicit: bool) -> tuple[Form, str]:
+    """The form of the net that was measured as faster at this size, and why.
+
+    An implicit method takes the fused net wherever there is one: its derivatives are exact, those of the
+    connectors are numerical.
+    """
+    if not numba_installed():
+        return "connectors", "auto: connectors, since Numba is not installed (pip install 'exunet[fast]')"
+    if implicit:
+        return "fused", "auto: fused net, whose derivatives are exact"
+    rows = table().seconds
+    connectors, fused = (_between(float(n_elements), rows[:, 0], rows[:, k]) for k in (1, 2))
+    words = (
+        f"{n_elements} elements, {1e6 * fused:.3g} µs a right-hand side fused, {1e6 * connectors:.3g} µs not"
+    )
+    if fused < connectors:
+        return "fused", f"auto: fused net ({words}, as measured)"
+    return "connectors", f"auto: connectors ({words}, as measured)"
+
+
+def _between(at: float, x: Floats, y: Floats) -> float:
+    """Straight lines in the logarithms."""
+    return float(np.exp(np.interp(np.log(at), np.log(x), np.log(y))))
