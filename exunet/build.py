@@ -14,7 +14,7 @@ from exunet.estimates import chosen
 from exunet.initial import initial_state
 from exunet.net import weave
 from exunet.net.arrays import Net
-from exunet.plan import make_plan
+from exunet.plan import make_plan, with_net_form
 from exunet.scene import Scene
 from exunet.solvers import METHODS, Plan
 
@@ -43,6 +43,7 @@ def prepare(scene: Scene) -> Start:
     position, velocity = initial_state(scene, net)
     terms = total_terms(scene.effects, net, position)
     plan = make_plan(scene, net, terms, velocity)
+    scene, plan = with_net_form(scene, net, plan)
     return Start(scene, net, terms, position, velocity, replace(plan, notes=plan.notes + notes))
 
 
