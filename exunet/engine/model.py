@@ -40,6 +40,8 @@ class Model:
         self._reference: list[Sequence[float]] = []
         self._keep_alive: list[Any] = []  # the engine only borrows the functions it is given
         self._laws: dict[bool, Any] = {}
+        self._connectors: list[int] = []
+        self.sever: Callable[[Ints], None] = self._deactivate  # lets cable elements, by number, carry nothing
 
     def _add_object(self, item: Any, name: str) -> int:
         self._counts[name] += 1
@@ -96,7 +98,12 @@ class Model:
         self.system.SetObjectParameter(
             number, "springForceUserFunction", self._law(viscous=relaxation_time is not None)
         )
+        self._connectors.append(number)
         return number
+
+    def _deactivate(self, elements: Ints) -> None:
+        for element in elements:
+            self.system.SetObjectParameter(self._connectors[element], "activeConnector", False)
 
     def _law(self, *, viscous: bool) -> Any:
         if viscous not in self._laws:

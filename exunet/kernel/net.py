@@ -19,6 +19,7 @@ from exunet.net.arrays import Net
 Floats = NDArray[np.float64]
 # Unsigned, so that the compiled code need not look for negative (wrapped) indexes.
 Index = np.uint32
+_FACTOR = 3  # in the data of `_elements`, which is a net's first piece
 
 
 class Kernel:
@@ -77,6 +78,11 @@ def _elements(net: Net, terms: Terms) -> Piece:
     if law.relaxation_time is None:
         return Piece(pieces.add_tension, data)
     return Piece(pieces.add_viscous_tension, (*data, 2.0 * law.relaxation_time), power=pieces.viscous_power)
+
+
+def sever(kernel: Kernel, elements: NDArray[np.int64]) -> None:
+    """Let elements of a net's kernel carry nothing from now on."""
+    kernel.data[_FACTOR][elements] = 0.0
 
 
 def _constant(terms: Terms) -> list[Piece]:
