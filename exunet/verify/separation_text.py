@@ -90,7 +90,7 @@ tolerance of the integrator (- : not before {found.time[-1]:g} s):
 - *How soon is a property of the problem.* Move the start by {found.nudge:.0e} m, and the damped net separates
   in {damped}; the undamped one in {undamped}. Unmoved, the undamped net shows
   {quiet}. Each snap multiplies a difference; the rates of growth above say by how much. No real net is
-  symmetric to 1e-15, so a real one separates earlier.
+  symmetric to 1e-15.
 - *The integrator's own part does not show in the separation.* It moves all four curves together: the
   mean bullet speed of the damped net at {PAPER} s is off by {because} with the pair behind ode45. The
   symmetric solution itself changes there by {of_damped:.1e} m/s (damped) and {of_undamped:.1e} m/s

@@ -83,8 +83,8 @@ def lumping_whole(patch):
 def _other_damping(patch, **changes):
     right = rayleigh_damping.terms
 
-    def wrong(keys, net):
-        return right(keys.model_copy(update={k: f(getattr(keys, k)) for k, f in changes.items()}), net)
+    def wrong(keys, *rest):
+        return right(keys.model_copy(update={k: f(getattr(keys, k)) for k, f in changes.items()}), *rest)
 
     patch.setattr(rayleigh_damping, "terms", wrong)
 
