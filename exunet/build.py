@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,14 +87,16 @@ def _connectors(model: Model, start: Start) -> None:
 def _fused(model: Model, start: Start) -> None:
     from exunet.kernel.compile import require_numba
     from exunet.kernel.linearised import Linearised
-    from exunet.kernel.net import net_kernel
+    from exunet.kernel.net import net_kernel, sever
     from exunet.kernel.on_engine import apply
 
     require_numba('engine.net = "fused"')
     _points(model, start, massive=False)
     net, terms = start.net, start.terms
     linearised = Linearised(net, terms) if METHODS[start.plan.method].kind == "implicit" else None
-    apply(model, net_kernel(net, terms), linearised, net.mass)
+    kernel = net_kernel(net, terms)
+    model.sever = partial(sever, kernel)
+    apply(model, kernel, linearised, net.mass)
 
 
 def _points(model: Model, start: Start, *, massive: bool) -> None:

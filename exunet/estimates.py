@@ -112,7 +112,11 @@ def terms_of_alone(name: str, keys: Record, setting: Setting) -> Terms:
 
 
 def cost_of(terms: Terms, net: Net, form: str) -> float:
-    """Estimated time that terms add to a right-hand side, as a part of the bare net's."""
+    """Estimated time that terms add to a right-hand side, as a part of the bare net's.
+
+    form : engine.net; what is neither of the two costs as connectors do
+    """
+    form = form if form in _ELEMENT else "connectors"
     added = 0.0
     for matrix in (terms.on_velocity, terms.stiffness):
         added += _ENTRY[form] * matrix.nnz if matrix is not None else 0.0

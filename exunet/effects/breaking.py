@@ -55,6 +55,8 @@ def terms(keys: Keys, net: Net) -> Terms:
 def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
     """A method that starts each step afresh, and no damping along elements that may be gone."""
     wrongs = []
+    if around.compiled:
+        wrongs.append(Wrong((), 'needs engine.loop = "exudyn": the compiled loop does not look for breaks'))
     if around.method in REMEMBERING:
         wrongs.append(
             Wrong((), f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {around.method}")
