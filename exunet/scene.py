@@ -235,13 +235,14 @@ class Scene(Record):
     @classmethod
     def _fit_the_case(cls, effects: Any, others: ValidationInfo) -> Any:
         known = others.data
-        if all(name in known for name in ("net", "time", "solver", "launch")):
+        if all(name in known for name in ("net", "time", "solver", "engine", "launch")):
             around = Surroundings(
                 on=switched_on(effects),
                 has_bullets=getattr(known["net"], "bullets", None) is not None,
                 has_launch=known["launch"] is not None,
                 duration=known["time"].end,
                 method=known["solver"].method,
+                compiled=known["engine"].loop == "compiled",
             )
             refuse(misfits(around))
         return effects
