@@ -48,13 +48,16 @@ def run_command(
     out: Folder = None,
     overrides: Overrides = [],  # noqa: B006 - typer reads the default and makes its own list
     check: Annotated[bool, typer.Option("--check", help="also run reference_impl and compare")] = False,
+    estimate: Annotated[
+        bool, typer.Option("--estimate-error", help="also run twice more and tell the error")
+    ] = False,
 ) -> None:
     """Simulate a case; write result.h5, figures and summary.json into results/CASE/."""
     from exunet.casefile import load
     from exunet.commands.run import run_case
 
     loaded = load(case, overrides)
-    stopped = run_case(loaded, out or Path("results") / loaded.name, check=check)
+    stopped = run_case(loaded, out or Path("results") / loaded.name, check=check, estimate=estimate)
     if stopped:
         raise stopped
 
@@ -68,6 +71,27 @@ def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B
 
     loaded = load(case, overrides)
     print_table(loaded.scene.title, describe(loaded))
+
+
+@app.command("effects")
+def effects_command(
+    case: CasePath,
+    accuracy: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, help="displacement that matters, as a part of the net's size (0.01, or the case's threshold)"
+        ),
+    ] = None,
+    measure: Annotated[
+        bool, typer.Option("--ablate", help="also run the case with each effect toggled")
+    ] = False,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Print what every known effect would do to a case: on or off, size, cost, advice."""
+    from exunet.casefile import load
+    from exunet.commands.effects import show_effects
+
+    show_effects(load(case, overrides), asked=accuracy, measure=measure)
 
 
 @app.command("schema")

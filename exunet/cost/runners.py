@@ -98,11 +98,14 @@ def _start(subject: Subject, setting: Setting) -> Start:
 
 def with_setting(scene: Scene, setting: Setting, speed: float, times: tuple[float, ...]) -> Scene:
     """The scene with the setting's method and form, and stored times [s]; speed [m/s] scales tolerances."""
-    solver: dict[str, object] = {"method": setting.method}
+    solver: dict[str, object] = {"method": setting.method, "retry": 0}
     if setting.tolerance is not None:
         solver["tolerance"] = setting.tolerance * speed
     else:
-        solver |= {"step": setting.step} | ({"force": True} if "force" in Solver.model_fields else {})
+        solver |= {
+            "step": setting.step,
+            "force": True,
+        }  # a setting beyond the stable step shows what comes of it
     loop = setting.code == "compiled loop"
     form = {"loop": "compiled"} if loop else {"net": setting.code}
     end = times[-1]

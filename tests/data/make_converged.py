@@ -1,0 +1,73 @@
+"""Converged bullet speeds of the scenes of tests/test_auto.py: python tests/data/make_converged.py
+
+Each file in tests/data/auto/ holds a case with changes, an end time, the speeds there, how certain they are, and
+how they were computed: exunet's compiled Dormand-Prince loop and the reference's DOP853, each at two tolerances.
+None of these scenes is among those of benchmarks/auto_table.py.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import exunet
+from exunet.build import prepare
+from exunet.cost.converged import converge
+from exunet.cost.measure import launch_speed
+from exunet.cost.runners import Subject
+from exunet.verify.pair import pair_of
+
+HERE = Path(__file__).parent
+CASES = HERE.parent.parent / "cases"
+UNDAMPED, DAMPED = "planar_undamped.toml", "planar_deployment.toml"
+# name: (case, changes, end [s])
+SCENES = {
+    "mesh_4": (UNDAMPED, ["net.mesh=1.25"], 1.3),
+    "mesh_7": (UNDAMPED, ["net.size=7.0"], 1.2),
+    "packing_0.15": (UNDAMPED, ["initial.packing=0.15"], 1.2),
+    "packing_0.05": (DAMPED, ["initial.packing=0.05"], 1.2),
+    "slow": (UNDAMPED, ["launch.radial_speed=1.0"], 3.0),
+    "fast": (UNDAMPED, ["launch.radial_speed=6.0"], 0.5),
+    "out_of_plane": (UNDAMPED, ["launch.axial_speed=2.0", "initial.spin=[0.3, 0.1, 0.5]"], 0.8),
+    "damped": (DAMPED, ["effects.rayleigh_damping.alpha=0.5", "effects.rayleigh_damping.beta=1e-6"], 1.6),
+    "material_damping": (UNDAMPED, ["effects.material_damping.relaxation_time=1e-5"], 1.0),
+    "stiff_strings": (UNDAMPED, ["net.strings.youngs_modulus=1e12"], 1.0),
+    "divided": (UNDAMPED, ["net.divisions=3"], 0.7),
+    "rectangular": (
+        UNDAMPED,
+        [
+            'net.topology="rectangular"',
+            "net.size=[4.0, 6.0]",
+            "net.mesh=[1.0, 1.0]",
+            "launch.axial_speed=1.0",
+        ],
+        0.9,
+    ),
+}
+
+
+def main() -> None:
+    for name, (file, changes, end) in SCENES.items():
+        case = exunet.load(CASES / file, changes)
+        subject = Subject(prepare(case.scene), pair_of(case), (0.0, end))
+        found = converge(subject, compiled=True)
+        text = [
+            "# Written by tests/data/make_converged.py; errors relative to the launch speed.",
+            *(f"# {words}" for words in found.words),
+            f'case = "{file}"',
+            f"changes = {json.dumps(changes)}",
+            f"end = {end!r}  # s",
+            f"launch_speed = {launch_speed(subject.start)!r}  # m/s",
+            f"uncertainty = {found.uncertainty:.2e}",
+            f"speeds = {found.speeds.tolist()!r}  # m/s, of the bullets",
+        ]
+        (HERE / "auto" / f"{name}.toml").write_text("\n".join(text) + "\n", encoding="utf-8")
+        sys.stdout.write(
+            f"{name}: {found.uncertainty:.1e}, sensitivity {found.sensitivity:.1e}, {found.speeds}\n"
+        )
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
