@@ -75,6 +75,7 @@ def test_the_paper_s_net_loses_its_prediction_at_about_its_separation():
 
 
 @pytest.mark.slow
+@pytest.mark.ci
 def test_mirrored_arithmetic_keeps_the_bullets_together_and_ordinary_does_not():
     pair = read_pair(CASES["planar_deployment"])
     mirrored = run_one(pair, "reference", 1e-10, 2.5, True)
