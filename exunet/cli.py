@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import suppress
+from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -22,7 +24,8 @@ app = typer.Typer(
     help="Simulates deployable nets.",
 )
 
-CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE")]
+# readable=False: exunet's own reader says what is wrong with a file, in one line
+CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE", readable=False)]
 Overrides = Annotated[
     list[str],
     typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the case (empty: remove it)"),
@@ -32,14 +35,28 @@ Folder = Annotated[Path | None, typer.Option(help="folder for what is written", 
 
 def main() -> None:
     """Entry point: errors become one line each on stderr and an exit code, never a traceback."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a title may hold what the terminal cannot show
     try:
         app()
     except ExunetError as error:
-        sys.stderr.write(f"{error}\n")
-        sys.exit(error.exit_code)
+        _leave(str(error), error.exit_code)
     except KeyboardInterrupt:
-        sys.stderr.write("interrupted\n")
-        sys.exit(130)
+        _leave("interrupted", 130)
+    except SystemExit as done:
+        if done.code == 130:  # typer's way to end on Ctrl-C says nothing
+            _leave("interrupted", 130)
+        raise
+    except OSError as error:  # each file has its own words; what is left is the terminal or a pipe
+        _leave(f"cannot print: {error.strerror or error}", 2)
+
+
+def _leave(words: str, code: int) -> NoReturn:
+    sys.stderr.write(f"{words}\n")
+    with suppress(OSError, ValueError):
+        sys.stdout.close()
+    sys.exit(code)
 
 
 @app.command("run")
@@ -79,7 +96,8 @@ def effects_command(
     accuracy: Annotated[
         float | None,
         typer.Option(
-            min=0.0, help="displacement that matters, as a part of the net's size (0.01, or the case's threshold)"
+            min=0.0,
+            help="displacement that matters, as a part of the net's size (0.01, or effects.threshold)",
         ),
     ] = None,
     measure: Annotated[

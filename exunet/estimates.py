@@ -58,8 +58,10 @@ class Finding:
             return "off: nothing to assume for this scene"
         if self.on:
             return "on, and it matters" if self.relative >= asked else "on, but below the asked accuracy"
+        if getattr(EFFECTS[self.name], "ON_THE_GROUND", False):
+            return f"off; on the ground it would move the net by {self.relative:.0e} of its size"
         if self.relative >= asked:
-            return "off, and above it: switch on, if it is there"
+            return "off, and above it: switch on"
         return f"would move the net by {self.relative:.0e} of its size: leave out"
 
 

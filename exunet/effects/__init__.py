@@ -9,6 +9,7 @@ silent;
   None if nothing can be assumed for this scene;
 - `magnitude(keys, setting) -> Estimate`: the order of magnitude of what leaving it out would change;
 - if it needs something of the rest of the case, or contradicts it, `needs(keys, around) -> list[Wrong]`;
+- if it belongs to tests on the ground, `ON_THE_GROUND = True`;
 - if it brings a mass of its own, `extend(keys, net) -> Net`.
 
 Its energy is that of the terms: a potential, or work that the monitor integrates along the run.

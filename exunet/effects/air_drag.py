@@ -21,6 +21,8 @@ from exunet.effects.terms import KernelTerm, Terms
 from exunet.net.arrays import Net
 from exunet.record import NonNegative, Positive, Record
 
+ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
+
 
 class Keys(Record):
     """Drag in still air: cross-flow on the cables, and on the bullets."""

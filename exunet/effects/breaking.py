@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from exunet.checks import Wrong, refuse
-from exunet.effects.estimate import Estimate, Setting, snap_of
+from exunet.effects.estimate import Estimate, Setting, hardest_strain, snap_of
 from exunet.effects.needs import Surroundings
 from exunet.effects.terms import Breaking, Terms
 from exunet.net.arrays import Net
@@ -79,15 +79,15 @@ def nominal(setting: Setting) -> tuple[Keys, str]:
 
 def magnitude(keys: Keys, setting: Setting) -> Estimate:
     """Nothing if the hardest snap stays below the limit, else the way of what flies off at its speed."""
-    snap = snap_of(setting)
+    snap, strain = snap_of(setting), hardest_strain(setting)
     limit = keys.strain
     if limit is None:
         assert keys.force is not None
         limit = keys.force / float(setting.net.axial_stiffness.max(initial=np.inf))
-    breaks = snap.strain > limit
+    breaks = strain > limit
     words = "breaks" if breaks else "holds"
     return Estimate(
         snap.frequency * snap.speed if breaks else 0.0,
         setting.held(setting.speed * setting.duration) if breaks else 0.0,
-        f"strain v sqrt(mu / EA L) = {snap.strain:.2g} of the first snap, limit {limit:.2g}: {words}",
+        f"strain v sqrt(m / EA L) = {strain:.2g} of the hardest snap, limit {limit:.2g}: {words}",
     )

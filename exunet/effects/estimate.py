@@ -157,3 +157,15 @@ def snap_of(setting: Setting) -> Snap:
     mu = float(reduced[worst])
     frequency = math.sqrt(float(net.axial_stiffness[worst] / net.reference_length[worst]) / mu) if mu else 0.0
     return Snap(float(parting[worst]), frequency, float(strain[worst]))
+
+
+def hardest_strain(setting: Setting) -> float:
+    """Strain of the first snap, or if more, of a bullet stopped by one element of the softest cable."""
+    net, first = setting.net, snap_of(setting).strain
+    bullets = net.bullet_nodes
+    if not len(bullets) or not net.n_elements:
+        return first
+    relative = setting.velocity[bullets] - setting.motion.mean(axis=0)
+    energy = net.mass[bullets] * np.einsum("ba,ba->b", relative, relative)
+    softest = float((net.axial_stiffness * net.reference_length).min())
+    return max(first, math.sqrt(float(energy.max()) / softest))

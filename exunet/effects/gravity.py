@@ -14,6 +14,8 @@ from exunet.effects.terms import Terms
 from exunet.net.arrays import Net
 from exunet.record import Record, Vector
 
+ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
+
 
 class Keys(Record):
     """Uniform gravity, as on the ground or in a parabolic flight."""
