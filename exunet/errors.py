@@ -44,12 +44,17 @@ class InputError(ExunetError):
 
 
 class RunStopped(ExunetError):
-    """A run that a guard or the engine stopped; `partial` holds what was computed until then."""
+    """A run that a guard or the engine stopped.
+
+    partial    : what was computed until then
+    step_cause : True if the steps are likely to blame, so that smaller ones may help
+    """
 
     exit_code = 3
 
-    def __init__(self, message: str, partial: Result | None = None) -> None:
+    def __init__(self, message: str, partial: Result | None = None, step_cause: bool = False) -> None:
         self.partial = partial
+        self.step_cause = step_cause
         super().__init__(message)
 
 
@@ -57,6 +62,12 @@ class Interrupted(RunStopped):
     """A run that the user stopped with Ctrl-C; `partial` holds what was computed until then."""
 
     exit_code = 130
+
+
+class UncheckedRun(ExunetError):
+    """The reference could not check a run; its result was written all the same."""
+
+    exit_code = 4
 
 
 class MissingExtra(ExunetError):

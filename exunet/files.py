@@ -38,6 +38,24 @@ def replacing(path: str | Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+def sweep(folder: Path) -> None:
+    """Remove what `replacing` left unfinished in a folder when its process was killed on this machine."""
+    for part in folder.glob(".exunet-*.part"):
+        with suppress(ValueError, OSError):
+            if not _alive(int(part.name.split("-")[1])):
+                part.unlink()
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # it exists and is another user's
+        return True
+    return True
+
+
 def cannot_write(path: str | Path, error: Exception) -> InputError:
     """The error for a file that the system refuses to write: one line with the system's reason."""
     reason = getattr(error, "strerror", None) or " ".join(str(error).split())

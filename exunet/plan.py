@@ -74,8 +74,8 @@ def with_net_form(scene: Scene, net: Net, plan: Plan) -> tuple[Scene, Plan]:
 
 
 def _above(limit: float, step: float, solver: Solver) -> list[str]:
-    """Refuse a step above the stable one, or note that it is forced; a limit of 0 says nothing of a step."""
-    if not 0.0 < limit < step:
+    """Refuse a step above the stable one, or note that it is forced."""
+    if step <= limit or METHODS[solver.method].weak:
         return []
     words = f"{step:.4g} s is above the stable step {limit:.4g} s of {solver.method} on this net"
     if solver.force:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from exunet.record import Positive, Record
 
@@ -32,12 +32,14 @@ class Method:
     kind  : "adaptive" (explicit, steps chosen from an error estimate), "explicit" or "implicit" (fixed step)
     order : declared order of convergence
     stages: right-hand sides of one step
+    weak  : at any step an undamped mode grows, if slowly, so that there is no stable step to refuse others by
     needs_step: no stable step follows from the net's frequencies (or, implicit, any would do)
     """
 
     kind: Literal["adaptive", "explicit", "implicit"]
     order: int
     stages: int
+    weak: bool = False
     needs_step: bool = False
 
 
@@ -45,11 +47,11 @@ class Method:
 METHODS: dict[str, Method] = {
     "DOPRI5": Method("adaptive", 5, 7),
     "ODE23": Method("adaptive", 3, 4),
-    "ExplicitEuler": Method("explicit", 1, 1, needs_step=True),
-    "ExplicitMidpoint": Method("explicit", 2, 2, needs_step=True),
+    "ExplicitEuler": Method("explicit", 1, 1, weak=True, needs_step=True),
+    "ExplicitMidpoint": Method("explicit", 2, 2, weak=True, needs_step=True),
     "RK33": Method("explicit", 3, 3),
     "RK44": Method("explicit", 4, 4),
-    "RK67": Method("explicit", 6, 7),
+    "RK67": Method("explicit", 6, 7, weak=True),
     "VelocityVerlet": Method("explicit", 2, 1),
     "GeneralizedAlpha": Method("implicit", 2, 1, needs_step=True),
     "TrapezoidalIndex2": Method("implicit", 2, 1, needs_step=True),
@@ -80,6 +82,9 @@ class Plan:
     notes: tuple[str, ...] = ()
 
 
+SHORTEST_STEP = 1e-12  # [s]
+
+
 class Solver(Record):
     """Keys of [solver]."""
 
@@ -94,7 +99,9 @@ class Solver(Record):
         None, description="absolute tolerance of an adaptive method [m, m/s]; absent: from accuracy"
     )
     step: Positive | None = Field(
-        None, description="step of a fixed-step method [s]; absent: from the stable step"
+        None,
+        validate_default=True,
+        description="step of a fixed-step method [s]; absent: from the stable step",
     )
     force: bool = Field(
         False, description="run also with a step above the stable one, which is refused otherwise"
@@ -106,17 +113,27 @@ class Solver(Record):
         description="how often a run that its steps spoil goes on from its last good state with finer ones",
     )
 
-    @model_validator(mode="after")
-    def _fits_the_method(self) -> Self:
-        if self.method == "auto":
-            if self.step is not None:
-                raise ValueError("auto chooses its own step: name the fixed-step method that it is for")
-            return self
-        adaptive = METHODS[self.method].kind == "adaptive"
-        if adaptive and self.step is not None:
-            raise ValueError(f"{self.method} chooses its own step: give accuracy or tolerance instead")
-        if not adaptive and self.tolerance is not None:
-            raise ValueError(f"{self.method} has a fixed step: give step instead of tolerance")
-        if METHODS[self.method].needs_step and self.step is None:
-            raise ValueError(f"{self.method} has no stable step of its own: give step")
-        return self
+    # Field by field, so that a fault of one key does not hide those of the others.
+    @field_validator("tolerance")
+    @classmethod
+    def _tolerance_fits(cls, tolerance: float | None, others: ValidationInfo) -> float | None:
+        method = others.data.get("method", "auto")
+        if tolerance is not None and method != "auto" and METHODS[method].kind != "adaptive":
+            raise ValueError(f"{method} has a fixed step: give step instead of tolerance")
+        return tolerance
+
+    @field_validator("step")
+    @classmethod
+    def _step_fits(cls, step: float | None, others: ValidationInfo) -> float | None:
+        method = others.data.get("method")
+        if step is None:
+            if method not in (None, "auto") and METHODS[method].needs_step:
+                raise ValueError(f"{method} has no stable step of its own: give step")
+            return step
+        if step < SHORTEST_STEP:
+            raise ValueError(f"must be at least {SHORTEST_STEP:g} s, got {step:g}")
+        if method == "auto":
+            raise ValueError("auto chooses its own step: name the fixed-step method that it is for")
+        if method is not None and METHODS[method].kind == "adaptive":
+            raise ValueError(f"{method} chooses its own step: give accuracy or tolerance instead")
+        return step

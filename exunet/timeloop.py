@@ -1,26 +1,26 @@
-"""One run: the time loop over the stored times, and its outcome as a Result."""
+"""One run: the time loop over the stored times, its retries, and its outcome as a Result."""
 
 from __future__ import annotations
 
-import platform
 import time as clock
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import exunet
-from exunet import cable, energy
+from exunet.breaking import Breaks
 from exunet.build import Start, build, prepare
 from exunet.casefile import Case
-from exunet.effects import switched_on
-from exunet.engine.loading import exudyn_version
-from exunet.engine.stepper import EngineFailed, Stepper
+from exunet.engine.stepper import EngineFailed, Stepper, StepsCollapsed
 from exunet.errors import Interrupted, RunStopped
-from exunet.monitor import Monitor
+from exunet.monitor import RIGHT_HAND_SIDES_A_LOOK, Monitor
+from exunet.recording import Record
 from exunet.result import Result
+from exunet.retry import finer
 from exunet.scene import Scene
+from exunet.solvers import METHODS
 from exunet.times import stored_times
 
 if TYPE_CHECKING:
@@ -28,150 +28,142 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Progress = Callable[[float], None]
+Keep = Callable[[Result], None]
+
+KEEP_EVERY = 30.0  # [s] of wall time between two calls of `keep`
+KEEP_PART = 0.02  # of a run's wall time that those calls may take
 
 
-def run(case: Case | Scene, progress: Progress | None = None) -> Result:
+def run(case: Case | Scene, progress: Progress | None = None, keep: Keep | None = None) -> Result:
     """Simulate a case (or a scene) and return its result.
 
     progress : called with the simulated time [s] now and then
-    Raises RunStopped (its `partial` holds what was computed) if the run diverges or the engine gives up,
-    Interrupted (also with `partial`) on Ctrl-C.
+    keep     : called with the part done so far, marked as incomplete, every 30 s of a long run
+    Raises RunStopped (its `partial` holds what was computed) if the run diverges or the engine gives up and
+    `solver.retry` finer attempts do not mend it, Interrupted (also with `partial`) on Ctrl-C.
     """
     scene = case if isinstance(case, Scene) else case.scene
     provenance: dict[str, Any] = {}
     if isinstance(case, Case):
         provenance = {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
-    return simulate(prepare(scene), provenance, progress)
+    return simulate(prepare(scene), provenance, progress, keep)
 
 
 def simulate(
-    start: Start, provenance: dict[str, Any] | None = None, progress: Progress | None = None
+    start: Start,
+    provenance: dict[str, Any] | None = None,
+    progress: Progress | None = None,
+    keep: Keep | None = None,
 ) -> Result:
     """Run from a prepared start (see `exunet.build.prepare`), which a script may have changed."""
-    record = _Record(start, provenance or {})
-    times = stored_times(start.scene.time)
-    monitor = Monitor(start.net, start.terms, start.position, start.velocity)
-
-    def watch(time: Floats, position: Floats, velocity: Floats, taken: Floats | None = None) -> None:
-        monitor(time, position, velocity, taken)
-        if progress:
-            progress(float(time[-1]))
-
+    record = Record(start, provenance or {})
     record.store(0.0, (start.position, start.velocity), 0.0)
-    try:
-        stepper = _stepper(start, float(times[-1]), watch, record)
-    except EngineFailed as failure:
-        raise RunStopped(f"not started: {failure}", record.result("not started")) from failure
-    began = clock.perf_counter()
-    verdict: RunStopped | None = None
-    try:
-        for until in times[1:]:
-            stepper.advance(float(until))
-            taken = monitor.dissipated if stepper.dissipated is None else stepper.dissipated
-            record.store(float(until), stepper.state(), taken)
-    except RunStopped as stop:
-        record.forget_after(monitor.good_until)
-        verdict = stop
-    except EngineFailed as failure:
-        verdict = RunStopped(f"the engine stopped after t = {stepper.time:.6g} s: {failure}")
-    except KeyboardInterrupt:
-        verdict = Interrupted(f"interrupted after t = {stepper.time:.6g} s; what was computed is kept")
-    record.integrated(stepper, clock.perf_counter() - began)
-    if verdict:
-        verdict.partial = record.result(str(verdict))
-        raise verdict
-    return record.result("ok")
+    plan, retries = start.plan, start.scene.solver.retry
+    monitor = Monitor(start.net, start.terms, start.position, start.velocity, _looks(start))
+    if start.terms.breaking is not None:
+        record.breaks = Breaks(start.net, start.terms, monitor)
+        retries = 0  # the elements that broke stay broken
+    keeper = _Keeper(record, monitor, keep)
+    while True:
+        stop = _Attempt(replace(start, plan=plan), record, monitor, progress, keeper).run()
+        if stop is None:
+            return record.result("ok")
+        next_plan = finer(plan) if stop.step_cause and retries else None
+        if next_plan is None:
+            stop.partial = record.result(str(stop))
+            raise stop
+        plan, retries = next_plan, retries - 1
+        record.back_to_good(monitor)
+        record.retried(str(stop), plan)
+        monitor.go_back(*record.last())
 
 
-def _stepper(start: Start, end: float, watch: Callable[..., None], record: _Record) -> Stepper | Loop:
-    """The engine, or the compiled loop, at time 0; raises EngineFailed, or MissingExtra without Numba."""
-    began = clock.perf_counter()
-    if start.scene.engine.loop == "compiled":
-        from exunet.loop.loop import Loop
+class _Attempt:
+    """One march from the last stored state of a record to the end."""
 
-        loop = Loop(start, end, watch)
-        record.built({}, clock.perf_counter() - began)
-        return loop
-    model = build(start)
-    record.built(model.items(), clock.perf_counter() - began)
-    return Stepper(model, start.plan, end, watch, every=_sampling(start))
+    def __init__(
+        self, start: Start, record: Record, monitor: Monitor, progress: Progress | None, keeper: _Keeper
+    ) -> None:
+        self._begin, position, velocity, self._taken = record.last()
+        self._start = replace(start, position=position, velocity=velocity)
+        self._record = record
+        self._monitor = monitor
+        self._progress = progress
+        self._keeper = keeper
 
+    def run(self) -> RunStopped | None:
+        """What stopped it, or None at the end of the run."""
+        record, monitor = self._record, self._monitor
+        monitor.explain(self._start.plan)
+        times = stored_times(self._start.scene.time)
+        try:
+            stepper = self._stepper(float(times[-1]))
+        except EngineFailed as failure:
+            return RunStopped(f"not started: {failure}")
+        began = clock.perf_counter()
+        stop: RunStopped | None = None
+        try:
+            for until in times[len(record) :].tolist():
+                stepper.advance(until)
+                taken = monitor.dissipated if stepper.dissipated is None else stepper.dissipated
+                record.store(until, stepper.state(), taken)
+                self._keeper()
+        except RunStopped as found:
+            stop = found
+        except EngineFailed as failure:
+            stop = monitor.engine_failed(failure, step_cause=not isinstance(failure, StepsCollapsed))
+        except KeyboardInterrupt:
+            stop = Interrupted(f"interrupted after t = {stepper.time:.6g} s; what was computed is kept")
+        if stop is not None:
+            record.forget_after(monitor.good_until)
+        record.integrated(stepper, clock.perf_counter() - began)
+        return stop
 
-def _sampling(start: Start) -> int:
-    """Every how many steps the monitor looks: all of them where it integrates the work of a term."""
-    return 1 if start.terms.dissipates else 8
+    def _watch(self, time: Floats, position: Floats, velocity: Floats, taken: Floats | None = None) -> None:
+        self._monitor(time, position, velocity, taken)
+        if self._progress:
+            self._progress(float(time[-1]))
 
+    def _stepper(self, end: float) -> Stepper | Loop:
+        """The engine, or the compiled loop, at the start; raises EngineFailed, MissingExtra without Numba."""
+        start, began = self._start, clock.perf_counter()
+        if start.scene.engine.loop == "compiled":
+            from exunet.loop.loop import Loop
 
-class _Record:
-    """Gathers the stored states and what the run cost."""
-
-    def __init__(self, start: Start, provenance: dict[str, Any]) -> None:
-        self._start = start
-        self._provenance = provenance | {
-            "title": start.scene.title,
-            "versions": _versions(),
-            "platform": platform.platform(),
-            "method": start.plan.method,
-            "tolerance": start.plan.tolerance,
-            "step": start.plan.step,
-            "end": start.scene.time.end,
-            "notes": list(start.plan.notes),
-            "engine": start.scene.engine.model_dump(),
-            "effects": sorted(switched_on(start.scene.effects)),
-        }
-        self._time: list[float] = []
-        self._states: list[tuple[Floats, Floats]] = []
-        self._dissipated: list[float] = []
-
-    def built(self, items: dict[str, int], seconds: float) -> None:
-        self._provenance |= {"items": items, "build_seconds": seconds}
-
-    def store(self, time: float, state: tuple[Floats, Floats], dissipated: float) -> None:
-        self._time.append(time)
-        self._states.append(state)
-        self._dissipated.append(dissipated)
-
-    def forget_after(self, time: float) -> None:
-        """Drop the states after `time` [s]: the guards look at batches, which may end after one."""
-        good = sum(stored <= time for stored in self._time)
-        del self._time[good:], self._states[good:], self._dissipated[good:]
-
-    def integrated(self, stepper: Stepper | Loop, seconds: float) -> None:
-        self._provenance |= {
-            "steps": stepper.counts.steps,
-            "rejected_steps": stepper.counts.rejected,
-            "right_hand_sides": stepper.right_hand_sides,
-            "newton_iterations": stepper.counts.newton_iterations,
-            "integration_seconds": seconds,
-        }
-
-    def result(self, verdict: str) -> Result:
-        net, terms = self._start.net, self._start.terms
-        position, velocity = (np.array(states) for states in zip(*self._states, strict=True))
-        length = cable.lengths(net, position)
-        return Result(
-            net=net,
-            time=np.array(self._time),
-            position=position,
-            velocity=velocity,
-            strain=cable.green_lagrange_strain(length, net.reference_length),
-            tension=cable.element_tension(net, terms.law(net), position, velocity),
-            kinetic=energy.kinetic(net, velocity),
-            elastic=energy.elastic(net, terms, position),
-            potential=energy.potential(terms, position),
-            dissipated=np.array(self._dissipated),
-            momentum=energy.momentum(net, velocity),
-            angular_momentum=energy.angular_momentum(net, position, velocity),
-            complete=verdict == "ok",
-            verdict=verdict,
-            provenance=self._provenance,
-        )
+            loop = Loop(start, end, self._watch, begin=self._begin, taken=self._taken)
+            self._record.built({}, clock.perf_counter() - began)
+            return loop
+        model = build(start)
+        self._record.built(model.items(), clock.perf_counter() - began)
+        every = 1 if start.terms.dissipates else _looks(start)
+        stepper = Stepper(model, start.plan, end, self._watch, every, self._begin)
+        if self._record.breaks is not None:
+            stepper.watch_for(self._record.breaks)
+        return stepper
 
 
-def _versions() -> dict[str, str]:
-    return {
-        "exunet": exunet.__version__,
-        "exudyn": exudyn_version(),
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
+def _looks(start: Start) -> int:
+    """Every how many steps the guards look; the ledger of work takes all steps all the same."""
+    method = METHODS[start.plan.method]
+    if start.scene.engine.loop == "compiled" or method.kind == "implicit":
+        return 1  # of the states that the loop hands over, or of steps that cost much more than a look
+    return max(1, RIGHT_HAND_SIDES_A_LOOK // method.stages)
+
+
+class _Keeper:
+    """Hands the part done to `keep` now and then."""
+
+    def __init__(self, record: Record, monitor: Monitor, keep: Keep | None) -> None:
+        self._record = record
+        self._monitor = monitor
+        self._keep = keep
+        self._next = clock.monotonic() + KEEP_EVERY
+
+    def __call__(self) -> None:
+        if self._keep is None or clock.monotonic() < self._next:
+            return
+        began = clock.monotonic()
+        until = self._monitor.good_until  # what the guards have not seen yet is not told
+        self._keep(self._record.result(f"unfinished: written while the run was at t = {until:.6g} s", until))
+        ended = clock.monotonic()
+        self._next = ended + max(KEEP_EVERY, (ended - began) / KEEP_PART)

@@ -119,9 +119,20 @@ def test_all_faults_are_told_at_once(tmp_path):
     assert any("radial_sped" in line and "radial_speed" in line for line in lines)
 
 
-def test_a_step_100_times_too_large_is_told_and_kept(tmp_path):
+def test_a_step_100_times_too_large_is_refused(tmp_path):
     done = command(
         "run", PLANAR, "--set", "solver.method=RK44", "--set", "solver.step=2.5e-2",  # stable: 2.5e-4 s
+        "--set", "time.output_step=0.1", "--out", "here", folder=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 2
+    for words in ("solver.step", "0.025 s", "0.0002548 s", "solver.force"):
+        assert words in done.stderr
+    assert written(tmp_path) == set()
+
+
+def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):
+    done = command(
+        "run", PLANAR, "--set", "solver.method=RK44", "--set", "solver.step=2.5e-2", "--set", "solver.force=true",
         "--set", "time.output_step=0.1", "--out", "here", folder=tmp_path,
     )  # fmt: skip
     assert done.returncode == 3

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.breaking import Breaks
 from exunet.engine.loading import exudyn
 from exunet.engine.model import Model
 from exunet.interrupt import postponed
@@ -35,22 +36,29 @@ class EngineFailed(Exception):
     """The engine gave up; its own words."""
 
 
+class StepsCollapsed(EngineFailed):
+    """No step is small enough for the tolerance; a tighter one cannot help."""
+
+
 class Stepper:
     """Advances a model to asked times and hands the accepted states, in batches, to a watcher.
 
     The watcher gets (time (k,), position (k, n, 3), velocity (k, n, 3)); batches overlap in one state, so
-    that it can integrate over steps. `every` thins the states (1 = each step). An exception raised by the
-    watcher, KeyboardInterrupt included, comes out of `advance` unchanged.
+    that it can integrate over steps. `every` thins the states (1 = each step), `begin` is the time of the
+    model's state [s]. An exception raised by the watcher, KeyboardInterrupt included, comes out of `advance`
+    unchanged.
     """
 
-    def __init__(self, model: Model, plan: Plan, end: float, watcher: Watcher, every: int = 1) -> None:
+    def __init__(
+        self, model: Model, plan: Plan, end: float, watcher: Watcher, every: int = 1, begin: float = 0.0
+    ) -> None:
         self._model = model
         self._plan = plan
         self._method = METHODS[plan.method]
         self._watcher = watcher
         self._every = every
         self.counts = Counts()
-        self.time = 0.0
+        self.time = begin
         self.dissipated = None  # the watcher has to sum it
         rows = max(16, min(4096, _BUFFER_NUMBERS // max(1, model.n_coordinates)))
         self._times = np.empty(rows)
@@ -58,14 +66,15 @@ class Stepper:
         self._v = np.empty((rows, model.n_coordinates))
         self._rows = 0
         self._since_sample = 0
-        self._step_start = 0.0
-        self._attempt_end = 0.0
+        self._step_start = begin
+        self._attempt_end = begin
         self._attempting = False
         self._tiny_attempts = 0
         self._stop: BaseException | None = None
-        self._settings = _settings(exudyn(), model, plan, end)
+        self._breaks: Breaks | None = None
+        self._settings = _settings(exudyn(), model, plan, begin, end)
         self._solver = self._start()
-        self._append(0.0)
+        self._append(begin)
 
     def _start(self) -> Any:
         engine = exudyn()
@@ -106,6 +115,7 @@ class Stepper:
         self.time = self._step_start = until
         self._append(until)
         self._flush()
+        self._look_for_breaks(until)
 
     def _set_stretch(self, until: float) -> None:
         progress = self._solver.it
@@ -141,7 +151,7 @@ class Stepper:
             return
         self._tiny_attempts += 1
         if self._tiny_attempts > _TINY_ATTEMPTS:
-            raise EngineFailed(
+            raise StepsCollapsed(
                 f"the steps collapsed to {end_of_attempt - self._step_start:.1g} s at "
                 f"t = {self._step_start:.6g} s: the tolerance {self._plan.tolerance:.2g} cannot be met; "
                 "give a larger solver.accuracy (or solver.tolerance)"
@@ -153,6 +163,23 @@ class Stepper:
         self._since_sample += 1
         if self._since_sample >= self._every:
             self._append(time)
+        self._look_for_breaks(time)
+
+    def watch_for(self, breaks: Breaks) -> None:
+        """Look for elements that break at the end of each step from now on."""
+        self._breaks = breaks
+
+    def _look_for_breaks(self, time: float) -> None:
+        if self._breaks is None:
+            return
+        position, _ = self.state()
+        broken = self._breaks.found(position)
+        if len(broken):
+            if self._times[self._rows - 1] != time:
+                self._append(time)
+            self._flush()  # so that no batch has states from before and after
+            self._breaks.book(time, position, broken)
+            self._model.sever(broken)
 
     def _append(self, time: float) -> None:
         self._since_sample = 0
@@ -192,7 +219,7 @@ class Stepper:
         return attempts * self._method.stages
 
 
-def _settings(engine: Any, model: Model, plan: Plan, end: float) -> Any:
+def _settings(engine: Any, model: Model, plan: Plan, begin: float, end: float) -> Any:
     method = METHODS[plan.method]
     settings = engine.SimulationSettings()
     settings.solution.file.write = False  # else the engine writes into the working directory
@@ -202,13 +229,14 @@ def _settings(engine: Any, model: Model, plan: Plan, end: float) -> Any:
     integration = settings.timeIntegration
     integration.verboseMode = 0
     integration.solverType = getattr(engine.DynamicSolverType, plan.method)
-    integration.endTime = end
+    integration.startTime, integration.endTime = begin, end
     integration.adaptiveStep = integration.automaticStepSize = method.kind == "adaptive"
     if plan.tolerance is not None:
         integration.absoluteTolerance = plan.tolerance
         integration.relativeTolerance = 0.0  # the engine's relative scale lacks an absolute value
         integration.initialStepSize = plan.first_step
-        integration.numberOfSteps = max(1, math.ceil(end / plan.longest_step))  # sets the longest step
+        # The number of steps sets the longest one.
+        integration.numberOfSteps = max(1, math.ceil((end - begin) / plan.longest_step))
         integration.minimumStepSize = plan.least_step
     else:
         integration.numberOfSteps = 1

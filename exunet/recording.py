@@ -1,0 +1,155 @@
+"""What a run leaves behind: stored states, what they cost, and the Result that is made of them."""
+
+from __future__ import annotations
+
+import platform
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import exunet
+from exunet import cable, energy
+from exunet.breaking import Breaks
+from exunet.build import Start
+from exunet.effects import switched_on
+from exunet.engine.loading import exudyn_version
+from exunet.engine.stepper import Stepper
+from exunet.monitor import Monitor
+from exunet.result import Result
+from exunet.solvers import Plan
+
+if TYPE_CHECKING:
+    from exunet.loop.loop import Loop
+
+Floats = NDArray[np.float64]
+
+# A state is good to go on from while its energy balance is within this part of the guard's bound: what the
+# steps that went wrong have done to it is then a tenth of what may be wrong with a result.
+GOOD_PART = 0.1
+_COUNTS = ("steps", "rejected_steps", "right_hand_sides", "newton_iterations", "integration_seconds")
+
+
+class Record:
+    """Gathers the stored states and what the run cost, over all its attempts."""
+
+    def __init__(self, start: Start, provenance: dict[str, Any]) -> None:
+        self._start = start
+        self._provenance = provenance | {
+            "title": start.scene.title,
+            "versions": _versions(),
+            "platform": platform.platform(),
+            "method": start.plan.method,
+            "tolerance": start.plan.tolerance,
+            "step": start.plan.step,
+            "end": start.scene.time.end,
+            "notes": list(start.plan.notes),
+            "engine": start.scene.engine.model_dump(),
+            "effects": sorted(switched_on(start.scene.effects)),
+            "retries": [],
+            "build_seconds": 0.0,
+            **dict.fromkeys(_COUNTS, 0),
+        }
+        self._time: list[float] = []
+        self._states: list[tuple[Floats, Floats]] = []
+        self._dissipated: list[float] = []
+        self.breaks: Breaks | None = None
+
+    def __len__(self) -> int:
+        return len(self._time)
+
+    def built(self, items: dict[str, int], seconds: float) -> None:
+        """Items that the engine holds, and the time it took to make them [s]."""
+        self._provenance["items"] = items
+        self._provenance["build_seconds"] += seconds
+
+    def store(self, time: float, state: tuple[Floats, Floats], dissipated: float) -> None:
+        """Keep the position [m] and velocity [m/s] (n_nodes, 3) of a stored time [s]."""
+        self._time.append(time)
+        self._states.append(state)
+        self._dissipated.append(dissipated)
+
+    def last(self) -> tuple[float, Floats, Floats, float]:
+        """Time, position, velocity and dissipated energy of the last stored state."""
+        return self._time[-1], *self._states[-1], self._dissipated[-1]
+
+    def forget_after(self, time: float) -> None:
+        """Drop the states after `time` [s]: guards look at batches, which may end after a stored state."""
+        self._keep(self._until(time))
+
+    def back_to_good(self, monitor: Monitor) -> None:
+        """Drop the first state whose energy balance is off by `GOOD_PART` of the bound, and all after it."""
+        position, velocity = self._arrays(len(self))
+        off = np.abs(monitor.balance(position, velocity, np.array(self._dissipated)))
+        late = np.flatnonzero(off > GOOD_PART * monitor.allowed())
+        self._keep(max(1, int(late[0]))) if len(late) else None
+
+    def _until(self, time: float) -> int:
+        return sum(stored <= time for stored in self._time)
+
+    def _keep(self, number: int) -> None:
+        del self._time[number:], self._states[number:], self._dissipated[number:]
+
+    def integrated(self, stepper: Stepper | Loop, seconds: float) -> None:
+        """Add what an attempt cost."""
+        cost = (
+            stepper.counts.steps,
+            stepper.counts.rejected,
+            stepper.right_hand_sides,
+            stepper.counts.newton_iterations,
+            seconds,
+        )
+        for name, value in zip(_COUNTS, cost, strict=True):
+            self._provenance[name] += value
+
+    def retried(self, stopped: str, plan: Plan) -> None:
+        """Tell that the run was stopped, and goes on from the last stored state with a finer plan."""
+        setting = {"step": plan.step} if plan.step is not None else {"tolerance": plan.tolerance}
+        self._provenance["retries"].append({"stopped": stopped, "from_time": self._time[-1], **setting})
+        self._provenance |= setting
+        ((name, value),) = setting.items()
+        self._provenance["notes"].append(
+            f"retried from t = {self._time[-1]:.6g} s with {name} {value:.3g}: {stopped.split(';')[0]}"
+        )
+
+    def result(self, verdict: str, until: float | None = None) -> Result:
+        """The states so far, or those until a time [s]; complete if the verdict is "ok"."""
+        net, terms = self._start.net, self._start.terms
+        number = len(self) if until is None else self._until(until)
+        position, velocity = self._arrays(number)
+        length = cable.lengths(net, position)
+        tension = cable.element_tension(net, terms.law(net), position, velocity)
+        elastic = energy.elastic(net, terms, position)
+        if self.breaks is not None:
+            tension, elastic = self.breaks.corrected(self._time[:number], length, tension, elastic)
+            self._provenance["broken"] = self.breaks.provenance()
+        return Result(
+            net=net,
+            time=np.array(self._time[:number]),
+            position=position,
+            velocity=velocity,
+            strain=cable.green_lagrange_strain(length, net.reference_length),
+            tension=tension,
+            kinetic=energy.kinetic(net, velocity),
+            elastic=elastic,
+            potential=energy.potential(terms, position),
+            dissipated=np.array(self._dissipated[:number]),
+            momentum=energy.momentum(net, velocity),
+            angular_momentum=energy.angular_momentum(net, position, velocity),
+            complete=verdict == "ok",
+            verdict=verdict,
+            provenance=self._provenance,
+        )
+
+    def _arrays(self, number: int) -> tuple[Floats, Floats]:
+        position, velocity = zip(*self._states[:number], strict=True)
+        return np.array(position), np.array(velocity)
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "exunet": exunet.__version__,
+        "exudyn": exudyn_version(),
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
