@@ -114,15 +114,24 @@ def nominal(setting: Setting) -> tuple[Keys, str]:
 
 
 def magnitude(keys: Keys, setting: Setting) -> Estimate:
-    """The force on the nominal motion; the way lost by a speed v' = -c v^2 is that of c v at first."""
+    """The force on the nominal motion, as a rate of decay.
+
+    Cables that bullets pull from rest gain their speed over the scene: with v growing as t, the double
+    integral of v^2 is T^2 / 12 instead of T^2 / 2.
+    """
+    net = setting.net
     x, v = setting.middle.ravel(), setting.motion.ravel()
-    force = np.zeros_like(x)
-    for term in terms(keys, setting.net).kernels:
+    parts = []
+    for term in terms(keys, net).kernels:
+        force = np.zeros_like(x)
         term.add(0.0, x, v, *term.parameters, force)
-    acceleration = setting.of_force(force.reshape(-1, 3))
-    rate = acceleration / setting.speed if setting.speed else 0.0
+        parts.append(setting.of_force(force.reshape(-1, 3)))
+    others = np.setdiff1d(np.arange(net.n_nodes), net.bullet_nodes)
+    at_rest = len(net.bullet_nodes) > 0 and not setting.velocity[others].any()
+    lasting = math.hypot(parts[0] / 6.0 if at_rest else parts[0], *parts[1:])
+    rate = lasting / setting.speed if setting.speed else 0.0
     return Estimate(
-        acceleration,
+        math.hypot(*parts),
         setting.held(setting.braked(rate)),
         f"rho C A v^2 / 2m at the nominal motion of {setting.speed:.3g} m/s, rho = {keys.density:.3g} kg/m3",
     )

@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from exunet.net.arrays import Net
 
@@ -119,12 +118,6 @@ class Setting:
         if lost < 1e-4:
             return self.speed * self.duration * 0.5 * lost
         return self.speed * self.duration * (1.0 + math.expm1(-lost) / lost)
-
-    def decay_rate(self, damping: csr_array) -> float:
-        """v.D v / v.M v of the nominal motion [1/s]."""
-        v = self.motion.ravel()
-        energy = float(np.repeat(self.net.mass, 3) @ (v * v))
-        return float(v @ (damping @ v)) / energy if energy else 0.0
 
 
 @dataclass(frozen=True)

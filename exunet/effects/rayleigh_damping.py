@@ -38,11 +38,14 @@ def nominal(setting: Setting) -> tuple[Keys, str]:
 
 
 def magnitude(keys: Keys, setting: Setting) -> Estimate:
-    """The way lost by a speed that decays at the rate v.D v / v.M v of the nominal motion."""
+    """The way lost by a speed that changes at the rate |M^-1 D v| / |v| of the start."""
     damping = terms(keys, setting.net).damping
-    rate = setting.decay_rate(damping) if damping is not None else 0.0
+    speed = setting.rms(setting.velocity)
+    rate = 0.0
+    if damping is not None and speed > 0.0:
+        rate = setting.of_force((damping @ setting.velocity.ravel()).reshape(-1, 3)) / speed
     return Estimate(
         rate * setting.speed,
         setting.held(setting.braked(rate)),
-        f"decay at v.Dv / v.Mv = {rate:.3g} 1/s of a speed of {setting.speed:.3g} m/s",
+        f"|Dv| / |Mv| = {rate:.3g} 1/s at the start, a speed of {setting.speed:.3g} m/s",
     )

@@ -10,6 +10,8 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from exunet import cable
+from exunet.cable import Law
 from exunet.effects.estimate import Estimate, Setting
 from exunet.effects.terms import Terms
 from exunet.net.arrays import Net
@@ -52,15 +54,29 @@ def nominal(setting: Setting) -> tuple[Keys, str]:
 
 
 def magnitude(keys: Keys, setting: Setting) -> Estimate:
-    """The change of the distances from the origin in the open net; the force of the strain in one element."""
+    """The change of the open net's distances; of a net that starts taut, the flight on its elastic energy.
+
+    With cold cables a net that was just taut is stretched; it pulls itself together, goes slack, and flies on.
+    """
     net = setting.net
-    strain = abs(keys.stretch - 1.0)
-    i, j = net.element_nodes.T
-    force = np.zeros(net.n_nodes)
-    np.add.at(force, np.concatenate([i, j]), np.tile(net.axial_stiffness * strain, 2) / np.sqrt(2.0))
-    way = strain * setting.rms(net.reference_position - net.reference_position.mean(axis=0))
+    law = terms(keys, net).law(net)
+    length = cable.lengths(net, setting.position)
+    pull = cable.tension(length, law.natural_length, law.stiffness)
+    change = pull - cable.tension(length, net.reference_length, net.axial_stiffness)
+    along = cable.spans(net, setting.position) * (change / np.where(length > 0.0, length, 1.0))[:, None]
+    force = np.zeros((net.n_nodes, 3))
+    np.add.at(force, net.element_nodes[:, 0], along)
+    np.subtract.at(force, net.element_nodes[:, 1], along)
+    acceleration = setting.of_force(force)
+    stored = cable.elastic_energy(law, length) - cable.elastic_energy(Law.of(net), length)
+    speed = float(np.sqrt(2.0 * max(float(stored), 0.0) / net.mass[setting.free].sum()))
+    flight = min(setting.ballistic(acceleration), setting.held(speed * setting.duration))
+    static = abs(keys.stretch - 1.0) * setting.rms(
+        net.reference_position - net.reference_position.mean(axis=0)
+    )
     return Estimate(
-        setting.of_force(np.outer(force, [1.0, 0.0, 0.0])),
-        way,
-        f"strain alpha dT = {keys.stretch - 1.0:.2g} of the open net; EA alpha dT on its nodes while taut",
+        acceleration,
+        max(static, flight),
+        f"strain alpha dT = {keys.stretch - 1.0:.2g} of the open net"
+        + (f"; sets free {stored:.2g} J of a taut net" if flight > static else ""),
     )
