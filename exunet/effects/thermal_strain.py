@@ -56,7 +56,7 @@ def nominal(setting: Setting) -> tuple[Keys, str]:
 def magnitude(keys: Keys, setting: Setting) -> Estimate:
     """The change of the open net's distances; of a net that starts taut, the flight on its elastic energy.
 
-    With cold cables a net that was just taut is stretched; it pulls itself together, goes slack, and flies on.
+    Cold cables stretch a net that was just taut; it pulls itself together, goes slack, and flies on.
     """
     net = setting.net
     law = terms(keys, net).law(net)
@@ -71,9 +71,7 @@ def magnitude(keys: Keys, setting: Setting) -> Estimate:
     stored = cable.elastic_energy(law, length) - cable.elastic_energy(Law.of(net), length)
     speed = float(np.sqrt(2.0 * max(float(stored), 0.0) / net.mass[setting.free].sum()))
     flight = min(setting.ballistic(acceleration), setting.held(speed * setting.duration))
-    static = abs(keys.stretch - 1.0) * setting.rms(
-        net.reference_position - net.reference_position.mean(axis=0)
-    )
+    static = abs(keys.stretch - 1.0) * setting.rms(net.reference_position)
     return Estimate(
         acceleration,
         max(static, flight),
