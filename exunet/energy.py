@@ -37,8 +37,29 @@ def potential(terms: Terms, position: Floats) -> Floats:
     return energy
 
 
-def power_taken(net: Net, terms: Terms, time: Floats, position: Floats, velocity: Floats) -> Floats:
-    """Power [W] that damping, viscous stress and non-conservative kernel terms take out (negative: put in).
+def work_taken(net: Net, terms: Terms, time: Floats, position: Floats, velocity: Floats) -> Floats:
+    """Energy [J] that terms without a potential take out between states (negative: put in).
+
+    time (k,) [s], position and velocity (k, n_nodes, 3) of successive steps -> (k - 1,)
+
+    Simpson's rule in each step; the state in the middle is that of the cubic Hermite polynomial through both
+    ends, (x0 + x1)/2 + h (v0 - v1)/8 and 3/2 (x1 - x0)/h - (v0 + v1)/4, so the sum is of fourth order.
+    """
+    step = np.diff(time)
+    h = step[:, None, None]
+    place = 0.5 * (position[:-1] + position[1:]) + 0.125 * h * (velocity[:-1] - velocity[1:])
+    speed = 1.5 * np.diff(position, axis=0) / h - 0.25 * (velocity[:-1] + velocity[1:])
+    ends = power_taken(terms, time, position, velocity)
+    middle = power_taken(terms, time[:-1] + 0.5 * step, place, speed)
+    work = step / 6.0 * (ends[:-1] + ends[1:] + 4.0 * middle)
+    if terms.relaxation_time is not None:
+        states = ((position[:-1], velocity[:-1]), (place, speed), (position[1:], velocity[1:]))
+        work += cable.viscous_work(net, terms.law(net), step, states)
+    return work
+
+
+def power_taken(terms: Terms, time: Floats, position: Floats, velocity: Floats) -> Floats:
+    """Power [W] that the damping matrix and the non-conservative kernel terms take out (negative: put in).
 
     time (k,) [s], position and velocity (k, n_nodes, 3) -> (k,)
     """
@@ -46,8 +67,6 @@ def power_taken(net: Net, terms: Terms, time: Floats, position: Floats, velocity
     power = np.zeros(len(velocity))
     if terms.damping is not None:
         power += np.einsum("ki,ki->k", flat, (terms.damping @ flat.T).T)
-    if terms.relaxation_time is not None:
-        power += cable.viscous_power(net, terms.law(net), position, velocity)
     if any(term.potential is None for term in terms.kernels):
         from exunet.kernel.net import term_kernel
 

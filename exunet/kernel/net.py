@@ -77,7 +77,12 @@ def _elements(net: Net, terms: Terms) -> Piece:
     data = (first, second, length**2, law.stiffness / (2.0 * length**3))
     if law.relaxation_time is None:
         return Piece(pieces.add_tension, data)
-    return Piece(pieces.add_viscous_tension, (*data, 2.0 * law.relaxation_time), power=pieces.viscous_power)
+    return Piece(
+        pieces.add_viscous_tension,
+        (*data, 2.0 * law.relaxation_time),
+        work=pieces.viscous_work,
+        helpers=(pieces.excess_and_rate,),
+    )
 
 
 def sever(kernel: Kernel, elements: NDArray[np.int64]) -> None:

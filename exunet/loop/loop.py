@@ -65,19 +65,13 @@ class March:
         fewer rows than times if the steps collapsed (see `collapse`).
         """
         plan, kept = self._plan, _rows(len(times), len(self._x))
-        rows = self._module.through_times(
-            self._chosen,
-            self._verlet,
-            np.array(times, dtype=float),
-            float(plan.step or 0.0),
-            float(plan.tolerance or 0.0),
-            float(plan.longest_step),
-            float(plan.least_step),
-            TINY_IN_A_ROW,
-            self._clock,
-            *self._state,
-            kept,
-        )
+        at = np.array(times, dtype=float)
+        last = (self._clock, *self._state, kept)
+        if self._chosen:
+            limits = (plan.tolerance, plan.longest_step, plan.least_step, TINY_IN_A_ROW)
+            rows = self._module.through_chosen(at, *limits, *last)
+        else:
+            rows = self._module.through_equal(self._verlet, at, plan.step, *last)
         return _of_nodes(kept, rows)
 
     def collapse(self) -> str:

@@ -24,9 +24,10 @@ from exunet.loop.schemes import accelerate, dormand_prince_step, largest, runge_
 TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that count as a collapse
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
-    TAKES_POWER = False
+    TAKES_ENERGY = False
 
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
+    def extra_work(h: float, x0: Any, v0: Any, x1: Any, v1: Any, x2: Any, v2: Any, data: Any) -> float: ...
 
 
 def work_of_step(
@@ -43,6 +44,7 @@ def work_of_step(
     middle = power(t + 0.5 * h, middle_x, middle_v, data, work[15])
     end = power(t + h, x1, v1, data, work[15])
     taken[0] += h / 6.0 * (power_at_start + 4.0 * middle + end)
+    taken[0] += extra_work(h, x, v, middle_x, middle_v, x1, v1, data)
     return end
 
 
@@ -86,7 +88,7 @@ def equal_steps(
     """Steps number `first`, ... of the `number` equal steps from `start` to `until`, at most `limit`."""
     h = (until - start) / number
     watts = 0.0
-    if TAKES_POWER:
+    if TAKES_ENERGY:
         watts = power(start + first * h, x, v, data, work[15])
     for step in range(first, min(number, first + limit)):
         t = start + step * h
@@ -94,7 +96,7 @@ def equal_steps(
             verlet_step(t, h, x, v, inverse, data, work)
         else:
             runge_kutta_4_step(t, h, x, v, inverse, data, work)
-        if TAKES_POWER:
+        if TAKES_ENERGY:
             watts = work_of_step(t, h, x, v, watts, data, work, taken)
         accept(x, v, work)
         counts[0] += 1
@@ -135,7 +137,7 @@ def chosen_steps(
     (II.4.13), with growth by 2 at most: a slack net snaps taut within a step, and larger jumps get rejected.
     """
     watts = 0.0
-    if TAKES_POWER:
+    if TAKES_ENERGY:
         watts = power(clock[0], x, v, data, work[15])
     for _ in range(limit):
         wanted = min(clock[1], longest)
@@ -156,7 +158,7 @@ def chosen_steps(
                 break
             continue
         clock[3] = clock[3] + 1.0 if error > 1.0 else 0.0
-        if TAKES_POWER:
+        if TAKES_ENERGY:
             watts = work_of_step(clock[0], h, x, v, watts, data, work, taken)
         accept(x, v, work)
         for c in range(x.size):
@@ -175,11 +177,8 @@ def chosen_steps(
     return row
 
 
-def through_times(
-    chosen: bool,
-    verlet: bool,
+def through_chosen(
     times: Any,
-    step: float,
     tolerance: float,
     longest: float,
     least: float,
@@ -194,44 +193,22 @@ def through_times(
     counts: Any,
     kept: Any,
 ) -> int:
-    """From times[0] through all `times` [s], the state at each in its row of `kept`; rows that were reached.
+    """`chosen_steps` from times[0] through all `times` [s], the state at each in its row of `kept`.
 
-    chosen    : steps by error estimate; else equal ones, none longer than `step` [s]
     most_tiny : steps of the length `least`, one after the other, before this gives up
+    Returns the number of rows that were reached.
     """
     never = 2**62
     row = keep(0, times[0], x, v, taken, kept)
     for k in range(1, times.size):
-        if chosen:
-            while clock[0] < times[k] and clock[3] <= most_tiny:
-                row = chosen_steps(
-                    clock,
-                    times[k],
-                    tolerance,
-                    longest,
-                    least,
-                    1000,
-                    row,
-                    x,
-                    v,
-                    inverse,
-                    data,
-                    work,
-                    taken,
-                    counts,
-                    never,
-                    kept,
-                )
-        else:
-            span = times[k] - times[k - 1]
-            number = max(1, math.ceil(span / step * (1.0 - 1e-12)))
-            row = equal_steps(
-                verlet,
-                times[k - 1],
+        while clock[0] < times[k] and clock[3] <= most_tiny:
+            row = chosen_steps(
+                clock,
                 times[k],
-                number,
-                0,
-                number,
+                tolerance,
+                longest,
+                least,
+                1000,
                 row,
                 x,
                 v,
@@ -248,6 +225,47 @@ def through_times(
     return row
 
 
+def through_equal(
+    verlet: bool,
+    times: Any,
+    step: float,
+    clock: Any,
+    x: Any,
+    v: Any,
+    inverse: Any,
+    data: Any,
+    work: Any,
+    taken: Any,
+    counts: Any,
+    kept: Any,
+) -> int:
+    """As `through_chosen`: `equal_steps`, none longer than `step` [s]."""
+    never = 2**62
+    row = keep(0, times[0], x, v, taken, kept)
+    for k in range(1, times.size):
+        number = max(1, math.ceil((times[k] - times[k - 1]) / step * (1.0 - 1e-12)))
+        row = equal_steps(
+            verlet,
+            times[k - 1],
+            times[k],
+            number,
+            0,
+            number,
+            row,
+            x,
+            v,
+            inverse,
+            data,
+            work,
+            taken,
+            counts,
+            never,
+            kept,
+        )
+        clock[0] = times[k]
+    return row
+
+
 LOOP = (
     accelerate,
     verlet_step,
@@ -259,5 +277,6 @@ LOOP = (
     keep,
     equal_steps,
     chosen_steps,
-    through_times,
+    through_chosen,
+    through_equal,
 )

@@ -1,0 +1,288 @@
+"""Terms of the effects: one force in every form, nothing left of absent ones, a closed energy balance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from starts import CASES, EFFECTS, planar, states
+
+from exunet import energy
+from exunet.build import Start, build, prepare
+from exunet.cable import Law, elastic_energy, tension, viscous_tension
+from exunet.casefile import load
+from exunet.effects.terms import KernelTerm, Terms
+from exunet.engine.probe import Probe
+from exunet.kernel.compile import interpreted_module
+from exunet.kernel.net import net_kernel
+from exunet.loop.loop import March, loop_kernel
+from exunet.solvers import Plan
+from exunet.timeloop import simulate
+
+SUBSETS = [
+    (),
+    *((name,) for name in EFFECTS),
+    ("rayleigh_damping", "material_damping", "two-body orbit"),
+    ("gravity", "rayleigh_damping", "thermal_strain"),
+    ("mass_damping", "material_damping", "linear orbit", "thermal_strain"),
+]
+
+
+def accelerations(start: Start, form: str) -> dict[str, Any]:
+    scene = start.scene.model_copy(update={"engine": start.scene.engine.model_copy(update={"net": form})})
+    probe = Probe(build(replace(start, scene=scene)))
+    return {name: probe.accelerations(*state) for name, state in states(start).items()}
+
+
+@pytest.mark.parametrize("on", SUBSETS, ids="+".join)
+def test_every_form_has_the_same_forces(on: tuple[str, ...]) -> None:
+    """The connectors state the element law with square roots, the kernel without: kept apart on purpose."""
+    start = planar(on=on)
+    kernel = net_kernel(start.net, start.terms)
+    connectors, fused = accelerations(start, "connectors"), accelerations(start, "fused")
+    for name, (position, velocity) in states(start).items():
+        compiled = kernel.forces(0.0, position, velocity) / start.net.mass[:, None]
+        scale = np.abs(compiled).max()
+        assert np.abs(fused[name] - compiled).max() <= 1e-12 * scale, name
+        assert np.abs(connectors[name] - compiled).max() <= 1e-12 * scale, name
+    assert np.abs(kernel.forces(0.0, *states(start)["overstretched"])).max() > 1.0
+
+
+def test_interpreted_and_compiled_kernels_are_one() -> None:
+    start = planar(on=("rayleigh_damping", "material_damping", "two-body orbit"))
+    kernel = net_kernel(start.net, start.terms)
+    plain = interpreted_module(kernel.source)
+    for position, velocity in states(start).values():
+        force = np.empty(position.size)
+        plain.forces(0.0, position.ravel(), velocity.ravel(), kernel.data, force)
+        compiled = kernel.forces(0.0, position, velocity).ravel()
+        np.testing.assert_allclose(force, compiled, rtol=1e-13, atol=1e-13 * np.abs(compiled).max())
+
+
+# What an effect adds to the items of the connector form; the mass points and connectors are always there.
+ITEMS = {
+    (): 0,
+    ("rayleigh_damping",): 1,
+    ("gravity",): 1,
+    ("rayleigh_damping", "gravity", "mass_damping"): 1,
+    ("linear orbit",): 1,
+    ("material_damping",): 0,
+    ("thermal_strain",): 0,
+    ("two-body orbit",): 3,  # the Coriolis force is a constant matrix; two objects take the kernel term
+}
+
+
+@pytest.mark.parametrize("on", ITEMS, ids="+".join)
+def test_absent_effects_have_no_item(on: tuple[str, ...]) -> None:
+    items = build(planar('engine.net = "connectors"', on=on)).items()
+    assert items.pop("MassPoint") == 40
+    assert items.pop("ObjectConnectorSpringDamper") == 64
+    assert items == ({"ObjectGenericODE2": ITEMS[on]} if ITEMS[on] else {})
+    fused = build(planar('engine.net = "fused"', on=on)).items()
+    assert fused == {"ObjectGenericODE2": 2}
+
+
+MARKS = {
+    "rayleigh_damping": "add_velocity_product",
+    "material_damping": "add_viscous_tension",
+    "gravity": "add_load",
+    "linear orbit": "add_position_product",
+    "two-body orbit": "add_two_body",
+}
+
+
+def test_absent_effects_have_no_code_and_no_data() -> None:
+    bare = net_kernel(planar().net, Terms())
+    assert len(bare.data) == 4  # two ends, square of the length, factor
+    assert not any(mark in bare.source for mark in MARKS.values())
+    for name, mark in MARKS.items():
+        start = planar(on=[name])
+        present = net_kernel(start.net, start.terms).source
+        assert mark in present
+        others = {other for other in MARKS.values() if other != mark}
+        if "orbit" in name:  # has a Coriolis force
+            others.remove("add_velocity_product")
+        assert not any(other in present for other in others), name
+
+
+def test_zero_coefficients_are_absent() -> None:
+    for keys in ("mass_damping={alpha=0.0}", "material_damping={relaxation_time=0.0}"):
+        terms = planar(f"effects.{keys}").terms
+        assert not terms.dissipates
+
+
+def other_add(t: float, x: Any, v: Any, force: Any) -> None:
+    """Does nothing."""
+
+
+def test_two_functions_of_one_name_are_refused() -> None:
+    term = KernelTerm(other_add)
+    namesake = KernelTerm(type(other_add)(other_add.__code__, {}, "other_add"))
+    with pytest.raises(ValueError, match="share the name other_add"):
+        net_kernel(planar().net, Terms(kernels=(term, namesake)))
+
+
+def march(start: Start, end: float, times: int, tolerance: float, compiled: bool = True) -> Any:
+    """Time, position, velocity and energy taken out; small nets are interpreted faster than compiled."""
+    plan = Plan("DOPRI5", tolerance=tolerance, first_step=1e-6, least_step=1e-12)
+    start = replace(start, plan=plan)
+    kernel = loop_kernel(start)
+    if not compiled:
+        kernel.__dict__["module"] = interpreted_module(kernel.source)
+    return March(start, kernel).through(np.linspace(0.0, end, times))
+
+
+def balance(start: Start, states: tuple[Any, Any, Any, Any]) -> float:
+    """Largest change of the total over the energy turned over: the range of its parts, added."""
+    _, x, v, taken = states
+    parts = [
+        energy.kinetic(start.net, v),
+        energy.elastic(start.net, start.terms, x),
+        energy.potential(start.terms, x),
+        taken,
+    ]
+    return float(np.ptp(sum(parts)) / sum(np.ptp(part) for part in parts))
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 6))])
+def test_the_energy_balance_closes_for_any_subset(seed: int) -> None:
+    """To 1e-5 of the energy turned over (issue 6), here through taut and slack states."""
+    random = np.random.default_rng(seed)
+    names = [name for name in EFFECTS if "orbit" not in name and random.random() < 0.5]
+    if "gravity" not in names:  # which an orbit excludes
+        names.append(("linear orbit", "two-body orbit")[random.integers(2)])
+    start = planar("initial.packing = 0.99", "initial.spin = [0.3, 0.2, 1.0]", on=names)
+    assert balance(start, march(start, 0.05, 6, 1e-9)) < 1e-5, names
+
+
+def test_work_is_integrated_in_the_engine_as_in_the_loop() -> None:
+    """The monitor's Simpson rule in NumPy against the compiled one, on equal steps."""
+    on = ("rayleigh_damping", "material_damping", "two-body orbit")
+    settings = ("initial.packing = 1.001", "time.end = 0.004", "time.output_step = 0.002")
+    solver = 'solver = {method = "RK44", step = 1e-5}'
+    runs = [
+        simulate(planar(*settings, solver, f'engine.loop = "{loop}"', on=on))
+        for loop in ("exudyn", "compiled")
+    ]
+    assert runs[0].dissipated[-1] > 1e-3
+    np.testing.assert_allclose(runs[1].dissipated, runs[0].dissipated, rtol=1e-9)
+    np.testing.assert_allclose(runs[1].potential, runs[0].potential, rtol=1e-9, atol=1e-12)
+
+
+def test_the_potential_of_two_bodies_is_that_of_its_force() -> None:
+    start = planar(on=("two-body orbit",))
+    terms = Terms(kernels=start.terms.kernels)
+    position, push = states(start)["mixed"][0], 1e-3 * np.random.default_rng(5).normal(size=(40, 3))
+    ahead, behind = (energy.potential(terms, (position + sign * push)[None])[0] for sign in (1.0, -1.0))
+    force = net_kernel(start.net, terms).forces(0.0, position, push) - net_kernel(start.net, Terms()).forces(
+        0.0, position, push
+    )
+    assert -(ahead - behind) / 2.0 == pytest.approx(float((force * push).sum()), rel=1e-6)
+    assert energy.potential(terms, np.zeros((1, 40, 3)))[0] == 0.0
+
+
+def lone(keys: str, position: tuple[float, ...], velocity: tuple[float, ...]) -> Start:
+    """Two heavy nodes and a cable too soft to hold them, so both are free: the second starts as told."""
+    start = prepare(load(CASES / "verification" / "rotating.toml", [f"effects={{{keys}}}"]).scene)
+    place, speed = 0.1 * start.net.reference_position, np.zeros((2, 3))
+    place[1], speed[1] = position, velocity
+    soft = replace(start.net, youngs_modulus=np.full(1, 1e-30))
+    return replace(start, net=soft, position=place, velocity=speed)
+
+
+def test_the_linear_orbit_is_that_of_clohessy_and_wiltshire() -> None:
+    """Their state transition matrix over one orbit (Vallado, eq. 6-23 of the 3rd edition), to 1e-9."""
+    n = 1.1e-3
+    start = lone(
+        'orbit={mean_motion=1.1e-3, radial=[1.0,0.0,0.0], along_track=[0.0,1.0,0.0], model="linear"}',
+        (0.1, -0.2, 0.05),
+        (1e-6, 2e-6, -3e-6),
+    )
+    end = 2.0 * math.pi / n
+    time, x, _, _ = march(start, end, 7, 1e-14, compiled=False)
+    (x0, y0, z0), (u0, v0, w0) = start.position[1], start.velocity[1]
+    s, c = np.sin(n * time), np.cos(n * time)
+    expected = np.array(
+        [
+            u0 / n * s - (3 * x0 + 2 * v0 / n) * c + 4 * x0 + 2 * v0 / n,
+            (6 * x0 + 4 * v0 / n) * s + 2 * u0 / n * c - (6 * n * x0 + 3 * v0) * time + y0 - 2 * u0 / n,
+            z0 * c + w0 / n * s,
+        ]
+    ).T
+    assert np.abs(x[:, 1] - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+def test_two_bodies_keep_energy_and_angular_momentum_in_the_inertial_frame() -> None:
+    n, mu = 1.1e-3, 3.986004418e14  # cases/README.md
+    radius = (mu / n**2) ** (1 / 3)
+    start = lone(
+        'orbit={mean_motion=1.1e-3, radial=[1.0,0.0,0.0], along_track=[0.0,1.0,0.0], model="two_body"}',
+        (3e4, -1e4, 2e4),
+        (5.0, -20.0, 10.0),
+    )
+    _, x, v, _ = march(start, math.pi / n, 5, 1e-9, compiled=False)
+    place = x[:, 1] + [radius, 0.0, 0.0]
+    speed = v[:, 1] + np.cross([0.0, 0.0, n], place)
+    total = 0.5 * (speed**2).sum(axis=1) - mu / np.linalg.norm(place, axis=1)
+    spin = np.linalg.norm(np.cross(place, speed), axis=1)
+    assert np.ptp(total) < 1e-12 * abs(total[0])
+    assert np.ptp(spin) < 1e-12 * spin[0]
+
+
+def test_mass_damping_decays_at_its_rate() -> None:
+    start = lone("mass_damping={alpha=2.0}", (0.1, 0.0, 0.0), (0.02, 0.03, -0.01))
+    time, _, v, _ = march(start, 1.0, 5, 1e-13, compiled=False)
+    np.testing.assert_allclose(v[:, 1], np.exp(-2.0 * time)[:, None] * start.velocity[1], rtol=1e-9)
+
+
+def test_viscous_stress_never_pushes_and_never_gives_energy() -> None:
+    """cases/README.md: S11 = max(E (E11 + tau dE11/dt), 0) where E11 > 0, zero elsewhere."""
+    random = np.random.default_rng(8)
+    length, rate = random.uniform(0.5, 1.5, 1000), random.normal(size=1000)
+    force = viscous_tension(length, rate, 1.0, 7.0, 0.3)
+    elastic = tension(length, 1.0, 7.0)
+    assert (force >= 0.0).all()
+    assert (force[length <= 1.0] == 0.0).all()
+    assert ((force - elastic) * rate >= 0.0).all()
+    slow = (length > 1.0) & (np.abs(rate) < 0.01)
+    strain = 0.5 * (length**2 - 1.0)
+    expected = 7.0 * (strain + 0.3 * length * rate) * length
+    np.testing.assert_allclose(force[slow & (expected > 0)], expected[slow & (expected > 0)], rtol=1e-12)
+
+
+def test_material_damping_leaves_a_rigid_motion_alone() -> None:
+    """Rayleigh damping (eq. 13) brakes it: that is what an objective one is for."""
+    position = 1.1 * planar().net.reference_position
+    velocity = np.cross([0.3, 0.4, 0.5], position) + np.array([1.0, 2.0, 3.0])
+
+    def added_by(name: str) -> float:
+        start = planar(on=(name,))
+        with_it, without = (net_kernel(start.net, terms) for terms in (start.terms, Terms()))
+        return float(
+            np.abs(with_it.forces(0.0, position, velocity) - without.forces(0.0, position, velocity)).max()
+        )
+
+    assert added_by("material_damping") < 1e-9 * net_force_scale(position)
+    assert added_by("rayleigh_damping") > 0.1
+
+
+def net_force_scale(position: Any) -> float:
+    """Largest elastic force on a node [N]."""
+    return float(np.abs(net_kernel(planar().net, Terms()).forces(0.0, position, 0.0 * position)).max())
+
+
+def test_a_free_strain_is_a_change_of_length() -> None:
+    """E (E11 - e) A L / L0 and E A L0 (E11 - e)^2 / 2, written out, against the changed element."""
+    net = planar().net
+    free = np.linspace(-0.1, 0.1, net.n_elements)
+    law = Law.of(net, free)
+    length = net.reference_length * 1.3
+    strain = 0.5 * (1.3**2 - 1.0) - free
+    np.testing.assert_allclose(
+        tension(length, law.natural_length, law.stiffness), net.axial_stiffness * strain * 1.3, rtol=1e-12
+    )
+    expected = 0.5 * (net.axial_stiffness * net.reference_length) @ strain**2
+    assert elastic_energy(Terms(free_strain=free).law(net), length) == pytest.approx(expected, rel=1e-12)
