@@ -1,0 +1,145 @@
+"""Retries: from the last good state, with finer steps, told, bounded, and the same every time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_nets import pair_of_masses, thrown
+
+import exunet
+from exunet import timeloop
+from exunet.build import prepare
+from exunet.errors import RunStopped
+from exunet.metrics import energy_balance
+from exunet.monitor import ENERGY_BOUND
+from exunet.recording import GOOD_PART
+from exunet.retry import LEAST_TOLERANCE, finer
+from exunet.solvers import Plan
+from exunet.summary import rows, summarise
+
+COARSE = {"method": "RK44", "step": 2.3e-4}  # 0.9 of the stable step: loses energy at each snap
+FORMS = [{"net": "connectors"}, {"net": "fused"}, {"net": "fused", "loop": "compiled"}]
+DAMPED = {"rayleigh_damping": {"alpha": 1e-2, "beta": 1e-7}}
+
+
+def stopped(*arguments, **tables) -> RunStopped:
+    with pytest.raises(RunStopped) as stop:
+        exunet.run(thrown(*arguments, **tables))
+    return stop.value
+
+
+@pytest.mark.parametrize("engine", FORMS)
+def test_a_retry_mends_what_coarse_steps_spoil(engine):
+    scene = thrown(COARSE, end=1.5, engine=engine, effects=DAMPED)
+    run = exunet.run(scene)
+    assert run.complete
+    retries = run.provenance["retries"]
+    assert 1 <= len(retries) <= 2
+    assert [r["step"] for r in retries] == [2.3e-4 / 2, 2.3e-4 / 4][: len(retries)]
+    assert energy_balance(run) <= ENERGY_BOUND
+    assert np.all(np.diff(run.dissipated) >= 0.0)  # the ledger goes on from the state gone back to
+    assert run.time.tolist() == pytest.approx(np.arange(301) * 0.005)
+
+    first = stopped({**COARSE, "retry": 0}, end=1.5, engine=engine, effects=DAMPED).partial
+    assert first is not None
+    back = retries[0]["from_time"]
+    assert 0 < back < first.time[-1]
+    kept = int(np.searchsorted(run.time, back, side="right"))
+    assert np.array_equal(run.position[:kept], first.position[:kept])  # what was good stays, bit for bit
+    total = first.kinetic + first.elastic + first.dissipated
+    off = np.abs(total - total[0]) / total[0]
+    assert off[:kept].max() <= GOOD_PART * ENERGY_BOUND
+    assert off[kept] > GOOD_PART * ENERGY_BOUND
+
+
+@pytest.mark.parametrize("engine", FORMS)
+def test_the_same_case_retries_to_the_same_bits(engine):
+    one, two = (exunet.run(thrown(COARSE, end=0.7, engine=engine)) for _ in range(2))
+    assert one.provenance["retries"]
+    assert np.array_equal(one.position, two.position)
+    assert np.array_equal(one.velocity, two.velocity)
+
+
+def test_retries_are_told_in_the_summary():
+    run = exunet.run(thrown(COARSE, end=0.7))
+    summary = summarise(run)
+    assert summary["engine"]["retries"] == run.provenance["retries"]
+    assert summary["engine"]["step"] == run.provenance["retries"][-1]["step"]
+    notes = [value for name, value in rows(summary) if name == "note"]
+    assert any("retried from t = " in note and "diverged at t = " in note for note in notes)
+
+
+def test_retries_are_bounded_and_can_be_turned_off():
+    hopeless = {"method": "RK44", "step": 4e-3, "force": True}
+    off, default = (stopped({**hopeless, **keys}) for keys in ({"retry": 0}, {}))
+    assert off.partial is not None
+    assert default.partial is not None
+    assert off.partial.provenance["retries"] == []
+    assert [r["step"] for r in default.partial.provenance["retries"]] == [2e-3, 1e-3]
+    assert "the step 0.001 s is too long" in str(default)
+
+
+def test_a_loose_tolerance_is_tightened():
+    run = exunet.run(thrown({"method": "DOPRI5", "tolerance": 0.1}, end=0.7))
+    assert [r["tolerance"] for r in run.provenance["retries"]][:1] == [pytest.approx(0.01)]
+    assert energy_balance(run) <= ENERGY_BOUND
+
+
+def test_restarts_change_nothing_but_round_off():
+    """A smooth motion, stopped by hand half way and continued with the same steps, is the same motion."""
+    scene = pair_of_masses(
+        solver={"method": "RK44", "step": 1e-3},
+        initial={"packing": 1.0, "spin": [0.0, 0.0, 2.0]},
+        effects={"mass_damping": {"alpha": 0.5}},
+    )
+    whole = exunet.run(scene)
+    original, plans = timeloop.finer, []
+
+    def same(plan: Plan) -> Plan:
+        plans.append(plan)
+        return plan
+
+    from exunet.monitor import Monitor
+
+    guard, calls = Monitor.__call__, []
+
+    def once(self: Monitor, time, position, velocity, taken=None) -> None:
+        if time[-1] > 0.22 and not calls:
+            calls.append(time[-1])
+            raise RunStopped("by hand", step_cause=True)
+        guard(self, time, position, velocity, taken)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(timeloop, "finer", same)
+        patch.setattr(Monitor, "__call__", once)
+        again = exunet.run(scene)
+    assert original is finer
+    assert len(plans) == len(calls) == 1
+    assert again.provenance["retries"][0]["from_time"] == pytest.approx(0.2)
+    assert np.abs(again.position - whole.position).max() < 1e-14
+    assert np.abs(again.dissipated - whole.dissipated).max() < 1e-14
+    assert again.provenance["steps"] > whole.provenance["steps"]  # those of both attempts are counted
+
+
+def test_finer_plans():
+    assert finer(Plan("RK44", step=1e-3)) == Plan("RK44", step=5e-4)
+    adaptive = finer(Plan("DOPRI5", tolerance=1e-6, first_step=1.0, longest_step=2.0, least_step=0.5))
+    assert adaptive is not None
+    assert adaptive.tolerance == pytest.approx(1e-7)
+    assert (adaptive.first_step, adaptive.longest_step, adaptive.least_step) == (0.5, 1.0, 0.25)
+    assert finer(Plan("DOPRI5", tolerance=LEAST_TOLERANCE)) is None
+
+
+def test_a_long_run_hands_over_what_is_done(monkeypatch):
+    """Every part is incomplete, sound, and a beginning of the result."""
+    parts: list[exunet.Result] = []
+    monkeypatch.setattr(timeloop, "KEEP_EVERY", 0.0)
+    monkeypatch.setattr(timeloop, "KEEP_PART", 1e9)
+    scene = thrown({"method": "DOPRI5"}, end=0.1)
+    whole = timeloop.simulate(prepare(scene), keep=parts.append)
+    assert len(parts) == 20  # one a stored time
+    for part in parts:
+        assert not part.complete
+        assert part.verdict.startswith("unfinished")
+        assert np.array_equal(part.position, whole.position[: len(part.time)])
+    assert len(parts[-1].time) == 21
