@@ -126,13 +126,7 @@ class Monitor:
         """(k - 1,) energy taken out by terms without a potential in each step [J]."""
         if not self._terms.dissipates:
             return np.zeros(len(time) - 1)
-        step = np.diff(time)
-        h = step[:, None, None]
-        place = 0.5 * (position[:-1] + position[1:]) + 0.125 * h * (velocity[:-1] - velocity[1:])
-        speed = 1.5 * np.diff(position, axis=0) / h - 0.25 * (velocity[:-1] + velocity[1:])
-        ends = energy.power_taken(self._net, self._terms, time, position, velocity)
-        middle = energy.power_taken(self._net, self._terms, time[:-1] + 0.5 * step, place, speed)
-        return step / 6.0 * (ends[:-1] + ends[1:] + 4.0 * middle)
+        return energy.work_taken(self._net, self._terms, time, position, velocity)
 
     def _guard(self, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> None:
         net, terms = self._net, self._terms
