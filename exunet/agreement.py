@@ -18,8 +18,9 @@ class Agreement:
     position_difference : (n,) [m], the largest over the nodes
     speed_difference    : (n,) [m/s], the largest over the bullets (over the nodes if there are none)
     allowed             : the speed difference up to which the two agree [m/s]
-    agrees_until        : when the speed difference first passes `allowed` [s]; None if it never does
-    apart_from          : the first stored time from which it never comes back within `allowed` [s], or None.
+    allowed_position    : the same for positions [m]
+    agrees_until        : when one of the two first passes what is allowed [s]; None if that never happens
+    apart_from          : the first stored time from which it never comes back within both [s], or None.
                           Earlier passes are single instants inside a snap, where a shift of 1e-7 s in its
                           beginning shows as 1e-4 m/s
     reference_speeds    : (n, n_bullets) speeds of the bullets in the reference [m/s]
@@ -29,6 +30,7 @@ class Agreement:
     position_difference: Floats
     speed_difference: Floats
     allowed: float
+    allowed_position: float
     agrees_until: float | None
     apart_from: float | None
     reference_speeds: Floats

@@ -8,9 +8,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet import energy
 from exunet.effects import extended, total_terms
 from exunet.effects.terms import Terms
 from exunet.engine.model import Model
+from exunet.errors import CaseError, Fault
 from exunet.estimates import chosen
 from exunet.initial import initial_state
 from exunet.net import weave
@@ -43,9 +45,25 @@ def prepare(scene: Scene) -> Start:
     net = extended(scene.effects, weave(scene.net))
     position, velocity = initial_state(scene, net)
     terms = total_terms(scene.effects, net, position)
+    _refuse_overflow(net, terms, position, velocity)
     plan = make_plan(scene, net, terms, velocity)
     scene, plan = with_net_form(scene, net, plan)
     return Start(scene, net, terms, position, velocity, replace(plan, notes=plan.notes + notes))
+
+
+def _refuse_overflow(net: Net, terms: Terms, position: Floats, velocity: Floats) -> None:
+    with np.errstate(all="ignore"):
+        energies = {
+            "kinetic energy": (energy.kinetic(net, velocity), "net.bullets.mass, initial and launch"),
+            "elastic energy": (energy.elastic(net, terms, position), "initial.packing and net"),
+        }
+    faults = [
+        Fault("", where, f"the {name} at the start is beyond what floating-point numbers can hold")
+        for name, (value, where) in energies.items()
+        if not np.isfinite(value)
+    ]
+    if faults:
+        raise CaseError(faults)
 
 
 def build(start: Start) -> Model:

@@ -41,7 +41,7 @@ class Case:
     @property
     def name(self) -> str:
         """The file's name without its ending."""
-        return self.path.stem
+        return self.path.stem.strip(".") or "case"
 
 
 def load(path: str | Path, overrides: Sequence[str] = ()) -> Case:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import sys
-from contextlib import suppress
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -49,13 +48,12 @@ def main() -> None:
             _leave("interrupted", 130)
         raise
     except OSError as error:  # each file has its own words; what is left is the terminal or a pipe
+        sys.stdout = None  # nothing more to flush at the interpreter's end
         _leave(f"cannot print: {error.strerror or error}", 2)
 
 
 def _leave(words: str, code: int) -> NoReturn:
     sys.stderr.write(f"{words}\n")
-    with suppress(OSError, ValueError):
-        sys.stdout.close()
     sys.exit(code)
 
 

@@ -17,6 +17,10 @@ from exunet.result import Result, load_result
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+# Position difference up to which two runs count as agreeing, as a part of the net's size: 1.4e-4 m in the
+# paper's net.
+ALLOWED_PER_SIZE = 2e-5
+
 # Speed difference up to which two runs count as agreeing, as a part of the largest initial speed:
 # 1e-4 m/s at the paper's launch speed of 2.5 m/s.
 ALLOWED_PER_SPEED = 4e-5
@@ -116,15 +120,18 @@ def compare(a: States, b: States) -> Agreement:
     speed = np.abs(speeds_a - speeds_b).max(axis=1)
     scale = float(np.linalg.norm(a.velocity[0], axis=-1).max()) or 1.0
     allowed = ALLOWED_PER_SPEED * scale
+    allowed_position = ALLOWED_PER_SIZE * float(np.linalg.norm(np.ptp(a.reference_position, axis=0)))
     time = a.time[at_a]
-    beyond = np.flatnonzero(speed > allowed)
-    last_within = int(np.flatnonzero(speed <= allowed)[-1]) if len(beyond) < len(time) else -1
+    apart = (speed > allowed) | (position.max(axis=1) > allowed_position)
+    first = int(np.argmax(apart)) if apart.any() else len(time)
+    last_within = int(np.flatnonzero(~apart)[-1]) if not apart.all() else -1
     return Agreement(
         time=time,
         position_difference=position.max(axis=1),
         speed_difference=speed,
         allowed=allowed,
-        agrees_until=float(time[beyond[0]]) if len(beyond) else None,
+        allowed_position=allowed_position,
+        agrees_until=float(time[first]) if first < len(time) else None,
         apart_from=float(time[last_within + 1]) if last_within + 1 < len(time) else None,
         reference_speeds=np.linalg.norm(velocity_b[:, a.bullet_nodes], axis=-1),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import os
 import subprocess
 import sys
 import tempfile
@@ -25,11 +27,25 @@ class ReferenceRun:
     def __init__(self, case: Case) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="exunet-check-")
         self._output = Path(self._folder.name) / "reference.npz"
-        command = [sys.executable, "-m", "reference_impl", str(case.path), "-o", str(self._output)]
+        # -P: what lies in the working directory must not stand in for a module.
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "reference_impl",
+            str(case.path.absolute()),
+            "-o",
+            str(self._output),
+        ]
         for override in case.overrides:
             command += ["--set", override]
         self._process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+            command,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join([_home(), *_python_path()])},
         )
 
     def __enter__(self) -> Self:
@@ -52,6 +68,18 @@ class ReferenceRun:
             raise InputError(f"the reference cannot check this case: {_brief(words)}")
         states = read_states(self._output)
         return compare(States.of(result), states)
+
+
+def _home() -> str:
+    """The folder that holds the package reference_impl, found without importing it."""
+    found = importlib.util.find_spec("reference_impl")
+    if found is None or found.origin is None:
+        raise InputError("--check: the package reference_impl is not installed")
+    return str(Path(found.origin).parent.parent)
+
+
+def _python_path() -> list[str]:
+    return [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
 
 
 def _brief(words: str) -> str:

@@ -1,4 +1,4 @@
-"""Ctrl-C between two steps: an exception raised inside the engine's own calls would be lost or mangled there."""
+"""Ctrl-C between two steps: an exception raised inside the engine's own calls would be lost there."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from types import FrameType
 def postponed() -> Iterator[Callable[[], None]]:
     """Keep Ctrl-C until the given function is called, which then raises KeyboardInterrupt.
 
-    A second Ctrl-C acts at once. Outside the main thread, or where a program has a handler of its own, nothing
-    is changed and the function does nothing.
+    A second Ctrl-C acts at once. Outside the main thread, or where a program has a handler of its own,
+    nothing is changed and the function does nothing.
     """
     asked = False
 

@@ -120,7 +120,7 @@ def save(result: Result, path: str | Path) -> None:
         provenance = json.dumps(result.provenance, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"the result for {path}: provenance cannot be written as JSON: {error}") from error
-    with replacing(path) as part, h5py.File(part, "w", libver=HDF5_VERSIONS) as file:
+    with h5py.File(str(path), "w", driver="core", backing_store=False, libver=HDF5_VERSIONS) as file:
         _put_text(file, "kind", FILE_KIND)
         file.attrs["format"] = FILE_FORMAT
         file.attrs["complete"] = bool(result.complete)
@@ -136,6 +136,11 @@ def save(result: Result, path: str | Path) -> None:
             _put(group, f"{name}_values", values, "1", f"{description}, one after another")
             where = f"loop k is {name}_values[offsets[k]:offsets[k + 1]]"
             _put(group, f"{name}_offsets", offsets, "1", where)
+        file.flush()
+        image = file.id.get_file_image()
+    # Written as plain bytes: a full disk is then an ordinary error; inside HDF5 it brings the process down.
+    with replacing(path) as part:
+        part.write_bytes(image)
 
 
 def load_result(path: str | Path) -> Result:

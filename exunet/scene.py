@@ -22,6 +22,7 @@ else:
     Effects = _Effects
 
 MAX_STATES = 10_000_000
+SHORTEST = 1e-9  # [s]
 
 
 class Time(Record):
@@ -37,6 +38,13 @@ class Time(Record):
         description="stored times [s], instead of output_step; 0 and end are stored anyway",
         examples=[[0.5, 1.0]],
     )
+
+    @field_validator("end")
+    @classmethod
+    def _measurable(cls, end: float) -> float:
+        if end < SHORTEST:
+            raise ValueError(f"must be at least {SHORTEST:g} s, got {end:g}")
+        return end
 
     @field_validator("output_step")
     @classmethod

@@ -39,6 +39,7 @@ def summarise(result: Result, agreement: Agreement | None = None) -> dict[str, A
             "apart_from_s": agreement.apart_from,
             "compared_until_s": float(agreement.time[-1]),
             "allowed_speed_difference_m_s": agreement.allowed,
+            "allowed_position_difference_m": agreement.allowed_position,
             "largest_speed_difference_m_s": float(agreement.speed_difference.max()),
             "largest_position_difference_m": float(agreement.position_difference.max()),
             "before": _before(agreement),
@@ -79,7 +80,7 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("right-hand sides", f"{engine['right_hand_sides']}"),
         ("wall time", f"{wall:.2f} s (build and integration)"),
         ("energy balance", f"{summary['energy_balance']:.1e} of E0 = {summary['initial_energy_J']:.6f} J"),
-        ("largest tension", f"{summary['largest_tension_N']:.4g} N"),
+        ("largest tension", f"{summary['largest_tension_N']:.4g} N at the stored times"),
     ]
     table += [("note", note) for note in engine.get("notes", [])]
     return table + _deployment_rows(summary["deployment"]) + _check_rows(summary.get("check"))
@@ -105,16 +106,23 @@ def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:
         return []
     until = "the end" if check["agrees_to_the_end"] else f"t = {check['agrees_until_s']:.3f} s"
     before = check["before"]
-    apart = f"t = {check['apart_from_s']:.3f} s" if check["apart_from_s"] is not None else "never"
     return [
         (
             "check: agrees until",
-            f"{until} (bullet speeds within {check['allowed_speed_difference_m_s']:.1e} m/s)",
+            f"{until} (bullet speeds within {check['allowed_speed_difference_m_s']:.1e} m/s, "
+            f"positions within {check['allowed_position_difference_m']:.1e} m)",
         ),
         (
             "check: until then",
             f"speeds within {before['speed_difference_m_s']:.1e} m/s, "
             f"positions within {before['position_difference_m']:.1e} m",
         ),
-        ("check: apart for good", f"from {apart} (passes before are instants inside a snap)"),
+        *_apart_row(check["apart_from_s"]),
     ]
+
+
+def _apart_row(apart_from: float | None) -> list[tuple[str, str]]:
+    if apart_from is None:
+        return []
+    words = f"from t = {apart_from:.3f} s (passes before it are instants inside a snap)"
+    return [("check: apart for good", words)]

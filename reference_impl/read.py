@@ -125,10 +125,15 @@ def read(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Case:
 
 
 def parse_override(text: str) -> tuple[str, Any]:
-    """`key.path=value` as typed on a command line; the value is TOML if it parses, else a plain string."""
+    """`key.path=value` as typed on a command line; the value is TOML if it parses, else a plain string.
+
+    An empty value is None, which removes the key.
+    """
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise Refused([f"--set {text}: expected key.path=value"])
+    if not value.strip():
+        return key.strip(), None
     try:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except (tomllib.TOMLDecodeError, RecursionError):

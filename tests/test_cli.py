@@ -179,3 +179,43 @@ def test_a_case_beyond_the_reference_keeps_the_result(tmp_path):
     other = dataclasses.replace(case, path=strange)
     with crosscheck.ReferenceRun(other) as reference, pytest.raises(exunet.InputError, match="warp"):
         reference.agreement(exunet.run(case))
+
+
+def test_a_check_that_cannot_be_made_keeps_the_result(tmp_path):
+    case = tmp_path / "thrown.toml"
+    more = "\n[effects.thermal_strain]\ntemperature_change = -50.0\nexpansion_coefficient = 1e-5\n"
+    case.write_text(PLANAR.read_text() + more)
+    done = command("run", "thrown.toml", "--check", *SHORT, "--out", "here", folder=tmp_path)
+    assert done.returncode == 4, done.stdout + done.stderr
+    assert "thermal_strain" in done.stderr
+    assert exunet.load_result(tmp_path / "here/result.h5").complete
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
+def test_ctrl_c_while_the_reference_runs_keeps_the_result(tmp_path):
+    arguments = ["run", PLANAR, "--check", "--out", "here", "--set", "time.end=0.1"]
+    # A reference that takes long: its own step is cut to the spacing of the stored times.
+    arguments += ["--set", "time.output_step=1e-5"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "exunet", *map(str, arguments)],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "here/result.h5").exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, words = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in words
+    assert exunet.load_result(tmp_path / "here/result.h5").complete
+
+
+def test_a_refused_run_leaves_an_earlier_result_alone(tmp_path):
+    command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
+    before = {name: (tmp_path / name).read_bytes() for name in written(tmp_path)}
+    for arguments in (["--set", "net.bullets.mass=1e308"], ["--set", "launch.radial_speed=1e200"]):
+        done = command("run", PLANAR, *SHORT, "--out", "here", *arguments, folder=tmp_path)
+        assert done.returncode == 2, done.stdout + done.stderr
+        assert "Warning" not in done.stderr
+        assert "floating-point" in done.stderr
+    assert {name: (tmp_path / name).read_bytes() for name in written(tmp_path)} == before

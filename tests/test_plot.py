@@ -34,7 +34,7 @@ MANY = net(
 
 def agreement_with(of, until=0.5, factor=1.0):
     difference = factor * np.geomspace(1e-12, 1, len(of.time))
-    return Agreement(of.time, difference, difference, 0.025, until, until, metrics.bullet_speeds(of))
+    return Agreement(of.time, difference, difference, 0.025, 1e-4, until, until, metrics.bullet_speeds(of))
 
 
 def checked(of, agreement=None):

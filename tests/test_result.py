@@ -7,13 +7,13 @@ import subprocess
 import sys
 import time
 from dataclasses import fields, replace
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from result_samples import net, result, square_net, unfolding
 
-import exunet.result
 from exunet.errors import InputError
 from exunet.result import FILE_FORMAT, load_result, save
 
@@ -123,7 +123,7 @@ def test_failed_write_leaves_the_older_file(stored, monkeypatch):
     def full(*_args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(exunet.result, "_put", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(InputError, match=r"run\.h5: cannot be written: No space left on device"):
         save(unfolding(square_net()), stored)
     assert stored.read_bytes() == before

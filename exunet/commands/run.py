@@ -7,32 +7,37 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from exunet.agreement import Agreement
 from exunet.casefile import Case
 from exunet.commands.table import print_table
 from exunet.crosscheck import ReferenceRun
 from exunet.error_estimate import ErrorEstimate, estimate_error
-from exunet.errors import InputError, RunStopped
-from exunet.files import cannot_write, replacing, sweep
+from exunet.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
+from exunet.files import cannot_write, sweep
 from exunet.result import Result, save
 from exunet.summary import rows, summarise, write_summary
 from exunet.timeloop import Progress, run
 
 FIGURES = ("reference_net", "snapshots", "bullet_speeds", "energies", "area", "agreement")
+DESCRIPTIONS = ("summary.json", *(f"{figure}.png" for figure in FIGURES))
 
 
-def run_case(case: Case, folder: Path, *, check: bool, estimate: bool = False) -> RunStopped | None:
+def run_case(case: Case, folder: Path, *, check: bool, estimate: bool = False) -> ExunetError | None:
     """Simulate, write result.h5, figures and summary.json into `folder`, print the table.
 
     check    : also run the reference and compare
     estimate : also estimate the error, from two more runs
 
-    Returns the error of a run that stopped (its part is written, marked as incomplete), else None. Raises
-    InputError, before the run starts, if the folder cannot be written.
+    Returns the error of a run that stopped (its part is written, marked as incomplete), or of a check or an
+    estimate that could not be made (the result is written), else None. Raises InputError, before the run
+    starts, if the folder cannot be written.
     """
     _ready(folder)
-    stopped: RunStopped | None = None
+    stopped: ExunetError | None = None
+    unchecked: ExunetError | None = None
+    agreement = error_estimate = None
     with ReferenceRun(case) if check else nullcontext() as reference:
         try:
             with _progress(case.scene.time.end) as progress:
@@ -41,14 +46,13 @@ def run_case(case: Case, folder: Path, *, check: bool, estimate: bool = False) -
             if error.partial is None:
                 raise
             stopped, result = error, error.partial
-        agreement, refusal = _agreement(reference if stopped is None else None, result)
-    error_estimate = None
+        _keep(result, folder)
+        if reference and stopped is None:
+            agreement, unchecked = _agreement(reference, result)
     if estimate and stopped is None:
         error_estimate, stopped = _estimate(case, result)
-    _write(result, folder, agreement, error_estimate)
-    if refusal:
-        raise refusal
-    return stopped
+    _describe(result, folder, agreement, error_estimate)
+    return stopped or unchecked
 
 
 def _estimate(case: Case, result: Result) -> tuple[ErrorEstimate | None, RunStopped | None]:
@@ -59,40 +63,48 @@ def _estimate(case: Case, result: Result) -> tuple[ErrorEstimate | None, RunStop
         return None, type(error)(f"the error could not be estimated: {error}")
 
 
-def _agreement(reference: ReferenceRun | None, result: Result) -> tuple[Agreement | None, InputError | None]:
-    """What the reference says; its refusal must not cost the result that is already computed."""
-    if reference is None:
-        return None, None
+def _agreement(reference: ReferenceRun, result: Result) -> tuple[Agreement | None, ExunetError | None]:
+    """What the reference says, or why it could not be asked."""
     try:
-        return reference.agreement(result), None
+        with _waiting("waiting for the reference"):
+            return reference.agreement(result), None
     except InputError as error:
-        return None, error
+        return None, UncheckedRun(f"the result is written but not checked: {error}")
+    except KeyboardInterrupt:
+        return None, Interrupted("interrupted while waiting for the reference; the result is written", result)
 
 
 def _ready(folder: Path) -> None:
-    """Make the folder, prove that it can be written, and remove what an earlier run left there."""
+    """Make the folder and prove that it can be written; what an earlier run left there stays as it is."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         sweep(folder)
-        with replacing(folder / "summary.json"):
+        with TemporaryFile(dir=folder):
             pass
-        for name in ("result.h5", "summary.json", *(f"{figure}.png" for figure in FIGURES)):
-            (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise cannot_write(folder, error) from error
+    for name in ("result.h5", *DESCRIPTIONS):
+        if (folder / name).exists() and not (folder / name).is_file():
+            raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
 
 
-def _write(
-    result: Result, folder: Path, agreement: Agreement | None, error: ErrorEstimate | None = None
+def _keep(result: Result, folder: Path) -> None:
+    """Put result.h5 in place of an earlier one, whose summary and figures go."""
+    for name in DESCRIPTIONS:
+        (folder / name).unlink(missing_ok=True)
+    save(result, folder / "result.h5")
+
+
+def _describe(
+    result: Result, folder: Path, agreement: Agreement | None, error_estimate: ErrorEstimate | None
 ) -> None:
     from exunet.plot import save_figures
 
-    save(result, folder / "result.h5")
     summary = summarise(result, agreement)
     table = rows(summary)
-    if error is not None:
-        summary["error_estimate"] = asdict(error)
-        table += error.rows()
+    if error_estimate is not None:
+        summary["error_estimate"] = asdict(error_estimate)
+        table += error_estimate.rows()
     write_summary(summary, folder / "summary.json")
     save_figures(result, folder, agreement)
     print_table(summary["title"], [*table, ("written to", f"{folder}/")])
@@ -116,3 +128,15 @@ def _progress(end: float) -> Iterator[Progress | None]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=end)
         yield lambda time: bar.update(task, completed=time)
+
+
+@contextmanager
+def _waiting(words: str) -> Iterator[None]:
+    """Words and a moving sign on stderr while something lasts; nothing when that is not a terminal."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(words):
+        yield
