@@ -21,6 +21,7 @@ from exunet.effects.terms import KernelTerm, Terms
 from exunet.net.arrays import Net
 from exunet.record import NonNegative, Positive, Record
 
+NO_LENGTH = 1e-9  # of the reference length: below it the direction of an element is round-off
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
 
 
@@ -43,7 +44,7 @@ def terms(keys: Keys, net: Net) -> Terms:
     """One kernel term for the elements, one for the bullets if there are any."""
     first, second = (3 * net.element_nodes.T).astype(np.uint32)
     quarter = 0.25 * keys.density * keys.drag_coefficient * widths(net) * net.reference_length
-    kernels = [KernelTerm(add_cross_flow, (first, second, quarter))]
+    kernels = [KernelTerm(add_cross_flow, (first, second, quarter, (NO_LENGTH * net.reference_length) ** 2))]
     if len(net.bullet_nodes):
         assert keys.bullet_area is not None
         assert keys.bullet_drag_coefficient is not None
@@ -53,7 +54,9 @@ def terms(keys: Keys, net: Net) -> Terms:
     return Terms(kernels=tuple(kernels))
 
 
-def add_cross_flow(t: float, x: Any, v: Any, first: Any, second: Any, quarter: Any, force: Any) -> None:
+def add_cross_flow(
+    t: float, x: Any, v: Any, first: Any, second: Any, quarter: Any, least: Any, force: Any
+) -> None:
     """Half of -rho C d L0 |u_n| u_n / 2 on each end, u_n the normal part of the middle's velocity."""
     for e in range(quarter.size):
         i = first[e]
@@ -65,7 +68,7 @@ def add_cross_flow(t: float, x: Any, v: Any, first: Any, second: Any, quarter: A
         uy = 0.5 * (v[i + 1] + v[j + 1])
         uz = 0.5 * (v[i + 2] + v[j + 2])
         square = dx * dx + dy * dy + dz * dz
-        if square > 0.0:  # nodes on one spot have no direction: the whole flow counts
+        if square > least[e]:  # nodes on one spot have no direction: the whole flow counts
             along = (ux * dx + uy * dy + uz * dz) / square
             ux -= along * dx
             uy -= along * dy
