@@ -158,6 +158,7 @@ def test_the_energy_balance_closes_for_any_subset(seed: int) -> None:
     assert balance(start, march(start, 0.05, 6, 1e-9)) < 1e-5, names
 
 
+@pytest.mark.slow
 def test_work_is_integrated_in_the_engine_as_in_the_loop() -> None:
     """The monitor's Simpson rule in NumPy against the compiled one, on equal steps."""
     on = ("rayleigh_damping", "material_damping", "two-body orbit")

@@ -1,0 +1,113 @@
+"""The specialised kernel: against eq. (3) written out, the same bits each time, and where it is kept."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from starts import planar, states
+
+from exunet.errors import MissingExtra
+from exunet.kernel import compile as compiling
+from exunet.kernel.compile import compiled_module, require_numba
+from exunet.kernel.net import net_kernel
+
+SOURCE = '"""A module."""\n\nimport numpy as np\n\n\n@compiled\ndef twice(x):\n    return {factor} * x\n'
+
+
+def test_the_forces_are_those_of_the_secant_stiffness() -> None:
+    """Eqs. (3), (6) and (8), assembled element by element with a dense matrix."""
+    start = planar()
+    net = start.net
+    position, velocity = states(start)["mixed"]
+    expected = np.zeros((net.n_nodes, 3))
+    for (i, j), length, stiffness in zip(
+        net.element_nodes, net.reference_length, net.axial_stiffness, strict=True
+    ):
+        span = position[j] - position[i]
+        strain = 0.5 * (span @ span - length**2) / length**2
+        pull = stiffness * max(strain, 0.0) / length * span
+        expected[i] += pull
+        expected[j] -= pull
+    forces = net_kernel(net, start.terms).forces(0.0, position, velocity)
+    np.testing.assert_allclose(forces, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    assert np.abs(forces.sum(axis=0)).max() < 1e-12 * np.abs(expected).max()
+
+
+def test_the_same_bits_each_time() -> None:
+    start = planar(on=("rayleigh_damping", "material_damping"))
+    state = states(start)["overstretched"]
+    first, second = (net_kernel(start.net, start.terms).forces(0.0, *state) for _ in range(2))
+    assert np.array_equal(first, second)
+
+
+@pytest.fixture
+def no_module_yet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forget modules made from SOURCE."""
+    for name in [name for name in sys.modules if name.startswith("exunet_kernel_")]:
+        monkeypatch.delitem(sys.modules, name)
+
+
+@pytest.mark.usefixtures("no_module_yet")
+def test_kernels_are_kept_in_the_cache_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert compiled_module(SOURCE.format(factor=2)).twice(3.0) == 6.0
+    assert compiled_module(SOURCE.format(factor=5)).twice(3.0) == 15.0
+    kept = sorted((tmp_path / "exunet").glob("exunet_kernel_*.py"))
+    assert len(kept) == 2
+    assert len(list((tmp_path / "exunet" / "__pycache__").glob("*.nbc"))) == 2
+    written = [path.stat().st_mtime_ns for path in kept]
+    sys.modules.pop(kept[0].stem)
+    sys.modules.pop(kept[1].stem)
+    module = compiled_module(SOURCE.format(factor=2))
+    assert module.twice(3.0) == 6.0
+    assert sum(module.twice.stats.cache_hits.values()) == 1
+    assert [path.stat().st_mtime_ns for path in kept] == written
+
+
+@pytest.mark.usefixtures("no_module_yet")
+def test_a_damaged_file_is_written_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    compiled_module(SOURCE.format(factor=2))
+    (kept,) = (tmp_path / "exunet").glob("exunet_kernel_*.py")
+    kept.write_text("this is not Python")
+    sys.modules.pop(kept.stem)
+    assert compiled_module(SOURCE.format(factor=2)).twice(3.0) == 6.0
+
+
+@pytest.mark.usefixtures("no_module_yet")
+def test_without_a_place_to_keep_it_a_kernel_is_compiled_in_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "not a folder"
+    file.touch()
+    monkeypatch.setattr(compiling, "_folders", lambda: [file / "exunet"])
+    assert compiled_module(SOURCE.format(factor=2)).twice(3.0) == 6.0
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_code_that_others_could_have_written_is_not_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    theirs.mkdir()
+    theirs.chmod(0o777)
+    monkeypatch.setattr(compiling, "_folders", lambda: [theirs, mine])
+    assert compiled_module(SOURCE.format(factor=7)).twice(1.0) == 7.0
+    assert list(theirs.iterdir()) == []
+    assert any(mine.glob("exunet_kernel_*.py"))
+
+
+def test_what_needs_numba_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiling, "numba_installed", lambda: False)
+    with pytest.raises(MissingExtra, match=r"engine\.net.*needs Numba.*pip install 'exunet\[fast\]'"):
+        require_numba('engine.net = "fused"')
+
+
+def test_importing_exunet_does_not_import_numba() -> None:
+    code = "import sys, exunet.build, exunet.timeloop; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,173 @@
+"""The compiled loop and ensembles: the engine's own steps, order, output times, guards, determinism."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from starts import CASES, planar
+
+from exunet.casefile import load
+from exunet.ensemble import perturbed_positions, run_ensemble
+from exunet.errors import CaseError, Interrupted, RunStopped
+from exunet.loop.loop import March, loop_kernel
+from exunet.solvers import Plan
+from exunet.timeloop import simulate
+
+TAUT = ("initial.packing = 1.0005", "time = {end = 0.002, output_times = [1e-4]}")
+COMPILED = 'engine.loop = "compiled"'
+
+
+@pytest.mark.parametrize("method", ["RK44", "VelocityVerlet"])
+def test_equal_steps_are_those_of_the_engine(method: str) -> None:
+    """To 1e-12, Verlet's half-step velocity in the damping force included, until round-off grows.
+
+    The loop adds to positions, the engine to displacements: a difference of 4e-16 m is one of 1e-8 m/s2 here.
+    """
+    solver = f'solver = {{method = "{method}", step = 5e-6}}'
+    on = ("rayleigh_damping", "gravity")
+    engine, loop = (
+        simulate(planar(*TAUT, solver, form, on=on)) for form in ('engine.net = "connectors"', COMPILED)
+    )
+    assert loop.provenance["steps"] == engine.provenance["steps"] == 400
+    assert loop.provenance["items"] == {}
+    difference = np.abs(loop.velocity - engine.velocity).max(axis=(1, 2)) / np.abs(engine.velocity).max()
+    assert difference[1] < 1e-12
+    assert difference[-1] < 1e-10
+    assert np.abs(loop.position - engine.position).max() < 1e-12
+    assert loop.dissipated[-1] == pytest.approx(engine.dissipated[-1], rel=1e-9)
+
+
+def taut(plan: Plan, times: Any) -> Any:
+    """States at `times` of a net that stays taut, so that its motion is smooth."""
+    start = replace(planar("initial.packing = 1.01", "launch.radial_speed = 0.0"), plan=plan)
+    start = replace(start, velocity=0.0 * start.velocity)
+    return March(start, loop_kernel(start)).through(times)[1:3]
+
+
+def test_dormand_prince_has_order_5() -> None:
+    """Equal steps through huge tolerance: halving them divides the error by 2^5."""
+    times = np.array([0.0, 4e-5])  # less than a tenth of the fastest element's period: all stay taut
+    exact = taut(Plan("DOPRI5", tolerance=1e-13, first_step=1e-7, least_step=1e-12), times)
+    errors = []
+    for number in (4, 8, 16):
+        step = times[1] / number
+        plan = Plan("DOPRI5", tolerance=1e9, first_step=step, longest_step=step, least_step=1e-12)
+        errors.append(max(np.abs(a[-1] - b[-1]).max() for a, b in zip(taut(plan, times), exact, strict=True)))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders == pytest.approx([5.0, 5.0], abs=0.5), errors
+
+
+def test_a_tolerance_is_kept() -> None:
+    """The error falls with the tolerance; at the end of 0.2 ms it is a small multiple of it."""
+    times = np.array([0.0, 1e-4, 2e-4])
+    exact = taut(Plan("DOPRI5", tolerance=1e-13, first_step=1e-7, least_step=1e-12), times)[1]
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        found = taut(Plan("DOPRI5", tolerance=tolerance, first_step=1e-7, least_step=1e-12), times)[1]
+        assert np.abs(found - exact).max() < 50.0 * tolerance
+
+
+def test_output_times_are_hit_and_do_not_change_the_result() -> None:
+    few, many = (
+        simulate(
+            planar(
+                "initial.packing = 0.99",
+                "time.end = 0.01",
+                f"time.output_step = {step}",
+                "solver.accuracy = 1e-8",
+                COMPILED,
+            )
+        )
+        for step in (0.01, 0.0003)
+    )
+    assert many.time[[1, -1]] == pytest.approx([0.0003, 0.01], abs=0.0)
+    assert np.abs(few.velocity[-1] - many.velocity[-1]).max() < 1e-8
+
+
+def test_the_engine_and_the_loop_agree_at_tight_tolerances() -> None:
+    engine, loop = (
+        simulate(planar("time.end = 0.8", "time.output_step = 0.4", "solver.accuracy = 1e-7", form))
+        for form in ('engine.net = "connectors"', COMPILED)
+    )
+    assert np.abs(engine.velocity - loop.velocity).max() < 1e-6
+    assert loop.provenance["right_hand_sides"] < engine.provenance["right_hand_sides"]
+
+
+@pytest.mark.parametrize("method", ["RK67", "ODE23", "GeneralizedAlpha"])
+def test_other_methods_are_refused_by_name(method: str) -> None:
+    solver = f'solver={{method="{method}"{", step=1e-4" if method == "GeneralizedAlpha" else ""}}}'
+    with pytest.raises(CaseError, match=f"compiled loop has .*DOPRI5, RK44, VelocityVerlet, not .*{method}"):
+        load(CASES / "planar_undamped.toml", [solver, COMPILED])
+
+
+def test_a_diverging_run_is_stopped_with_its_good_part() -> None:
+    start = planar(
+        "time.end = 1.0", "solver = {method = 'RK44', step = 1e-3, force = true, retry = 0}", COMPILED
+    )
+    with pytest.raises(RunStopped, match="diverged at t = ") as stop:
+        simulate(start)
+    part = stop.value.partial
+    assert part is not None
+    assert not part.complete
+    assert 0.0 < part.time[-1] < 1.0
+    assert np.isfinite(part.velocity).all()
+    assert np.isfinite(part.kinetic).all()
+
+
+def test_steps_that_collapse_are_told() -> None:
+    start = planar("initial.packing = 1.0005", "solver.retry = 0", COMPILED)
+    start = replace(start, plan=Plan("DOPRI5", tolerance=1e-25, first_step=1e-6, least_step=1e-7))
+    with pytest.raises(RunStopped, match=r"steps collapsed to .* the tolerance 1e-25 cannot be met"):
+        simulate(start)
+
+
+def test_an_interrupt_keeps_what_was_computed() -> None:
+    def press_ctrl_c(time: float) -> None:
+        if time > 0.1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted) as stop:
+        simulate(planar(COMPILED), progress=press_ctrl_c)
+    assert stop.value.partial is not None
+    assert 0.0 < stop.value.partial.time[-1] < 2.0
+
+
+SHORT = ("time.end = 1.0", "time.output_step = 0.1", "solver.accuracy = 1e-4")
+
+
+def test_an_ensemble_does_not_depend_on_the_workers() -> None:
+    start = planar(*SHORT)
+    position = perturbed_positions(start, 5, 1e-9, seed=4)
+    one, three = (run_ensemble(start, position, workers=workers) for workers in (1, 3))
+    for name, value in vars(one).items():
+        assert np.array_equal(value, vars(three)[name]), name
+    assert one.bullet_speed.shape == (5, 11, 4)
+    assert one.area.shape == (5, 11)
+    assert len(set(one.right_hand_sides.tolist())) > 1
+
+
+def test_runs_of_an_ensemble_are_single_runs() -> None:
+    start = planar(*SHORT, COMPILED)
+    position = perturbed_positions(start, 2, 1e-9, seed=4)
+    found = run_ensemble(start, position)
+    single = simulate(replace(start, position=position[1]))
+    speeds = np.linalg.norm(single.velocity[:, start.net.bullet_nodes], axis=-1)
+    assert np.array_equal(found.bullet_speed[1], speeds)
+    assert np.array_equal(found.time, single.time)
+    np.testing.assert_allclose(found.elastic[1], single.elastic, rtol=1e-12)
+
+
+def test_perturbations_belong_to_their_run() -> None:
+    start = planar(*SHORT)
+    few, many = (perturbed_positions(start, runs, 1e-3, seed=1) for runs in (2, 4))
+    assert np.array_equal(few, many[:2])
+    assert 0.9e-3 < np.abs(few - start.position).max() <= 1e-3
+    assert not np.array_equal(few[0], few[1])
+
+
+def test_a_run_that_diverges_is_named() -> None:
+    start = planar(*SHORT, "solver = {method = 'RK44', step = 1e-3, force = true}")
+    with pytest.raises(RunStopped, match=r"run 0 of the ensemble diverged"):
+        run_ensemble(start, perturbed_positions(start, 1, 1e-9, seed=1))
