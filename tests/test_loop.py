@@ -11,7 +11,7 @@ from starts import CASES, planar
 
 from exunet.casefile import load
 from exunet.ensemble import perturbed_positions, run_ensemble
-from exunet.errors import CaseError, Interrupted, RunStopped
+from exunet.errors import CaseError, InputError, Interrupted, RunStopped
 from exunet.loop.loop import March, loop_kernel
 from exunet.solvers import Plan
 from exunet.timeloop import simulate
@@ -157,6 +157,21 @@ def test_runs_of_an_ensemble_are_single_runs() -> None:
     assert np.array_equal(found.bullet_speed[1], speeds)
     assert np.array_equal(found.time, single.time)
     np.testing.assert_allclose(found.elastic[1], single.elastic, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ('solver.method = "RK67"', "runs by DOPRI5, RK44, VelocityVerlet, not by RK67"),
+        ("effects.breaking = {strain = 0.03}", "does not look for elements that break"),
+    ],
+)
+def test_what_an_ensemble_cannot_do_is_refused(override: str, words: str) -> None:
+    start = planar(*SHORT[:2], override)
+    with pytest.raises(InputError, match=words):
+        run_ensemble(start, start.position[None])
+    with pytest.raises(InputError, match=r"initial states must be \(runs, 40, 3\)"):
+        run_ensemble(planar(), np.zeros((1, 39, 3)))
 
 
 def test_perturbations_belong_to_their_run() -> None:
