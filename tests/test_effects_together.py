@@ -1,0 +1,243 @@
+"""Effects together: the energy balance of random subsets, and no trace of an effect that is absent."""
+
+from __future__ import annotations
+
+import random
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exunet.build import Start, build, prepare
+from exunet.effects import EFFECTS, misfits, switched_on
+from exunet.effects.needs import Surroundings
+from exunet.effects.terms import Terms
+from exunet.energy import potential
+from exunet.estimates import setting_of
+from exunet.kernel.net import net_kernel
+from exunet.metrics import energy_balance
+from exunet.scene import Scene
+from exunet.timeloop import simulate
+
+CABLE = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e8}
+AXES = {"radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0]}
+
+# Strong enough that each turns over energy within the half second of the scene.
+STRONG: dict[str, dict[str, Any]] = {
+    "gravity": {"acceleration": [1.0, -2.0, -9.0]},
+    "mass_damping": {"alpha": 0.5},
+    "material_damping": {"relaxation_time": 1e-3},
+    "orbit": {"mean_motion": 0.5, "model": "two_body", **AXES},
+    "rayleigh_damping": {"alpha": 0.2, "beta": 1e-5},
+    "air_drag": {"density": 1.2, "drag_coefficient": 1.1, "bullet_drag_coefficient": 0.5,
+                 "bullet_area": 0.01},
+    "bending": {"modulus": 1e9},
+    "breaking": {"strain": 0.02},
+    "j2": {"mean_motion": 0.5, "inclination": 1.0, "argument_of_latitude": 0.5, **AXES},
+    "launch_force": {"kind": "gas", "force": 30.0, "stroke": 0.1, "spread_angle": 0.8, "chaser_mass": 3.0,
+                     "dead_length": 0.2, "exponent": 1.4},
+    "molecular_drag": {"density": 1e-4, "flow": [-300.0, 50.0, 0.0], "drag_coefficient": 2.2,
+                       "bullet_area": 0.01},
+    "solar_pressure": {"flux": 1e10, "direction": [0.0, 1.0, 0.0], "pressure_coefficient": 1.3,
+                       "bullet_area": 0.01},
+    "thermal_strain": {"temperature_change": -80.0, "expansion_coefficient": 1e-4},
+}  # fmt: skip
+
+
+def case(on: tuple[str, ...] = (), **more: Any) -> dict[str, Any]:
+    launch = {} if "launch_force" in on else {"launch": {"radial_speed": 2.5, "axial_speed": 1.0}}
+    return {
+        "format": 1,
+        "title": "a net that stretches, bends and snaps",
+        "time": {"end": 0.3, "output_step": 0.02},
+        "solver": {"method": "DOPRI5", "accuracy": 1e-6},
+        "net": {
+            "topology": "square", "size": 2.0, "mesh": 1.0, "divisions": 2, "cable": CABLE,
+            "strings": {"length": 0.5, **CABLE}, "bullets": {"mass": 0.2},
+        },
+        "initial": {"packing": 0.9, "spin": [0.2, 0.5, 1.0]},
+        "effects": {name: STRONG[name] for name in on},
+    } | launch | more  # fmt: skip
+
+
+def start_with(*on: str, **more: Any) -> Start:
+    return prepare(Scene.model_validate(case(on, **more)))
+
+
+def subset(seed: int) -> tuple[str, ...]:
+    """Effects drawn at random; of those that contradict each other or miss one, the first is left out."""
+    draw = random.Random(seed)
+    names = draw.sample(sorted(EFFECTS), draw.randint(2, 7))
+    if "j2" in names and "orbit" not in names:
+        names.append("orbit")
+    while True:
+        scene = Scene.model_construct(effects=Scene.model_validate(case()).effects.model_copy())
+        keys = {name: EFFECTS[name].Keys.model_validate(STRONG[name]) for name in names}
+        around = Surroundings(
+            on=switched_on(scene.effects.model_copy(update=keys)),
+            has_bullets=True,
+            has_launch="launch_force" not in names,
+            duration=0.3,
+            method="DOPRI5",
+        )
+        wrongs = misfits(around)
+        if not wrongs:
+            return tuple(sorted(names))
+        names.remove(str(wrongs[0].where[0]))
+
+
+def test_the_draws_reach_every_effect() -> None:
+    drawn = {name for seed in range(30) for name in subset(seed)}
+    assert drawn == set(EFFECTS)
+    assert set(STRONG) == set(EFFECTS)
+
+
+def balanced(seed: int, form: str) -> None:
+    on = subset(seed)
+    run = simulate(start_with(*on, engine={"net": form}))
+    turned_over = np.abs(np.diff(run.kinetic)).sum() + run.kinetic[0]
+    assert turned_over > 0.5, on
+    # Of the energy in play (metrics.energy_balance), which is not larger than what is turned over.
+    assert energy_balance(run) < 1e-5, on
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("form", ["connectors", "fused"])
+def test_energy_balances_with_some_effects(seed: int, form: str) -> None:
+    balanced(seed, form)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2, 30))
+@pytest.mark.parametrize("form", ["connectors", "fused"])
+def test_energy_balances_with_any_effects(seed: int, form: str) -> None:
+    balanced(seed, form)
+
+
+# Pay for use
+
+
+# What each effect may leave: fields of Terms, and functions in the kernel.
+LEAVES = {
+    "gravity": ({"load"}, {"add_load"}),
+    "mass_damping": ({"damping"}, {"add_velocity_product"}),
+    "material_damping": ({"relaxation_time"}, {"add_viscous_tension"}),
+    "orbit": ({"gyroscopic", "kernels"}, {"add_velocity_product", "add_two_body"}),
+    "rayleigh_damping": ({"damping"}, {"add_velocity_product"}),
+    "air_drag": ({"kernels"}, {"add_cross_flow", "add_bullet_drag"}),
+    "bending": ({"stiffness"}, {"add_position_product"}),
+    "breaking": ({"breaking"}, set()),
+    "j2": (
+        {"gyroscopic", "kernels", "stiffness"},
+        {"add_velocity_product", "add_two_body", "add_position_product"},
+    ),
+    "launch_force": ({"kernels"}, {"add_gas_launch"}),
+    "molecular_drag": ({"kernels"}, {"add_molecular_drag"}),
+    "solar_pressure": ({"load"}, {"add_load"}),
+    "thermal_strain": ({"free_strain"}, set()),
+}
+
+
+def source_of(start: Start) -> str:
+    return net_kernel(start.net, start.terms).source
+
+
+def filled(terms: Terms) -> set[str]:
+    values = {name: getattr(terms, name) for name in Terms.__dataclass_fields__}
+    return {
+        name
+        for name, value in values.items()
+        if not (value is None or (isinstance(value, tuple) and not value))
+    }
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_absent_effect_leaves_nothing(name: str) -> None:
+    """With every other effect's terms as without any: only its own appear when it is on."""
+    on = ("orbit", "j2") if name == "j2" else (name,)
+    bare, with_it = start_with(), start_with(*on)
+    fields, functions = LEAVES[name]
+    assert filled(bare.terms) == set()
+    assert filled(with_it.terms) == fields
+    plain, source = source_of(bare), source_of(with_it)
+    for function in functions:
+        assert f"def {function}(" in source
+        assert function not in plain
+    own = {line for line in source.splitlines() if line.startswith("def add_")}
+    base = {line for line in plain.splitlines() if line.startswith("def add_")}
+    assert {line.split("(")[0] for line in own - base} == {f"def {function}" for function in functions}
+    # Twice the same bare net: the same text, so the same machine code.
+    assert source_of(start_with()) == plain
+    items = build(start_with(engine={"net": "connectors"})).items()
+    assert set(items) == {"MassPoint", "ObjectConnectorSpringDamper"}
+    assert items["MassPoint"] == bare.net.n_nodes
+
+
+def test_effects_without_a_function_of_their_own_do_not_change_the_code() -> None:
+    """Thermal strain and breaking change numbers only; a limit is looked at by the run, not by the kernel."""
+    assert source_of(start_with("thermal_strain", "breaking")) == source_of(start_with())
+
+
+def test_zero_coefficients_leave_nothing_either() -> None:
+    for name, keys in {
+        "mass_damping": {"alpha": 0.0},
+        "rayleigh_damping": {"alpha": 0.0, "beta": 0.0},
+        "material_damping": {"relaxation_time": 0.0},
+        "bending": {"modulus": 0.0},
+        "thermal_strain": {"temperature_change": 0.0, "expansion_coefficient": 1e-5},
+    }.items():
+        start = prepare(Scene.model_validate(case() | {"effects": {name: keys}}))
+        assert filled(start.terms) == set(), name
+
+
+def seconds_of(start: Start, repeats: int = 2000) -> list[Any]:
+    kernel = net_kernel(start.net, start.terms)
+    x, v, force = start.position.ravel().copy(), start.velocity.ravel().copy(), np.empty(start.position.size)
+    kernel.module.forces(0.0, x, v, kernel.data, force)
+    return [kernel.module.forces, x, v, kernel.data, force, repeats]
+
+
+def lap(forces: Any, x: Any, v: Any, data: Any, force: Any, repeats: int) -> float:
+    began = time.perf_counter()
+    for _ in range(repeats):
+        forces(0.0, x, v, data, force)
+    return time.perf_counter() - began
+
+
+def test_a_net_that_had_its_effects_removed_is_as_fast_as_a_bare_one() -> None:
+    """Side by side, interleaved, best of ten; a kernel with a term costs more, so the clock can tell."""
+    bare = start_with()
+    emptied = replace(start_with("air_drag", "bending", "material_damping"), terms=Terms())
+    loaded = start_with("air_drag", "bending", "material_damping")
+    runs = [seconds_of(start) for start in (bare, emptied, loaded)]
+    laps = np.array([[lap(*one) for one in runs] for _ in range(10)]).min(axis=0)
+    assert laps[1] < 1.5 * laps[0]
+    assert laps[2] > 1.5 * laps[0]
+
+
+def test_the_potential_of_kernel_terms_is_that_of_their_force() -> None:
+    """Central differences of the potential of the launch against its force, in and out of the barrels."""
+    start = start_with("launch_force")
+    kernel = net_kernel(start.net, start.terms)
+    bare = net_kernel(start.net, Terms())
+    still = np.zeros_like(start.position)
+    place = start.position.copy()
+    place[start.net.bullet_nodes] *= 1.01  # away from the start, where the force of gas has a kink
+    place[start.net.bullet_nodes[0]] += [0.03, 0.02, 0.01]
+    place[start.net.bullet_nodes[1]] += [-1.0, 1.0, 2.0]
+    force = kernel.forces(0.0, place, still) - bare.forces(0.0, place, still)
+    for node in (*start.net.bullet_nodes[:3], start.net.n_nodes - 1):
+        for axis in range(3):
+            off = np.zeros_like(place)
+            off[node, axis] = 1e-6
+            ends = potential(start.terms, np.stack([place + off, place - off]))
+            assert -(ends[0] - ends[1]) / 2e-6 == pytest.approx(force[node, axis], abs=1e-5)
+
+
+def test_settings_know_the_launch() -> None:
+    start = start_with("launch_force")
+    setting = setting_of(start.scene)
+    assert setting.net.n_nodes == start.net.n_nodes - 1
+    assert np.linalg.norm(setting.velocity[setting.net.bullet_nodes], axis=1).min() > 1.0
