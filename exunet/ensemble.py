@@ -73,11 +73,11 @@ def run_ensemble(
         raise InputError(f"an ensemble runs by {', '.join(COMPILED_METHODS[1:])}, not by {start.plan.method}")
     if start.terms.breaking is not None:
         raise InputError("an ensemble does not look for elements that break: remove effects.breaking")
-    speeds = np.broadcast_to(start.velocity, position.shape) if velocity is None else velocity
-    if position.shape[1:] != start.position.shape or speeds.shape != position.shape:
-        raise InputError(
-            f"initial states must be (runs, {start.net.n_nodes}, 3), got {position.shape} and {speeds.shape}"
-        )
+    shape = (len(position), start.net.n_nodes, 3)
+    for given in (position, velocity):
+        if given is not None and given.shape != shape:
+            raise InputError(f"initial states must be (runs, {start.net.n_nodes}, 3), got {given.shape}")
+    speeds = np.broadcast_to(start.velocity, shape) if velocity is None else velocity
     times = stored_times(start.scene.time)
     kernel = loop_kernel(start)
 
