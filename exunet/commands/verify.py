@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from exunet.plot.style import drawing
 from exunet.verify.check import Check, Finding, Plate
 from exunet.verify.ladder import RUNGS, Ladder, read_cases
 from exunet.verify.report import make_folder, number, save_plate, verdict, write_report
@@ -49,7 +50,7 @@ def verify(paths: Sequence[Path], folder: Path, *, quick: bool) -> int:
 def _climb(ladder: Ladder, console: Console) -> Iterator[Finding]:
     """All findings, under a heading for each rung; the step at work is shown on a terminal."""
     rung = 0
-    with _status() as say:
+    with drawing(), _status() as say:
         for step in ladder.steps():
             say(f"rung {step.rung}: {step.title}")
             for finding in step.run():

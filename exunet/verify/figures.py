@@ -109,6 +109,7 @@ def bands(title: str, time: Floats, panels: Mapping[str, tuple[Floats, str]], ma
         if np.isfinite(mark):
             axes.axvline(mark, color=BLACK, linewidth=0.9, linestyle="--", label="horizon")
         axes.set_ylabel(label)
+        axes.set_ylim(0.0, 1.05 * float(values.max()))
         axes.set_title(name, fontsize=9)
         axes.grid(color="0.92", linewidth=0.6)
         axes.set_axisbelow(True)

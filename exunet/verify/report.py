@@ -12,7 +12,6 @@ import numpy as np
 import exunet
 from exunet.engine.loading import exudyn_version
 from exunet.files import cannot_write, replacing
-from exunet.plot.style import drawing
 from exunet.verify import tolerances
 from exunet.verify.check import Check, Finding, Plate, Text
 from exunet.verify.ladder import RUNGS
@@ -26,8 +25,8 @@ def number(value: float, unit: str = "") -> str:
 
 
 def save_plate(plate: Plate, folder: Path) -> None:
-    """Draw a figure of the report into its folder."""
-    with replacing(folder / f"{plate.name}.png") as part, drawing():
+    """Draw a figure of the report into its folder; within `exunet.plot.style.drawing`."""
+    with replacing(folder / f"{plate.name}.png") as part:
         plate.figure.savefig(part, format="png")
 
 
