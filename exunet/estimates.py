@@ -22,14 +22,16 @@ from exunet.scene import Scene
 
 ASKED = 0.01  # of the net's size: the accuracy that the advice is for, where the case states none
 
-# Nanoseconds measured on the paper's net (docs/effects.md): of the bare net's elements, and of what effects
-# add. Connectors pay in the engine's expressions, the fused net in compiled code; a kernel term on connectors
-# pays once for the call from the engine.
-_ELEMENT = {"connectors": 200.0, "fused": 3.5}
-_ENTRY = {"connectors": 2.0, "fused": 1.0}
-_VISCOUS = {"connectors": 150.0, "fused": 2.0}
-_NODE_OF_KERNEL = 6.0
-_CALL = {"connectors": 6000.0, "fused": 0.0}
+# Nanoseconds of one right-hand side, measured on the paper's net on a noisy machine: to be read as ratios.
+_FIXED = {"connectors": 0.0, "fused": 10_000.0, "compiled": 0.0}  # of the bare net: the call from the engine
+_ELEMENT = {"connectors": 300.0, "fused": 7.0, "compiled": 7.0}
+_OBJECT = {
+    "connectors": 3_000.0,
+    "fused": 0.0,
+    "compiled": 0.0,
+}  # constant matrices and loads, if there are any
+_CALL = {"connectors": 7_000.0, "fused": 0.0, "compiled": 0.0}  # kernel terms, if there are any
+_ENTRY, _NODE_OF_KERNEL, _VISCOUS = 1.0, 6.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def finding(scene: Scene, name: str, duration: float | None = None) -> Finding:
             return Finding(name, False, None, "", None, 0.0, 0.0)
         keys, assumption = assumed
     estimate: Estimate = EFFECTS[name].magnitude(keys, setting)
-    cost = cost_of(terms_of_alone(name, keys, setting), setting.net, scene.engine.net)
+    cost = cost_of(terms_of_alone(name, keys, setting), setting.net, _form(scene))
     return Finding(name, on, keys, assumption, estimate, estimate.displacement / setting.size, cost)
 
 
@@ -116,19 +118,24 @@ def terms_of_alone(name: str, keys: Record, setting: Setting) -> Terms:
 def cost_of(terms: Terms, net: Net, form: str) -> float:
     """Estimated time that terms add to a right-hand side, as a part of the bare net's.
 
-    form : engine.net; what is neither of the two costs as connectors do
+    form : "connectors", "fused" or "compiled" (the loop)
     """
-    form = form if form in _ELEMENT else "connectors"
-    added = 0.0
-    for matrix in (terms.on_velocity, terms.stiffness):
-        added += _ENTRY[form] * matrix.nnz if matrix is not None else 0.0
-    added += _ENTRY[form] * net.n_nodes if terms.load is not None else 0.0
-    added += _VISCOUS[form] * net.n_elements if terms.relaxation_time is not None else 0.0
+    matrices = [matrix for matrix in (terms.on_velocity, terms.stiffness) if matrix is not None]
+    added = _ENTRY * sum(matrix.nnz for matrix in matrices)
+    added += _ENTRY * 3 * net.n_nodes if terms.load is not None else 0.0
+    added += _OBJECT[form] if matrices or terms.load is not None else 0.0
+    added += _VISCOUS * net.n_elements if terms.relaxation_time is not None else 0.0
     for term in terms.kernels:
         longest = max((len(p) for p in term.parameters if isinstance(p, np.ndarray)), default=0)
         added += _NODE_OF_KERNEL * longest
     added += _CALL[form] if terms.kernels else 0.0
-    return added / (_ELEMENT[form] * max(net.n_elements, 1))
+    return added / (_FIXED[form] + _ELEMENT[form] * max(net.n_elements, 1))
+
+
+def _form(scene: Scene) -> str:
+    if scene.engine.loop == "compiled":
+        return "compiled"
+    return "fused" if scene.engine.net == "fused" else "connectors"
 
 
 def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:

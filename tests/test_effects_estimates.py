@@ -1,0 +1,247 @@
+"""Estimates against measured changes, advice, the automatic choice, what an effect needs of a case."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from exunet.ablation import Toggled, ablate
+from exunet.build import prepare
+from exunet.casefile import load
+from exunet.cli import app
+from exunet.effects import EFFECTS
+from exunet.errors import CaseError
+from exunet.estimates import finding, survey
+from exunet.summary import rows, summarise
+from exunet.timeloop import simulate
+
+ROOT = Path(__file__).parents[1]
+CASES = ROOT / "cases" / "effects"
+PLANAR = ROOT / "cases" / "planar_deployment.toml"
+
+# Case, overrides, effect: the list of docs/effects.md, in its order.
+EARLY = ("time.end=1.2", "time.output_step=0.05")
+EARLIER = ("time.end=0.5", "time.output_step=0.05")  # before snaps multiply what is so small
+PAIRS: list[tuple[str, tuple[str, ...], str]] = [
+    ("planar_deployment.toml", EARLY, "orbit"),
+    ("planar_deployment.toml", EARLY, "gravity"),
+    ("planar_deployment.toml", EARLY, "rayleigh_damping"),
+    ("planar_deployment.toml", EARLY, "mass_damping"),
+    ("planar_deployment.toml", EARLY, "launch_force"),
+    ("planar_deployment.toml", EARLIER, "solar_pressure"),
+    ("planar_deployment.toml", EARLIER, "molecular_drag"),
+    ("planar_deployment.toml", EARLY, "air_drag"),
+    ("planar_deployment.toml", EARLY, "bending"),
+    ("effects/air_drag.toml", (), "air_drag"),
+    ("effects/bending.toml", (), "bending"),
+    ("effects/breaking.toml", (), "breaking"),
+    ("effects/j2.toml", (), "j2"),
+    ("effects/launch_force.toml", (), "launch_force"),
+    ("effects/mass_damping.toml", (), "mass_damping"),
+    ("effects/material_damping.toml", (), "material_damping"),
+    ("effects/molecular_drag.toml", (), "molecular_drag"),
+    ("effects/orbit.toml", (), "orbit"),
+    ("effects/parabolic_flight.toml", (), "gravity"),
+    ("effects/solar_pressure.toml", (), "solar_pressure"),
+    ("effects/thermal_strain.toml", (), "thermal_strain"),
+]
+QUICK = ("breaking", "material_damping", "thermal_strain", "bending")
+
+
+def toggled(path: str, overrides: tuple[str, ...], name: str) -> Toggled:
+    (one,) = ablate(load(ROOT / "cases" / path, overrides).scene, (name,))
+    return one
+
+
+def holds(path: str, overrides: tuple[str, ...], name: str) -> None:
+    one = toggled(path, overrides, name)
+    assert one.failure == ""
+    assert one.until > 0.0
+    assert one.ratio is not None
+    assert 1 / 3 < one.ratio < 3, one
+
+
+@pytest.mark.parametrize(
+    "pair", [pair for pair in PAIRS if pair[2] in QUICK and pair[0] != "planar_deployment.toml"]
+)
+def test_an_estimate_is_right_within_a_factor_of_three(pair: tuple[str, tuple[str, ...], str]) -> None:
+    holds(*pair)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pair", PAIRS, ids=lambda pair: f"{Path(pair[0]).stem}-{pair[2]}")
+def test_all_listed_estimates_are_right_within_a_factor_of_three(
+    pair: tuple[str, tuple[str, ...], str],
+) -> None:
+    holds(*pair)
+
+
+def test_the_list_in_the_documentation_is_the_tested_one() -> None:
+    text = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `([\w/]+\.toml)`[^|]*\| (\w+) \|", text, re.MULTILINE)
+    assert listed == [(path, name) for path, _, name in PAIRS]
+
+
+# Advice
+
+
+def test_the_papers_case_is_told_to_leave_out_the_orbit() -> None:
+    """Paper, sec. 3.1 and 4: gravitational, centrifugal and Coriolis forces disregarded for 2 s.
+
+    By hand: 2 n v for the bullets (0.5 kg of 0.59 kg a corner), n = 1.060e-3 rad/s at 700 km, v = 2.5 m/s,
+    turned in the plane where only the in-plane normal counts: |h x v| averages v / sqrt 2 over the four
+    diagonals.
+    """
+    scene = load(PLANAR).scene
+    one = finding(scene, "orbit")
+    assert one.estimate is not None
+    coriolis = 2 * 1.060e-3 * 2.5 / math.sqrt(2)
+    assert one.estimate.acceleration == pytest.approx(coriolis, rel=0.1)
+    assert one.relative == pytest.approx(
+        0.5 * coriolis * 2.0**2 / 7.0, rel=0.1
+    )  # of the 7 m from bullet to bullet
+    assert one.advice(0.01) == "would move the net by 1e-03 of its size: leave out"
+    assert "700 km" in one.assumption
+    gradient = re.search(r"gradient 3 n\^2 r = ([\d.e-]+)", one.estimate.source)
+    assert gradient is not None
+    assert float(gradient[1]) < 1e-5
+
+
+def test_advice_covers_the_four_cases() -> None:
+    found = {one.name: one for one in survey(load(PLANAR).scene)}
+    assert set(found) == set(EFFECTS)
+    assert found["rayleigh_damping"].advice(1e-3) == "on, and it matters"
+    assert found["rayleigh_damping"].advice(0.5) == "on, but below the asked accuracy"
+    assert found["bending"].advice(1e-3) == "off, and above it: switch on"
+    assert found["j2"].advice(1e-3).endswith("leave out")
+    assert found["gravity"].advice(1e-3).startswith("off; on the ground")
+
+
+@pytest.mark.parametrize("path", sorted(CASES.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_effect_is_estimated_on_every_case(path: Path) -> None:
+    for one in survey(load(path).scene):
+        if one.estimate is None:
+            assert one.name == "launch_force"
+            continue
+        assert np.isfinite([one.estimate.acceleration, one.estimate.displacement, one.cost]).all()
+        assert one.estimate.source
+        assert one.on != bool(one.assumption)
+
+
+# The automatic choice
+
+
+def test_auto_switches_on_what_matters_and_says_why() -> None:
+    start = prepare(load(CASES / "auto.toml", ["effects.threshold=3e-3"]).scene)
+    on = {name for name in EFFECTS if getattr(start.scene.effects, name) is not None}
+    assert "mass_damping" in on
+    assert not on & {"orbit", "solar_pressure"}
+    auto = [note for note in start.plan.notes if re.match(r"auto: \w+ (on|off):", note)]
+    assert len(auto) == 4
+    assert any(note.startswith("auto: orbit off: ") and "< 0.003" in note for note in auto)
+    assert start.terms.gyroscopic is None
+    summary = summarise(simulate(start))
+    assert [value for name, value in rows(summary) if name == "note" and value in auto] == auto
+    assert summary["engine"]["effects"] == sorted(on)
+
+
+def test_a_lower_threshold_switches_more_on() -> None:
+    start = prepare(load(CASES / "auto.toml", ["effects.threshold=1e-12"]).scene)
+    assert all(
+        getattr(start.scene.effects, n) for n in ("mass_damping", "orbit", "solar_pressure", "bending")
+    )
+
+
+# What a case must have
+
+
+DRAG = "{flow=[1.0,0.0,0.0], drag_coefficient=2.2, bullet_area=1e-3"
+AIR = "density=1.2,drag_coefficient=1.0,bullet_drag_coefficient=0.5"
+AXES = "radial=[0.0,0.0,1.0], along_track=[1.0,0.0,0.0]"
+ORBIT = f'effects.orbit={{altitude=7e5, {AXES}, model="linear"}}'
+GUN = "force=1.0,stroke=0.1,spread_angle=0.1,chaser_mass=1.0"
+SUN = "{flux=1.0,direction=[0,0,0],pressure_coefficient=1.0,bullet_area=0.0}"
+BREAKING = ["effects.rayleigh_damping=", "effects.breaking.strain=0.1"]
+FAULTS = {
+    "orbit without altitude": ([f'effects.orbit={{{AXES}, model="linear"}}'], "either altitude or mean_m"),
+    "drag without density": ([f"effects.molecular_drag={DRAG}}}"], "either density or altitude"),
+    "drag with both": ([f"effects.molecular_drag={DRAG}, density=1e-9, altitude=3e5}}"], "either density"),
+    "drag below its model": ([f"effects.molecular_drag={DRAG}, altitude=1e4}}"], "not less than 150,000"),
+    "no area": ([f"effects.air_drag={{{AIR}}}"], "needs bullet_area, since the net has bullets"),
+    "two gravities": (["effects.gravity.acceleration=[0,0,-9]", ORBIT], "contradicts effects.orbit"),
+    "two atmospheres": (
+        [f"effects.air_drag={{{AIR},bullet_area=1e-3}}", f"effects.molecular_drag={DRAG}, density=1e-9}}"],
+        "contradicts effects.molecular_drag",
+    ),
+    "two heights": ([f"effects.molecular_drag={DRAG}, altitude=3e5}}", ORBIT], "is not that of effects.orb"),
+    "J2 without an orbit": (
+        [f"effects.j2={{altitude=7e5, {AXES}, inclination=1.0, argument_of_latitude=0.0}}"],
+        "needs [effects.orbit]",
+    ),
+    "J2 of a long scene": (
+        [ORBIT, f"effects.j2={{altitude=7e5, {AXES}, inclination=1.0, argument_of_latitude=0.0}}",
+         "time={end=400.0,output_step=1.0}"],
+        "holds for 296 s of this orbit; the scene lasts 400 s",
+    ),
+    "two launches": ([f'effects.launch_force={{kind="spring",{GUN}}}'], "contradicts [launch]"),
+    "gas without its keys": (["launch=", f'effects.launch_force={{kind="gas",{GUN}}}'], "needs dead_length"),
+    "two limits": (["effects.breaking={strain=0.1,force=3.0}"], "either strain or force"),
+    "breaking with eq. (13)": (["effects.breaking.strain=0.1"], "rayleigh_damping.beta"),
+    "breaking with Verlet": ([*BREAKING, "solver={method='VelocityVerlet'}"], "not VelocityVerlet"),
+    "breaking in the compiled loop": ([*BREAKING, "engine.loop=compiled"], "needs engine.loop"),
+    "auto without a threshold": (["effects.choose=auto"], "needs threshold"),
+    "a threshold without auto": (["effects.threshold=0.1"], 'for choose = "auto" only'),
+    "two forms of launch": (["launch.speed=3.0"], "spread_angle"),
+    "an absurd strain": (
+        ["effects.thermal_strain={temperature_change=1e4,expansion_coefficient=1e-3}"],
+        "between -0.1 and 0.1",
+    ),
+    "light of no direction": ([f"effects.solar_pressure={SUN}"], "must have length 1"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", FAULTS)
+def test_what_is_missing_or_contradicts_is_told(what: str) -> None:
+    overrides, words = FAULTS[what]
+    with pytest.raises(CaseError) as caught:
+        load(PLANAR, overrides)
+    assert words in str(caught.value)
+
+
+def test_conflicts_are_told_with_file_and_line(tmp_path: Path) -> None:
+    path = tmp_path / "two.toml"
+    text = (CASES / "orbit.toml").read_text(encoding="utf-8")
+    text += "\n[effects.gravity]\nacceleration = [0.0, 0.0, -9.81]\n"
+    path.write_text(text, encoding="utf-8")
+    line = text.splitlines().index("[effects.gravity]") + 1
+    with pytest.raises(CaseError) as caught:
+        load(path)
+    assert str(caught.value).startswith(f"{path}:{line}: effects.gravity: contradicts effects.orbit")
+
+
+# The command
+
+
+def run_command(*arguments: str) -> Any:
+    return CliRunner().invoke(app, ["effects", *arguments])
+
+
+def test_the_command_lists_every_effect() -> None:
+    done = run_command(str(PLANAR))
+    assert done.exit_code == 0
+    for name in EFFECTS:
+        assert re.search(rf"^{name} ", done.stdout, re.MULTILINE), name
+    assert "leave out" in done.stdout
+
+
+def test_the_command_measures() -> None:
+    done = run_command(str(CASES / "material_damping.toml"), "--ablate")
+    assert done.exit_code == 0
+    assert re.search(r"^material_damping +on +until .* of the size, estimate", done.stdout, re.MULTILINE)
+    assert re.search(r"^launch_force +off +nothing to assume", done.stdout, re.MULTILINE)
