@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from exunet.build import Start, prepare
 from exunet.effects import misfits, switched_on
 from exunet.effects.needs import Surroundings
-from exunet.errors import RunStopped
+from exunet.errors import Interrupted, RunStopped
 from exunet.estimates import Finding, finding, survey
 from exunet.metrics import Deployment, deployment
 from exunet.result import Result
@@ -85,7 +85,7 @@ def _toggle(scene: Scene, found: Finding, base: Result, noise: Floats, progress:
     try:
         result = _run(other, f"{found.name} {'off' if found.on else 'on'}", progress)
     except RunStopped as stop:
-        if stop.exit_code == 130:
+        if isinstance(stop, Interrupted):
             raise
         return Toggled(found, failure=str(stop))
     with_it, without = (base, result) if found.on else (result, base)

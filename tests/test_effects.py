@@ -20,7 +20,7 @@ from exunet.effects.atmosphere import LAYERS, exponential_density
 from exunet.effects.directions import EARTH_MU, EARTH_RADIUS
 from exunet.effects.surface import tumbling_areas
 from exunet.engine.probe import Probe
-from exunet.metrics import energy_balance
+from exunet.metrics import centre_of_mass, energy_balance
 from exunet.result import Result
 from exunet.scene import Scene
 from exunet.timeloop import simulate
@@ -471,6 +471,7 @@ def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any]
     assert run.potential[-1] == 0.0  # all have left their barrels
     assert run.kinetic[-1] + run.elastic[-1] == pytest.approx(run.potential[0], rel=1e-6)
     assert run.velocity[-1, -1, 2] < 0.0  # the chaser's recoil
+    assert centre_of_mass(run)[-1, 2] > 0.0  # of the net, without the chaser
 
 
 def test_the_work_of_gas_is_the_integral_of_its_force() -> None:
