@@ -10,6 +10,7 @@ from exunet.diagnosis import LOAD_ADVICE, state_of_worst, step_advice
 from exunet.effects.terms import Terms
 from exunet.errors import RunStopped
 from exunet.net.arrays import Net
+from exunet.peaks import Peaks
 from exunet.solvers import Plan
 
 Floats = NDArray[np.float64]
@@ -64,6 +65,7 @@ class Monitor:
         self._gained = 0.0  # largest change of the potential energy, or work of forces: may turn into motion
         self._speeds = _largest_speed(velocity) + _wave_speed(net)
         self._last_good = (0.0, position, velocity)
+        self.peaks = Peaks()
 
     def _translation(self, velocity: Floats) -> float:
         """Kinetic energy [J] of the motion of the centre of mass, of a net that nothing holds."""
@@ -103,6 +105,7 @@ class Monitor:
         """Take up from an earlier state, whose dissipated energy [J] is given."""
         self.dissipated = dissipated
         self._last_good = (time, position, velocity)
+        self.peaks.forget_after(time)
 
     def __call__(self, time: Floats, position: Floats, velocity: Floats, taken: Floats | None = None) -> None:
         """Take a batch of states: time (k,), position and velocity (k, n_nodes, 3), first one known.
@@ -128,6 +131,11 @@ class Monitor:
             return np.zeros(len(time) - 1)
         return energy.work_taken(self._net, self._terms, time, position, velocity)
 
+    def _tension(self, law: cable.Law, length: Floats, position: Floats, velocity: Floats) -> Floats:
+        if law.relaxation_time is None:
+            return np.asarray(cable.tension(length, law.natural_length, law.stiffness))
+        return cable.element_tension(self._net, law, position, velocity)
+
     def _guard(self, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> None:
         net, terms = self._net, self._terms
         law = terms.law(net)
@@ -140,18 +148,21 @@ class Monitor:
         gained = np.maximum(np.abs(potential - self._potential), -dissipated)
         gained = np.fmax.accumulate(np.fmax(gained, self._gained))  # a number that is not one is passed over
         allowed = ENERGY_BOUND * (self._scale + gained) + _LEAST_ENERGY
-        held = length if terms.intact is None else length * terms.intact  # a broken element may be of any length
+        # A broken element may be of any length.
+        held = length if terms.intact is None else length * terms.intact
         stretch = (held / law.natural_length).max(axis=1, initial=0.0)
         given = np.sqrt(2.0 * gained / float(net.mass.sum()))
         fastest = np.sqrt(squares.max(axis=1, initial=0.0))
         allowed_speed = SPEED_BOUND * (self._speeds + given)
         wrong = ~finite | ~(np.abs(balance) <= allowed)
         wrong |= (stretch > STRETCH_BOUND) | (fastest > allowed_speed)
+        self.peaks.look(time, self._tension(law, held, position, velocity))
         if not wrong.any():
             self._gained = float(gained[-1])
             self._last_good = (float(time[-1]), position[-1], velocity[-1])
             return
         bad = int(np.argmax(wrong))
+        self.peaks.forget_after(float(time[bad - 1]) if bad else self._last_good[0])
         if bad:
             self._gained = float(gained[bad - 1])
             self._last_good = (float(time[bad - 1]), position[bad - 1], velocity[bad - 1])

@@ -16,6 +16,7 @@ from exunet.effects import switched_on
 from exunet.engine.loading import exudyn_version
 from exunet.engine.stepper import Stepper
 from exunet.monitor import Monitor
+from exunet.peaks import Peaks
 from exunet.result import Result
 from exunet.solvers import Plan
 
@@ -54,6 +55,7 @@ class Record:
         self._states: list[tuple[Floats, Floats]] = []
         self._dissipated: list[float] = []
         self.breaks: Breaks | None = None
+        self.peaks = Peaks()
 
     def __len__(self) -> int:
         return len(self._time)
@@ -123,6 +125,7 @@ class Record:
         if self.breaks is not None:
             tension, elastic = self.breaks.corrected(self._time[:number], length, tension, elastic)
             self._provenance["broken"] = self.breaks.provenance()
+        self._provenance["largest_tension"] = self.peaks.provenance()
         return Result(
             net=net,
             time=np.array(self._time[:number]),

@@ -28,7 +28,8 @@ def summarise(result: Result, agreement: Agreement | None = None) -> dict[str, A
         "initial_energy_J": float(result.kinetic[0] + result.elastic[0] + result.potential[0]),
         "energy_balance": energy_balance(result),
         "dissipated_J": float(result.dissipated[-1]),
-        "largest_tension_N": float(result.tension.max(initial=0.0)),
+        "largest_tension": provenance.get("largest_tension"),
+        "largest_stored_tension_N": float(result.tension.max(initial=0.0)),
         "deployment": asdict(measures) if measures else None,
         "engine": {k: v for k, v in provenance.items() if k not in ("text", "title")},
     }
@@ -80,10 +81,19 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("right-hand sides", f"{engine['right_hand_sides']}"),
         ("wall time", f"{wall:.2f} s (build and integration)"),
         ("energy balance", f"{summary['energy_balance']:.1e} of E0 = {summary['initial_energy_J']:.6f} J"),
-        ("largest tension", f"{summary['largest_tension_N']:.4g} N at the stored times"),
+        ("largest tension", _peak(summary)),
     ]
     table += [("note", note) for note in engine.get("notes", [])]
     return table + _deployment_rows(summary["deployment"]) + _check_rows(summary.get("check"))
+
+
+def _peak(summary: dict[str, Any]) -> str:
+    peak = summary["largest_tension"]
+    if not peak:
+        return f"{summary['largest_stored_tension_N']:.4g} N at the stored times"
+    if peak["element"] < 0:
+        return "0 N: no element ever pulled"
+    return f"{peak['tension_N']:.4g} N in element {peak['element']} at t = {peak['time_s']:.6g} s"
 
 
 def _deployment_rows(measures: dict[str, Any] | None) -> list[tuple[str, str]]:

@@ -60,6 +60,7 @@ def simulate(
     record.store(0.0, (start.position, start.velocity), 0.0)
     plan, retries = start.plan, start.scene.solver.retry
     monitor = Monitor(start.net, start.terms, start.position, start.velocity, _looks(start))
+    record.peaks = monitor.peaks
     if start.terms.breaking is not None:
         record.breaks = Breaks(start.net, start.terms, monitor)
         retries = 0  # the elements that broke stay broken
