@@ -18,7 +18,7 @@ import numpy as np
 
 import exunet
 from exunet.build import build, prepare
-from exunet.cost.converged import converge
+from exunet.cost.converged import Converged, converge
 from exunet.cost.measure import launch_speed
 from exunet.cost.runners import Subject, run
 from exunet.cost.settings import Setting
@@ -43,8 +43,9 @@ SCENES = (
     (PLANAR, ("net.divisions=2",), (0.6,)),
     (PLANAR, ("net.cable.youngs_modulus=1e9", "net.strings.youngs_modulus=1e9"), (0.6, 1.0)),
 )
-TOLERANCES = tuple(10.0**-k for k in np.arange(3.0, 11.5, 0.5))
+TOLERANCES = tuple(10.0**-k for k in np.arange(4.0, 11.5, 0.5))
 ACCURACIES = tuple(10.0**-k for k in range(1, 9))
+STORED = (1, 7, 30, 111, 400)
 MARGIN = 3.0  # the accuracy asked for over the worst error measured
 MESHES = (1, 2, 3, 5, 10, 20, 40)
 CERTAIN = 1e-8  # uncertainty of the converged solution up to which a scene counts: not close to its horizon
@@ -65,7 +66,8 @@ def errors(words: list[str]) -> dict[float, tuple[float, float]]:
     head = " | ".join(f"{tolerance:.0e}" for tolerance in TOLERANCES)
     words += ["# What the table of `auto` was made from", "", STAMP, ""]
     words += [
-        "Speed errors of DOPRI5 (fused net) relative to the launch speed, by tolerance / launch speed.",
+        "Speed errors of DOPRI5 (fused net) relative to the launch speed, by tolerance / launch speed; "
+        f"worst of runs that store {', '.join(map(str, STORED))} states.",
         "",
     ]
     words += [f"| scene | to [s] | uncertainty | {head} |", "|---" * (len(TOLERANCES) + 3) + "|"]
@@ -77,15 +79,22 @@ def errors(words: list[str]) -> dict[float, tuple[float, float]]:
             scene = f"{path.stem} {' '.join(overrides)}".strip()
             row = []
             for tolerance in TOLERANCES:
-                trial = run(subject, Setting("fused", "DOPRI5", tolerance=tolerance))
-                assert trial.measures is not None, trial.reason
-                off = np.abs(trial.measures.speeds - converged.speeds).max() / launch_speed(subject.start)
-                if converged.uncertainty < CERTAIN and off > RESOLVED * converged.uncertainty:
-                    found[tolerance].append(float(off))
-                row.append(f"{off:.0e}")
+                offs = [_error(subject, converged, tolerance, number) for number in STORED]
+                if converged.uncertainty < CERTAIN:
+                    found[tolerance] += [off for off in offs if off > RESOLVED * converged.uncertainty]
+                row.append(f"{max(offs):.0e}")
             words.append(f"| `{scene}` | {end:g} | {converged.uncertainty:.0e} | {' | '.join(row)} |")
             say(words[-1])
     return {tolerance: (max(offs), statistics.median(offs)) for tolerance, offs in found.items()}
+
+
+def _error(subject: Subject, converged: Converged, tolerance: float, stored: int) -> float:
+    """Speed error at the end of a run that stores so many states, which shortens steps here and there."""
+    times = tuple(np.linspace(0.0, subject.end, stored + 1).tolist())
+    trial = run(subject.at(times), Setting("fused", "DOPRI5", tolerance=tolerance))
+    if trial.measures is None:  # a guard stopped it: far too loose
+        return float("inf")
+    return float(np.abs(trial.measures.speeds - converged.speeds).max()) / launch_speed(subject.start)
 
 
 def stiff(words: list[str]) -> None:

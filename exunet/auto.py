@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import tomllib
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from exunet.kernel.compile import numba_installed
 
 Floats = NDArray[np.float64]
+Loop = Literal["exudyn", "compiled"]
 Form = Literal["connectors", "fused"]
 
 
@@ -77,6 +79,15 @@ def choose_net(n_elements: int, *, implicit: bool) -> tuple[Form, str]:
     if fused < connectors:
         return "fused", f"auto: fused net ({words}, as measured)"
     return "connectors", f"auto: connectors ({words}, as measured)"
+
+
+def choose_loop(method: str, able: Collection[str]) -> tuple[Loop, str]:
+    """Who steps in time where the case leaves it open, and why; able: methods of the compiled loop."""
+    if not numba_installed():
+        return "exudyn", "auto: Exudyn steps, since Numba is not installed (pip install 'exunet[fast]')"
+    if method not in able:
+        return "exudyn", f"auto: Exudyn steps, since the compiled loop has no {method}"
+    return "compiled", "auto: the compiled loop steps, not Exudyn (a net alone)"
 
 
 def _between(at: float, x: Floats, y: Floats) -> float:

@@ -17,7 +17,7 @@ from exunet.estimates import chosen
 from exunet.initial import initial_state
 from exunet.net import weave
 from exunet.net.arrays import Net
-from exunet.plan import make_plan, with_net_form
+from exunet.plan import make_plan, with_forms
 from exunet.scene import Scene
 from exunet.solvers import METHODS, Plan
 
@@ -47,7 +47,7 @@ def prepare(scene: Scene) -> Start:
     terms = total_terms(scene.effects, net, position)
     _refuse_overflow(net, terms, position, velocity)
     plan = make_plan(scene, net, terms, velocity)
-    scene, plan = with_net_form(scene, net, plan)
+    scene, plan = with_forms(scene, net, plan)
     return Start(scene, net, terms, position, velocity, replace(plan, notes=plan.notes + notes))
 
 

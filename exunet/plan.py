@@ -12,7 +12,7 @@ from exunet import auto
 from exunet.effects.terms import Terms
 from exunet.errors import CaseError, Fault
 from exunet.net.arrays import Net
-from exunet.scene import Scene
+from exunet.scene import COMPILED_METHODS, Scene
 from exunet.solvers import METHODS, Plan, Solver
 from exunet.stability import SAFETY, largest_damping_rate, largest_frequency, stable_step
 from exunet.times import stored_times
@@ -61,16 +61,20 @@ def _chosen(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64])
     return replace(plan, notes=(*notes, *plan.notes))
 
 
-def with_net_form(scene: Scene, net: Net, plan: Plan) -> tuple[Scene, Plan]:
-    """The scene with engine.net = "auto" replaced by what it comes to, and the plan that says why."""
-    engine = scene.engine
-    if engine.net != "auto":
-        return scene, plan
-    form, why = auto.choose_net(net.n_elements, implicit=METHODS[plan.method].kind == "implicit")
-    scene = scene.model_copy(update={"engine": engine.model_copy(update={"net": form})})
-    if engine.loop == "compiled":  # which has a form of its own
-        return scene, plan
-    return scene, replace(plan, notes=(*plan.notes, why))
+def with_forms(scene: Scene, net: Net, plan: Plan) -> tuple[Scene, Plan]:
+    """The scene with "auto" of engine.net and engine.loop replaced, and the plan that says by what."""
+    engine, notes = scene.engine, plan.notes
+    if engine.loop == "auto":
+        loop, why = auto.choose_loop(plan.method, COMPILED_METHODS)
+        engine, notes = engine.model_copy(update={"loop": loop}), (*notes, why)
+    if engine.net == "auto":
+        form, why = auto.choose_net(net.n_elements, implicit=METHODS[plan.method].kind == "implicit")
+        # The compiled loop has a form of its own.
+        engine, notes = (
+            engine.model_copy(update={"net": form}),
+            notes if engine.loop == "compiled" else (*notes, why),
+        )
+    return scene.model_copy(update={"engine": engine}), replace(plan, notes=notes)
 
 
 def _above(limit: float, step: float, solver: Solver) -> list[str]:

@@ -154,9 +154,10 @@ class Launch(Record):
 class Engine(Record):
     """Which form of the engine computes; the results are the same."""
 
-    loop: Literal["exudyn", "compiled"] = Field(
+    loop: Literal["exudyn", "compiled", "auto"] = Field(
         "exudyn",
-        description="who steps in time: the engine, or a compiled loop of exunet's own (a net alone)",
+        description="who steps in time: the engine, or a compiled loop of exunet's own (a net alone); "
+        "auto: the latter where it can",
     )
     net: Literal["auto", "connectors", "fused"] = Field(
         "auto",
