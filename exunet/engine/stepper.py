@@ -123,7 +123,7 @@ class Stepper:
         if self._plan.step is not None:
             # Equal steps, none longer than asked, so that stored times are hit exactly.
             span = until - self.time
-            number = max(1, math.ceil(span / self._plan.step * (1 - 1e-12)))
+            number = max(1, math.ceil(span / self._plan.step * (1 - 1e-9)))
             progress.startTime = self.time
             progress.currentStepIndex = 1
             progress.currentStepSize = progress.maxStepSize = progress.initialStepSize = span / number

@@ -164,7 +164,7 @@ class Loop(March):
 
     def _advance_equal(self, until: float, check_interrupt: Callable[[], None]) -> None:
         begin, before = self.time, int(self._counts[0])
-        number = max(1, math.ceil((until - begin) / (self._plan.step or math.inf) * (1 - 1e-12)))
+        number = max(1, math.ceil((until - begin) / (self._plan.step or math.inf) * (1 - 1e-9)))
         done = 0
         while done < number:
             stretch: tuple[Any, ...] = (self._verlet, begin, until, number, done, _ATTEMPTS)

@@ -243,7 +243,7 @@ def through_equal(
     never = 2**62
     row = keep(0, times[0], x, v, taken, kept)
     for k in range(1, times.size):
-        number = max(1, math.ceil((times[k] - times[k - 1]) / step * (1.0 - 1e-12)))
+        number = max(1, math.ceil((times[k] - times[k - 1]) / step * (1.0 - 1e-9)))
         row = equal_steps(
             verlet,
             times[k - 1],
