@@ -73,7 +73,7 @@ def mesh_area(net: Net, position: Floats) -> Floats:
 
 
 def centre_of_mass(result: Result) -> Floats:
-    """Centre of mass of net, strings and bullets (not of a chaser, which no element holds): (n_times, 3) [m]."""
+    """Centre of mass of net, strings and bullets (a chaser, which no element holds, apart): (n_times, 3) [m]."""
     held = np.zeros(result.net.n_nodes, dtype=bool)
     held[result.net.element_nodes] = True
     mass = np.where(held, result.net.mass, 0.0) if held.any() else result.net.mass
