@@ -1,0 +1,198 @@
+"""How cost grows with the net: python benchmarks/growth.py
+
+Square nets of 5 x 5 to 100 x 100 meshes in each form: time to build, time of a right-hand side, memory; medians
+of interleaved rounds, exponents fitted from 20 x 20 on. Writes growth.md, growth.csv and growth.png beside it.
+"""
+
+from __future__ import annotations
+
+import csv
+import multiprocessing
+import os
+import platform
+import resource
+import statistics
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import peers
+
+import exunet
+from exunet.build import build, prepare
+from exunet.engine.stepper import Stepper
+from exunet.loop.loop import Loop
+from exunet.plot.style import BLACK, BLUE, RED, YELLOW, blank, drawing
+from exunet.solvers import Plan
+
+HERE = Path(__file__).parent
+CASE = HERE.parent / "cases" / "planar_undamped.toml"
+MESHES = (5, 10, 20, 40, 70, 100)
+FITTED = 20  # meshes on a side from which on the exponent is fitted: below, each call's own cost counts
+FORMS = ("connectors", "fused", "compiled loop", "bare loop in C")
+ROUNDS = 3
+STEP = 1e-7  # s, of RK44
+WORK = 200_000  # elements x steps of one timing
+# A stretched net, so that the forces are computed in every element.
+CHANGES = (
+    "initial.packing=1.001",
+    "launch=",
+    "time.end=1.0",
+    "time.output_step=",
+    "time.output_times=[]",
+    "solver=",
+)
+
+
+def start_of(meshes: int, form: str) -> Any:
+    engine = ["engine.loop=compiled"] if form == "compiled loop" else [f"engine.net={form}"]
+    engine = [] if form.startswith("bare") else engine
+    case = exunet.load(
+        CASE, [*CHANGES, f"net.size={float(meshes)}", "engine=", *engine, "solver.method=RK44"]
+    )
+    return prepare(case.scene)
+
+
+def measure(meshes: int, form: str) -> tuple[int, float, float]:
+    """Elements, seconds to build (weave, plan, fill the engine), seconds of a right-hand side."""
+    began = time.perf_counter()
+    start = start_of(meshes, form)
+    elements = start.net.n_elements
+    steps = max(20, WORK // elements)
+    if form.startswith("bare"):
+        return elements, time.perf_counter() - began, _bare(start, steps)
+    plan = Plan("RK44", step=STEP)
+    if form == "compiled loop":
+        stepper: Any = Loop(replace(start, plan=plan), 1.0, lambda *_: None, every=1 << 30)
+    else:
+        stepper = Stepper(build(start), plan, 1.0, lambda *_: None, every=1 << 30)
+    stepper.advance(STEP)  # compiles, allocates
+    built = time.perf_counter() - began
+    began = time.perf_counter()
+    stepper.advance(STEP * (1 + steps))
+    return elements, built, (time.perf_counter() - began) / (4 * steps)
+
+
+def _bare(start: Any, steps: int) -> float:
+    net = start.net
+    problem = peers.Problem(
+        *net.element_nodes.T, net.mass, net.reference_length, net.axial_stiffness,
+        start.position, start.velocity, net.bullet_nodes, STEP * steps, STEP,
+    )  # fmt: skip
+    peers.bare(problem, 1.0)  # compiles
+    return peers.bare(problem, 1.0)[0] / (6 * steps)  # the first step is short, too
+
+
+def peak_memory(meshes: int, form: str) -> float:
+    """Largest memory [MB] of a process of its own that builds the net and takes a step."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return float(pool.apply(_peak, (meshes, form)))
+
+
+def _peak(meshes: int, form: str) -> float:
+    measure(meshes, form)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def exponent(elements: list[int], values: list[float]) -> float:
+    """Slope in the logarithms from FITTED meshes on."""
+    keep = [k for k, meshes in enumerate(MESHES) if meshes >= FITTED]
+    return float(np.polyfit(np.log([elements[k] for k in keep]), np.log([values[k] for k in keep]), 1)[0])
+
+
+def main() -> None:
+    elements: list[int] = []
+    built: dict[str, list[float]] = {form: [] for form in FORMS}
+    rates: dict[str, list[float]] = {form: [] for form in FORMS}
+    memory: dict[str, list[float]] = {form: [] for form in FORMS}
+    for meshes in MESHES:
+        found: dict[str, list[tuple[int, float, float]]] = {form: [] for form in FORMS}
+        for _ in range(ROUNDS):
+            for form in FORMS:
+                found[form].append(measure(meshes, form))
+        elements.append(found["fused"][0][0])
+        for form in FORMS:
+            built[form].append(statistics.median(one[1] for one in found[form]))
+            rates[form].append(statistics.median(one[2] for one in found[form]))
+            memory[form].append(peak_memory(meshes, form))
+        told = ", ".join(f"{form} {1e9 * rates[form][-1] / elements[-1]:.3g} ns" for form in FORMS)
+        sys.stdout.write(f"{meshes} x {meshes}: {told} an element\n")
+        sys.stdout.flush()
+    _write(elements, built, rates, memory)
+
+
+def _write(
+    elements: list[int],
+    built: dict[str, list[float]],
+    rates: dict[str, list[float]],
+    memory: dict[str, list[float]],
+) -> None:
+    lines = [
+        "# Growth with the size of the net",
+        "",
+        f"`python benchmarks/growth.py`, {time.strftime('%Y-%m-%d')}, {platform.platform()}, "
+        f"{os.cpu_count()} cores, Python {platform.python_version()}, exunet {exunet.__version__}, "
+        f"load average {os.getloadavg()[0]:.1f}. "
+        f"Medians of {ROUNDS} interleaved rounds; all elements taut; exponents over the elements from "
+        f"{FITTED} x {FITTED} meshes on.",
+        "",
+        f"| meshes | elements | {' | '.join(f'{form} [ns]' for form in FORMS)} | "
+        f"{' | '.join(f'{form}: build [s]' for form in FORMS[:3])} | "
+        f"{' | '.join(f'{form} [MB]' for form in FORMS[:3])} |",
+        "|---" * 12 + "|",
+    ]
+    rows = []
+    for k, meshes in enumerate(MESHES):
+        each = [1e9 * rates[form][k] / elements[k] for form in FORMS]
+        more = [built[form][k] for form in FORMS[:3]]
+        space = [memory[form][k] for form in FORMS[:3]]
+        cells = [f"{v:.3g}" for v in (*each, *more)] + [f"{v:.0f}" for v in space]
+        lines.append(f"| {meshes} x {meshes} | {elements[k]} | {' | '.join(cells)} |")
+        rows.append([meshes, elements[k], *each, *more, *space])
+    slopes = [f"{exponent(elements, rates[form]):.2f}" for form in FORMS]
+    slopes += [f"{exponent(elements, built[form]):.2f}" for form in FORMS[:3]]
+    lines.append(f"| exponent | | {' | '.join(slopes)} | | | |")
+    lines += [
+        "",
+        "The columns in ns are the time of one right-hand side for each element.",
+        "",
+        "![growth](growth.png)",
+    ]
+    text = "\n".join(lines) + "\n"
+    (HERE / "growth.md").write_text(text, encoding="utf-8")
+    with (HERE / "growth.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        head = [f"{form}_ns" for form in FORMS] + [f"{form}_build_s" for form in FORMS[:3]]
+        writer.writerow(["meshes", "elements", *head, *(f"{form}_MB" for form in FORMS[:3])])
+        writer.writerows(rows)
+    _draw(elements, built, rates)
+    sys.stdout.write(text)
+
+
+def _draw(elements: list[int], built: dict[str, list[float]], rates: dict[str, list[float]]) -> None:
+    styles = dict(zip(FORMS, ((BLUE, "o"), (RED, "s"), (BLACK, "^"), (YELLOW, "D")), strict=True))
+    with drawing():
+        figure = blank(9.0, 4.2)
+        left, right = figure.subplots(1, 2)
+        for form, (colour, marker) in styles.items():
+            slope = exponent(elements, rates[form])
+            label = f"{form}: {slope:.2f}"
+            left.loglog(elements, rates[form], color=colour, marker=marker, markersize=4, label=label)
+            if not form.startswith("bare"):
+                label = f"{form}: {exponent(elements, built[form]):.2f}"
+                right.loglog(elements, built[form], color=colour, marker=marker, markersize=4, label=label)
+        left.set_ylabel("time of one right-hand side [s]")
+        right.set_ylabel("time to build [s]")
+        for axes in (left, right):
+            axes.set_xlabel("elements")
+            axes.grid(visible=True, color="0.9", linewidth=0.6)
+            axes.legend(title="form: fitted exponent", frameon=False)
+        figure.tight_layout()
+        figure.savefig(HERE / "growth.png")
+
+
+if __name__ == "__main__":
+    main()

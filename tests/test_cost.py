@@ -1,0 +1,177 @@
+"""`exunet cost`: the ladder on a case, its converged solution, Pareto front, budget, interruption."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import exunet
+from exunet.build import prepare
+from exunet.commands import cost as command
+from exunet.cost import study as studies
+from exunet.cost.converged import Converged, converge
+from exunet.cost.measure import Measures
+from exunet.cost.runners import Counts, Subject, Trial, run
+from exunet.cost.settings import Limits, Setting, ladders
+from exunet.cost.study import Entry, Errors, Study, all_rungs, climb
+from exunet.cost.table import LEVELS, answer_rows, cheapest, pareto, write_csv
+from exunet.errors import InputError
+from exunet.solvers import METHODS
+from exunet.verify.pair import pair_of
+
+PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
+SURE = Converged(np.array([1.0]), 1e-9, 1e-9, None, ())
+
+
+def subject(end: float, *overrides: str) -> Subject:
+    case = exunet.load(PLANAR, overrides)
+    return Subject(prepare(case.scene), pair_of(case), (0.0, end))
+
+
+def entry(method: str, tolerance: float, seconds: float, error: float) -> Entry:
+    setting = Setting("fused", method, tolerance=tolerance)
+    return Entry(setting, [seconds], Counts(1, 0, 7, 0), Errors(error, error, None, None))
+
+
+def test_the_converged_solution_is_the_known_one():
+    found = converge(subject(1.0), compiled=True)
+    # reference_impl/README.md: digits that two tolerances of its DOP853 share.
+    assert found.speeds == pytest.approx(2.2318743323, abs=1e-8)
+    assert found.uncertainty < 1e-8
+    assert found.predicts
+    assert found.horizon is None
+    assert any("both codes" in words for words in found.words)
+
+
+def test_every_code_and_kind_of_method_runs_and_errs_little():
+    scene = subject(0.6)
+    exact = converge(scene, compiled=True).speeds
+    settings = [
+        Setting("connectors", "DOPRI5", tolerance=1e-7), Setting("fused", "DOPRI5", tolerance=1e-7),
+        Setting("compiled loop", "DOPRI5", tolerance=1e-7), Setting("compiled loop", "RK44", step=2e-5),
+        Setting("reference", "RK45", tolerance=1e-7), Setting("reference", "Verlet", step=1e-4),
+        Setting("reference", "EM", step=1e-3), Setting("fused", "VelocityVerlet", step=1e-4),
+    ]  # fmt: skip
+    for setting in settings:
+        trial = run(scene, setting)
+        assert trial.measures is not None, (setting.name, trial.reason)
+        assert trial.counts is not None
+        assert trial.counts.steps > 0
+        bound = 1e-5 if setting.tolerance else 0.02
+        assert np.abs(trial.measures.speeds - exact).max() / 2.5 < bound, setting.name
+        assert trial.measures.momentum is not None
+        assert trial.measures.momentum < 1e-12
+    assert trial.measures.area is not None
+
+
+def test_a_method_that_blows_up_stays_with_its_reason():
+    trial = run(subject(0.6), Setting("connectors", "RK44", step=5e-3))  # stable: 2.5e-4 s
+    assert trial.measures is None
+    assert "diverged" in trial.reason
+
+
+def test_the_ladders_hold_every_method():
+    stable = dict.fromkeys(METHODS, 1e-4)
+    found = ladders(Limits(stable, 1.0), compiled=True, reference=("RK45", "EM"))
+    names = {setting.name for ladder in found for setting in ladder}
+    assert {f"{method} ({form})" for method in METHODS for form in ("connectors", "fused")} <= names
+    assert {"DOPRI5 (compiled loop)", "RK45 (reference)", "EM (reference)"} <= names
+    for ladder in found:
+        knobs = [setting.tolerance or setting.step for setting in ladder]
+        assert knobs == sorted(knobs, reverse=True)
+    without = ladders(Limits(stable, 1.0), compiled=False, reference=())
+    assert {setting.code for ladder in without for setting in ladder} == {"connectors"}
+
+
+def test_the_front_and_the_cheapest():
+    good = [
+        entry("DOPRI5", 1e-5, 1.0, 1e-3),
+        entry("DOPRI5", 1e-7, 2.0, 1e-5),
+        entry("DOPRI5", 1e-9, 4.0, 1e-7),
+    ]
+    worse = entry("ODE23", 1e-7, 3.0, 2e-5)
+    lucky = [entry("RK45", 1e-5, 0.5, 1e-6), entry("RK45", 1e-7, 1.5, 1e-2)]  # right by chance
+    study = Study(SURE, [*good, worse, *lucky])
+    assert pareto(study) == [lucky[0], good[2]]
+    assert cheapest(study, 1e-4) is good[1]
+    assert cheapest(study, 1e-2) is lucky[0]
+    assert cheapest(study, 1e-8) is None
+    assert len(answer_rows(study)) == len(LEVELS) == 7
+
+
+def test_an_error_below_the_solutions_own_cannot_be_told():
+    unsure = Converged(np.array([1.0]), 1e-5, 1e-5, None, ())
+    rows = dict(answer_rows(Study(unsure, [entry("DOPRI5", 1e-9, 1.0, 1e-6)])))
+    assert "cannot be told" in rows["error <= 1e-06"]
+    assert "DOPRI5" in rows["error <= 1e-04"]
+
+
+def test_a_budget_leaves_out_what_is_dear(monkeypatch, tmp_path):
+    clock = [0.0]
+
+    def pretend(_subject: Subject, setting: Setting, until: float | None = None) -> Trial:
+        seconds = 0.0 if until else 1e-3 / float(setting.step or 1.0)
+        clock[0] += seconds
+        return Trial(
+            seconds, Counts(1, 0, 1000, 0), Measures(np.array([1.0 + seconds * 1e-6]), 0.0, None, None)
+        )
+
+    monkeypatch.setattr(studies, "run", pretend)
+    ladder = [Setting("fused", "RK44", step=10.0**-k) for k in (3, 4, 5, 6)]
+    study = Study(SURE)
+    climb(study, subject(0.01), [ladder], lambda: 30.0 - clock[0], lambda words: None)
+    assert [len(one.seconds) for one in study.entries] == [3, 2, 0, 0]  # 1 s, 10 s; 100 s; again
+    assert all("left out" in one.reason for one in study.entries[2:])
+    write_csv(study, tmp_path / "cost.csv")
+    with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["repeats"] for row in rows] == ["3", "2", "0", "0"]
+    assert rows[0]["noise"] == "0.000"
+
+
+def test_an_interrupt_keeps_what_was_measured(monkeypatch, tmp_path):
+    runs = []
+
+    def stop_at_the_fifth(scene: Subject, setting: Setting, until: float | None = None) -> Trial:
+        runs.append(setting)
+        if len(runs) == 5:
+            raise KeyboardInterrupt
+        return run(scene, setting, until)
+
+    monkeypatch.setattr(studies, "run", stop_at_the_fifth)
+    code = command.cost(exunet.load(PLANAR), tmp_path, until=0.02, budget=60.0)
+    assert code == 130
+    assert "INCOMPLETE" in (tmp_path / "cost.md").read_text(encoding="utf-8")
+    assert (tmp_path / "work_precision.png").stat().st_size > 10_000
+    with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
+        assert 1 <= len(list(csv.DictReader(file))) < 5
+
+
+@pytest.mark.parametrize("until", [0.0, -1.0, 3.0, float("nan")])
+def test_an_end_outside_the_case_is_refused(until, tmp_path):
+    with pytest.raises(InputError, match="--until"):
+        command.cost(exunet.load(PLANAR), tmp_path, until=until, budget=1.0)
+
+
+@pytest.mark.slow
+def test_the_whole_command(tmp_path):
+    assert command.cost(exunet.load(PLANAR), tmp_path, until=1.0, budget=60.0) == 0
+    with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["code"] for row in rows} == {"connectors", "fused", "compiled loop", "reference"}
+    front = [(float(r["seconds"]), float(r["speed_error"])) for r in rows if r["pareto"]]
+    assert sorted(front) == sorted(front, key=lambda one: -one[1])
+    assert any("diverged" in row["outcome"] for row in rows)  # forward Euler, for one
+    assert len(all_rungs(subject(1.0), compiled=True)) == 2 * len(METHODS) + 3 + 5
+
+
+@pytest.mark.slow
+def test_beyond_the_horizon_it_says_so(tmp_path):
+    case = exunet.load(PLANAR.with_name("planar_deployment.toml"))
+    assert command.cost(case, tmp_path, until=2.0, budget=20.0) == 0
+    words = (tmp_path / "cost.md").read_text(encoding="utf-8")
+    assert "beyond the horizon" in words  # field.md: round-off alone parts the curves before 2 s
+    assert "energy balance" in words
