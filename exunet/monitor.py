@@ -118,6 +118,7 @@ class Monitor:
             dissipated = np.concatenate([[self.dissipated], self.dissipated + np.cumsum(work)])
             look = np.append(np.arange(self._every, len(time) - 1, self._every), len(time) - 1)
             self._guard(time[look], position[look], velocity[look], dissipated[look])
+            self.peaks.look(time, self._tension(position, velocity))
         self.dissipated = float(dissipated[-1])
 
     def lose(self, energy_lost: float, terms: Terms) -> None:
@@ -131,10 +132,9 @@ class Monitor:
             return np.zeros(len(time) - 1)
         return energy.work_taken(self._net, self._terms, time, position, velocity)
 
-    def _tension(self, law: cable.Law, length: Floats, position: Floats, velocity: Floats) -> Floats:
-        if law.relaxation_time is None:
-            return np.asarray(cable.tension(length, law.natural_length, law.stiffness))
-        return cable.element_tension(self._net, law, position, velocity)
+    def _tension(self, position: Floats, velocity: Floats) -> Floats:
+        tension = cable.element_tension(self._net, self._terms.law(self._net), position, velocity)
+        return tension if self._terms.intact is None else tension * self._terms.intact
 
     def _guard(self, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> None:
         net, terms = self._net, self._terms
@@ -156,13 +156,11 @@ class Monitor:
         allowed_speed = SPEED_BOUND * (self._speeds + given)
         wrong = ~finite | ~(np.abs(balance) <= allowed)
         wrong |= (stretch > STRETCH_BOUND) | (fastest > allowed_speed)
-        self.peaks.look(time, self._tension(law, held, position, velocity))
         if not wrong.any():
             self._gained = float(gained[-1])
             self._last_good = (float(time[-1]), position[-1], velocity[-1])
             return
         bad = int(np.argmax(wrong))
-        self.peaks.forget_after(float(time[bad - 1]) if bad else self._last_good[0])
         if bad:
             self._gained = float(gained[bad - 1])
             self._last_good = (float(time[bad - 1]), position[bad - 1], velocity[bad - 1])

@@ -136,15 +136,14 @@ class _Attempt:
             return loop
         model = build(start)
         self._record.built(model.items(), clock.perf_counter() - began)
-        every = 1 if start.terms.dissipates else _looks(start)
-        stepper = Stepper(model, start.plan, end, self._watch, every, self._begin)
+        stepper = Stepper(model, start.plan, end, self._watch, self._begin)
         if self._record.breaks is not None:
             stepper.watch_for(self._record.breaks)
         return stepper
 
 
 def _looks(start: Start) -> int:
-    """Every how many steps the guards look; the ledger of work takes all steps all the same."""
+    """Every how many steps the guards look; the ledger of work and the peaks take all steps."""
     method = METHODS[start.plan.method]
     if start.scene.engine.loop == "compiled" or method.kind == "implicit":
         return 1  # of the states that the loop hands over, or of steps that cost much more than a look

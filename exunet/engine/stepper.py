@@ -44,19 +44,18 @@ class Stepper:
     """Advances a model to asked times and hands the accepted states, in batches, to a watcher.
 
     The watcher gets (time (k,), position (k, n, 3), velocity (k, n, 3)); batches overlap in one state, so
-    that it can integrate over steps. `every` thins the states (1 = each step), `begin` is the time of the
+    that it can integrate over steps. `begin` is the time of the
     model's state [s]. An exception raised by the watcher, KeyboardInterrupt included, comes out of `advance`
     unchanged.
     """
 
     def __init__(
-        self, model: Model, plan: Plan, end: float, watcher: Watcher, every: int = 1, begin: float = 0.0
+        self, model: Model, plan: Plan, end: float, watcher: Watcher, begin: float = 0.0
     ) -> None:
         self._model = model
         self._plan = plan
         self._method = METHODS[plan.method]
         self._watcher = watcher
-        self._every = every
         self.counts = Counts()
         self.time = begin
         self.dissipated = None  # the watcher has to sum it
@@ -65,7 +64,6 @@ class Stepper:
         self._q = np.empty((rows, model.n_coordinates))
         self._v = np.empty((rows, model.n_coordinates))
         self._rows = 0
-        self._since_sample = 0
         self._step_start = begin
         self._attempt_end = begin
         self._attempting = False
@@ -160,9 +158,7 @@ class Stepper:
     def _step_done(self, time: float) -> None:
         self.counts.steps += 1
         self._step_start = time
-        self._since_sample += 1
-        if self._since_sample >= self._every:
-            self._append(time)
+        self._append(time)
         self._look_for_breaks(time)
 
     def watch_for(self, breaks: Breaks) -> None:
@@ -182,7 +178,6 @@ class Stepper:
             self._model.sever(broken)
 
     def _append(self, time: float) -> None:
-        self._since_sample = 0
         row = self._rows
         data = self._model.system.systemData
         self._times[row] = time
