@@ -34,6 +34,17 @@ FINER = 0.5  # of the tolerance or step in that run
 BRIEF = 1e-4  # of the duration, run before each run that is timed
 
 
+Measures = tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class _Noise:
+    """What errors alone change: displacement (n_times,) [m], and the measures of deployment."""
+
+    moved: Floats
+    measures: Measures
+
+
 @dataclass(frozen=True)
 class Toggled:
     """One effect toggled.
@@ -43,6 +54,7 @@ class Toggled:
     estimate : displacement over the size of the net up to then, estimated
     measured : the same, measured: the largest root mean square over the mass at a stored time
     measures : change of each measure of deployment by the effect's presence; empty for a net without a mouth
+    noise    : change of each measure by nothing but errors, below which the change by the effect says nothing
     wall     : integration time with the effect over that without
     failure  : why the run with the effect toggled was not made, or stopped; "" if it ended well
     """
@@ -51,7 +63,8 @@ class Toggled:
     until: float = 0.0
     estimate: float = 0.0
     measured: float = 0.0
-    measures: tuple[tuple[str, float], ...] = ()
+    measures: Measures = ()
+    noise: Measures = ()
     wall: float = 1.0
     failure: str = ""
 
@@ -70,13 +83,14 @@ def ablate(
     progress : called with what is running and the simulated time [s]
     """
     base = _run(scene, "as it is", progress)
-    noise = _distance(base, _run(scene, "noise", progress, _perturbed))
+    again = _run(scene, "noise", progress, _perturbed)
+    noise = _Noise(_distance(base, again), _changes(deployment(again), deployment(base)))
     for found in survey(scene):
         if names is None or found.name in names:
             yield _toggle(scene, found, base, noise, progress)
 
 
-def _toggle(scene: Scene, found: Finding, base: Result, noise: Floats, progress: Progress | None) -> Toggled:
+def _toggle(scene: Scene, found: Finding, base: Result, noise: _Noise, progress: Progress | None) -> Toggled:
     if found.keys is None:
         return Toggled(found, failure="nothing to assume for this scene")
     other = toggled(scene, found)
@@ -92,16 +106,16 @@ def _toggle(scene: Scene, found: Finding, base: Result, noise: Floats, progress:
     moved = _distance(base, result)
     size = float(np.ptp(base.net.reference_position, axis=0).max(initial=0.0)) or 1.0
     until, measured, estimate = 0.0, 0.0, 0.0
-    clear = np.flatnonzero(moved > CLEAR * noise)
+    clear = np.flatnonzero(moved > CLEAR * noise.moved)
     if len(clear):
-        lost = np.flatnonzero(moved[clear[0] :] <= CLEAR * noise[clear[0] :])
+        lost = np.flatnonzero(moved[clear[0] :] <= CLEAR * noise.moved[clear[0] :])
         last = clear[0] + lost[0] - 1 if len(lost) else len(moved) - 1
         until = float(base.time[last])
         measured = float(moved[: last + 1].max()) / size
         estimate = finding(scene, found.name, until).relative
     seconds = [float(run.provenance["integration_seconds"]) for run in (with_it, without)]
     return Toggled(
-        found, until, estimate, measured, _changes(deployment(with_it), deployment(without)),
+        found, until, estimate, measured, _changes(deployment(with_it), deployment(without)), noise.measures,
         seconds[0] / seconds[1] if seconds[1] else 1.0,
     )  # fmt: skip
 
@@ -162,7 +176,7 @@ def _distance(a: Result, b: Result) -> Floats:
     return np.sqrt(np.einsum("n,tna,tna->t", mass, apart, apart) / mass.sum())
 
 
-def _changes(with_it: Deployment | None, without: Deployment | None) -> tuple[tuple[str, float], ...]:
+def _changes(with_it: Deployment | None, without: Deployment | None) -> Measures:
     if with_it is None or without is None:
         return ()
     four = ("largest_area", "time_of_largest", "distance", "time_open")

@@ -73,8 +73,8 @@ def mesh_area(net: Net, position: Floats) -> Floats:
 
 
 def centre_of_mass(result: Result) -> Floats:
-    """Centre of mass of net, strings and bullets (a chaser, which no element holds, apart): (n_times, 3) [m]."""
-    held = np.zeros(result.net.n_nodes, dtype=bool)
+    """Centre of mass of net, strings and bullets, but not of a chaser: (n_times, 3) [m]."""
+    held = np.zeros(result.net.n_nodes, dtype=bool)  # by an element, as a chaser is not
     held[result.net.element_nodes] = True
     mass = np.where(held, result.net.mass, 0.0) if held.any() else result.net.mass
     return np.einsum("n,tnk->tk", mass / mass.sum(), result.position)

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from exunet.ablation import Progress, Toggled, ablate
 from exunet.casefile import Case
+from exunet.errors import Interrupted
 from exunet.estimates import ASKED, Finding, survey
 
 WIDTH = 150  # of tables that do not go to a terminal
@@ -57,13 +58,16 @@ def _estimates(found: list[Finding], limit: float) -> Table:
 def _ablation(case: Case, console: Console) -> None:
     """Runs of the scene with each effect toggled, one line each as it is done."""
     console.print(
-        "\nMeasured, with each effect toggled (the displacement while it stands clear of the scene's noise, the "
-        "estimate for the same time; then what the effect changes in the measures and in the wall time):"
+        "\nMeasured, with each effect toggled: the displacement while it stands clear of the scene's noise, "
+        "the estimate for the same time, what the effect (and noise alone) changes in the measures, wall time."
     )
     runs = len(survey(case.scene)) + 2
-    with _progress(case.scene.time.end, runs) as progress:
-        for one in ablate(case.scene, progress=progress):
-            console.print(_line(one))
+    try:
+        with _progress(case.scene.time.end, runs) as progress:
+            for one in ablate(case.scene, progress=progress):
+                console.print(_line(one))
+    except Interrupted:
+        raise Interrupted("interrupted; the lines that are printed are complete") from None
 
 
 def _line(one: Toggled) -> str:
@@ -78,7 +82,11 @@ def _line(one: Toggled) -> str:
             f"(x {one.ratio:.2g})"
         )
     units = {"largest_area": "m2", "time_of_largest": "s", "distance": "m", "time_open": "s"}
-    changes = ", ".join(f"{key.replace('_', ' ')} {value:+.2g} {units[key]}" for key, value in one.measures)
+    noise = dict(one.noise)
+    changes = ", ".join(
+        f"{key.replace('_', ' ')} {value:+.2g} {units[key]} (noise {noise[key]:+.1g})"
+        for key, value in one.measures
+    )
     return f"{name} {size}; {changes or 'no mouth'}; wall x {one.wall:.2f}"
 
 
