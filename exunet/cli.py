@@ -135,9 +135,18 @@ def verify_command(
         list[Path] | None, typer.Argument(help="case files; none: the shipped ones", metavar="[CASE]...")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="whole runs of one case only")] = False,
+    hard: Annotated[
+        bool, typer.Option("--hard", help="the gallery of hard cases; with --quick in the compiled loop only")
+    ] = False,
     out: Folder = Path("results/verification"),
 ) -> None:
     """Compare Exudyn with the reference and both with known answers; write verification.md and figures."""
+    if hard:
+        from exunet.commands.hard import verify_hard
+
+        if cases:
+            raise InputError("--hard has cases of its own: give none")
+        raise typer.Exit(verify_hard(quick=quick))
     from exunet.commands.verify import verify
 
     raise typer.Exit(verify(cases or [], out or Path(), quick=quick))

@@ -27,13 +27,13 @@ def verify(paths: Sequence[Path], folder: Path, *, quick: bool) -> int:
     pairs = read_cases(paths)
     make_folder(folder)
     findings: list[Finding] = []
-    console = _console()
+    console = plain_console()
     interrupted = False
     try:
         for finding in _climb(Ladder(pairs, quick=quick, study=not paths), console):
             findings.append(finding)
             if isinstance(finding, Check):
-                _show(finding, console)
+                show(finding, console)
             elif isinstance(finding, Plate):
                 save_plate(finding, folder)
     except KeyboardInterrupt:
@@ -61,16 +61,19 @@ def _climb(ladder: Ladder, console: Console) -> Iterator[Finding]:
                 yield finding
 
 
-def _show(check: Check, console: Console) -> None:
+def show(check: Check, console: Console, width: int = 24) -> None:
+    """Print a check as a line of the table, with what is worst where it fails."""
     allowed = number(check.allowed.value) if check.allowed else "-"
     console.print(
-        f"{check.subject:24s} {check.name:52s} {number(check.measured):>10s} {allowed:>8s}  {check.verdict}"
+        f"{check.subject:{width}s} {check.name:52s} {number(check.measured):>10s} {allowed:>8s}  "
+        f"{check.verdict}"
     )
     if not check.holds:
         console.print(f"    worst: {check.worst}")
 
 
-def _console() -> Console:
+def plain_console() -> Console:
+    """A console on stdout that takes words as they are and breaks no line."""
     width = None if sys.stdout.isatty() else 120
     return Console(markup=False, emoji=False, highlight=False, width=width, soft_wrap=True)
 

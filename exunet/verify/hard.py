@@ -1,0 +1,184 @@
+"""Runs the gallery of hard cases in every form of the engine and in the reference."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import reference_impl as reference
+from exunet.build import prepare
+from exunet.casefile import load
+from exunet.errors import CaseError, RunStopped
+from exunet.metrics import energy_balance
+from exunet.monitor import ENERGY_BOUND
+from exunet.result import Result
+from exunet.timeloop import simulate
+from exunet.verify.check import Check
+from exunet.verify.gallery import GALLERY, POSITIONS, Hard, above_limit
+from exunet.verify.ladder import shipped
+from exunet.verify.pair import pair_of
+from exunet.verify.tolerances import RAN, Tolerance
+from reference_impl import energy as theirs
+
+FORMS = {
+    "connectors": ("engine.loop=exudyn", "engine.net=connectors"),
+    "fused": ("engine.loop=exudyn", "engine.net=fused"),
+    "compiled": ("engine.loop=compiled",),
+}
+IMPLICIT = ("GeneralizedAlpha", "TrapezoidalIndex2")
+IMPLICIT_STEPS = (0.2e-3, 1e-3, 5e-3, 20e-3)  # [s]
+_BOUND = Tolerance(ENERGY_BOUND, "of E0", "the guards' own bound: the run is within it or was stopped")
+_EXACT = Tolerance(1e-9, "of E0", "the energy-momentum method keeps it to its Newton tolerance at any step")
+_REFUSED = Tolerance(0.0, "", "a step above the stable one does not run, unless it is forced")
+_CAUGHT = Tolerance(0.0, "", "forced, it grows by 1.2 a step: the guards stop it")
+
+
+def case_path(name: str) -> Path:
+    """The file of a case of the gallery."""
+    (path,) = (path for path in shipped("hard") if path.stem == name)
+    return path
+
+
+def checks(forms: Sequence[str] = tuple(FORMS), quick: bool = False) -> Iterator[Check]:
+    """All checks of the gallery, item by item; quick: in the compiled loop only, without implicit steps."""
+    forms = ("compiled",) if quick else forms
+    for item in sorted({hard.item for hard in GALLERY} | {5}):
+        for hard in GALLERY:
+            if hard.item == item:
+                for form in forms:
+                    yield from of_form(hard, form)
+                if not quick:
+                    yield from of_reference(hard)
+        if item == 5 and not quick:
+            for form in forms:
+                if form != "compiled":
+                    yield from implicit(form)
+            yield from energy_momentum()
+        if item == 6:
+            for form in forms:
+                yield from above(form)
+
+
+def of_form(hard: Hard, form: str) -> Iterator[Check]:
+    """A case in one form of the engine."""
+    overrides = FORMS[form] if form == "compiled" else (*FORMS[form], *hard.short)
+    case = load(case_path(hard.case), overrides)
+    subject = f"{hard.case}, {form}"
+    start = prepare(case.scene)
+    try:
+        result = simulate(start)
+    except RunStopped as stop:
+        yield Check(hard.item, subject, "ran to its end", math.inf, RAN, str(stop))
+        return
+    yield Check(hard.item, subject, "ran to its end", 0.0 if _sound(result) else math.inf, RAN)
+    yield Check(hard.item, subject, "energy balance", energy_balance(result), hard.energy)
+    speeds = result.net.mass * np.linalg.norm(result.velocity, axis=-1)
+    if hard.momentum:
+        change = _change(result.momentum) / float(speeds.sum(axis=1).max())
+        yield Check(hard.item, subject, "linear momentum", change, hard.momentum)
+    if hard.angular:
+        arms = (speeds * np.linalg.norm(result.position, axis=-1)).sum(axis=1).max()
+        yield Check(
+            hard.item, subject, "angular momentum", _change(result.angular_momentum) / arms, hard.angular
+        )
+    if hard.more:
+        for name, measured, allowed in hard.more(result, start):
+            yield Check(hard.item, subject, name, measured, allowed)
+    if hard.case == "odd_times":
+        pair = pair_of(case)
+        other = pair.march(result.time)
+        apart = float(np.abs(other.position - result.position).max())
+        yield Check(hard.item, subject, "positions, from the reference's", apart, POSITIONS)
+
+
+def of_reference(hard: Hard) -> Iterator[Check]:
+    """A case in the reference: its own energy balance and momentum within the same bounds."""
+    if isinstance(hard.reference, str):
+        return
+    how = dict(hard.reference)
+    overrides = {"time.output_step": how["step"], "time.output_times": None} if "step" in how else {}
+    scene = reference.load(case_path(hard.case), overrides)
+    subject = f"{hard.case}, reference"
+    try:
+        run = scene.march(**how)
+    except reference.Diverged as stop:
+        yield Check(hard.item, subject, "ran to its end", math.inf, RAN, str(stop))
+        return
+    balance, momentum = _reference_balance(scene, run)
+    yield Check(hard.item, subject, "energy balance", balance, hard.energy)
+    if hard.momentum:
+        yield Check(hard.item, subject, "linear momentum", momentum, hard.momentum)
+
+
+def _reference_balance(scene: Any, run: Any) -> tuple[float, float]:
+    system = scene.system
+    energy = theirs.kinetic(system, run.v) + theirs.elastic(system, run.x) + run.dissipated
+    scale = float((scene.net.mass * np.linalg.norm(run.v, axis=-1)).sum(axis=1).max())
+    moved = _change(theirs.momentum(system, run.v))
+    return float(np.abs(energy - energy[0]).max() / energy[0]), moved / scale if scale else 0.0
+
+
+def implicit(form: str) -> Iterator[Check]:
+    """The implicit methods at four steps on the paper's net: within the bound, or stopped by a guard."""
+    for method in IMPLICIT:
+        for step in IMPLICIT_STEPS:
+            settings = (f"solver.method={method}", f"solver.step={step!r}", *FORMS[form])
+            start = prepare(load(case_path("implicit"), settings).scene)
+            subject = f"implicit, {form}"
+            name = f"{method} at {1e3 * step:g} ms"
+            try:
+                result, words = simulate(start), "ran to the end"
+            except RunStopped as stop:
+                if stop.partial is None:
+                    raise
+                result, words = stop.partial, f"stopped: {str(stop).split(';')[0]}"
+            measured = energy_balance(result) if _sound(result) else math.inf
+            yield Check(5, subject, f"{name}: {words.split(':')[0]}", measured, _BOUND, words)
+
+
+def energy_momentum() -> Iterator[Check]:
+    """The energy-momentum method of the reference at the same steps: exact at all of them."""
+    for step in IMPLICIT_STEPS:
+        scene = reference.load(case_path("implicit"))
+        run = scene.march(method="EM", step=step)
+        balance, _ = _reference_balance(scene, run)
+        yield Check(5, "implicit, reference", f"EM at {1e3 * step:g} ms: ran to the end", balance, _EXACT)
+
+
+def above(form: str) -> Iterator[Check]:
+    """1.02 of the stable step: refused; forced, stopped by a guard."""
+    path, subject = case_path("near_limit"), f"near_limit, {form}"
+    step = above_limit(load(path, FORMS[form]).scene)
+    try:
+        prepare(load(path, (f"solver.step={step!r}", *FORMS[form])).scene)
+        refused = math.inf
+    except CaseError:
+        refused = 0.0
+    yield Check(6, subject, "1.02 of the stable step: refused", refused, _REFUSED)
+    forced = ("solver.force=true", "solver.retry=0", f"solver.step={step!r}", *FORMS[form])
+    try:
+        simulate(prepare(load(path, forced).scene))
+        yield Check(6, subject, "1.02 of the stable step, forced: stopped", math.inf, _CAUGHT)
+    except RunStopped as stop:
+        kept = 0.0 if stop.partial is not None and _sound(stop.partial) else math.inf
+        yield Check(6, subject, "1.02 of the stable step, forced: stopped", kept, _CAUGHT, str(stop))
+
+
+def _sound(result: Result) -> bool:
+    arrays = (
+        result.position,
+        result.velocity,
+        result.tension,
+        result.kinetic,
+        result.elastic,
+        result.dissipated,
+    )
+    return all(bool(np.isfinite(array).all()) for array in arrays)
+
+
+def _change(vectors: Any) -> float:
+    return float(np.linalg.norm(vectors - vectors[0], axis=-1).max())
