@@ -152,7 +152,7 @@ class Pair:
         """
         model = build(self.start)
         states = [model.coordinates()]
-        stepper = Stepper(model, plan or self.start.plan, float(times[-1]), _ignore, every=1 << 30)
+        stepper = Stepper(model, plan or self.start.plan, float(times[-1]), _ignore)
         for until in times[1:].tolist():
             stepper.advance(until)
             states.append(model.coordinates())
