@@ -59,7 +59,7 @@ def _ablation(case: Case, console: Console) -> None:
     """Runs of the scene with each effect toggled, one line each as it is done."""
     console.print(
         "\nMeasured, with each effect toggled: the displacement while it stands clear of the scene's noise, "
-        "the estimate for the same time, what the effect (and noise alone) changes in the measures, wall time."
+        "the estimate for the same time, what the effect (and noise alone) changes in the measures, wall time"
     )
     runs = len(survey(case.scene)) + 2
     try:
