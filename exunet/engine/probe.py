@@ -24,6 +24,7 @@ class Probe:
 
     def __init__(self, model: Model) -> None:
         self._engine = exudyn()
+        self._model = model
         self._system = model.system
         nothing = np.zeros(model.n_coordinates)
         self._reference, _ = model.unpack(nothing, nothing)
@@ -41,6 +42,7 @@ class Probe:
         self._divide_by_mass = splu(csc_array(self._mass)).solve
 
     def _set(self, position: Floats, velocity: Floats) -> None:
+        self._model.look_again()
         current = self._engine.ConfigurationType.Current
         data = self._system.systemData
         data.SetODE2Coordinates((position - self._reference)[self._free].ravel(), current)

@@ -77,6 +77,7 @@ class Stepper:
     def _start(self) -> Any:
         engine = exudyn()
         self._model.system.SetPreStepUserFunction(self._before_attempt)
+        self._model.look_again()
         implicit = self._method.kind == "implicit"
         solver = engine.MainSolverImplicitSecondOrder() if implicit else engine.MainSolverExplicit()
         try:
@@ -116,6 +117,7 @@ class Stepper:
         self._look_for_breaks(until)
 
     def _set_stretch(self, until: float) -> None:
+        self._model.look_again()
         progress = self._solver.it
         progress.endTime = until
         if self._plan.step is not None:
