@@ -122,7 +122,8 @@ def energy_balance(result: Result) -> float:
     The error is |K + U + V + W - (K + U + V + W at the first stored time)|, with the kinetic, elastic and
     potential energies K, U, V and the dissipated work W. The energy in play is the initial K + U plus the
     largest change of V (V itself depends on the choice of the origin); if that is zero (a net at rest without
-    loads), the largest of K, U and |W|; if that is zero too, nothing ever moved and the error is 0.
+    loads), the largest of K, U and |W|; if that is zero too, nothing ever moved and the error is 0. So it is
+    where it is no more than the round-off of V.
     """
     kinetic, elastic, potential = result.kinetic, result.elastic, result.potential
     change = potential - potential[0]
@@ -130,7 +131,8 @@ def energy_balance(result: Result) -> float:
     scale = float(kinetic[0] + elastic[0] + np.max(np.abs(change)))
     if scale == 0.0:
         scale = float(np.max([kinetic, elastic, np.abs(result.dissipated)]))
-    return float(np.max(np.abs(total - total[0]))) / scale if scale else 0.0
+    error = float(np.max(np.abs(total - total[0])))
+    return error / scale if error > 1e-14 * float(np.max(np.abs(potential))) else 0.0
 
 
 def _loops_area(loops: Sequence[tuple[int, ...]], position: Floats) -> Floats:

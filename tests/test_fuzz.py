@@ -1,0 +1,95 @@
+"""Random scenes: each ends in a sound result or a typed refusal. What failed once is in cases/hard/found."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import traceback
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from fuzz_scenes import document, judge, judge_case
+
+import exunet
+from exunet.metrics import energy_balance
+
+FOUND = Path(__file__).parent.parent / "cases" / "hard" / "found"
+SCENES = 2000
+MOST = 60  # [s] a scene; the slowest takes 15
+# Sets of effects whose kernels other quick tests compile too.
+QUICK_EFFECTS: tuple[set[str], ...] = (set(), {"effects.rayleigh_damping"}, {"effects.gravity"})
+QUICK = [s for s in range(150) if {n for n in document(s) if "effects" in n} in QUICK_EFFECTS][:40]
+
+
+class TooLong(BaseException):
+    """A scene that does not end; no `except Exception` of the program swallows it."""
+
+
+def bounded(seed: int) -> tuple[int, str, str]:
+    """Seed, how the scene ended, what is wrong; within bounded time, and whatever is raised."""
+
+    def give_up(*_: object) -> None:
+        raise TooLong
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(MOST)
+    try:
+        with TemporaryDirectory() as folder:
+            return seed, *judge(seed, Path(folder))
+    except TooLong:
+        return seed, "hang", f"does not end within {MOST} s"
+    except Exception:  # noqa: BLE001 - anything that is raised here is a finding
+        return seed, "raised", traceback.format_exc()
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def tell(findings: list[tuple[int, str, str]]) -> Counter[str]:
+    wrong = [f"seed {seed}, {end}: {fault}" for seed, end, fault in findings if fault]
+    assert wrong == []
+    return Counter(end for _, end, _ in findings)
+
+
+def run(seeds: range) -> Counter[str]:
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return tell(list(pool.map(bounded, seeds, chunksize=10)))
+
+
+def test_the_same_seed_is_the_same_scene():
+    assert document(7) == document(7)
+    assert document(7) != document(8)
+
+
+def test_forty_random_scenes():
+    ends = tell([bounded(seed) for seed in QUICK])
+    assert ends.total() == 40
+    assert ends["sound"] >= 15  # else the scenes try nothing
+    assert ends["stopped"] >= 3
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_random_scenes_for_ci():
+    assert run(range(150, 300))["sound"] >= 70
+
+
+@pytest.mark.slow
+def test_two_thousand_random_scenes():
+    ends = run(range(SCENES))
+    assert ends["sound"] >= 1000
+    assert ends["stopped"] >= 200
+    assert ends["refused"] >= 100
+
+
+@pytest.mark.parametrize("path", sorted(FOUND.glob("*.toml")), ids=lambda path: path.stem)
+def test_what_failed_once(path, tmp_path):
+    end, fault = judge_case(path.read_text(encoding="utf-8"), tmp_path)
+    assert (end, fault) == ("sound", "")
+
+
+def test_the_round_off_of_a_potential_is_no_energy_error():
+    assert energy_balance(exunet.run(exunet.load(FOUND / "at_rest_in_orbit.toml"))) == 0.0
