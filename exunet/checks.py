@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
@@ -23,10 +23,35 @@ def refuse(wrongs: Sequence[Wrong]) -> None:
     """Raise a ValidationError with all `wrongs`, if any; in a validator, pydantic adds the outer location."""
     if not wrongs:
         return
+    raise ValidationError.from_exception_data("case", _details(wrongs))
+
+
+def refuse_with(wrongs: Sequence[Wrong], value: Any, handler: Callable[[Any], Any]) -> Any:
+    """What a wrapped validation, `handler(value)`, returns; its faults are told together with `wrongs`."""
+    try:
+        valid = handler(value)
+    except ValidationError as error:
+        raise ValidationError.from_exception_data("case", [*_again(error), *_details(wrongs)]) from None
+    refuse(wrongs)
+    return valid
+
+
+def unless_one(names: tuple[str, str], keys: Any) -> list[Wrong]:
+    """A fault if not exactly one of two keys is in a table: at the second, or at the table without any."""
+    if not isinstance(keys, dict):
+        return []
+    given = [name for name in names if keys.get(name) is not None]
+    if len(given) == 1:
+        return []
+    where = (names[1],) if given else ()
+    return [Wrong(where, f"give either {names[0]} or {names[1]}, exactly one of them")]
+
+
+def _details(wrongs: Sequence[Wrong]) -> list[InitErrorDetails]:
     shown = list(wrongs[:SHOWN])
     if len(wrongs) > SHOWN:
         shown.append(Wrong(wrongs[0].where[:1], f"and {len(wrongs) - SHOWN} more like these"))
-    details = [
+    return [
         InitErrorDetails(
             type=PydanticCustomError("fault", "{reason}", {"reason": wrong.reason}),
             loc=wrong.where,
@@ -34,4 +59,14 @@ def refuse(wrongs: Sequence[Wrong]) -> None:
         )
         for wrong in shown
     ]
-    raise ValidationError.from_exception_data("case", details)
+
+
+def _again(error: ValidationError) -> list[InitErrorDetails]:
+    details = []
+    for found in error.errors(include_url=False):
+        context = found.get("ctx", {})
+        kind = (
+            PydanticCustomError("fault", "{reason}", context) if found["type"] == "fault" else found["type"]
+        )
+        details.append(InitErrorDetails(type=kind, loc=found["loc"], input=found["input"], ctx=context))
+    return details

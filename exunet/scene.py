@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from exunet.checks import Wrong, refuse
+from exunet.checks import Wrong, refuse, refuse_with
 from exunet.effects import Effects as _Effects
 from exunet.effects import misfits, switched_on
 from exunet.effects.needs import Surroundings
@@ -229,16 +229,17 @@ class Scene(Record):
         refuse(wrongs)
         return initial
 
-    @field_validator("launch")
+    @field_validator("launch", mode="wrap")
     @classmethod
-    def _needs_bullets(cls, launch: Launch | None, others: ValidationInfo) -> Launch | None:
-        net = others.data.get("net")
+    def _needs_bullets(cls, launch: Any, handler: Any, others: ValidationInfo) -> Any:
+        net, wrongs = others.data.get("net"), []
         if launch is not None and net is not None:
             if not isinstance(net, ThrownNetTable):
-                raise ValueError(f'a net of topology "{net.topology}" has no bullets to launch')
-            if net.bullets is None:
-                raise ValueError("there are no bullets to launch: add [net.bullets] or remove [launch]")
-        return launch
+                wrongs = [Wrong((), f'a net of topology "{net.topology}" has no bullets to launch')]
+            elif net.bullets is None:
+                words = "there are no bullets to launch: add [net.bullets] or remove [launch]"
+                wrongs = [Wrong((), words)]
+        return refuse_with(wrongs, launch, handler)
 
     @field_validator("effects")
     @classmethod

@@ -59,7 +59,7 @@ def largest_frequency(net: Net) -> float:
 
 
 def largest_damping_rate(net: Net, terms: Terms) -> float:
-    """Bound [1/s] of the eigenvalues of M^-1 D, with viscous stress and kernel terms; zero without damping."""
+    """Bound [1/s] of the eigenvalues of M^-1 D, viscous stress and kernel terms included; or zero."""
     rate = sum(term.damping_rate for term in terms.kernels)
     if terms.damping is not None:
         free = _free_coordinates(net)

@@ -607,3 +607,17 @@ def test_any_damaged_text_is_read_or_refused(text: str, data: st.DataObject) -> 
         path = Path(folder) / "x.toml"
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
         _reads_or_refuses(path, [])
+
+
+def test_a_choice_between_keys_does_not_hide_other_faults(case: Any) -> None:
+    text = changed("[net.cable]\ndiameter = 0.002", "[net.cable]\ndiameter = -0.002\narea = 1e-6")
+    found = {(key, reason) for _, key, reason in case(text)}
+    assert {"net.cable.diameter", "net.cable.area"} <= {key for key, _ in found}
+    assert any("exactly one of them" in reason for _, reason in found)
+
+
+def test_missing_bullets_do_not_hide_other_faults_of_the_launch(case: Any) -> None:
+    text = changed("axial_speed", "axial_sped", changed("[net.bullets]\nmass = 0.5\n", ""))
+    reasons = [reason for _, _, reason in case(text)]
+    assert any("no bullets to launch" in reason for reason in reasons)
+    assert any("axial_speed" in reason for reason in reasons)

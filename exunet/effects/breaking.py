@@ -5,12 +5,12 @@ The elastic energy that it held is booked as dissipated. Its mass stays lumped a
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Any
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from exunet.checks import Wrong, refuse
+from exunet.checks import Wrong, refuse_with, unless_one
 from exunet.effects.estimate import Estimate, Setting, hardest_strain, snap_of
 from exunet.effects.needs import Surroundings
 from exunet.effects.terms import Breaking, Terms
@@ -35,12 +35,10 @@ class Keys(Record):
         examples=[500.0],
     )
 
-    @model_validator(mode="after")
-    def _one_limit(self) -> Self:
-        if (self.strain is None) == (self.force is None):
-            where = ("force",) if self.force is not None else ()
-            refuse([Wrong(where, "give either strain or force, exactly one of them")])
-        return self
+    @model_validator(mode="wrap")
+    @classmethod
+    def _one_limit(cls, keys: Any, handler: Any) -> Any:
+        return refuse_with(unless_one(("strain", "force"), keys), keys, handler)
 
 
 def terms(keys: Keys, net: Net) -> Terms:

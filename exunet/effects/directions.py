@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import Any
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from exunet.checks import Wrong, refuse
+from exunet.checks import refuse_with, unless_one
 from exunet.record import Positive, Record, Vector
 
 EARTH_MU = 3.986004418e14  # [m3/s2], cases/README.md
@@ -56,12 +56,10 @@ class OrbitKeys(Record):
             )
         return vector
 
-    @model_validator(mode="after")
-    def _one_orbit(self) -> Self:
-        if (self.altitude is None) == (self.mean_motion is None):
-            where = ("mean_motion",) if self.mean_motion is not None else ()
-            refuse([Wrong(where, "give either altitude or mean_motion, exactly one of them")])
-        return self
+    @model_validator(mode="wrap")
+    @classmethod
+    def _one_orbit(cls, keys: Any, handler: Any) -> Any:
+        return refuse_with(unless_one(("altitude", "mean_motion"), keys), keys, handler)
 
     @property
     def rate(self) -> float:

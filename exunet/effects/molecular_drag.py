@@ -8,12 +8,12 @@ mean over all orientations, pi d L0 / 4, lumped to the nodes as their mass is; n
 from __future__ import annotations
 
 import math
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from exunet.checks import Wrong, refuse
+from exunet.checks import Wrong, refuse_with, unless_one
 from exunet.effects.atmosphere import HIGHEST, LOWEST, exponential_density
 from exunet.effects.estimate import Estimate, Setting
 from exunet.effects.needs import Surroundings, bullet_key, excludes
@@ -44,12 +44,10 @@ class Keys(Record):
         examples=[4e-3],
     )
 
-    @model_validator(mode="after")
-    def _one_density(self) -> Self:
-        if (self.density is None) == (self.altitude is None):
-            where = ("altitude",) if self.altitude is not None else ()
-            refuse([Wrong(where, "give either density or altitude, exactly one of them")])
-        return self
+    @model_validator(mode="wrap")
+    @classmethod
+    def _one_density(cls, keys: Any, handler: Any) -> Any:
+        return refuse_with(unless_one(("density", "altitude"), keys), keys, handler)
 
     @property
     def gas_density(self) -> float:

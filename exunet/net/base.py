@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sized
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import Field, model_validator
 
-from exunet.checks import Wrong, refuse
+from exunet.checks import Wrong, refuse, refuse_with, unless_one
 from exunet.record import Count, Positive, Record
 
 MAX_ELEMENTS = 1_000_000
@@ -28,12 +28,15 @@ class Cable(Record):
     density: Positive = Field(description="mass density [kg/m3]", examples=[1390.0])
     youngs_modulus: Positive = Field(description="Young's modulus E [Pa]", examples=[70e9])
 
+    @model_validator(mode="wrap")
+    @classmethod
+    def _one_cross_section(cls, keys: Any, handler: Any) -> Any:
+        return refuse_with(unless_one(("diameter", "area"), keys), keys, handler)
+
     @model_validator(mode="after")
-    def _one_cross_section(self) -> Self:
+    def _within_floating_point(self) -> Self:
         if (self.diameter is None) == (self.area is None):
-            # Both: at the one that is mostly added by mistake. Neither: at the table.
-            where = ("area",) if self.area is not None else ()
-            refuse([Wrong(where, "give either diameter or area, exactly one of them")])
+            return self  # told above
         for name, value in (("mass per length", self.density), ("axial stiffness", self.youngs_modulus)):
             product = value * self.cross_section
             if not 0 < product < math.inf:
