@@ -12,6 +12,8 @@ import platform
 import statistics
 import sys
 import time
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +47,7 @@ SCENES = (
 )
 TOLERANCES = tuple(10.0**-k for k in np.arange(4.0, 11.5, 0.5))
 ACCURACIES = tuple(10.0**-k for k in range(1, 9))
+METHODS = ("DOPRI5", "ODE23")  # adaptive; `exunet cost` found no fixed step cheaper
 STORED = (1, 7, 30, 111, 400)
 MARGIN = 3.0  # the accuracy asked for over the worst error measured
 MESHES = (1, 2, 3, 5, 10, 20, 40)
@@ -60,41 +63,79 @@ def say(words: str) -> None:
     sys.stdout.flush()
 
 
-def errors(words: list[str]) -> dict[float, tuple[float, float]]:
-    """tolerance -> (worst, median) error over the scenes."""
-    found: dict[float, list[float]] = {tolerance: [] for tolerance in TOLERANCES}
+@dataclass
+class Found:
+    """Of one method: tolerance -> errors over all scenes and numbers of stored states, and all right-hand sides."""
+
+    errors: dict[float, list[float]]
+    work: dict[float, int]
+
+    @classmethod
+    def nothing(cls) -> Found:
+        return cls({t: [] for t in TOLERANCES}, dict.fromkeys(TOLERANCES, 0))
+
+    def tolerance(self, accuracy: float) -> float | None:
+        """The largest tolerance at and below which MARGIN x the worst error is within the accuracy."""
+        good = None
+        for tolerance in sorted(self.errors):
+            if MARGIN * max(self.errors[tolerance]) > accuracy:
+                break
+            good = tolerance
+        return good
+
+
+def errors(words: list[str]) -> dict[str, Found]:
+    """What the methods did on all scenes."""
+    found = {method: Found.nothing() for method in METHODS}
     head = " | ".join(f"{tolerance:.0e}" for tolerance in TOLERANCES)
     words += ["# What the table of `auto` was made from", "", STAMP, ""]
     words += [
-        "Speed errors of DOPRI5 (fused net) relative to the launch speed, by tolerance / launch speed; "
+        "Speed errors with the fused net relative to the launch speed, by tolerance / launch speed; "
         f"worst of runs that store {', '.join(map(str, STORED))} states.",
         "",
     ]
-    words += [f"| scene | to [s] | uncertainty | {head} |", "|---" * (len(TOLERANCES) + 3) + "|"]
+    words += [f"| scene | to [s] | uncertainty | method | {head} |", "|---" * (len(TOLERANCES) + 4) + "|"]
     for path, overrides, ends in SCENES:
         case = exunet.load(path, overrides)
         for end in ends:
             subject = Subject(prepare(case.scene), pair_of(case), (0.0, end))
             converged = converge(subject, compiled=True)
-            scene = f"{path.stem} {' '.join(overrides)}".strip()
-            row = []
-            for tolerance in TOLERANCES:
-                offs = [_error(subject, converged, tolerance, number) for number in STORED]
-                if converged.uncertainty < CERTAIN:
-                    found[tolerance] += [off for off in offs if off > RESOLVED * converged.uncertainty]
-                row.append(f"{max(offs):.0e}")
-            words.append(f"| `{scene}` | {end:g} | {converged.uncertainty:.0e} | {' | '.join(row)} |")
-            say(words[-1])
-    return {tolerance: (max(offs), statistics.median(offs)) for tolerance, offs in found.items()}
+            scene = f"| `{' '.join((path.stem, *overrides))}` | {end:g} | {converged.uncertainty:.0e} "
+            for method, kept in found.items():
+                row = [_worst(subject, converged, method, tolerance, kept) for tolerance in TOLERANCES]
+                words.append(f"{scene}| {method} | {' | '.join(f'{worst:.0e}' for worst in row)} |")
+                say(words[-1])
+    words += [
+        "",
+        "Right-hand sides over all scenes:",
+        "",
+        f"| | {head} |",
+        "|---" * (len(TOLERANCES) + 1) + "|",
+    ]
+    for method, kept in found.items():
+        words.append(f"| {method} | {' | '.join(str(kept.work[tolerance]) for tolerance in TOLERANCES)} |")
+    return found
 
 
-def _error(subject: Subject, converged: Converged, tolerance: float, stored: int) -> float:
-    """Speed error at the end of a run that stores so many states, which shortens steps here and there."""
+def _worst(subject: Subject, converged: Converged, method: str, tolerance: float, kept: Found) -> float:
+    offs = []
+    for stored in STORED:
+        off, work = _error(subject, converged, Setting("fused", method, tolerance=tolerance), stored)
+        offs.append(off)
+        kept.work[tolerance] += work
+    if converged.uncertainty < CERTAIN:
+        kept.errors[tolerance] += [off for off in offs if off > RESOLVED * converged.uncertainty]
+    return max(offs)
+
+
+def _error(subject: Subject, converged: Converged, setting: Setting, stored: int) -> tuple[float, int]:
+    """Speed error at the end of a run that stores so many states (which shortens steps), its right-hand sides."""
     times = tuple(np.linspace(0.0, subject.end, stored + 1).tolist())
-    trial = run(subject.at(times), Setting("fused", "DOPRI5", tolerance=tolerance))
-    if trial.measures is None:  # a guard stopped it: far too loose
-        return float("inf")
-    return float(np.abs(trial.measures.speeds - converged.speeds).max()) / launch_speed(subject.start)
+    trial = run(subject.at(times), setting)
+    if trial.measures is None or trial.counts is None:  # a guard stopped it: far too loose
+        return float("inf"), 0
+    off = float(np.abs(trial.measures.speeds - converged.speeds).max()) / launch_speed(subject.start)
+    return off, trial.counts.right_hand_sides
 
 
 def stiff(words: list[str]) -> None:
@@ -112,18 +153,26 @@ def stiff(words: list[str]) -> None:
         say(words[-1])
 
 
-def tolerances(worst: dict[float, tuple[float, float]]) -> list[tuple[float, float]]:
-    """(accuracy, tolerance): the largest tolerance at and below which MARGIN x the worst error is within."""
-    rows = []
+def rows_of(found: dict[str, Found]) -> Iterator[str]:
+    """Lines of the table for each method, and which is the cheapest at each accuracy."""
+    cheapest = []
     for accuracy in ACCURACIES:
-        good = 0.0
-        for tolerance in sorted(worst):
-            if MARGIN * worst[tolerance][0] > accuracy:
-                break
-            good = tolerance
-        if good:
-            rows.append((accuracy, good))
-    return rows
+        able = [(kept.work[t], method) for method, kept in found.items() if (t := kept.tolerance(accuracy))]
+        if able:
+            cheapest.append((accuracy, min(able)[1]))
+    yield "# Accuracy asked for (speed error / launch speed) -> method with the fewest right-hand sides in all."
+    yield "cheapest = ["
+    yield from (f'  [{accuracy:.0e}, "{method}"],' for accuracy, method in cheapest)
+    yield "]"
+    for method, kept in found.items():
+        yield from ("", f"[{method}]", "# Accuracy -> tolerance per step / launch speed; at and below it,")
+        yield from (f"# {MARGIN:g} x the worst error of all scenes is within the accuracy.", "tolerance = [")
+        chosen = ((accuracy, kept.tolerance(accuracy)) for accuracy in ACCURACIES)
+        yield from (f"  [{accuracy:.0e}, {tolerance:.2e}]," for accuracy, tolerance in chosen if tolerance)
+        yield from ("]", "# Tolerance -> median error over the scenes, what to expect.", "expected_error = [")
+        middle = {t: statistics.median(offs) for t, offs in sorted(kept.errors.items())}
+        yield from (f"  [{t:.2e}, {off:.2e}]," for t, off in middle.items() if off < float("inf"))
+        yield "]"
 
 
 def seconds_of_forms() -> list[tuple[int, float, float]]:
@@ -159,27 +208,18 @@ STAMP = (
 
 def main() -> None:
     words: list[str] = []
-    worst = errors(words)
+    found = errors(words)
     stiff(words)
     lines = [
         "# Measured by benchmarks/auto_table.py, read by exunet/auto.py.",
         f"# {STAMP}",
         "",
-        "# DOPRI5: accuracy asked for (speed error / launch speed) -> tolerance per step / launch speed.",
-        f"# At and below it, {MARGIN:g} x the worst error of all scenes is within the accuracy.",
-        "tolerance = [",
-        *(f"  [{accuracy:.0e}, {tolerance:.2e}]," for accuracy, tolerance in tolerances(worst)),
-        "]",
-        "",
-        "# DOPRI5: tolerance -> median error over the scenes, what to expect.",
-        "expected_error = [",
-        *(f"  [{tolerance:.2e}, {middle:.2e}]," for tolerance, (_, middle) in sorted(worst.items())),
-        "]",
-        "",
         "# Number of elements -> seconds of a right-hand side with connectors, and fused.",
         "seconds = [",
         *(f"  [{n}, {a:.3g}, {b:.3g}]," for n, a, b in seconds_of_forms()),
         "]",
+        "",
+        *rows_of(found),
     ]
     with replacing(ROOT / "exunet" / "auto_table.toml") as part:
         part.write_text("\n".join(lines) + "\n", encoding="utf-8")

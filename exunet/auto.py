@@ -23,42 +23,63 @@ Form = Literal["connectors", "fused"]
 
 
 @dataclass(frozen=True)
-class Table:
-    """The measurements; each array has two or three columns, increasing in the first.
+class Adaptive:
+    """Measurements of one adaptive method; two columns, increasing in the first.
 
-    tolerance : accuracy asked for (speed error / launch speed) -> tolerance of DOPRI5 / launch speed
-    expected  : tolerance of DOPRI5 / launch speed -> speed error / launch speed to expect
-    seconds   : elements -> seconds of a right-hand side with connectors, and fused
+    tolerance : accuracy asked for (speed error / launch speed) -> tolerance / launch speed
+    expected  : tolerance / launch speed -> speed error / launch speed to expect
     """
 
     tolerance: Floats
     expected: Floats
-    seconds: Floats
 
     @property
     def best(self) -> float:
         """The least accuracy that was reached on all measured scenes."""
         return float(self.tolerance[0, 0])
 
+    def tolerance_for(self, accuracy: float) -> float:
+        """Tolerance per unit of the launch speed that meets an accuracy; constant outside the table."""
+        return _between(accuracy, self.tolerance[:, 0], self.tolerance[:, 1])
+
+    def expected_error(self, tolerance: float) -> float:
+        """Speed error to expect at a tolerance, both relative to the launch speed."""
+        return _between(tolerance, self.expected[:, 0], self.expected[:, 1])
+
+
+@dataclass(frozen=True)
+class Table:
+    """The stored measurements.
+
+    adaptive : by method
+    cheapest : (accuracy, method with the fewest right-hand sides), increasing
+    seconds  : elements, seconds of a right-hand side with connectors, and fused; increasing
+    """
+
+    adaptive: dict[str, Adaptive]
+    cheapest: tuple[tuple[float, str], ...]
+    seconds: Floats
+
 
 @functools.cache
 def table() -> Table:
     """The stored table."""
     read = tomllib.loads(Path(__file__).with_name("auto_table.toml").read_text(encoding="utf-8"))
-    arrays = (np.array(sorted(read[name])) for name in ("tolerance", "expected_error", "seconds"))
-    return Table(*arrays)
+    adaptive = {
+        name: Adaptive(np.array(sorted(rows["tolerance"])), np.array(sorted(rows["expected_error"])))
+        for name, rows in read.items()
+        if isinstance(rows, dict)
+    }
+    cheapest = tuple(sorted((float(accuracy), str(method)) for accuracy, method in read["cheapest"]))
+    return Table(adaptive, cheapest, np.array(sorted(read["seconds"])))
 
 
-def tolerance_for(accuracy: float) -> float:
-    """Tolerance of DOPRI5 per unit of the launch speed that meets an accuracy; constant outside the table."""
-    rows = table().tolerance
-    return _between(accuracy, rows[:, 0], rows[:, 1])
-
-
-def expected_error(tolerance: float) -> float:
-    """Speed error to expect at a tolerance of DOPRI5, both relative to the launch speed."""
-    rows = table().expected
-    return _between(tolerance, rows[:, 0], rows[:, 1])
+def choose_method(accuracy: float, able: Collection[str]) -> tuple[str, str]:
+    """The method of `able` that was measured as cheapest at an accuracy or the next tighter one, and why."""
+    rows = [row for row in table().cheapest if row[1] in able]
+    tighter = [row for row in rows if row[0] <= accuracy * (1 + 1e-9)]
+    level, method = tighter[-1] if tighter else rows[0]
+    return method, f"fewest right-hand sides of all methods at {level:.0e}, as measured"
 
 
 def choose_net(n_elements: int, *, implicit: bool) -> tuple[Form, str]:

@@ -42,13 +42,18 @@ def make_plan(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64
 
 
 def _chosen(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64]) -> Plan:
-    """What "auto" comes to: DOPRI5, which no other method of the engine beat at any accuracy on any scene.
+    """What "auto" comes to: an adaptive explicit method, by the accuracy asked for.
 
     That holds for stiff damping too: implicit steps beyond the damping's own time misjudge the work that it
     takes, and the guards stop them (benchmarks/auto_table.md).
     """
-    plan = _adaptive("DOPRI5", scene, net, velocity)
-    notes = [f"auto: DOPRI5, tolerance {plan.tolerance:.2g}: measured as cheapest at every accuracy"]
+    solver = scene.solver
+    able = tuple(auto.table().adaptive) if scene.engine.loop == "exudyn" else COMPILED_METHODS
+    method, why = auto.choose_method(solver.accuracy, able)
+    if solver.tolerance is not None:
+        method, why = "DOPRI5", "for a given tolerance"
+    plan = _adaptive(method, scene, net, velocity)
+    notes = [f"auto: {method}, tolerance {plan.tolerance:.2g} ({why})"]
     rate, frequency = largest_damping_rate(net, terms), largest_frequency(net)
     if rate > STIFF * frequency:
         steps = scene.time.end / stable_step("RK44", frequency, rate)
@@ -101,12 +106,13 @@ def _adaptive(method: str, scene: Scene, net: Net, velocity: NDArray[np.float64]
     tolerance, expected = solver.tolerance, None
     if tolerance is None:
         speed = float(np.sqrt((velocity**2).sum(axis=1)).max(initial=0.0)) or 1.0
-        relative = auto.tolerance_for(solver.accuracy)
-        tolerance, expected = relative * speed, auto.expected_error(relative)
-        if solver.accuracy < auto.table().best:
+        known = auto.table().adaptive[method]
+        relative = known.tolerance_for(solver.accuracy)
+        tolerance, expected = relative * speed, known.expected_error(relative)
+        if solver.accuracy < known.best:
             notes = (
                 f"accuracy {solver.accuracy:g} is beyond double precision here: "
-                f"ran at the best, {auto.table().best:.1g}, tolerance {tolerance:.2g}",
+                f"ran at the best, {known.best:.1g}, tolerance {tolerance:.2g}",
             )
     frequency = largest_frequency(net)
     period = 1.0 / frequency if frequency else math.inf

@@ -132,8 +132,8 @@ def test_a_step_100_times_too_large_is_refused(tmp_path):
 
 def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):
     done = command(
-        "run", PLANAR, "--set", "solver.method=RK44", "--set", "solver.step=2.5e-2", "--set", "solver.force=true",
-        "--set", "time.output_step=0.1", "--out", "here", folder=tmp_path,
+        "run", PLANAR, "--set", "solver.method=RK44", "--set", "solver.step=2.5e-2",
+        "--set", "solver.force=true", "--set", "time.output_step=0.1", "--out", "here", folder=tmp_path,
     )  # fmt: skip
     assert done.returncode == 3
     for words in ("diverged at t = ", "element", "between nodes", "stretch", "solver.step"):

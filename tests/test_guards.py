@@ -18,8 +18,8 @@ from exunet.solvers import Plan
 from exunet.timeloop import simulate
 
 WORDS = re.compile(
-    r"diverged at t = [\d.e+-]+ s: .*; at t = [\d.e+-]+ s the most stretched element is \d+ between nodes \d+ "
-    r"and \d+, stretch [\d.e+-]+, force [\d.e+-]+ N; the fastest node is \d+ at \(.*\) m, [\d.e+-]+ m/s\. "
+    r"diverged at t = [\d.e+-]+ s: .*; at t = [\d.e+-]+ s the most stretched element is \d+ between nodes "
+    r"\d+ and \d+, stretch [\d.e+-]+, force [\d.e+-]+ N; the fastest node is \d+ at \(.*\) m, [\d.e+-]+ m/s\. "
     r"Likely cause: .*\. (Give|Change) "
 )
 
