@@ -65,7 +65,7 @@ def say(words: str) -> None:
 
 @dataclass
 class Found:
-    """Of one method: tolerance -> errors over all scenes and numbers of stored states, and all right-hand sides."""
+    """Of one method, by tolerance: errors over scenes and numbers of stored states, all right-hand sides."""
 
     errors: dict[float, list[float]]
     work: dict[float, int]
@@ -129,7 +129,7 @@ def _worst(subject: Subject, converged: Converged, method: str, tolerance: float
 
 
 def _error(subject: Subject, converged: Converged, setting: Setting, stored: int) -> tuple[float, int]:
-    """Speed error at the end of a run that stores so many states (which shortens steps), its right-hand sides."""
+    """Speed error at the end of a run that stores so many states (they shorten steps), right-hand sides."""
     times = tuple(np.linspace(0.0, subject.end, stored + 1).tolist())
     trial = run(subject.at(times), setting)
     if trial.measures is None or trial.counts is None:  # a guard stopped it: far too loose
@@ -160,7 +160,7 @@ def rows_of(found: dict[str, Found]) -> Iterator[str]:
         able = [(kept.work[t], method) for method, kept in found.items() if (t := kept.tolerance(accuracy))]
         if able:
             cheapest.append((accuracy, min(able)[1]))
-    yield "# Accuracy asked for (speed error / launch speed) -> method with the fewest right-hand sides in all."
+    yield "# Accuracy (speed error / launch speed) -> method with the fewest right-hand sides on all scenes."
     yield "cheapest = ["
     yield from (f'  [{accuracy:.0e}, "{method}"],' for accuracy, method in cheapest)
     yield "]"
@@ -193,7 +193,7 @@ def seconds_of_forms() -> list[tuple[int, float, float]]:
 def _seconds(start) -> float:
     steps = max(20, 40_000 // start.net.n_elements)
     step = 1e-9
-    stepper = Stepper(build(start), Plan("RK44", step=step), 1.0, lambda *_: None, every=1 << 30)
+    stepper = Stepper(build(start), Plan("RK44", step=step), 1.0, lambda *_: None)
     stepper.advance(step)
     began = time.perf_counter()
     stepper.advance(step * (1 + steps))
