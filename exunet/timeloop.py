@@ -38,7 +38,7 @@ def run(case: Case | Scene, progress: Progress | None = None, keep: Keep | None 
     """Simulate a case (or a scene) and return its result.
 
     progress : called with the simulated time [s] now and then
-    keep     : called with the part done so far, marked as incomplete, every 30 s of a long run
+    keep     : called with the part done so far, marked as incomplete, at the start and every 30 s
     Raises RunStopped (its `partial` holds what was computed) if the run diverges or the engine gives up and
     `solver.retry` finer attempts do not mend it, Interrupted (also with `partial`) on Ctrl-C.
     """
@@ -104,6 +104,7 @@ class _Attempt:
         began = clock.perf_counter()
         stop: RunStopped | None = None
         try:
+            self._keeper()
             for until in times[len(record) :].tolist():
                 stepper.advance(until)
                 taken = monitor.dissipated if stepper.dissipated is None else stepper.dissipated
@@ -151,13 +152,13 @@ def _looks(start: Start) -> int:
 
 
 class _Keeper:
-    """Hands the part done to `keep` now and then."""
+    """Hands the part done to `keep`: at the start, lest an earlier result pass for this one, and now and then."""
 
     def __init__(self, record: Record, monitor: Monitor, keep: Keep | None) -> None:
         self._record = record
         self._monitor = monitor
         self._keep = keep
-        self._next = clock.monotonic() + KEEP_EVERY
+        self._next = clock.monotonic()
 
     def __call__(self) -> None:
         if self._keep is None or clock.monotonic() < self._next:
