@@ -92,7 +92,7 @@ class Solver(Record):
         "auto", description="integration method; auto: what was measured as cheapest for the accuracy"
     )
     accuracy: Positive = Field(
-        1e-6,
+        1e-4,
         description="speed error aimed at, relative to the launch speed; sets an adaptive tolerance",
     )
     tolerance: Positive | None = Field(
