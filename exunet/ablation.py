@@ -137,7 +137,6 @@ def _misfits(scene: Scene) -> list[str]:
         has_launch=scene.launch is not None,
         duration=scene.time.end,
         method=scene.solver.method,
-        compiled=scene.engine.loop == "compiled",
     )
     return [f"{wrong.where[0]} {wrong.reason}" for wrong in misfits(around)]
 

@@ -1,4 +1,7 @@
-"""Which elements have broken along a run: found at the end of each accepted step, booked in the ledger."""
+"""Which elements have broken along a run: found at the end of each accepted step, booked in the ledger.
+
+Methods that choose their step ask beforehand whether it would go well beyond a limit, and take a smaller one.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +22,20 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+OVERSHOOT = 5e-4  # of the strain at the limit, by which a step may go beyond it: 1e-3 of the energy lost
+
+
 @dataclass(frozen=True)
 class Break:
-    """One element that broke: at a time [s], with the elastic energy [J] that is lost with it."""
+    """One element that broke: at a time [s], with the elastic energy [J] that is lost with it.
+
+    excess : that energy over the energy at the limit, less one: the error of finding it at a step's end
+    """
 
     element: int
     time: float
     energy: float
+    excess: float
 
 
 class Breaks:
@@ -35,24 +45,43 @@ class Breaks:
         self._net = net
         self._monitor = monitor
         self._limit = breaking_lengths(net, terms)
+        law = terms.law(net)
+        self._at_limit = cable.green_lagrange_strain(self._limit, law.natural_length)
+        self._far = law.natural_length * np.sqrt(1.0 + 2.0 * (1.0 + OVERSHOOT) * self._at_limit)
         self.terms = replace(terms, intact=np.ones(net.n_elements))
         self.events: list[Break] = []
 
     def found(self, position: Floats) -> Ints:
         """Whole elements that are beyond their limit at position (n_nodes, 3) [m]."""
-        over = cable.lengths(self._net, position) > self._limit
-        return np.flatnonzero(over & (self._intact > 0.0))
+        return np.flatnonzero(self._whole & (cable.lengths(self._net, position) > self._limit))
 
-    def book(self, time: float, position: Floats, elements: Ints) -> None:
-        """Take elements out at a time [s]; what they held is lost."""
+    def step_within(self, step: float, least: float, position: Floats, velocity: Floats) -> float:
+        """A step [s] by which no element, at the velocity (n_nodes, 3) [m/s], goes far beyond its limit.
+
+        `step` halved as often as needed, but not below `least`. Forces slow down what stretches, so the
+        straight way looks further than the true one goes.
+        """
+        apart, parting = cable.spans(self._net, position), cable.spans(self._net, velocity)
+        near = self._whole & (np.linalg.norm(apart, axis=1) <= self._limit)
+        near &= np.linalg.norm(apart, axis=1) + step * np.linalg.norm(parting, axis=1) > self._far
+        apart, parting, far = apart[near], parting[near], self._far[near]
+        while step > least and (np.linalg.norm(apart + step * parting, axis=1) > far).any():
+            step *= 0.5
+        return step
+
+    def book(self, time: float, position: Floats, elements: Ints) -> float:
+        """Take elements out at a time [s]; what they held is lost, and returned [J]."""
         law = self.terms.law(self._net)
         strain = cable.green_lagrange_strain(cable.lengths(self._net, position), law.natural_length)
         held = 0.5 * np.maximum(strain, 0.0) ** 2 * law.stiffness * law.natural_length
-        self.events += [Break(int(e), time, float(held[e])) for e in elements]
+        excess = (strain / self._at_limit) ** 2 - 1.0
+        self.events += [Break(int(e), time, float(held[e]), float(excess[e])) for e in elements]
         intact = self._intact.copy()
         intact[elements] = 0.0
         self.terms = replace(self.terms, intact=intact)
-        self._monitor.lose(float(held[elements].sum()), self.terms)
+        lost = float(held[elements].sum())
+        self._monitor.lose(lost, self.terms)
+        return lost
 
     def corrected(
         self, times: Sequence[float], length: Floats, tension: Floats, elastic: Floats
@@ -70,13 +99,21 @@ class Breaks:
         return np.where(gone, 0.0, tension), elastic - lost
 
     @property
+    def _whole(self) -> NDArray[np.bool_]:
+        """(n_elements,) False for elements that have broken."""
+        return self._intact > 0.0
+
+    @property
     def _intact(self) -> Floats:
         assert self.terms.intact is not None
         return self.terms.intact
 
     def provenance(self) -> list[dict[str, Any]]:
         """The breaks in their order, ready for JSON."""
-        return [{"element": b.element, "time_s": b.time, "energy_J": b.energy} for b in self.events]
+        return [
+            {"element": b.element, "time_s": b.time, "energy_J": b.energy, "energy_excess": b.excess}
+            for b in self.events
+        ]
 
 
 def breaking_lengths(net: Net, terms: Terms) -> Floats:

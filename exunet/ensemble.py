@@ -66,8 +66,8 @@ def run_ensemble(
     position, velocity : (runs, n_nodes, 3) [m], [m/s]; velocity None: that of `start` for all
     workers            : threads (compiled code runs beside each other); None: one a core
     Raises RunStopped, naming the run, if one diverges or its steps collapse; MissingExtra without Numba;
-    InputError for a method or an effect (breaking) that the compiled loop does not have, or states of
-    another shape.
+    InputError for a method that the compiled loop does not have, breaking, or states of another
+    shape.
     """
     if start.plan.method not in COMPILED_METHODS:
         raise InputError(f"an ensemble runs by {', '.join(COMPILED_METHODS[1:])}, not by {start.plan.method}")

@@ -252,7 +252,6 @@ class Scene(Record):
                 has_launch=known["launch"] is not None,
                 duration=known["time"].end,
                 method=known["solver"].method,
-                compiled=known["engine"].loop == "compiled",
             )
             refuse(misfits(around))
         return effects

@@ -134,6 +134,8 @@ class _Attempt:
 
             loop = Loop(start, end, self._watch, begin=self._begin, taken=self._taken)
             self._record.built({}, clock.perf_counter() - began)
+            if self._record.breaks is not None:
+                loop.watch_for(self._record.breaks)
             return loop
         model = build(start)
         self._record.built(model.items(), clock.perf_counter() - began)
@@ -152,7 +154,7 @@ def _looks(start: Start) -> int:
 
 
 class _Keeper:
-    """Hands the part done to `keep`: at the start, lest an earlier result pass for this one, and now and then."""
+    """Hands the part done to `keep`: at the start, lest an older result pass for this one, and later on."""
 
     def __init__(self, record: Record, monitor: Monitor, keep: Keep | None) -> None:
         self._record = record

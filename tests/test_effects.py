@@ -26,7 +26,11 @@ from exunet.scene import Scene
 from exunet.timeloop import simulate
 
 CASES = Path(__file__).parents[1] / "cases" / "effects"
-FORMS = ("connectors", "fused")
+FORMS = {
+    "connectors": {"net": "connectors"},
+    "fused": {"net": "fused"},
+    "compiled": {"loop": "compiled"},
+}
 ORBIT = {"radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0]}
 CABLE = {"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e9}
 
@@ -45,7 +49,7 @@ def document(nodes: Any, elements: Any, end: float, **more: Any) -> dict[str, An
 
 
 def ran(case: dict[str, Any], form: str = "connectors") -> Result:
-    return simulate(prepare(Scene.model_validate(case | {"engine": {"net": form}})))
+    return simulate(prepare(Scene.model_validate(case | {"engine": FORMS[form]})))
 
 
 def reference_run(case: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -385,7 +389,7 @@ def test_threads_run_on_through_knots_and_not_round_corners() -> None:
 # Thermal strain
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", ["connectors", "fused"])
 def test_thermal_strain_pulls_with_ea_times_strain(form: str) -> None:
     """At its reference length: S11 = -E (alpha dT + (alpha dT)^2 / 2), so N = EA 1e-3 (1 - 5e-4) at -1e-3."""
     case = document(
@@ -414,14 +418,18 @@ def test_a_warm_cable_is_longer_before_it_pulls() -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_a_snap_that_breaks_loses_what_the_cable_held(form: str) -> None:
-    fine = ["solver.method=RK44", "solver.step=2e-6", f"engine.net={form}"]
-    run = simulate(prepare(load(CASES / "breaking.toml", fine).scene))
+@pytest.mark.parametrize("stepping", [["solver.method=RK44", "solver.step=2e-6"], ["solver.method=DOPRI5"]])
+def test_a_snap_that_breaks_loses_what_the_cable_held(form: str, stepping: list[str]) -> None:
+    engine = [f"engine.{key}={value}" for key, value in FORMS[form].items()]
+    run = simulate(prepare(load(CASES / "breaking.toml", [*stepping, *engine]).scene))
     (broken,) = run.provenance["broken"]
     assert broken["element"] == 0
-    # EA E11^2 L / 2 at the limit, 70e9 Pa, d = 1 mm; the break comes at the end of the step that passed it.
+    # EA E11^2 L / 2 at the limit, 70e9 Pa, d = 1 mm; the break comes at the end of the step that passed it,
+    # which may be 5e-4 of the strain.
     stiffness = 70e9 * math.pi / 4 * 1e-6
-    assert 1.0 <= broken["energy_J"] / (0.5 * stiffness * 0.004**2) < 1.002
+    excess = broken["energy_J"] / (0.5 * stiffness * 0.004**2) - 1.0
+    assert 0.0 <= excess < 1.1e-3
+    assert broken["energy_excess"] == pytest.approx(excess, abs=1e-9)
     assert run.dissipated[-1] == pytest.approx(broken["energy_J"], rel=1e-12)
     assert energy_balance(run) < 1e-7
     after = run.time > broken["time_s"]
@@ -461,9 +469,8 @@ GAS = GUN | {"kind": "gas", "dead_length": 0.1, "exponent": 1.4}
 @pytest.mark.parametrize("keys", [GUN, GAS], ids=["spring", "gas"])
 @pytest.mark.parametrize("form", FORMS)
 def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any], form: str) -> None:
-    case = load(
-        CASES / "launch_force.toml", ["time.end=0.05", "solver.tolerance=1e-10", f"engine.net={form}"]
-    )
+    engine = [f"engine.{key}={value}" for key, value in FORMS[form].items()]
+    case = load(CASES / "launch_force.toml", ["time.end=0.05", "solver.tolerance=1e-10", *engine])
     effects = case.scene.effects.model_copy(update={"launch_force": launch_force.Keys.model_validate(keys)})
     run = simulate(prepare(case.scene.model_copy(update={"effects": effects})))
     assert np.abs(run.momentum).max() < 1e-12

@@ -194,7 +194,6 @@ FAULTS = {
     "two limits": (["effects.breaking={strain=0.1,force=3.0}"], "either strain or force"),
     "breaking with eq. (13)": (["effects.breaking.strain=0.1"], "rayleigh_damping.beta"),
     "breaking with Verlet": ([*BREAKING, "solver={method='VelocityVerlet'}"], "not VelocityVerlet"),
-    "breaking in the compiled loop": ([*BREAKING, "engine.loop=compiled"], "needs engine.loop"),
     "auto without a threshold": (["effects.choose=auto"], "needs threshold"),
     "a threshold without auto": (["effects.threshold=0.1"], 'for choose = "auto" only'),
     "two forms of launch": (["launch.speed=3.0"], "spread_angle"),

@@ -96,7 +96,8 @@ def test_the_draws_reach_every_effect() -> None:
 
 def balanced(seed: int, form: str) -> None:
     on = subset(seed)
-    run = simulate(start_with(*on, engine={"net": form}))
+    engine = {"loop": "compiled"} if form == "compiled" else {"net": form}
+    run = simulate(start_with(*on, engine=engine))
     turned_over = np.abs(np.diff(run.kinetic)).sum() + run.kinetic[0]
     assert turned_over > 0.5, on
     # Of the energy in play (metrics.energy_balance), which is not larger than what is turned over.
@@ -104,14 +105,14 @@ def balanced(seed: int, form: str) -> None:
 
 
 @pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("form", ["connectors", "fused"])
+@pytest.mark.parametrize("form", ["connectors", "fused", "compiled"])
 def test_energy_balances_with_some_effects(seed: int, form: str) -> None:
     balanced(seed, form)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2, 30))
-@pytest.mark.parametrize("form", ["connectors", "fused"])
+@pytest.mark.parametrize("form", ["connectors", "fused", "compiled"])
 def test_energy_balances_with_any_effects(seed: int, form: str) -> None:
     balanced(seed, form)
 

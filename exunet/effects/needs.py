@@ -18,7 +18,6 @@ class Surroundings:
     has_launch  : the case has a table [launch]
     duration    : time.end [s]
     method      : solver.method
-    compiled    : engine.loop is the compiled one
     """
 
     on: Mapping[str, Record]
@@ -26,7 +25,6 @@ class Surroundings:
     has_launch: bool
     duration: float
     method: str
-    compiled: bool = False
 
 
 def bullet_key(around: Surroundings, key: str, value: float | None) -> list[Wrong]:

@@ -139,6 +139,8 @@ class Stepper:
             self._refuse_collapse(end_of_attempt)
             self._attempting = True
             self._attempt_end = end_of_attempt
+            if self._breaks is not None and self._method.kind == "adaptive":
+                self._shorten()
         except BaseException as error:
             self._stop = error  # advance() raises it again
             raise  # returning False would not end the engine's search for a smaller step
@@ -162,6 +164,16 @@ class Stepper:
         self._step_start = time
         self._append(time)
         self._look_for_breaks(time)
+
+    def _shorten(self) -> None:
+        """Make the step that is about to be tried end near the limit of what it would break."""
+        assert self._breaks is not None
+        step, least = self._attempt_end - self._step_start, 8.0 * self._plan.least_step
+        shorter = self._breaks.step_within(step, least, *self.state())
+        if shorter < step:
+            progress = self._solver.it
+            progress.currentStepSize = shorter
+            progress.currentTime = self._attempt_end = self._step_start + shorter
 
     def watch_for(self, breaks: Breaks) -> None:
         """Look for elements that break at the end of each step from now on."""

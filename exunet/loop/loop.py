@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.breaking import Breaks
 from exunet.build import Start
 from exunet.engine.stepper import Counts, StepsCollapsed
 from exunet.interrupt import postponed
 from exunet.kernel.compile import require_numba
-from exunet.kernel.net import Kernel, net_kernel
+from exunet.kernel.net import Kernel, net_kernel, sever
 from exunet.loop.march import LOOP, TINY_IN_A_ROW
 from exunet.solvers import METHODS
 
@@ -128,6 +129,8 @@ class Loop(March):
         self._every = every
         self._end = end
         n = len(self._x)
+        self._breaks: Breaks | None = None
+        self._limit = _ATTEMPTS
         self._kept = _rows(max(16, min(_ROWS, 2**19 // max(1, n))), n)
         self._row = self._module.keep(0, begin, self._x, self._v, self._taken, self._kept)
 
@@ -135,6 +138,10 @@ class Loop(March):
     def dissipated(self) -> float:
         """Energy [J] that terms without a potential have taken out so far."""
         return float(self._taken[0])
+
+    def watch_for(self, breaks: Breaks) -> None:
+        """Look for elements that break at the end of each step from now on, so step by step."""
+        self._breaks, self._limit, self._every = breaks, 1, 1
 
     def advance(self, until: float) -> None:
         """Integrate from the current time to `until` [s] exactly."""
@@ -151,12 +158,14 @@ class Loop(March):
 
     def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> None:
         plan = self._plan
-        limits = (plan.tolerance, plan.longest_step, plan.least_step, _ATTEMPTS)
+        limits = (plan.tolerance, plan.longest_step, plan.least_step, self._limit)
         while self._clock[0] < until:
+            self._shorten(until)
             self._row = self._module.chosen_steps(
                 self._clock, until, *limits, self._row, *self._state, self._every, self._kept
             )
             self._make_room()
+            self._look_for_breaks()
             if words := self.collapse():
                 self._flush()
                 raise StepsCollapsed(words)
@@ -167,12 +176,34 @@ class Loop(March):
         number = max(1, math.ceil((until - begin) / (self._plan.step or math.inf) * (1 - 1e-9)))
         done = 0
         while done < number:
-            stretch: tuple[Any, ...] = (self._verlet, begin, until, number, done, _ATTEMPTS)
+            stretch: tuple[Any, ...] = (self._verlet, begin, until, number, done, self._limit)
             self._row = self._module.equal_steps(*stretch, self._row, *self._state, self._every, self._kept)
             done = int(self._counts[0]) - before
             self._clock[0] = until if done == number else begin + done * (until - begin) / number
             self._make_room()
+            self._look_for_breaks()
             check_interrupt()
+
+    def _shorten(self, until: float) -> None:
+        """Make the step that comes end near the limit of what it would break."""
+        if self._breaks is None:
+            return
+        step = min(self._clock[1], self._plan.longest_step or math.inf, until - self.time)
+        shorter = self._breaks.step_within(step, 8.0 * (self._plan.least_step or 0.0), *self.state())
+        if shorter < step:
+            self._clock[1] = shorter
+
+    def _look_for_breaks(self) -> None:
+        if self._breaks is None:
+            return
+        position, _ = self.state()
+        broken = self._breaks.found(position)
+        if len(broken):
+            self._flush()  # so that no batch has states from before and after
+            self._taken[0] += self._breaks.book(self.time, position, broken)
+            self._kept[3][0] = self._taken[0]
+            sever(self._kernel, broken)
+            self._module.accelerate(self.time, *self._state[:4], self._state[4][0])
 
     def _make_room(self) -> None:
         if self._row == len(self._kept[0]):
