@@ -19,6 +19,7 @@ from exunet.cli import app
 from exunet.error_estimate import estimate_error
 from exunet.errors import CaseError
 from exunet.metrics import bullet_speeds
+from exunet.solvers import METHODS
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "cases"
@@ -71,32 +72,45 @@ def test_there_are_enough_scenes_and_none_made_the_table():
 def test_a_case_without_a_method_is_solved_by_auto():
     scene = exunet.load(PLANAR, ["solver="]).scene
     assert scene.solver.method == "auto"
-    assert prepare(scene).plan.method == "DOPRI5"
+    assert METHODS[prepare(scene).plan.method].kind == "adaptive"
 
 
 def test_what_was_picked_and_why_is_told():
     notes = " ".join(start().plan.notes)
-    for words in ("auto: DOPRI5, tolerance", "expected speed error", "elements", "as measured"):
+    for words in (
+        f"auto: {start().plan.method}, tolerance",
+        "expected speed error",
+        "elements",
+        "as measured",
+    ):
         assert words in notes
     assert "auto" not in " ".join(prepare(exunet.load(PLANAR).scene).plan.notes)  # which names all
 
 
-def test_tighter_accuracy_gives_tighter_tolerance():
-    rows = auto.table()
-    for column in (rows.tolerance, rows.seconds):
-        assert (np.diff(column, axis=0) >= 0).all()
-    given = [start(f"solver.accuracy={a}").plan.tolerance for a in (1e-2, 1e-3, 1e-4, 1e-7)]
+@pytest.mark.parametrize("method", list(auto.table().adaptive))
+def test_tighter_accuracy_gives_tighter_tolerance(method):
+    rows = auto.table().adaptive[method]
+    assert (np.diff(rows.tolerance, axis=0) >= 0).all()
+    accuracies = (1e-2, 1e-3, 1e-4, 1e-6)
+    given = [start(f"solver.method={method}", f"solver.accuracy={a}").plan.tolerance for a in accuracies]
     assert all(a > b for a, b in itertools.pairwise(given))
-    promised = rows.tolerance
-    assert (np.array([auto.expected_error(t) for t in promised[:, 1]]) < promised[:, 0]).all()
+    assert all(rows.expected_error(tolerance) < accuracy for accuracy, tolerance in rows.tolerance)
+
+
+def test_the_cheapest_method_is_picked_among_those_that_are_there():
+    for accuracy, method in auto.table().cheapest:
+        assert start(f"solver.accuracy={accuracy}").plan.method == method
+        assert auto.choose_method(accuracy, list(METHODS))[0] == method
+        assert start(f"solver.accuracy={accuracy}", "engine.loop=auto").plan.method == "DOPRI5"
 
 
 def test_an_accuracy_below_round_off_is_told_with_the_best():
-    best = auto.table().best
-    notes = [n for n in start("solver.accuracy=1e-14").plan.notes if "double precision" in n]
+    plan = start("solver.accuracy=1e-14").plan
+    best = auto.table().adaptive[plan.method].best
+    notes = [note for note in plan.notes if "double precision" in note]
     assert len(notes) == 1
     assert f"{best:.1g}" in notes[0]
-    assert not any("double precision" in n for n in start(f"solver.accuracy={best}").plan.notes)
+    assert not any("double precision" in note for note in start(f"solver.accuracy={best}").plan.notes)
 
 
 def test_the_form_follows_the_size():
