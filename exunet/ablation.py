@@ -19,7 +19,7 @@ from exunet.build import Start, prepare
 from exunet.effects import misfits, switched_on
 from exunet.effects.needs import Surroundings
 from exunet.errors import Interrupted, RunStopped
-from exunet.estimates import Finding, finding, survey
+from exunet.estimates import Finding, chosen, finding, survey
 from exunet.metrics import Deployment, deployment
 from exunet.result import Result
 from exunet.scene import Scene
@@ -82,10 +82,12 @@ def ablate(
     names    : which effects; None: all
     progress : called with what is running and the simulated time [s]
     """
+    findings = survey(scene)
+    scene = _settled(scene)
     base = _run(scene, "as it is", progress)
     again = _run(scene, "noise", progress, _perturbed)
     noise = _Noise(_distance(base, again), _changes(deployment(again), deployment(base)))
-    for found in survey(scene):
+    for found in findings:
         if names is None or found.name in names:
             yield _toggle(scene, found, base, noise, progress)
 
@@ -118,6 +120,15 @@ def _toggle(scene: Scene, found: Finding, base: Result, noise: _Noise, progress:
         found, until, estimate, measured, _changes(deployment(with_it), deployment(without)), noise.measures,
         seconds[0] / seconds[1] if seconds[1] else 1.0,
     )  # fmt: skip
+
+
+def _settled(scene: Scene) -> Scene:
+    """The scene with what effects.choose = "auto" comes to, which then does not choose again."""
+    scene, _ = chosen(scene)
+    effects: Any = scene.effects
+    return scene.model_copy(
+        update={"effects": effects.model_copy(update={"choose": None, "threshold": None})}
+    )
 
 
 def toggled(scene: Scene, found: Finding) -> Scene:

@@ -23,14 +23,11 @@ from exunet.scene import Scene
 ASKED = 0.01  # of the net's size: the accuracy that the advice is for, where the case states none
 
 # Nanoseconds of one right-hand side, measured on the paper's net on a noisy machine: to be read as ratios.
-_FIXED = {"connectors": 0.0, "fused": 10_000.0, "compiled": 0.0}  # of the bare net: the call from the engine
-_ELEMENT = {"connectors": 300.0, "fused": 7.0, "compiled": 7.0}
-_OBJECT = {
-    "connectors": 3_000.0,
-    "fused": 0.0,
-    "compiled": 0.0,
-}  # constant matrices and loads, if there are any
-_CALL = {"connectors": 7_000.0, "fused": 0.0, "compiled": 0.0}  # kernel terms, if there are any
+# Of the bare net: the step itself, and of the fused net the call from the engine.
+_FIXED = {"connectors": 1_000.0, "fused": 8_000.0, "compiled": 0.0}
+_ELEMENT = {"connectors": 250.0, "fused": 50.0, "compiled": 7.0}
+_OBJECT = {"connectors": 80.0, "fused": 0.0, "compiled": 0.0}  # a node, if there are constant terms
+_CALL = {"connectors": 3_500.0, "fused": 0.0, "compiled": 0.0}  # if there are kernel terms
 _ENTRY, _NODE_OF_KERNEL, _VISCOUS = 1.0, 6.0, 3.0
 
 
@@ -38,9 +35,9 @@ _ENTRY, _NODE_OF_KERNEL, _VISCOUS = 1.0, 6.0, 3.0
 class Finding:
     """One effect in one scene.
 
-    on         : it is on in the case (under "auto": it has a table)
+    on         : it is on in the case (under "auto": it has a table, and its estimate reaches the threshold)
     keys       : those of the case, or the assumed ones; None if nothing can be assumed for this scene
-    assumption : what was assumed where the case is silent; "" if it is on
+    assumption : what was assumed where the case is silent; "" if it has a table
     estimate   : None without keys
     relative   : estimated displacement over the size of the net
     cost       : estimated change of the time of one right-hand side, as a part of the bare net's
@@ -58,6 +55,8 @@ class Finding:
         """What to do at an accuracy of `asked`, as a part of the net's size."""
         if self.estimate is None:
             return "off: nothing to assume for this scene"
+        if not self.on and not self.assumption:
+            return "a candidate below effects.threshold: left off"
         if self.on:
             return "on, and it matters" if self.relative >= asked else "on, but below the asked accuracy"
         if getattr(EFFECTS[self.name], "ON_THE_GROUND", False):
@@ -95,7 +94,7 @@ def finding(scene: Scene, name: str, duration: float | None = None) -> Finding:
     """The finding of one effect."""
     setting = setting_of(scene, name, duration)
     keys, assumption = switched_on(scene.effects).get(name), ""
-    on = keys is not None
+    has_table = keys is not None
     if keys is None:
         assumed = EFFECTS[name].nominal(setting)
         if assumed is None:
@@ -103,7 +102,10 @@ def finding(scene: Scene, name: str, duration: float | None = None) -> Finding:
         keys, assumption = assumed
     estimate: Estimate = EFFECTS[name].magnitude(keys, setting)
     cost = cost_of(terms_of_alone(name, keys, setting), setting.net, _form(scene))
-    return Finding(name, on, keys, assumption, estimate, estimate.displacement / setting.size, cost)
+    relative = estimate.displacement / setting.size
+    choice: Any = scene.effects
+    on = has_table and (choice.choose is None or relative >= choice.threshold)
+    return Finding(name, on, keys, assumption, estimate, relative, cost)
 
 
 def terms_of_alone(name: str, keys: Record, setting: Setting) -> Terms:
@@ -123,7 +125,7 @@ def cost_of(terms: Terms, net: Net, form: str) -> float:
     matrices = [matrix for matrix in (terms.on_velocity, terms.stiffness) if matrix is not None]
     added = _ENTRY * sum(matrix.nnz for matrix in matrices)
     added += _ENTRY * 3 * net.n_nodes if terms.load is not None else 0.0
-    added += _OBJECT[form] if matrices or terms.load is not None else 0.0
+    added += _OBJECT[form] * net.n_nodes if matrices or terms.load is not None else 0.0
     added += _VISCOUS * net.n_elements if terms.relaxation_time is not None else 0.0
     for term in terms.kernels:
         longest = max((len(p) for p in term.parameters if isinstance(p, np.ndarray)), default=0)
@@ -151,10 +153,9 @@ def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
     for name in switched_on(choice):
         one = finding(scene, name)
         assert one.estimate is not None
-        matters = one.relative >= choice.threshold
-        if not matters:
+        if not one.on:
             off[name] = None
-        word, sign = ("on", ">=") if matters else ("off", "<")
+        word, sign = ("on", ">=") if one.on else ("off", "<")
         notes.append(
             f"auto: {name} {word}: {one.relative:.1e} of the net's size {sign} {choice.threshold:g} "
             f"({one.estimate.source})"

@@ -108,9 +108,12 @@ def test_the_papers_case_is_told_to_leave_out_the_orbit() -> None:
     )  # of the 7 m from bullet to bullet
     assert one.advice(0.01) == "would move the net by 1e-03 of its size: leave out"
     assert "700 km" in one.assumption
-    gradient = re.search(r"gradient 3 n\^2 r = ([\d.e-]+)", one.estimate.source)
-    assert gradient is not None
-    assert float(gradient[1]) < 1e-5
+    parts = dict(re.findall(r"(Coriolis|gradient) [^=]*= ([\d.e-]+) m/s2", one.estimate.source))
+    assert float(parts["Coriolis"]) == pytest.approx(coriolis, rel=0.1)
+    # n^2 y of nodes that reach 3.5 / 2 m in the root mean square, half-way through: below 3 n^2 x 3.5 m.
+    assert 1e-6 < float(parts["gradient"]) < 3 * 1.060e-3**2 * 3.5
+    moved = [float(part) for part in re.findall(r"moves ([\d.e-]+) of the size", one.estimate.source)]
+    assert moved == pytest.approx([1e-3, 6e-7], rel=0.1)
 
 
 def test_advice_covers_the_four_cases() -> None:
@@ -131,7 +134,7 @@ def test_every_effect_is_estimated_on_every_case(path: Path) -> None:
             continue
         assert np.isfinite([one.estimate.acceleration, one.estimate.displacement, one.cost]).all()
         assert one.estimate.source
-        assert one.on != bool(one.assumption)
+        assert (one.keys == getattr(load(path).scene.effects, one.name)) != bool(one.assumption)
 
 
 # The automatic choice
@@ -149,6 +152,22 @@ def test_auto_switches_on_what_matters_and_says_why() -> None:
     summary = summarise(simulate(start))
     assert [value for name, value in rows(summary) if name == "note" and value in auto] == auto
     assert summary["engine"]["effects"] == sorted(on)
+
+
+def test_the_table_says_what_auto_came_to() -> None:
+    found = {one.name: one for one in survey(load(CASES / "auto.toml").scene)}
+    assert found["mass_damping"].on
+    assert not found["orbit"].on
+    assert found["orbit"].advice(1e-3) == "a candidate below effects.threshold: left off"
+    assert not found["air_drag"].on
+
+
+def test_an_ablation_under_auto_toggles_what_auto_came_to() -> None:
+    """A candidate left off is switched on, and one without a table too, whatever the threshold."""
+    scene = load(CASES / "auto.toml").scene
+    for one in ablate(scene, ("orbit", "rayleigh_damping", "mass_damping")):
+        assert one.ratio is not None
+        assert 1 / 3 < one.ratio < 3
 
 
 def test_a_lower_threshold_switches_more_on() -> None:

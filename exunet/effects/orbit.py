@@ -92,9 +92,14 @@ def magnitude(keys: Keys, setting: Setting) -> Estimate:
     coriolis = -2.0 * rate * np.cross(normal, setting.motion)
     tidal = rate**2 * (3.0 * np.outer(radial, keys.radial) - np.outer(across, normal))
     total = setting.rms(coriolis + tidal)
+
+    def part(acceleration: float) -> str:
+        moves = setting.ballistic(acceleration) / setting.size
+        return f"{acceleration:.2g} m/s2 moves {moves:.1g} of the size"
+
     return Estimate(
         total,
         setting.ballistic(total),
-        f"n = {rate:.3g} rad/s: Coriolis 2 n v = {setting.rms(coriolis):.2g}, "
-        f"gradient 3 n^2 r = {setting.rms(tidal):.2g} m/s2",
+        f"n = {rate:.3g} rad/s: Coriolis 2 n v = {part(setting.rms(coriolis))}, "
+        f"gradient n^2 |3 r - h| = {part(setting.rms(tidal))}",
     )
