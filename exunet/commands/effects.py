@@ -28,7 +28,7 @@ def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
     console.print(f"{case.scene.title}: {case.scene.time.end:g} s, advice for {limit:g} of the net's size")
     console.print(_estimates(survey(case.scene), limit))
     if getattr(choice, "choose", None) == "auto":
-        console.print(f'effects.choose = "auto": on are the tables that reach the threshold, {choice.threshold:g}')
+        console.print('effects.choose = "auto": on are the tables whose estimate reaches effects.threshold')
     if measure:
         _ablation(case, console)
 
