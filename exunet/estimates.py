@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from exunet.effects import EFFECTS, launch_force, switched_on, terms_of
+from exunet.effects import EFFECTS, beyond_floats, launch_force, switched_on, terms_of
 from exunet.effects.estimate import Estimate, Setting
 from exunet.effects.terms import Terms
 from exunet.initial import initial_state
@@ -91,7 +91,15 @@ def survey(scene: Scene, duration: float | None = None) -> list[Finding]:
 
 
 def finding(scene: Scene, name: str, duration: float | None = None) -> Finding:
-    """The finding of one effect."""
+    """The finding of one effect; raises CaseError if its numbers, or the scene's, overflow."""
+    try:
+        with np.errstate(all="ignore"):  # numbers that are not finite are refused
+            return _finding(scene, name, duration)
+    except ArithmeticError:
+        raise beyond_floats(name) from None
+
+
+def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
     setting = setting_of(scene, name, duration)
     keys, assumption = switched_on(scene.effects).get(name), ""
     has_table = keys is not None
@@ -100,8 +108,10 @@ def finding(scene: Scene, name: str, duration: float | None = None) -> Finding:
         if assumed is None:
             return Finding(name, False, None, "", None, 0.0, 0.0)
         keys, assumption = assumed
-    estimate: Estimate = EFFECTS[name].magnitude(keys, setting)
     cost = cost_of(terms_of_alone(name, keys, setting), setting.net, _form(scene))
+    estimate: Estimate = EFFECTS[name].magnitude(keys, setting)
+    if not np.isfinite([estimate.acceleration, estimate.displacement]).all():
+        raise beyond_floats(name)
     relative = estimate.displacement / setting.size
     choice: Any = scene.effects
     on = has_table and (choice.choose is None or relative >= choice.threshold)

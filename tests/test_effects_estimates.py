@@ -232,6 +232,30 @@ def test_what_is_missing_or_contradicts_is_told(what: str) -> None:
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "override",
+    [
+        "effects.gravity.acceleration=[0.0,0.0,1e300]",
+        "effects.mass_damping.alpha=1e300",
+        "effects.material_damping.relaxation_time=1e300",
+        "effects.bending.modulus=1e300",
+        f'effects.orbit={{mean_motion=1e-300, {AXES}, model="two_body"}}',
+        "effects.molecular_drag={density=1e300,flow=[1e300,0.0,0.0],drag_coefficient=1.0,bullet_area=0.1}",
+    ],
+)
+def test_numbers_that_overflow_are_refused_and_not_estimated(override: str) -> None:
+    scene = load(PLANAR, [override]).scene
+    name = override.split("effects.")[1].split("=")[0].split(".")[0]
+    for refused in (prepare, survey):
+        with pytest.raises(CaseError, match=f"effects.{name}: leads to numbers beyond"):
+            refused(scene)
+
+
+def test_an_estimate_of_an_overflowing_scene_is_refused() -> None:
+    with pytest.raises(CaseError, match="or the scene"):
+        survey(load(PLANAR, ["launch.radial_speed=1e200"]).scene)
+
+
 def test_conflicts_are_told_with_file_and_line(tmp_path: Path) -> None:
     path = tmp_path / "two.toml"
     text = (CASES / "orbit.toml").read_text(encoding="utf-8")

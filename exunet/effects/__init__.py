@@ -25,6 +25,7 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, create_model, model_validator
 
 from exunet.checks import Wrong, refuse
@@ -45,6 +46,7 @@ from exunet.effects import (
 )
 from exunet.effects.needs import Surroundings
 from exunet.effects.terms import Floats, Terms
+from exunet.errors import CaseError, Fault
 from exunet.net.arrays import Net
 from exunet.record import Positive, Record
 
@@ -63,6 +65,9 @@ EFFECTS: dict[str, ModuleType] = {
     "solar_pressure": solar_pressure,
     "thermal_strain": thermal_strain,
 }
+
+
+LARGEST = 1e100  # of a number in an effect's terms; products of three are still numbers
 
 
 class Choice(Record):
@@ -129,10 +134,23 @@ def total_terms(effects: Record, net: Net, position: Floats) -> Terms:
 
 
 def terms_of(name: str, keys: Record, net: Net, position: Floats) -> Terms:
-    """The terms of one effect."""
+    """The terms of one effect; raises CaseError if a number in them is beyond `LARGEST`."""
     module = EFFECTS[name]
-    if hasattr(module, "terms_from"):
-        terms: Terms = module.terms_from(keys, net, position)
-    else:
-        terms = module.terms(keys, net)
+    try:
+        with np.errstate(all="ignore"):  # numbers that overflow are refused below
+            if hasattr(module, "terms_from"):
+                terms: Terms = module.terms_from(keys, net, position)
+            else:
+                terms = module.terms(keys, net)
+            sound = terms.largest_number() <= LARGEST
+    except ArithmeticError:
+        sound = False
+    if not sound:
+        raise beyond_floats(name)
     return terms
+
+
+def beyond_floats(name: str) -> CaseError:
+    """The error for an effect whose numbers cannot be computed with."""
+    words = "leads to numbers beyond what floating-point can hold: give it, or the scene, real values"
+    return CaseError([Fault("", f"effects.{name}", words)])

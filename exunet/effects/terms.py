@@ -6,6 +6,7 @@ read `Terms`, so an effect's physics is written once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -102,6 +103,18 @@ class Terms:
             self.damping is not None
             or self.relaxation_time is not None
             or any(term.potential is None for term in self.kernels)
+        )
+
+    def largest_number(self) -> float:
+        """The largest magnitude in any of the terms; NaN if one is not a number."""
+        matrices = (m.data for m in (self.damping, self.gyroscopic, self.stiffness) if m is not None)
+        limits = (self.breaking.strain, self.breaking.force) if self.breaking else ()
+        single = (self.load, self.free_strain, self.relaxation_time, *limits)
+        kernels = [number for term in self.kernels for number in (*term.parameters, term.damping_rate)]
+        return max(
+            (float(np.max(np.abs(n), initial=0.0)) for n in (*matrices, *single, *kernels) if n is not None),
+            key=lambda number: math.inf if math.isnan(number) else number,
+            default=0.0,
         )
 
     def law(self, net: Net) -> Law:
