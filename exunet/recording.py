@@ -65,11 +65,23 @@ class Record:
         self._provenance["items"] = items
         self._provenance["build_seconds"] += seconds
 
-    def store(self, time: float, state: tuple[Floats, Floats], dissipated: float) -> None:
-        """Keep the position [m] and velocity [m/s] (n_nodes, 3) of a stored time [s]."""
+    def store(self, time: float, state: tuple[Floats, Floats], dissipated: float | None) -> None:
+        """Keep the position [m] and velocity [m/s] (n_nodes, 3) of a stored time [s].
+
+        dissipated : energy [J] taken out until then; None: `book` tells it later
+        """
         self._time.append(time)
         self._states.append(state)
-        self._dissipated.append(dissipated)
+        if dissipated is not None:
+            self._dissipated.append(dissipated)
+
+    def book(self, time: Floats, dissipated: Floats) -> None:
+        """Take the energy (k,) [J] taken out until times (k,) [s], those of stored states among them."""
+        while len(self._dissipated) < len(self._time):
+            row = int(np.searchsorted(time, self._time[len(self._dissipated)]))
+            if row == len(time):
+                break
+            self._dissipated.append(float(dissipated[row]))
 
     def last(self) -> tuple[float, Floats, Floats, float]:
         """Time, position, velocity and dissipated energy of the last stored state."""
@@ -79,11 +91,11 @@ class Record:
         """Drop the states after `time` [s]: guards look at batches, which may end after a stored state."""
         self._keep(self._until(time))
 
-    def back_to_good(self, monitor: Monitor) -> None:
-        """Drop the first state whose energy balance is off by `GOOD_PART` of the bound, and all after it."""
-        position, velocity = self._arrays(len(self))
-        off = np.abs(monitor.balance(position, velocity, np.array(self._dissipated)))
-        late = np.flatnonzero(off > GOOD_PART * monitor.allowed())
+    def forget_off(self, monitor: Monitor, part: float = 1.0) -> None:
+        """Drop the first state whose energy balance is off by that part of the bound, and all after it."""
+        now = self.result("going back")
+        off = monitor.off_by(now.kinetic + now.elastic + now.potential, now.dissipated)
+        late = np.flatnonzero(off > part)
         self._keep(max(1, int(late[0]))) if len(late) else None
 
     def _until(self, time: float) -> int:

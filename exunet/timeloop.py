@@ -15,12 +15,11 @@ from exunet.build import Start, build, prepare
 from exunet.casefile import Case
 from exunet.engine.stepper import EngineFailed, Stepper, StepsCollapsed
 from exunet.errors import Interrupted, RunStopped
-from exunet.monitor import RIGHT_HAND_SIDES_A_LOOK, Monitor
-from exunet.recording import Record
+from exunet.monitor import Monitor
+from exunet.recording import GOOD_PART, Record
 from exunet.result import Result
 from exunet.retry import finer
 from exunet.scene import Scene
-from exunet.solvers import METHODS
 from exunet.times import stored_times
 
 if TYPE_CHECKING:
@@ -59,7 +58,7 @@ def simulate(
     record = Record(start, provenance or {})
     record.store(0.0, (start.position, start.velocity), 0.0)
     plan, retries = start.plan, start.scene.solver.retry
-    monitor = Monitor(start.net, start.terms, start.position, start.velocity, _looks(start))
+    monitor = Monitor(start.net, start.terms, start.position, start.velocity)
     record.peaks = monitor.peaks
     if start.terms.breaking is not None:
         record.breaks = Breaks(start.net, start.terms, monitor)
@@ -68,13 +67,20 @@ def simulate(
     while True:
         stop = _Attempt(replace(start, plan=plan), record, monitor, progress, keeper).run()
         if stop is None:
-            return record.result("ok")
+            result = record.result("ok")
+            mechanical = result.kinetic + result.elastic + result.potential
+            states = (result.time, result.position, result.velocity)
+            stop = monitor.review(*states, mechanical, result.dissipated)
+            if stop is None:
+                return result
+            record.forget_after(monitor.good_until)
         next_plan = finer(plan) if stop.step_cause and retries else None
         if next_plan is None:
+            record.forget_off(monitor)  # what swung out between two looks of the guards, and back
             stop.partial = record.result(str(stop))
             raise stop
         plan, retries = next_plan, retries - 1
-        record.back_to_good(monitor)
+        record.forget_off(monitor, GOOD_PART)
         record.retried(str(stop), plan)
         monitor.go_back(*record.last())
 
@@ -107,8 +113,7 @@ class _Attempt:
             self._keeper()
             for until in times[len(record) :].tolist():
                 stepper.advance(until)
-                taken = monitor.dissipated if stepper.dissipated is None else stepper.dissipated
-                record.store(until, stepper.state(), taken)
+                record.store(until, stepper.state(), self._dissipated(stepper, until))
                 self._keeper()
         except RunStopped as found:
             stop = found
@@ -121,8 +126,18 @@ class _Attempt:
         record.integrated(stepper, clock.perf_counter() - began)
         return stop
 
+    def _dissipated(self, stepper: Stepper | Loop, until: float) -> float | None:
+        """Energy [J] taken out until now; None: the states of the last steps are still to be looked at."""
+        if stepper.dissipated is not None:
+            return stepper.dissipated
+        seen = float(self._monitor.ledger[0][-1])
+        return self._monitor.dissipated if seen >= until else None
+
     def _watch(self, time: Floats, position: Floats, velocity: Floats, taken: Floats | None = None) -> None:
-        self._monitor(time, position, velocity, taken)
+        try:
+            self._monitor(time, position, velocity, taken)
+        finally:
+            self._record.book(*self._monitor.ledger)
         if self._progress:
             self._progress(float(time[-1]))
 
@@ -143,14 +158,6 @@ class _Attempt:
         if self._record.breaks is not None:
             stepper.watch_for(self._record.breaks)
         return stepper
-
-
-def _looks(start: Start) -> int:
-    """Every how many steps the guards look; the ledger of work and the peaks take all steps."""
-    method = METHODS[start.plan.method]
-    if start.scene.engine.loop == "compiled" or method.kind == "implicit":
-        return 1  # of the states that the loop hands over, or of steps that cost much more than a look
-    return max(1, RIGHT_HAND_SIDES_A_LOOK // method.stages)
 
 
 class _Keeper:

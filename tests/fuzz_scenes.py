@@ -14,7 +14,7 @@ from exunet import metrics
 from exunet.build import Start, prepare
 from exunet.casefile import load
 from exunet.errors import CaseError, InputError, RunStopped
-from exunet.monitor import ENERGY_BOUND
+from exunet.guards import ENERGY_BOUND
 from exunet.result import Result, load_result, save
 from exunet.summary import summarise
 from exunet.timeloop import simulate

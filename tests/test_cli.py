@@ -201,13 +201,14 @@ def test_ctrl_c_while_the_reference_runs_keeps_the_result(tmp_path):
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     deadline = time.monotonic() + 60
-    while not (tmp_path / "here/result.h5").exists() and time.monotonic() < deadline:
+    result = tmp_path / "here/result.h5"
+    while not (result.exists() and exunet.load_result(result).complete) and time.monotonic() < deadline:
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
     _, words = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in words
-    assert exunet.load_result(tmp_path / "here/result.h5").complete
+    assert exunet.load_result(result).complete
 
 
 def test_a_refused_run_leaves_an_earlier_result_alone(tmp_path):

@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from exunet.breaking import Breaks
 from exunet.engine.loading import exudyn
 from exunet.engine.model import Model
+from exunet.errors import RunStopped
 from exunet.interrupt import postponed
 from exunet.solvers import METHODS, Plan
 
 Floats = NDArray[np.float64]
 Watcher = Callable[[Floats, Floats, Floats], None]
 
-_BUFFER_NUMBERS = 2**19  # of one coordinate array; bounds memory, large enough to vectorise the watcher
+_ROWS = 256  # states that the watcher gets in one go: enough to be fast, few enough to be told soon
+_BUFFER_NUMBERS = 2**19  # of one coordinate array; bounds memory
 _TINY_ATTEMPTS = 200  # of the least size, one after the other; a snap's beginning may need a few
 
 
@@ -43,10 +45,10 @@ class StepsCollapsed(EngineFailed):
 class Stepper:
     """Advances a model to asked times and hands the accepted states, in batches, to a watcher.
 
-    The watcher gets (time (k,), position (k, n, 3), velocity (k, n, 3)); batches overlap in one state, so
-    that it can integrate over steps. `begin` is the time of the
-    model's state [s]. An exception raised by the watcher, KeyboardInterrupt included, comes out of `advance`
-    unchanged.
+    The watcher gets (time (k,), position (k, n, 3), velocity (k, n, 3)) of every step, later than `advance`
+    has gone there but before the end of the run or an exception; batches overlap in one state, so that it can
+    integrate over steps. `begin` is the time of the model's state [s]. An exception raised by the watcher,
+    KeyboardInterrupt included, comes out of `advance` unchanged.
     """
 
     def __init__(
@@ -59,7 +61,8 @@ class Stepper:
         self.counts = Counts()
         self.time = begin
         self.dissipated = None  # the watcher has to sum it
-        rows = max(16, min(4096, _BUFFER_NUMBERS // max(1, model.n_coordinates)))
+        self._end = end
+        rows = max(16, min(_ROWS, _BUFFER_NUMBERS // max(1, model.n_coordinates)))
         self._times = np.empty(rows)
         self._q = np.empty((rows, model.n_coordinates))
         self._v = np.empty((rows, model.n_coordinates))
@@ -103,6 +106,8 @@ class Stepper:
         self._count_newton()
         if self._stop is not None:
             stop, self._stop = self._stop, None
+            if not isinstance(stop, RunStopped):
+                self._flush()
             raise stop
         if not done:
             self._flush()
@@ -113,7 +118,8 @@ class Stepper:
         self._tiny_attempts = 0
         self.time = self._step_start = until
         self._append(until)
-        self._flush()
+        if until >= self._end or not np.isfinite(self._v[self._rows - 1]).all():
+            self._flush()
         self._look_for_breaks(until)
 
     def _set_stretch(self, until: float) -> None:

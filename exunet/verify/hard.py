@@ -13,8 +13,8 @@ import reference_impl as reference
 from exunet.build import prepare
 from exunet.casefile import load
 from exunet.errors import CaseError, RunStopped
+from exunet.guards import ENERGY_BOUND
 from exunet.metrics import energy_balance
-from exunet.monitor import ENERGY_BOUND
 from exunet.result import Result
 from exunet.timeloop import simulate
 from exunet.verify.check import Check
