@@ -87,7 +87,8 @@ def _line(one: Toggled) -> str:
         f"{key.replace('_', ' ')} {value:+.2g} {units[key]} (noise {noise[key]:+.1g})"
         for key, value in one.measures
     )
-    return f"{name} {size}; {changes or 'no mouth'}; wall x {one.wall:.2f}"
+    cost = f"wall x {one.wall:.2f}, its forces estimated x {1.0 + one.found.cost:.2f}"
+    return f"{name} {size}; {changes or 'no mouth'}; {cost}"
 
 
 def _console() -> Console:
