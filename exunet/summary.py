@@ -86,7 +86,7 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if broken := engine.get("broken"):
         first, worst = broken[0], max(one["energy_excess"] for one in broken)
         words = f"{len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
-        table.append(("broken", f"{words}; held at most {worst:.1%} more energy than at the limit"))
+        table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
     table += [("note", note) for note in engine.get("notes", [])]
     return table + _deployment_rows(summary["deployment"]) + _check_rows(summary.get("check"))
 
