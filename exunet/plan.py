@@ -31,9 +31,9 @@ def make_plan(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64
     if solver.method == "auto":
         return _chosen(scene, net, terms, velocity)
     if METHODS[solver.method].kind == "adaptive":
-        return _adaptive(solver.method, scene, net, velocity)
+        return _adaptive(solver.method, scene, net, terms, velocity)
     spacing = float(np.diff(stored_times(scene.time)).max())
-    limit = stable_step(solver.method, largest_frequency(net), largest_damping_rate(net, terms))
+    limit = stable_step(solver.method, largest_frequency(net, terms), largest_damping_rate(net, terms))
     if solver.step is not None:
         notes = _above(limit, min(solver.step, spacing), solver)
         return _fixed(solver.method, solver.step, spacing, *notes)
@@ -52,9 +52,9 @@ def _chosen(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64])
     method, why = auto.choose_method(solver.accuracy, able)
     if solver.tolerance is not None:
         method, why = "DOPRI5", "for a given tolerance"
-    plan = _adaptive(method, scene, net, velocity)
+    plan = _adaptive(method, scene, net, terms, velocity)
     notes = [f"auto: {method}, tolerance {plan.tolerance:.2g} ({why})"]
-    rate, frequency = largest_damping_rate(net, terms), largest_frequency(net)
+    rate, frequency = largest_damping_rate(net, terms), largest_frequency(net, terms)
     if rate > STIFF * frequency:
         steps = scene.time.end / stable_step("RK44", frequency, rate)
         notes.append(f"stiff damping ({rate:.2g}/s): it, not the accuracy, asks for some {steps:.2g} steps")
@@ -100,7 +100,7 @@ def _fixed(method: str, step: float, spacing: float, *notes: str) -> Plan:
     return Plan(method, step=min(step, spacing), notes=notes)
 
 
-def _adaptive(method: str, scene: Scene, net: Net, velocity: NDArray[np.float64]) -> Plan:
+def _adaptive(method: str, scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64]) -> Plan:
     solver = scene.solver
     notes: tuple[str, ...] = ()
     tolerance, expected = solver.tolerance, None
@@ -114,7 +114,7 @@ def _adaptive(method: str, scene: Scene, net: Net, velocity: NDArray[np.float64]
                 f"accuracy {solver.accuracy:g} is beyond double precision here: "
                 f"ran at the best, {known.best:.1g}, tolerance {tolerance:.2g}",
             )
-    frequency = largest_frequency(net)
+    frequency = largest_frequency(net, terms)
     period = 1.0 / frequency if frequency else math.inf
     first = min(scene.time.end, 0.1 * period)
     return Plan(

@@ -51,10 +51,16 @@ def _largest_eigenvalue(matrix: csr_array) -> float:
         return bound
 
 
-def largest_frequency(net: Net) -> float:
-    """Highest angular frequency [rad/s] of the just taut net: sqrt of the largest eigenvalue of M^-1 T."""
+def largest_frequency(net: Net, terms: Terms) -> float:
+    """Highest angular frequency [rad/s] of the just taut net: sqrt of the largest eigenvalue of M^-1 (T + K).
+
+    K is the constant stiffness of the effects, such as that of bending.
+    """
     free = _free_coordinates(net)
-    stiffness = reference_tangent_stiffness(net)[free][:, free]
+    stiffness = reference_tangent_stiffness(net)
+    if terms.stiffness is not None:
+        stiffness = csr_array(stiffness + terms.stiffness)
+    stiffness = stiffness[free][:, free]
     return math.sqrt(max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(net.mass, 3)[free]))))
 
 
@@ -66,7 +72,7 @@ def largest_damping_rate(net: Net, terms: Terms) -> float:
         damping = terms.damping[free][:, free]
         rate += max(0.0, _largest_eigenvalue(_symmetric(damping, np.repeat(net.mass, 3)[free])))
     if terms.relaxation_time is not None:  # of a taut net, tau T at most
-        rate += float(terms.relaxation_time.max(initial=0.0)) * largest_frequency(net) ** 2
+        rate += float(terms.relaxation_time.max(initial=0.0)) * largest_frequency(net, terms) ** 2
     return rate
 
 

@@ -11,6 +11,7 @@ from small_nets import pair_of_masses, thrown
 
 import exunet
 from exunet.build import Start, prepare
+from exunet.effects.terms import Terms
 from exunet.errors import CaseError, RunStopped
 from exunet.guards import ENERGY_BOUND, STRETCH_BOUND
 from exunet.metrics import energy_balance
@@ -191,7 +192,7 @@ def test_newtons_failure_is_told_with_step_and_state(monkeypatch):
 def test_a_step_above_the_stable_one_is_refused_unless_forced(method):
     from exunet.stability import largest_frequency, stable_step
 
-    limit = stable_step(method, largest_frequency(prepare(thrown({})).net))
+    limit = stable_step(method, largest_frequency(prepare(thrown({})).net, Terms()))
     with pytest.raises(CaseError, match="above the stable step") as refusal:
         prepare(thrown({"method": method, "step": 1.02 * limit}))
     assert refusal.value.faults[0].key == "solver.step"

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from exunet.build import prepare
 from exunet.effects.terms import Terms
@@ -52,13 +53,13 @@ def oscillator(**more: object) -> Scene:
 def test_verlet_step_of_square_nets(cells, factor):
     """field.md: 1.251, 1.234, 1.227 times mesh over wave speed, from eigenvalues."""
     start = prepare(square_net(cells))
-    step = stable_step("VelocityVerlet", largest_frequency(start.net))
+    step = stable_step("VelocityVerlet", largest_frequency(start.net, start.terms))
     assert step == pytest.approx(factor / math.sqrt(E / RHO), rel=1e-3)
 
 
 def test_frequency_of_one_mass_on_a_cable():
     start = prepare(oscillator())
-    assert largest_frequency(start.net) == pytest.approx(math.sqrt(1e8 * 1e-6 / 1.0), rel=1e-12)
+    assert largest_frequency(start.net, start.terms) == pytest.approx(math.sqrt(1e8 * 1e-6 / 1.0), rel=1e-12)
 
 
 def test_damping_rate_of_rayleigh_damping():
@@ -142,3 +143,12 @@ def test_sixth_order_methods_last_coefficient():
     seventh = (state[1] / state[0] - known) / (-z) ** 7
     assert METHODS["RK67"].stages == 7
     assert seventh.real == pytest.approx(_RK67_SEVENTH, rel=2e-2)  # the spring is linear to 1e-7 only
+
+
+def test_constant_stiffness_of_effects_counts():
+    """A mass of 1 kg on a cable of stiffness EA/L0 = 100 N/m, with a constant spring of 300 N/m beside it."""
+    start = prepare(oscillator())
+    spring = np.zeros((6, 6))
+    spring[3, 3] = 300.0
+    beside = Terms(stiffness=csr_array(spring))
+    assert largest_frequency(start.net, beside) == pytest.approx(math.sqrt(400.0), rel=1e-5)

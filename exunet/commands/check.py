@@ -40,7 +40,7 @@ def _items(start: Start) -> str:
 
 
 def _stable_steps(start: Start) -> str:
-    frequency = largest_frequency(start.net)
+    frequency = largest_frequency(start.net, start.terms)
     rate = largest_damping_rate(start.net, start.terms)
     limits = []
     for name in ("VelocityVerlet", "RK33", "RK44"):

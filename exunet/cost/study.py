@@ -88,7 +88,7 @@ class Study:
 
 def limits(start: Start, end: float) -> Limits:
     """Stable steps of the fixed-step methods on this scene."""
-    frequency = largest_frequency(start.net)
+    frequency = largest_frequency(start.net, start.terms)
     rate = largest_damping_rate(start.net, start.terms)
     explicit = [name for name, method in METHODS.items() if method.kind == "explicit"]
     return Limits({name: stable_step(name, frequency, rate) for name in explicit}, end)

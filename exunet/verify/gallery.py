@@ -139,7 +139,7 @@ def _growth(result: Result, _start: Any) -> Iterator[Finding]:
 
 
 def _damping_sets(result: Result, start: Any) -> Iterator[Finding]:
-    alone = stable_step(start.plan.method, largest_frequency(start.net))
+    alone = stable_step(start.plan.method, largest_frequency(start.net, start.terms))
     yield "step that damping allows", float(start.plan.step / alone), DAMPING_SETS
 
 
@@ -196,4 +196,4 @@ GALLERY = (
 def above_limit(scene: Any) -> float:
     """1.02 of the stable step [s] of a scene's method."""
     start = prepare(scene)
-    return 1.02 * stable_step(start.plan.method, largest_frequency(start.net))
+    return 1.02 * stable_step(start.plan.method, largest_frequency(start.net, start.terms))

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import eigsh
 
+from exunet.effects.terms import Terms
 from exunet.solvers import Plan
 from exunet.stability import largest_frequency, stable_step
 from exunet.verify.answers.modes import modes_of
@@ -31,7 +32,7 @@ def stable_steps(pair: Pair) -> Iterator[Check]:
     for meshes, known in KNOWN.items():
         larger = read_pair(pair.path, {"net.size": str(float(meshes))})
         net = larger.start.net
-        step = stable_step("VelocityVerlet", largest_frequency(net))
+        step = stable_step("VelocityVerlet", largest_frequency(net, Terms()))
         theirs = 2.0 / math.sqrt(_largest_eigenvalue(larger))
         name, values = f"{meshes} x {meshes} meshes", f"{step:.9g} s and {theirs:.9g} s"
         yield Check(
