@@ -98,7 +98,7 @@ def _one(start: Start, kernel: Kernel, times: Floats, run: int) -> tuple[Any, ..
     march = March(start, kernel)
     time, place, speed, taken = march.through(times)
     try:
-        Monitor(net, terms, start.position, start.velocity)(time, place, speed, taken)
+        Monitor(net, terms, start.position, start.velocity, every=1)(time, place, speed, taken)
     except RunStopped as stop:
         raise RunStopped(f"run {run} of the ensemble {stop}") from stop
     if len(time) < len(times):

@@ -22,7 +22,8 @@ AMPLITUDES = (1e-12, 1e-10, 1e-8)  # [m], of the perturbation of each coordinate
 SEED = 20210616
 STATES = 400  # stored states of a run; they also cut it into stretches
 STEP_PART = 0.25  # of the stable step: RK44 then keeps the energy of a snapping net to 1 %
-MOST_WORK = 6_000_000  # elements x steps of one run
+MOST_WORK = 20_000_000  # elements x steps of one run
+ROUND_OFF, VISIBLE = 1e-16, 1e-3  # [m]: the horizon is where the one has become the other
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,11 @@ class Growth:
         fitted = self.rates[np.isfinite(self.rates)]
         return float(fitted.mean()) if len(fitted) else 0.0
 
+    @property
+    def horizon(self) -> float:
+        """Time [s] at which a difference of `ROUND_OFF` has become `VISIBLE`; infinite if not in this run."""
+        return self.reaches(ROUND_OFF, VISIBLE)
+
     def reaches(self, start: float, level: float) -> float:
         """Time [s] at which a difference of `start` [m] has become `level` [m]; infinite if not in this run.
 
@@ -69,7 +75,7 @@ LINEAR = 1e-3  # [m]: differences above this part no longer in proportion to the
 def fixed_plan(pair: Pair, spacing: float, part: float = STEP_PART) -> Plan:
     """RK44 with a whole number of equal steps in `spacing` [s], within a part of the stable step."""
     net, terms = pair.start.net, pair.start.terms
-    limit = part * stable_step("RK44", largest_frequency(net), largest_damping_rate(net, terms))
+    limit = part * stable_step("RK44", largest_frequency(net, terms), largest_damping_rate(net, terms))
     return Plan("RK44", step=spacing / max(1, math.ceil(spacing / limit)))
 
 
@@ -96,8 +102,9 @@ def distance(a: Motion, b: Motion) -> Floats:
 def growth(pair: Pair, end: float | None = None, amplitudes: tuple[float, ...] = AMPLITUDES) -> Growth:
     """Perturbs the start of a case and follows the differences, up to `end` [s] at most."""
     times, plan = grid(pair, end)
-    base = pair.engine(times, plan)
-    difference = np.array([distance(base, perturbed(pair, a).engine(times, plan)) for a in amplitudes])
+    fast = pair.fastest()
+    base = fast.engine(times, plan)
+    difference = np.array([distance(base, perturbed(fast, a).engine(times, plan)) for a in amplitudes])
     rates = [_rate(times, d, a) for d, a in zip(difference, amplitudes, strict=True)]
     return Growth(times, np.array(amplitudes), difference, np.array(rates))
 

@@ -90,7 +90,7 @@ class Ladder:
         count = 30 if self._quick else 300
         yield Step(1, "random nets", lambda: topology.random_topologies(count))
         for rung, what in ((2, forces.forces), (3, matrices.matrices), (4, stepping.one_step)):
-            for pair in self._forms():
+            for pair in self._forms(rung):
                 yield Step(rung, pair.name, lambda pair=pair, what=what: what(pair))  # type: ignore[misc]
 
     def _topology(self, pair: Pair) -> Iterator[Check]:
@@ -105,12 +105,19 @@ class Ladder:
         """Cases whose nets are the same in both codes: only these can be compared further."""
         return [pair for pair in self._pairs if pair.name not in self._different]
 
-    def _forms(self) -> list[Pair]:
-        """The cases with the engine's connectors and, where Numba is installed, with its fused net."""
+    def _forms(self, rung: int) -> list[Pair]:
+        """The cases with the engine's connectors and, where Numba is installed, with its fused net.
+
+        For steps in time also with the compiled loop, which has the forces of the fused net.
+        """
         from exunet.kernel.compile import numba_installed
 
         pairs = self._same_nets()
-        return pairs + [pair.fused() for pair in pairs] if numba_installed() else pairs
+        forms = [*pairs]
+        if numba_installed():
+            forms += [pair.fused() for pair in pairs]
+            forms += [pair.looped() for pair in pairs] if rung == 4 else []
+        return forms
 
     def _runs(self) -> Iterator[Step]:
         pairs = [pair for pair in self._same_nets() if pair.start.net.n_elements <= MOST_ELEMENTS]

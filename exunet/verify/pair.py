@@ -21,8 +21,10 @@ from exunet.casefile import Case, load
 from exunet.compare import States, match_nodes
 from exunet.effects import switched_on
 from exunet.engine.probe import Probe
-from exunet.engine.stepper import Stepper
+from exunet.engine.stepper import EngineFailed, Stepper
 from exunet.errors import InputError
+from exunet.kernel.compile import numba_installed
+from exunet.loop.loop import March, loop_kernel
 from exunet.solvers import Plan
 
 Floats = NDArray[np.float64]
@@ -138,6 +140,17 @@ class Pair:
         start = replace(self.start, scene=scene.model_copy(update={"engine": engine}))
         return replace(self, name=f"{self.name}, fused", start=start)
 
+    def looped(self) -> Pair:
+        """The same case stepped by exunet's compiled loop in place of the engine; needs Numba to run."""
+        scene = self.start.scene
+        engine = scene.engine.model_copy(update={"net": "fused", "loop": "compiled"})
+        start = replace(self.start, scene=scene.model_copy(update={"engine": engine}))
+        return replace(self, name=f"{self.name}, compiled", start=start)
+
+    def fastest(self) -> Pair:
+        """The form of the case for many runs: `looped`, or this one where Numba is not installed."""
+        return self.looped() if numba_installed() else self
+
     def from_state(self, position: Floats, velocity: Floats) -> Pair:
         """The same case started from another state of the free nodes (both in exunet's order)."""
         fixed = self.start.net.fixed_nodes
@@ -148,11 +161,15 @@ class Pair:
     def engine(self, times: Floats, plan: Plan | None = None) -> Motion:
         """Exudyn's trajectory at `times` (from 0 on), with the plan of the case or another.
 
-        Raises exunet.engine.stepper.EngineFailed where the engine gives up.
+        That of the compiled loop, if the case is `looped`. Raises exunet.engine.stepper.EngineFailed where
+        the engine gives up.
         """
-        model = build(self.start)
+        start = replace(self.start, plan=plan or self.start.plan)
+        if start.scene.engine.loop == "compiled":
+            return _compiled(start, times)
+        model = build(start)
         states = [model.coordinates()]
-        stepper = Stepper(model, plan or self.start.plan, float(times[-1]), _ignore)
+        stepper = Stepper(model, start.plan, float(times[-1]), _ignore)
         for until in times[1:].tolist():
             stepper.advance(until)
             states.append(model.coordinates())
@@ -171,6 +188,16 @@ class Pair:
         bullets = self.start.net.bullet_nodes
         shown = bullets if len(bullets) else np.arange(self.start.net.n_nodes)
         return np.linalg.norm(motion.velocity[:, shown], axis=-1)
+
+
+def _compiled(start: Start, times: Floats) -> Motion:
+    march = March(start, loop_kernel(start))
+    reached, position, velocity, _ = march.through(times)
+    if len(reached) < len(times):
+        raise EngineFailed(march.collapse())
+    if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
+        raise EngineFailed("the state in the compiled loop is no longer finite")
+    return Motion(np.asarray(times), position, velocity, march.counts.steps)
 
 
 def _ignore(time: Floats, position: Floats, velocity: Floats) -> None:
@@ -197,9 +224,8 @@ def pair_of(case: Case) -> Pair:
         raise _out_of_reach(case.name, refused) from refused
     # The form that states the law element by element; `Pair.fused` is the other.
     scene = case.scene
-    if scene.engine.net == "auto":
-        engine = scene.engine.model_copy(update={"net": "connectors"})
-        scene = scene.model_copy(update={"engine": engine})
+    engine = scene.engine.model_copy(update={"net": "connectors", "loop": "exudyn"})
+    scene = scene.model_copy(update={"engine": engine})
     return Pair(case.name, case.path, prepare(scene), theirs, net, reference.assemble(theirs, net))
 
 

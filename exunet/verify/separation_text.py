@@ -40,7 +40,8 @@ def _table(found: Study, speed: float) -> str:
         for label, runs in group.items():
             instants = _instants(runs, found.time, speed)
             cells = [
-                f"{instants[t]:.3f} s" if instants[t] == instants[t] else "-" for t in found.tolerances[::2]
+                "" if t not in instants else f"{instants[t]:.3f} s" if instants[t] == instants[t] else "-"
+                for t in found.tolerances[::2]
             ]
             rows.append(f"| {start} | {label} | " + " | ".join(cells) + " |")
     return "\n".join(rows)
@@ -78,7 +79,7 @@ def answer(found: Study, speed: float) -> str:
 property of the problem, or which part of each?**
 
 Times at which the four bullet speeds first differ by more than {VISIBLE:.0%} of the launch speed, by
-tolerance of the integrator (- : not before {found.time[-1]:g} s):
+tolerance of the integrator (-: not before {found.time[-1]:g} s; blank: not run):
 
 {_table(found, speed)}
 

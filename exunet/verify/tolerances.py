@@ -59,6 +59,12 @@ CONVERGED = Tolerance(
     "of the net's size: a code counts as converged while ten times its tolerance changes no position by "
     "more, a tenth of what the comparison of the codes allows",
 )
+LEFT_OUT = Tolerance(
+    0.5,
+    "",
+    "of the time to the horizon of one round-off: where the round-off of all steps has grown beyond what "
+    "CONVERGED allows, there is nothing to compare, but that comes late",
+)
 TRAJECTORY = Tolerance(
     1e-5, "", "of the net's size and of the launch speed: ten times the error that each code has by itself"
 )
@@ -123,6 +129,7 @@ PROPORTIONAL = Tolerance(
 SAME_STATISTICS = Tolerance(
     5.0,
     "standard errors",
-    "ten times are looked at; five standard errors are passed by chance once in 200 000 such comparisons",
+    "ten times are looked at; by chance, five standard errors are passed once in 6000 such comparisons "
+    "(Student, 16 runs in the smaller ensemble)",
 )
 SYMMETRIC = Tolerance(0.0, "m/s", "mirrored sums are formed in mirrored order: equal to the last bit")
