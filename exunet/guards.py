@@ -92,13 +92,15 @@ class Guards:
         momentum = energy.momentum(self._net, velocity)
         return float(momentum @ momentum) / (2.0 * float(self._net.mass.sum()))
 
-    def allowed(self) -> float:
-        """How far the energy balance may be off by now [J]."""
-        return ENERGY_BOUND * (self._scale + self._gained) + _LEAST_ENERGY
+    def off_by(self, motion: Floats, potential: Floats, dissipated: Floats) -> Floats:
+        """(k,) how far the energy balance of stored states is off, as a part of the bound.
 
-    def balance(self, mechanical: Floats, dissipated: Floats) -> Floats:
-        """Energy balance less that of the start [J]; mechanical: kinetic, elastic and potential energy."""
-        return mechanical + dissipated - self._start
+        motion : (k,) kinetic and elastic energy [J], beside the potential and the dissipated energy (k,) [J].
+        What potentials and forces have given is counted at these states only, as in `metrics.energy_balance`.
+        """
+        gained = float(np.maximum(np.abs(potential - self._potential), -dissipated).max(initial=0.0))
+        allowed = ENERGY_BOUND * (self._scale + gained) + _LEAST_ENERGY
+        return np.asarray(np.abs(motion + potential + dissipated - self._start) / allowed)
 
     def look(self, terms: Terms, position: Floats, velocity: Floats, dissipated: Floats) -> Look:
         """See how states (k, n_nodes, 3) with their dissipated energy (k,) [J] keep to the bounds."""
@@ -107,7 +109,7 @@ class Guards:
         length = cable.lengths(self._net, position)
         potential = energy.potential(terms, position)
         mechanical = 0.5 * (squares @ self._net.mass) + cable.elastic_energy(law, length) + potential
-        balance = self.balance(mechanical, dissipated)
+        balance = mechanical + dissipated - self._start
         gained = np.maximum(np.abs(potential - self._potential), -dissipated)
         gained = np.fmax.accumulate(np.fmax(gained, self._gained))  # passes over what is no number
         held = length if terms.intact is None else length * terms.intact  # what broke has any length

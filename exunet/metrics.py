@@ -121,14 +121,15 @@ def energy_balance(result: Result) -> float:
 
     The error is |K + U + V + W - (K + U + V + W at the first stored time)|, with the kinetic, elastic and
     potential energies K, U, V and the dissipated work W. The energy in play is the initial K + U plus the
-    largest change of V (V itself depends on the choice of the origin); if that is zero (a net at rest without
-    loads), the largest of K, U and |W|; if that is zero too, nothing ever moved and the error is 0. So it is
-    where it is no more than the round-off of V.
+    largest change of V (V itself depends on the choice of the origin) and the largest work -W that forces
+    have put in; if that is zero (a net at rest without loads), the largest of K, U and |W|; if that is zero
+    too, nothing ever moved and the error is 0. So it is where it is no more than the round-off of V.
     """
     kinetic, elastic, potential = result.kinetic, result.elastic, result.potential
     change = potential - potential[0]
     total = kinetic + elastic + change + result.dissipated
-    scale = float(kinetic[0] + elastic[0] + np.max(np.abs(change)))
+    put_in = float(np.max(-result.dissipated, initial=0.0))
+    scale = float(kinetic[0] + elastic[0] + np.max(np.abs(change))) + put_in
     if scale == 0.0:
         scale = float(np.max([kinetic, elastic, np.abs(result.dissipated)]))
     error = float(np.max(np.abs(total - total[0])))

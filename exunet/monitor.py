@@ -56,12 +56,9 @@ class Monitor:
         """Time [s] of the last state that had nothing wrong with it."""
         return self._last_good[0]
 
-    def off_by(self, mechanical: Floats, dissipated: Floats) -> Floats:
-        """(k,) how far the energy balance of states is off, as a part of what is allowed by now.
-
-        mechanical : (k,) kinetic, elastic and potential energy [J]; dissipated : (k,) [J]
-        """
-        return np.abs(self._guards.balance(mechanical, dissipated)) / self._guards.allowed()
+    def off_by(self, motion: Floats, potential: Floats, dissipated: Floats) -> Floats:
+        """See `Guards.off_by`."""
+        return self._guards.off_by(motion, potential, dissipated)
 
     def explain(self, plan: Plan) -> None:
         """Tell how the run is integrated, for the words of the guards."""
@@ -131,14 +128,11 @@ class Monitor:
             step_cause=look.of_steps(bad),
         )
 
-    def review(
-        self, time: Floats, position: Floats, velocity: Floats, mechanical: Floats, dissipated: Floats
-    ) -> RunStopped | None:
-        """What is wrong with the energy of the stored states of a run that got to its end.
+    def review(self, time: Floats, position: Floats, velocity: Floats, off: Floats) -> RunStopped | None:
+        """What is wrong with the energy of the stored states of a finished run; off (k,): of `off_by`.
 
         Between two looks of the guards, the energy of a method near its stable step may swing out and back.
         """
-        off = self.off_by(mechanical, dissipated)
         if np.all(off <= 1.0):
             return None
         bad = int(np.argmax(off > 1.0))

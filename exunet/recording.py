@@ -94,7 +94,7 @@ class Record:
     def forget_off(self, monitor: Monitor, part: float = 1.0) -> None:
         """Drop the first state whose energy balance is off by that part of the bound, and all after it."""
         now = self.result("going back")
-        off = monitor.off_by(now.kinetic + now.elastic + now.potential, now.dissipated)
+        off = monitor.off_by(now.kinetic + now.elastic, now.potential, now.dissipated)
         late = np.flatnonzero(off > part)
         self._keep(max(1, int(late[0]))) if len(late) else None
 

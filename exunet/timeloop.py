@@ -68,9 +68,8 @@ def simulate(
         stop = _Attempt(replace(start, plan=plan), record, monitor, progress, keeper).run()
         if stop is None:
             result = record.result("ok")
-            mechanical = result.kinetic + result.elastic + result.potential
-            states = (result.time, result.position, result.velocity)
-            stop = monitor.review(*states, mechanical, result.dissipated)
+            off = monitor.off_by(result.kinetic + result.elastic, result.potential, result.dissipated)
+            stop = monitor.review(result.time, result.position, result.velocity, off)
             if stop is None:
                 return result
             record.forget_after(monitor.good_until)
