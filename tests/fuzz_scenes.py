@@ -207,7 +207,7 @@ def _words(stop: RunStopped) -> str:
 
 def _faults(result: Result, start: Start, folder: Path) -> str:
     """The first thing that is wrong with a result, complete or not."""
-    with np.errstate(all="raise"):
+    with np.errstate(divide="raise", over="raise", invalid="raise"):
         summary = summarise(result)
     json.dumps(summary, allow_nan=False)
     save(result, folder / "result.h5")  # refuses what is not finite
