@@ -22,15 +22,17 @@ def verify(paths: Sequence[Path], folder: Path, *, quick: bool) -> int:
     """Climb the ladder over the cases (none: the shipped ones); returns the exit code.
 
     0 if all checks hold, 1 if one fails, 130 if interrupted (what was done is in the report). Raises
-    InputError before anything runs if a case is out of the reference's reach or the folder cannot be written.
+    InputError before anything runs if a case is out of the reference's reach, the shipped cases are not there
+    or the folder cannot be written.
     """
     pairs = read_cases(paths)
+    ladder = Ladder(pairs, quick=quick, study=not paths)
     make_folder(folder)
     findings: list[Finding] = []
     console = plain_console()
     interrupted = False
     try:
-        for finding in _climb(Ladder(pairs, quick=quick, study=not paths), console):
+        for finding in _climb(ladder, console):
             findings.append(finding)
             if isinstance(finding, Check):
                 show(finding, console)
@@ -70,6 +72,8 @@ def show(check: Check, console: Console, width: int = 24) -> None:
     )
     if not check.holds:
         console.print(f"    worst: {check.worst}")
+    if check.left_out:
+        console.print(f"    because: {check.worst}")
 
 
 def plain_console() -> Console:

@@ -51,9 +51,7 @@ class Stepper:
     KeyboardInterrupt included, comes out of `advance` unchanged.
     """
 
-    def __init__(
-        self, model: Model, plan: Plan, end: float, watcher: Watcher, begin: float = 0.0
-    ) -> None:
+    def __init__(self, model: Model, plan: Plan, end: float, watcher: Watcher, begin: float = 0.0) -> None:
         self._model = model
         self._plan = plan
         self._method = METHODS[plan.method]

@@ -23,6 +23,7 @@ class Check:
     measured : the difference found, in `allowed.unit`
     allowed  : the tolerance, or None for a measurement that nothing is demanded of
     worst    : where the difference is largest: node or element, time, both values
+    left_out : nothing was compared here; `name` says what, `worst` why
     """
 
     rung: int
@@ -31,6 +32,7 @@ class Check:
     measured: float
     allowed: Tolerance | None
     worst: str = ""
+    left_out: bool = False
 
     @property
     def holds(self) -> bool:
@@ -39,9 +41,16 @@ class Check:
 
     @property
     def verdict(self) -> str:
+        if self.left_out:
+            return "LEFT OUT"
         if self.allowed is None:
             return "noted"
         return "holds" if self.holds else "FAILS"
+
+
+def left_out(rung: int, subject: str, what: str, why: str) -> Check:
+    """A row that says what was not compared, and why; the verdict counts these."""
+    return Check(rung, subject, what, 0.0, None, why, left_out=True)
 
 
 def worst_of(name: str, checks: Iterable[Check]) -> Check:

@@ -69,11 +69,10 @@ def ensemble(pair: Pair, code: str, runs: int | None = None) -> Ensemble:
         changes = {"end": times[-1], "output_times": tuple(times.tolist()), "output_step": None}
         scene = start.scene.model_copy(update={"time": start.scene.time.model_copy(update=changes)})
         found = run_ensemble(replace(start, scene=scene), places)
-        measures = (found.area, found.kinetic, found.elastic, found.bullet_speed)
+        area, kinetic, elastic, bullets = found.area, found.kinetic, found.elastic, found.bullet_speed
     else:
         rows = in_parallel(_one, [(pair, code, times, place) for place in places])
-        measures = tuple(np.array([row[k] for row in rows]) for k in range(4))
-    area, kinetic, elastic, bullets = measures
+        area, kinetic, elastic, bullets = (np.array([row[k] for row in rows]) for k in range(4))
     net = start.net
     full = float(metrics.mouth_area(net, net.reference_position)) or 1.0
     total = kinetic + elastic

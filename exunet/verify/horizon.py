@@ -100,7 +100,10 @@ def _band(pair: Pair, found: Ensemble, horizon: float) -> Plate:
         "speed [m/s]": (found.speed, "Mean speed of the bullets"),
     }
     figure = bands(
-        f"{pair.name}: {len(found.area)} runs ({found.code}), starts moved by {AMPLITUDE:.0e} m", found.time, panels, horizon
+        f"{pair.name}: {len(found.area)} runs ({found.code}), starts moved by {AMPLITUDE:.0e} m",
+        found.time,
+        panels,
+        horizon,
     )
     return Plate(
         7,
@@ -118,5 +121,6 @@ def _words(pair: Pair, found: Ensemble) -> Text:
             for values in (found.area, found.energy, found.speed)
         ]
         rows.append(f"| {found.time[at]:.3g} | " + " | ".join(cells) + " |")
-    head = f"What stays predictable in `{pair.name}`: mean ± standard deviation over {len(found.area)} runs ({found.code})."
+    runs = f"{len(found.area)} runs ({found.code})"
+    head = f"What stays predictable in `{pair.name}`: mean ± standard deviation over {runs}."
     return Text(7, head + "\n\n" + "\n".join(rows))

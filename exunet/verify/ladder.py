@@ -10,7 +10,7 @@ from pathlib import Path
 import reference_impl as reference
 from exunet.engine.stepper import EngineFailed
 from exunet.errors import ExunetError, InputError
-from exunet.verify.check import Check, Finding
+from exunet.verify.check import Check, Finding, left_out
 from exunet.verify.growth import Growth
 from exunet.verify.pair import Pair, read_pair
 from exunet.verify.tolerances import RAN
@@ -48,12 +48,32 @@ def shipped(folder: str = "") -> list[Path]:
 
     Raises InputError if there are none.
     """
-    here = Path("cases") / folder
-    beside = Path(__file__).resolve().parents[2] / "cases" / folder
-    for place in (here, beside):
+    for place in _places(folder):
         if found := sorted(place.glob("*.toml")):
             return found
-    raise InputError(f"there is no folder {here} with case files, here or beside the program: name a case")
+    raise InputError(_MISSING.format(Path("cases") / folder))
+
+
+def _places(folder: str) -> tuple[Path, Path]:
+    return Path("cases") / folder, Path(__file__).resolve().parents[2] / "cases" / folder
+
+
+_MISSING = (
+    "{}: no such folder with the cases that come with exunet, neither here nor beside the program; "
+    "verify from a copy of the sources"
+)
+
+
+def answers() -> dict[str, Path]:
+    """The cases of the known answers by name; raises InputError if they are not all there."""
+    from exunet.verify.answers import ANSWERS
+
+    names = {name for name, _ in ANSWERS}
+    for place in _places("verification"):
+        paths = {name: place / f"{name}.toml" for name in names}
+        if all(path.is_file() for path in paths.values()):
+            return paths
+    raise InputError(_MISSING.format("cases/verification"))
 
 
 def read_cases(paths: Sequence[Path]) -> list[Pair]:
@@ -66,6 +86,7 @@ class Ladder:
 
     quick : one case only for what takes whole runs, fewer random nets; rungs 1 to 3 are the same
     study : also look into the separation of the paper's bullet curves
+    Raises InputError without the cases of the known answers.
     """
 
     def __init__(self, pairs: Sequence[Pair], *, quick: bool, study: bool) -> None:
@@ -74,6 +95,7 @@ class Ladder:
         self._study = study
         self._different: set[str] = set()
         self._grown: dict[str, Growth] = {}
+        self._known = answers()
 
     def steps(self) -> Iterator[Step]:
         """The steps in order; which come later may depend on what earlier ones found."""
@@ -120,13 +142,17 @@ class Ladder:
         return forms
 
     def _runs(self) -> Iterator[Step]:
-        pairs = [pair for pair in self._same_nets() if pair.start.net.n_elements <= MOST_ELEMENTS]
+        pairs = self._same_nets()
         for pair in pairs[:1] if self._quick else pairs:
             yield Step(4, pair.name, lambda pair=pair: self._trajectories(pair))  # type: ignore[misc]
 
     def _trajectories(self, pair: Pair) -> Iterator[Finding]:
         from exunet.verify import converged, growth, stepping
 
+        if (count := pair.start.net.n_elements) > MOST_ELEMENTS:
+            why = f"for up to {MOST_ELEMENTS} elements, not {count}"
+            yield left_out(4, pair.name, "whole runs and horizon, rungs 4, 5 and 7", why)
+            return
         followed = (QUICK_END, growth.AMPLITUDES[:1]) if self._quick else ()
         grown = growth.growth(pair, *followed)
         self._grown[pair.name] = grown
@@ -136,10 +162,9 @@ class Ladder:
     def _answers(self) -> Iterator[Step]:
         from exunet.verify.answers import ANSWERS
 
-        paths = {path.stem: path for path in shipped("verification")}
         for name, answer in ANSWERS:
             if not (self._quick and name in LONG_ANSWERS):
-                path = paths[name]
+                path = self._known[name]
                 yield Step(6, name, lambda path=path, answer=answer: answer(read_pair(path)))  # type: ignore[misc]
 
     def _horizons(self) -> Iterator[Step]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import reference_impl as reference
-from exunet.verify.check import Check, worst_of
+from exunet.verify.check import Check, left_out, worst_of
 from exunet.verify.pair import Pair
 from exunet.verify.states import smooth_states
 from exunet.verify.tolerances import (
@@ -24,44 +24,72 @@ from reference_impl import forces as formulas
 Floats = NDArray[np.float64]
 
 SEED = 20210615
-# Effects of which the reference has the matrices too (at rest), as formulas.
+# Effects of which the reference has the matrices too (at rest), as formulas. With others its accelerations
+# are differentiated numerically.
 WITH_FORMULAS = {"gravity", "rayleigh_damping", "mass_damping", "material_damping"}
 MOST_NODES = 500  # the engine's matrices are dense here
 
 
 def matrices(pair: Pair) -> Iterator[Check]:
     """Mass, damping (eq. 13), tangent (eqs. 5, 14) and secant stiffness (eqs. 3, 12) of one case."""
-    beyond = sorted(pair.effects - WITH_FORMULAS)
     net = pair.start.net
-    if beyond or net.n_nodes > MOST_NODES:
-        why = f"{net.n_nodes} nodes, dense matrices" if not beyond else "no formula for " + ", ".join(beyond)
-        yield Check(3, pair.name, f"not compared: {why}", 0.0, None)
+    if net.n_nodes > MOST_NODES:
+        yield left_out(3, pair.name, "matrices", f"dense, for up to {MOST_NODES} nodes, not {net.n_nodes}")
         return
     probe, system = pair.probe(), pair.system
     yield _compare(pair, "mass matrix", probe.mass(), np.diag(_masses(pair)), MASS)
     at_rest = np.zeros_like(net.reference_position)
     found: dict[str, list[Check]] = {}
+    beyond = sorted(pair.effects - WITH_FORMULAS)
+    how = f" by differences ({', '.join(beyond)})" if beyond else ""
     # The engine differentiates a force law that depends on the velocity numerically, as for the stiffness.
-    allowed_damping = STIFFNESS if "material_damping" in pair.effects else DAMPING
+    allowed_damping = STIFFNESS if beyond or "material_damping" in pair.effects else DAMPING
     for kind, position in smooth_states(net, np.random.default_rng(SEED)).items():
         position[net.fixed_nodes] = pair.start.position[net.fixed_nodes]
         there = pair.give(position)
-        tangent = _ours(pair, formulas.tangent(system, there).toarray())
-        damping = _ours(pair, formulas.damping(system, there).toarray())
+        tangent, damping = _differences(pair, there) if beyond else _formulas(pair, there)
         secant = formulas.secant(system, there).toarray()
-        pull = pair.take((secant @ there.ravel()).reshape(-1, 3))
-        felt = probe.accelerations(position, at_rest) - _gravity(pair)
-        force = -_masses(pair).reshape(-1, 3) * felt
-        force[net.fixed_nodes] = pull[net.fixed_nodes]  # the engine's fixed points feel nothing
-        for name, a, b, allowed in (
-            ("tangent stiffness", probe.stiffness(position, at_rest), tangent, STIFFNESS),
-            ("damping matrix", probe.damping(position, at_rest), damping, allowed_damping),
+        compared = [
+            (f"tangent stiffness{how}", probe.stiffness(position, at_rest), tangent, STIFFNESS),
+            (f"damping matrix{how}", probe.damping(position, at_rest), damping, allowed_damping),
             ("secant stiffness, S - S^T", secant, secant.T, SECANT_SYMMETRY),
-            ("forces against S(x) x", force, pull, SECANT_FORCE),
-        ):
+        ]
+        if not beyond:
+            pull = pair.take((secant @ there.ravel()).reshape(-1, 3))
+            felt = probe.accelerations(position, at_rest) - _gravity(pair)
+            force = -_masses(pair).reshape(-1, 3) * felt
+            force[net.fixed_nodes] = pull[net.fixed_nodes]  # the engine's fixed points feel nothing
+            compared.append(("forces against S(x) x", force, pull, SECANT_FORCE))
+        for name, a, b, allowed in compared:
             found.setdefault(name, []).append(_compare(pair, kind, a, b, allowed))
     for name, checks in found.items():
         yield worst_of(f"{name}, {' and '.join(check.name for check in checks)}", checks)
+
+
+def _formulas(pair: Pair, there: Floats) -> tuple[Floats, Floats]:
+    """Tangent stiffness and damping matrix of the reference, (3n, 3n) in exunet's order."""
+    tangent, damping = formulas.tangent(pair.system, there), formulas.damping(pair.system, there)
+    return _ours(pair, tangent.toarray()), _ours(pair, damping.toarray())
+
+
+def _differences(pair: Pair, there: Floats) -> tuple[Floats, Floats]:
+    """The same from central differences of the reference's accelerations at rest."""
+    mass = np.repeat(pair.net.mass, 3)
+    still = np.zeros_like(there)
+    step = 1e-6 * float(pair.net.reference_length.min())  # no strain of `smooth_states` changes its sign
+    pace = 1e-3 if "material_damping" in pair.effects else 1.0  # [m/s]; all else is linear in the velocity
+
+    def change(x: Floats, v: Floats) -> Floats:
+        forth, back = (
+            reference.acceleration(pair.system, 0.0, there + sign * x, still + sign * v)
+            for sign in (1.0, -1.0)
+        )
+        return -0.5 * mass * (forth - back).ravel()
+
+    each = np.eye(there.size).reshape(there.size, *there.shape)
+    stiffness = np.array([change(step * unit, still) for unit in each]).T / step
+    damping = np.array([change(still, pace * unit) for unit in each]).T / pace
+    return _ours(pair, stiffness), _ours(pair, damping)
 
 
 def _masses(pair: Pair) -> Floats:

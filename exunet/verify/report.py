@@ -55,11 +55,17 @@ def verdict(checks: Sequence[Check], *, interrupted: bool) -> str:
     """One sentence on the whole ladder."""
     demanded = [check for check in checks if check.allowed is not None]
     failed = [check for check in demanded if not check.holds]
+    missing = [check for check in checks if check.left_out]
+    but = f" {len(missing)} LEFT OUT: {_listed(missing)}." if missing else ""
     if interrupted:
-        return f"INCOMPLETE: interrupted after {len(demanded)} checks, {len(failed)} of them failed."
+        return f"INCOMPLETE: interrupted after {len(demanded)} checks, {len(failed)} of them failed.{but}"
     if failed:
-        return f"{len(failed)} of {len(demanded)} checks FAIL."
-    return f"All {len(demanded)} checks hold."
+        return f"{len(failed)} of {len(demanded)} checks FAIL.{but}"
+    return f"All {len(demanded)} checks hold.{but}"
+
+
+def _listed(checks: Sequence[Check]) -> str:
+    return "; ".join(f"{check.subject}, {check.name} ({check.worst})" for check in checks)
 
 
 def _lines(findings: Sequence[Finding], cases: Sequence[str], *, quick: bool, interrupted: bool) -> list[str]:
