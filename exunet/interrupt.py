@@ -13,8 +13,8 @@ from types import FrameType
 def postponed() -> Iterator[Callable[[], None]]:
     """Keep Ctrl-C until the given function is called, which then raises KeyboardInterrupt.
 
-    A second Ctrl-C acts at once. Outside the main thread, or where a program has a handler of its own,
-    nothing is changed and the function does nothing.
+    The end of the block is such a call too. A second Ctrl-C acts at once. Outside the main thread, or where
+    a program has a handler of its own, nothing is changed and the function does nothing.
     """
     asked = False
 
@@ -38,3 +38,4 @@ def postponed() -> Iterator[Callable[[], None]]:
     finally:
         if ours:
             signal.signal(signal.SIGINT, signal.default_int_handler)
+    check()  # asked for after the last call inside the block

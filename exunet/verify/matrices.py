@@ -13,7 +13,10 @@ from exunet.verify.pair import Pair
 from exunet.verify.states import smooth_states
 from exunet.verify.tolerances import (
     DAMPING,
+    DIFFERENCED,
+    EXACT_STIFFNESS,
     MASS,
+    RESOLVED,
     SECANT_FORCE,
     SECANT_SYMMETRY,
     STIFFNESS,
@@ -27,6 +30,9 @@ SEED = 20210615
 # Effects of which the reference has the matrices too (at rest), as formulas. With others its accelerations
 # are differentiated numerically.
 WITH_FORMULAS = {"gravity", "rayleigh_damping", "mass_damping", "material_damping"}
+# Effects with which the engine differentiates numerically by the velocities too: a tension that depends on
+# them, or a constant load beside a constant damping matrix.
+DIFFERENTIATED = {"material_damping", "gravity"}
 MOST_NODES = 500  # the engine's matrices are dense here
 
 
@@ -42,26 +48,35 @@ def matrices(pair: Pair) -> Iterator[Check]:
     found: dict[str, list[Check]] = {}
     beyond = sorted(pair.effects - WITH_FORMULAS)
     how = f" by differences ({', '.join(beyond)})" if beyond else ""
-    # The engine differentiates a force law that depends on the velocity numerically, as for the stiffness.
-    allowed_damping = STIFFNESS if beyond or "material_damping" in pair.effects else DAMPING
+    numerical = pair.start.scene.engine.net != "fused"  # the engine's connectors are differentiated by it
+    exact = DIFFERENCED if beyond else EXACT_STIFFNESS
+    viscous = numerical and not pair.effects.isdisjoint(DIFFERENTIATED)
+    least = RESOLVED.value * float((net.youngs_modulus * net.area).max()) if viscous else 0.0
+    of_damping = STIFFNESS if viscous else DIFFERENCED if beyond else DAMPING
     for kind, position in smooth_states(net, np.random.default_rng(SEED)).items():
         position[net.fixed_nodes] = pair.start.position[net.fixed_nodes]
         there = pair.give(position)
         tangent, damping = _differences(pair, there) if beyond else _formulas(pair, there)
         secant = formulas.secant(system, there).toarray()
         compared = [
-            (f"tangent stiffness{how}", probe.stiffness(position, at_rest), tangent, STIFFNESS),
-            (f"damping matrix{how}", probe.damping(position, at_rest), damping, allowed_damping),
-            ("secant stiffness, S - S^T", secant, secant.T, SECANT_SYMMETRY),
+            (
+                f"tangent stiffness{how}",
+                probe.stiffness(position, at_rest),
+                tangent,
+                STIFFNESS if numerical else exact,
+                0.0,
+            ),
+            (f"damping matrix{how}", probe.damping(position, at_rest), damping, of_damping, least),
+            ("secant stiffness, S - S^T", secant, secant.T, SECANT_SYMMETRY, 0.0),
         ]
         if not beyond:
             pull = pair.take((secant @ there.ravel()).reshape(-1, 3))
             felt = probe.accelerations(position, at_rest) - _gravity(pair)
             force = -_masses(pair).reshape(-1, 3) * felt
             force[net.fixed_nodes] = pull[net.fixed_nodes]  # the engine's fixed points feel nothing
-            compared.append(("forces against S(x) x", force, pull, SECANT_FORCE))
-        for name, a, b, allowed in compared:
-            found.setdefault(name, []).append(_compare(pair, kind, a, b, allowed))
+            compared.append(("forces against S(x) x", force, pull, SECANT_FORCE, 0.0))
+        for name, a, b, allowed, floor in compared:
+            found.setdefault(name, []).append(_compare(pair, kind, a, b, allowed, floor))
     for name, checks in found.items():
         yield worst_of(f"{name}, {' and '.join(check.name for check in checks)}", checks)
 
@@ -114,11 +129,13 @@ def _ours(pair: Pair, matrix: Floats) -> Floats:
     return result
 
 
-def _compare(pair: Pair, name: str, ours: Floats, theirs: Floats, allowed: Tolerance) -> Check:
-    """Largest difference of two arrays whose rows belong to coordinates, over the largest entry."""
+def _compare(
+    pair: Pair, name: str, ours: Floats, theirs: Floats, allowed: Tolerance, least: float = 0.0
+) -> Check:
+    """Largest difference of two arrays with a row for each coordinate, over the largest entry or `least`."""
     gap = np.abs(ours - theirs)
     at = np.unravel_index(int(np.argmax(gap)), gap.shape)
-    scale = max(float(np.abs(ours).max()), float(np.abs(theirs).max())) or 1.0
+    scale = max(float(np.abs(ours).max()), float(np.abs(theirs).max()), least) or 1.0
     nodes = " and ".join(str(int(k) // 3) for k in at) if gap.shape[1] > 3 else str(int(at[0]))
     worst = f"node {nodes}: {ours[at]:.16g} and {theirs[at]:.16g}"
     return Check(3, pair.name, name, float(gap[at]) / scale, allowed, worst)

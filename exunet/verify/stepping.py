@@ -34,7 +34,7 @@ def one_step(pair: Pair) -> Iterator[Check]:
             gap = np.abs(a - b)
             node, axis = np.unravel_index(int(np.argmax(gap)), gap.shape)
             values = f"{name} of node {node}, {'xyz'[axis]}: {a[node, axis]:.16g} and {b[node, axis]:.16g}"
-            gaps.append((float(gap.max() / np.abs(b).max()), values))
+            gaps.append((float(gap.max() / (np.abs(b).max() or 1.0)), values))
         measured, worst = max(gaps)
         yield Check(4, pair.name, f"one step of {plan.step:.3g} s, {kind}", measured, ONE_STEP, worst)
 
@@ -51,14 +51,15 @@ def same_scheme(pair: Pair, grown: Growth) -> Iterator[Finding]:
     apart = distance(ours, theirs)
     round_off = ours.steps * np.finfo(float).eps * pair.size
     bound = np.maximum.accumulate(lone) * round_off / grown.amplitudes[0]
-    at = int(np.argmax(apart / bound))
+    share = apart / np.where(apart > 0.0, bound, 1.0)
+    at = int(np.argmax(share))
     node = int(np.argmax(np.linalg.norm(ours.position[at] - theirs.position[at], axis=1)))
     a, b = (", ".join(f"{c:.12g}" for c in run.position[at, node]) for run in (ours, theirs))
     yield Check(
         4,
         pair.name,
         f"{ours.steps} equal steps to t = {times[-1]:.3g} s",
-        float(apart[at] / bound[at]),
+        float(share[at]),
         SAME_SCHEME,
         f"t = {times[at]:.4g} s, node {node}: ({a}) and ({b}) m",
     )

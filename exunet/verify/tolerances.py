@@ -37,6 +37,21 @@ STIFFNESS = Tolerance(
     "of the largest entry: the engine differentiates the force law numerically, with differences of about "
     "1e-8 of a coordinate; 3e-7 was seen",
 )
+EXACT_STIFFNESS = Tolerance(
+    1e-12, "", "of the largest entry: the fused net holds the derivative as a formula, like the reference"
+)
+DIFFERENCED = Tolerance(
+    1e-7,
+    "",
+    "of the largest entry: the reference's accelerations differentiated with steps of 1e-6 of the shortest "
+    "element, which leaves 1e-9 of round-off; where the engine differentiates too, its tolerance holds",
+)
+RESOLVED = Tolerance(
+    0.02,
+    "s/m x E A",
+    "where the engine differentiates tensions by velocities, in steps of about 1e-8 m/s, their round-off of "
+    "1e-16 E A leaves 1e-8 s/m x E A: differences are parts of this where it exceeds the largest entry",
+)
 SECANT_SYMMETRY = Tolerance(0.0, "", "eq. (3) is symmetric term by term, so its sum is so to the last bit")
 SECANT_FORCE = Tolerance(1e-12, "", "S(x) x of the reference against the engine's forces; as for the forces")
 ONE_STEP = Tolerance(
