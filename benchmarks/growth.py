@@ -6,6 +6,7 @@ medians of interleaved rounds, exponents fitted from 20 x 20 on. Writes growth.m
 
 from __future__ import annotations
 
+import argparse
 import csv
 import multiprocessing
 import os
@@ -32,7 +33,6 @@ CASE = HERE.parent / "cases" / "planar_undamped.toml"
 MESHES = (5, 10, 20, 40, 70, 100)
 FITTED = 20  # meshes on a side from which on the exponent is fitted: below, each call's own cost counts
 FORMS = ("connectors", "fused", "compiled loop", "bare loop in C")
-ROUNDS = 3
 STEP = 1e-7  # s, of RK44
 WORK = 200_000  # elements x steps of one timing
 # A stretched net, so that the forces are computed in every element.
@@ -104,13 +104,16 @@ def exponent(elements: list[int], values: list[float]) -> float:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=3)
+    rounds = parser.parse_args().rounds
     elements: list[int] = []
     built: dict[str, list[float]] = {form: [] for form in FORMS}
     rates: dict[str, list[float]] = {form: [] for form in FORMS}
     memory: dict[str, list[float]] = {form: [] for form in FORMS}
     for meshes in MESHES:
         found: dict[str, list[tuple[int, float, float]]] = {form: [] for form in FORMS}
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             for form in FORMS:
                 found[form].append(measure(meshes, form))
         elements.append(found["fused"][0][0])
@@ -136,7 +139,7 @@ def _write(
         f"`python benchmarks/growth.py`, {time.strftime('%Y-%m-%d')}, {platform.platform()}, "
         f"{os.cpu_count()} cores, Python {platform.python_version()}, exunet {exunet.__version__}, "
         f"load average {os.getloadavg()[0]:.1f}. "
-        f"Medians of {ROUNDS} interleaved rounds; all elements taut; exponents over the elements from "
+        f"Medians of {rounds} interleaved rounds; all elements taut; exponents over the elements from "
         f"{FITTED} x {FITTED} meshes on.",
         "",
         f"| meshes | elements | {' | '.join(f'{form} [ns]' for form in FORMS)} | "
