@@ -104,7 +104,7 @@ def exponent(elements: list[int], values: list[float]) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser()
     parser.add_argument("--rounds", type=int, default=3)
     rounds = parser.parse_args().rounds
     elements: list[int] = []
@@ -124,10 +124,11 @@ def main() -> None:
         told = ", ".join(f"{form} {1e9 * rates[form][-1] / elements[-1]:.3g} ns" for form in FORMS)
         sys.stdout.write(f"{meshes} x {meshes}: {told} an element\n")
         sys.stdout.flush()
-    _write(elements, built, rates, memory)
+    _write(rounds, elements, built, rates, memory)
 
 
 def _write(
+    rounds: int,
     elements: list[int],
     built: dict[str, list[float]],
     rates: dict[str, list[float]],
@@ -136,10 +137,10 @@ def _write(
     lines = [
         "# Growth with the size of the net",
         "",
-        f"`python benchmarks/growth.py`, {time.strftime('%Y-%m-%d')}, {platform.platform()}, "
+        f"`python benchmarks/growth.py --rounds {rounds}`, {time.strftime('%Y-%m-%d')}, {platform.platform()}, "
         f"{os.cpu_count()} cores, Python {platform.python_version()}, exunet {exunet.__version__}, "
         f"load average {os.getloadavg()[0]:.1f}. "
-        f"Medians of {rounds} interleaved rounds; all elements taut; exponents over the elements from "
+        f"Medians of interleaved rounds; all elements taut; exponents over the elements from "
         f"{FITTED} x {FITTED} meshes on.",
         "",
         f"| meshes | elements | {' | '.join(f'{form} [ns]' for form in FORMS)} | "
