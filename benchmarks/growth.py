@@ -137,10 +137,11 @@ def _write(
     lines = [
         "# Growth with the size of the net",
         "",
-        f"`python benchmarks/growth.py --rounds {rounds}`, {time.strftime('%Y-%m-%d')}, {platform.platform()}, "
-        f"{os.cpu_count()} cores, Python {platform.python_version()}, exunet {exunet.__version__}, "
+        f"`python benchmarks/growth.py --rounds {rounds}`, {time.strftime('%Y-%m-%d')}, "
+        f"{platform.platform()}, {os.cpu_count()} cores, "
+        f"Python {platform.python_version()}, exunet {exunet.__version__}, "
         f"load average {os.getloadavg()[0]:.1f}. "
-        f"Medians of interleaved rounds; all elements taut; exponents over the elements from "
+        "Medians of interleaved rounds; all elements taut; exponents over the elements from "
         f"{FITTED} x {FITTED} meshes on.",
         "",
         f"| meshes | elements | {' | '.join(f'{form} [ns]' for form in FORMS)} | "
