@@ -53,12 +53,17 @@ def left_out(rung: int, subject: str, what: str, why: str) -> Check:
     return Check(rung, subject, what, 0.0, None, why, left_out=True)
 
 
+def worst_first(measured: float) -> float:
+    """A key for `max`: what is no number counts as infinite, where `max` alone would pass over it."""
+    return math.inf if math.isnan(measured) else measured
+
+
 def worst_of(name: str, checks: Iterable[Check]) -> Check:
     """The check that is closest to (or furthest beyond) its tolerance, under a common name.
 
     What it was called itself goes in front of its `worst`. The tolerances must be the same.
     """
-    worst = max(checks, key=lambda check: check.measured if check.measured == check.measured else math.inf)
+    worst = max(checks, key=lambda check: worst_first(check.measured))
     return replace(worst, name=name, worst=f"{worst.name}: {worst.worst}")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from exunet.verify.check import Check, Finding, Plate
+from exunet.verify.check import Check, Finding, Plate, worst_first
 from exunet.verify.figures import curves
 from exunet.verify.growth import Growth, distance, fixed_plan
 from exunet.verify.pair import Pair
@@ -35,7 +35,7 @@ def one_step(pair: Pair) -> Iterator[Check]:
             node, axis = np.unravel_index(int(np.argmax(gap)), gap.shape)
             values = f"{name} of node {node}, {'xyz'[axis]}: {a[node, axis]:.16g} and {b[node, axis]:.16g}"
             gaps.append((float(gap.max() / (np.abs(b).max() or 1.0)), values))
-        measured, worst = max(gaps)
+        measured, worst = max(gaps, key=lambda found: worst_first(found[0]))
         yield Check(4, pair.name, f"one step of {plan.step:.3g} s, {kind}", measured, ONE_STEP, worst)
 
 

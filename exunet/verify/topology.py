@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.errors import InputError
-from exunet.verify.check import Check
+from exunet.verify.check import Check, worst_first
 from exunet.verify.pair import Pair, pair_of_text
 from exunet.verify.random_nets import random_case
 from exunet.verify.tolerances import CONNECTIVITY, TOPOLOGY
@@ -24,7 +24,7 @@ def topology(pair: Pair) -> Iterator[Check]:
     yield Check(1, pair.name, "nodes, elements, bullets, fixed nodes", bool(fault), CONNECTIVITY, fault)
     if fault:
         return
-    name, (measured, worst) = max(_differences(pair), key=lambda item: item[1][0])
+    name, (measured, worst) = max(_differences(pair), key=lambda item: worst_first(item[1][0]))
     yield Check(1, pair.name, "geometry, masses, start", measured, TOPOLOGY, f"{name}: {worst}")
 
 
@@ -38,8 +38,8 @@ def random_topologies(count: int) -> Iterator[Check]:
         for check in topology(pair_of_text(f"random-{k}-{kind}", text)):
             if not check.holds:
                 broken.append(check)
-            if check.allowed is TOPOLOGY and (widest is None or check.measured > widest.measured):
-                widest = check
+            if check.allowed is TOPOLOGY:
+                widest = max(widest or check, check, key=lambda c: worst_first(c.measured))
     faults = f"{broken[0].subject}: {broken[0].worst}" if broken else ""
     yield Check(1, f"{count} random nets", "nets that differ", len(broken), CONNECTIVITY, faults)
     if widest:
