@@ -150,10 +150,27 @@ def test_an_interrupt_keeps_what_was_measured(monkeypatch, tmp_path):
         assert 1 <= len(list(csv.DictReader(file))) < 5
 
 
-@pytest.mark.parametrize("until", [0.0, -1.0, 3.0, float("nan")])
+@pytest.mark.parametrize("until", [0.0, -1.0, 3.0, float("nan"), 1e-12])
 def test_an_end_outside_the_case_is_refused(until, tmp_path):
+    (tmp_path / "cost.csv").write_text("of an earlier study", encoding="utf-8")
     with pytest.raises(InputError, match="--until"):
         command.cost(exunet.load(PLANAR), tmp_path, until=until, budget=1.0)
+    assert (tmp_path / "cost.csv").read_text(encoding="utf-8") == "of an earlier study"
+
+
+def test_nothing_is_lost_before_there_is_something_to_write(monkeypatch, tmp_path):
+    def press_ctrl_c(*_: object, **__: object) -> Converged:
+        raise KeyboardInterrupt
+
+    (tmp_path / "cost.csv").write_text("of an earlier study", encoding="utf-8")
+    monkeypatch.setattr(command, "converge", press_ctrl_c)
+    with pytest.raises(KeyboardInterrupt):
+        command.cost(exunet.load(PLANAR), tmp_path, until=0.1, budget=1.0)
+    assert (tmp_path / "cost.csv").read_text(encoding="utf-8") == "of an earlier study"
+    assert [path.name for path in tmp_path.iterdir()] == ["cost.csv"]
+    (tmp_path / "cost.md").mkdir()
+    with pytest.raises(InputError, match=r"cost\.md: cannot be written"):
+        command.cost(exunet.load(PLANAR), tmp_path, until=0.1, budget=1.0)
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import numpy as np
 
@@ -22,9 +23,11 @@ from exunet.errors import InputError
 from exunet.files import cannot_write, replacing
 from exunet.kernel.compile import numba_installed
 from exunet.plot.style import drawing
+from exunet.scene import SHORTEST
 from exunet.verify.pair import pair_of
 
 INTERRUPTED = 130
+FILES = TABLE, FIGURE, WORDS = "cost.csv", "work_precision.png", "cost.md"
 BEYOND_INSTANTS = 100  # stored times of each run where deployment measures are compared
 
 
@@ -36,13 +39,13 @@ def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
     Raises InputError for an `until` or a folder that cannot be used, RunStopped if not even the converged
     solution can be computed.
     """
-    _ready(folder)
     began = clock.perf_counter()
 
     def left() -> float:
         return budget - (clock.perf_counter() - began)
 
     subject, refusal = _subject(case, until)
+    _ready(folder)
     compiled = numba_installed()
     with _status() as say:
         say("converged solution")
@@ -69,8 +72,9 @@ def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
 def _subject(case: Case, until: float | None) -> tuple[Subject, str]:
     end = case.scene.time.end
     if until is not None:
-        if not 0.0 < until <= end:
-            raise InputError(f"--until: must be in (0, {end:g}] s, the case's time, got {until:g}")
+        if not SHORTEST <= until <= end:
+            words = f"must be in [{SHORTEST:g}, {end:g}] s, up to the case's time, got {until:g}"
+            raise InputError(f"--until: {words}")
         end = until
     start = prepare(case.scene)
     try:
@@ -120,19 +124,23 @@ def _brief(words: str) -> str:
 
 
 def _ready(folder: Path) -> None:
+    """Refuse a folder that cannot be written before hours are spent; what is in it stays."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with replacing(folder / "cost.csv"):
+        with TemporaryFile(dir=folder):
             pass
+        for name in FILES:
+            if (folder / name).exists() and not (folder / name).is_file():
+                raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
     except OSError as error:
         raise cannot_write(folder, error) from error
 
 
 def _write(study: Study, folder: Path, title: str) -> None:
-    write_csv(study, folder / "cost.csv")
+    write_csv(study, folder / TABLE)
     with drawing():
         figure = work_precision(study, title)
-        with replacing(folder / "work_precision.png") as part:
+        with replacing(folder / FIGURE) as part:
             figure.savefig(part, format="png")
 
 
@@ -140,7 +148,7 @@ def _write_words(folder: Path, title: str, rows: list[tuple[str, str]]) -> None:
     lines = [f"# {title}", "", "Errors of speeds are relative to the launch speed.", "", "| | |", "|---|---|"]
     lines += [f"| {name} | {words} |" for name, words in rows]
     lines += ["", "![work-precision diagram](work_precision.png)"]
-    with replacing(folder / "cost.md") as part:
+    with replacing(folder / WORDS) as part:
         part.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
