@@ -15,6 +15,7 @@ from exunet.verify.check import Check, worst_of
 from exunet.verify.forces import forces
 from exunet.verify.ladder import Ladder, Step, shipped
 from exunet.verify.matrices import matrices
+from exunet.verify.measures import measures
 from exunet.verify.pair import pair_of_text, read_pair
 from exunet.verify.stepping import one_step
 from exunet.verify.topology import random_topologies, topology
@@ -38,7 +39,7 @@ def test_random_nets_cover_all_topologies():
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
 def test_states_of_a_case_agree(path):
     pair = read_pair(path)
-    for rung in (topology, lambda pair: forces(pair, 10), matrices, one_step):
+    for rung in (topology, lambda pair: forces(pair, 10), measures, matrices, one_step):
         for check in rung(pair):
             assert check.holds, f"{check.name}: {check.measured} ({check.worst})"
 
@@ -60,6 +61,25 @@ def test_states_of_random_nets_agree(kind):
         pair = pair_of_text(f"{kind}-{k}", random_nets.random_case(random, kind)[1])
         for check in (*forces(pair, 10), *matrices(pair)):
             assert check.holds, f"{check.name}: {check.measured} ({check.worst})"
+
+
+def test_measures_name_the_state_where_they_differ(monkeypatch):
+    from reference_impl import forces as formulas
+
+    right = formulas.tension
+
+    def wrong(system, x):
+        pull = right(system, x)
+        pull[3, 17] += 1.0  # [N]
+        return pull
+
+    monkeypatch.setattr(formulas, "tension", wrong)
+    pair = read_pair(CASES[0])
+    (check,) = (check for check in measures(pair) if not check.holds)
+    ours = int(np.flatnonzero(pair.elements_to_theirs == 17)[0])
+    assert check.name == "tension, 120 random states"
+    assert f"state 3, number {ours}: " in check.worst
+    assert check.worst.endswith(" N")
 
 
 def test_kinds_of_states_are_what_they_are_called():

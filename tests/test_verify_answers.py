@@ -79,3 +79,26 @@ def test_both_codes_give_the_known_answer(name, answer):
     assert checks
     for check in checks:
         assert check.holds, f"{check.name}: {check.measured} ({check.worst})"
+
+
+def test_each_code_tells_its_own_peak_force(monkeypatch):
+    from exunet import cable
+    from exunet.verify.answers.snap import snap
+    from reference_impl import forces as formulas
+
+    pair = read_pair(PATHS["snap"])
+    for module, name, code in ((formulas, "tension", "reference"), (cable, "element_tension", "Exudyn")):
+        with monkeypatch.context() as patch:
+            right = getattr(module, name)
+            patch.setattr(module, name, lambda *state, right=right: 2.0 * right(*state))
+            assert [check.name for check in snap(pair) if not check.holds] == [f"peak force, {code}"]
+
+
+def test_a_mouth_twice_as_large_is_seen(monkeypatch):
+    from exunet import metrics
+    from exunet.verify.answers.mouth import areas
+
+    right = metrics.mouth_area
+    monkeypatch.setattr(metrics, "mouth_area", lambda *state: 2.0 * right(*state))
+    failed = [check for check in areas(read_pair(PATHS["square_net"])) if not check.holds]
+    assert [check.measured for check in failed] == pytest.approx([1.0, 1.0])  # flat and folded: 2 - 1

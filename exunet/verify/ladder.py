@@ -105,14 +105,20 @@ class Ladder:
         yield from self._horizons()
 
     def _states(self) -> Iterator[Step]:
-        from exunet.verify import forces, matrices, stepping, topology
+        from exunet.verify import forces, matrices, measures, stepping, topology
 
         for pair in self._pairs:
             yield Step(1, pair.name, lambda pair=pair: self._topology(pair))  # type: ignore[misc]
         count = 30 if self._quick else 300
         yield Step(1, "random nets", lambda: topology.random_topologies(count))
-        for rung, what in ((2, forces.forces), (3, matrices.matrices), (4, stepping.one_step)):
-            for pair in self._forms(rung):
+        for rung, what in (
+            (2, forces.forces),
+            (2, measures.measures),
+            (3, matrices.matrices),
+            (4, stepping.one_step),
+        ):
+            # What is measured at a state is the same in all forms.
+            for pair in self._same_nets() if what is measures.measures else self._forms(rung):
                 yield Step(rung, pair.name, lambda pair=pair, what=what: what(pair))  # type: ignore[misc]
 
     def _topology(self, pair: Pair) -> Iterator[Check]:

@@ -29,6 +29,9 @@ FORCES = Tolerance(
     "of the largest acceleration among the states of a kind: round-off of lengths near 1, divided by the "
     "strains (1e-3 and more) that it is subtracted from",
 )
+MEASURES = Tolerance(
+    1e-12, "", "of the largest value among the states of a kind: the round-off that FORCES allows for, summed"
+)
 MASS = Tolerance(1e-14, "", "of the largest mass: both codes add halves of the same element masses")
 DAMPING = Tolerance(1e-12, "", "of the largest entry: a constant matrix, assembled in another order")
 STIFFNESS = Tolerance(
@@ -89,6 +92,9 @@ FREQUENCY = Tolerance(
     "",
     "of the known frequency: with (w h)^4 / 120 the steps of RK4 shift it by less than 1e-7, and the "
     "amplitude of 1e-6 m changes no stretch by more than 1e-8 of it",
+)
+AREA = Tolerance(
+    1e-14, "", "of the known area: a few units in the last place, as round-off of a dozen triangles leaves"
 )
 EIGENVALUE = Tolerance(
     1e-6, "", "both are eigenvalues of the same matrix; the larger nets take Lanczos' method to 1e-6"

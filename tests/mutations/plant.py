@@ -9,8 +9,9 @@ import numpy as np
 
 import exunet.build
 import exunet.initial
+import reference_impl.energy as reference_energy
 import reference_impl.forces as forces
-from exunet import cable
+from exunet import cable, energy, metrics
 from exunet.effects import rayleigh_damping
 from exunet.engine.model import Model
 
@@ -109,6 +110,44 @@ def stale_length(patch):
         return right(self, i, j, length * (1.0 + 1e-9), *rest, **named)
 
     patch.setattr(Model, "cable_element", wrong)
+
+
+def _doubled(patch, module, name):
+    right = getattr(module, name)
+    patch.setattr(module, name, lambda *state: 2.0 * right(*state))
+
+
+def kinetic_doubled(patch):
+    _doubled(patch, energy, "kinetic")
+
+
+def elastic_doubled(patch):
+    _doubled(patch, energy, "elastic")
+
+
+def tension_doubled(patch):
+    _doubled(patch, cable, "element_tension")
+
+
+def mouth_doubled(patch):
+    _doubled(patch, metrics, "mouth_area")
+
+
+def reference_kinetic_doubled(patch):
+    _doubled(patch, reference_energy, "kinetic")
+
+
+def reference_elastic_doubled(patch):
+    _doubled(patch, reference_energy, "elastic")
+
+
+def reference_tension_doubled(patch):
+    _doubled(patch, forces, "tension")
+
+
+def reference_strain_sign(patch):
+    right = forces.strain
+    patch.setattr(forces, "strain", lambda system, x: np.abs(right(system, x)))
 
 
 def reference_current_tangent(patch):

@@ -7,7 +7,14 @@ from exunet.verify.check import Check
 from exunet.verify.ladder import Ladder, read_cases, shipped
 from exunet.verify.planted import PLANTED
 
-QUICK = {"strain_without_half", "swapped_node", "reference_current_tangent", "reference_rk4_weights"}
+QUICK = {
+    "strain_without_half",
+    "swapped_node",
+    "elastic_doubled",
+    "reference_tension_doubled",
+    "reference_current_tangent",
+    "reference_rk4_weights",
+}
 
 
 def first_failure():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from exunet.verify.answers import balance, modes, orders, rest, rotation, snap, verlet
+from exunet.verify.answers import balance, modes, mouth, orders, rest, rotation, snap, verlet
 from exunet.verify.check import Finding
 from exunet.verify.pair import Pair
 
@@ -18,6 +18,8 @@ ANSWERS: tuple[tuple[str, Answer], ...] = (
     ("taut_net", modes.vibration),
     ("square_net", verlet.stable_steps),
     ("taut_net", verlet.near_the_limit),
+    ("square_net", mouth.areas),
+    ("free_net", mouth.areas),
     ("hanging", rest.hanging),
     ("pendulum", rotation.pendulum),
     ("free_net", balance.free_net),
