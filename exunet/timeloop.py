@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from exunet.build import Start, build, prepare
 from exunet.casefile import Case
 from exunet.engine.stepper import EngineFailed, Stepper, StepsCollapsed
 from exunet.errors import Interrupted, RunStopped
+from exunet.interrupt import postponed
 from exunet.monitor import Monitor
 from exunet.recording import GOOD_PART, Record
 from exunet.result import Result
@@ -109,21 +111,32 @@ class _Attempt:
         began = clock.perf_counter()
         stop: RunStopped | None = None
         try:
-            self._keeper()
-            for until in times[len(record) :].tolist():
-                stepper.advance(until)
-                record.store(until, stepper.state(), self._dissipated(stepper, until))
+            with postponed() as check_interrupt:  # else it could cut the storing of a state in two
                 self._keeper()
+                for until in times[len(record) :].tolist():
+                    stepper.advance(until)
+                    record.store(until, stepper.state(), self._dissipated(stepper, until))
+                    self._keeper()
+                    check_interrupt()
         except RunStopped as found:
             stop = found
         except EngineFailed as failure:
             stop = monitor.engine_failed(failure, step_cause=not isinstance(failure, StepsCollapsed))
         except KeyboardInterrupt:
-            stop = Interrupted(f"interrupted after t = {stepper.time:.6g} s; what was computed is kept")
+            stop = self._interrupted(stepper)
         if stop is not None:
             record.forget_after(monitor.good_until)
         record.integrated(stepper, clock.perf_counter() - began)
         return stop
+
+    def _interrupted(self, stepper: Stepper | Loop) -> Interrupted:
+        """Keep all stored states that are good, those that the guards have yet to see among them."""
+        with suppress(RunStopped):  # the monitor knows until when they are good
+            stepper.hand_over()
+        self._record.forget_after(self._monitor.good_until)
+        self._record.forget_off(self._monitor)
+        until = self._record.last()[0]
+        return Interrupted(f"interrupted after t = {until:.6g} s; what was computed is kept")
 
     def _dissipated(self, stepper: Stepper | Loop, until: float) -> float | None:
         """Energy [J] taken out until now; None: the states of the last steps are still to be looked at."""

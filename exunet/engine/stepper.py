@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from exunet.breaking import Breaks
 from exunet.engine.loading import exudyn
 from exunet.engine.model import Model
-from exunet.errors import RunStopped
 from exunet.interrupt import postponed
 from exunet.solvers import METHODS, Plan
 
@@ -46,9 +45,9 @@ class Stepper:
     """Advances a model to asked times and hands the accepted states, in batches, to a watcher.
 
     The watcher gets (time (k,), position (k, n, 3), velocity (k, n, 3)) of every step, later than `advance`
-    has gone there but before the end of the run or an exception; batches overlap in one state, so that it can
-    integrate over steps. `begin` is the time of the model's state [s]. An exception raised by the watcher,
-    KeyboardInterrupt included, comes out of `advance` unchanged.
+    has gone there but before the end of the run or EngineFailed, or when told to `hand_over`; batches overlap
+    in one state, so that it can integrate over steps. `begin` is the time of the model's state [s]. An
+    exception raised by the watcher, or Ctrl-C, comes out of `advance` unchanged.
     """
 
     def __init__(self, model: Model, plan: Plan, end: float, watcher: Watcher, begin: float = 0.0) -> None:
@@ -96,7 +95,6 @@ class Stepper:
         try:
             with postponed() as self._check_interrupt:
                 done = self._solver.SolveSteps(self._model.system, self._settings)
-                self._check_interrupt()  # asked for during the last step of the stretch
         except Exception as error:  # noqa: BLE001 - as above; told or raised again below
             done, words = False, _first_line(error)
             if self._stop is None and isinstance(error.__cause__, KeyboardInterrupt):
@@ -104,11 +102,9 @@ class Stepper:
         self._count_newton()
         if self._stop is not None:
             stop, self._stop = self._stop, None
-            if not isinstance(stop, RunStopped):
-                self._flush()
             raise stop
         if not done:
-            self._flush()
+            self.hand_over()
             raise EngineFailed(words or _first_line(self._solver.GetErrorString()) or "the engine stopped")
         if self._attempting:
             self.counts.steps += 1
@@ -117,7 +113,7 @@ class Stepper:
         self.time = self._step_start = until
         self._append(until)
         if until >= self._end or not np.isfinite(self._v[self._rows - 1]).all():
-            self._flush()
+            self.hand_over()
         self._look_for_breaks(until)
 
     def _set_stretch(self, until: float) -> None:
@@ -191,7 +187,7 @@ class Stepper:
         if len(broken):
             if self._times[self._rows - 1] != time:
                 self._append(time)
-            self._flush()  # so that no batch has states from before and after
+            self.hand_over()  # so that no batch has states from before and after
             self._breaks.book(time, position, broken)
             self._model.sever(broken)
 
@@ -203,10 +199,10 @@ class Stepper:
         self._v[row] = data.GetODE2Coordinates_t(copy=False)
         self._rows = row + 1
         if self._rows == len(self._times):
-            self._flush()
+            self.hand_over()
 
-    def _flush(self) -> None:
-        """Hand the buffered states over; the last one stays as the first of the next batch."""
+    def hand_over(self) -> None:
+        """Let the watcher see the states it has not seen; the last one stays, to begin the next batch."""
         rows = self._rows
         if rows > 1:
             position, velocity = self._model.unpack(self._q[:rows], self._v[:rows])

@@ -109,8 +109,9 @@ class Loop(March):
     """Advances a net to asked times and hands states, in batches, to a watcher.
 
     The watcher gets (time (k,), position (k, n, 3), velocity (k, n, 3), energy taken out until then (k,));
-    batches overlap in one state. `every` thins the states (1 = each step). `begin` is the time of the start's
-    state [s], `taken` the energy [J] taken out until then.
+    batches overlap in one state. They come later than `advance` has gone there, but before the end of the run
+    or StepsCollapsed, or when told to `hand_over`. `every` thins the states (1 = each step). `begin` is the
+    time of the start's state [s], `taken` the energy [J] taken out until then.
     """
 
     def __init__(
@@ -145,16 +146,11 @@ class Loop(March):
 
     def advance(self, until: float) -> None:
         """Integrate from the current time to `until` [s] exactly."""
-        try:
-            with postponed() as check_interrupt:
-                advance = self._advance_chosen if self._chosen else self._advance_equal
-                advance(until, check_interrupt)
-                check_interrupt()
-        except KeyboardInterrupt:
-            self._flush()
-            raise
+        with postponed() as check_interrupt:
+            advance = self._advance_chosen if self._chosen else self._advance_equal
+            advance(until, check_interrupt)
         if until >= self._end or not np.isfinite(self._x).all():
-            self._flush()
+            self.hand_over()
 
     def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> None:
         plan = self._plan
@@ -167,7 +163,7 @@ class Loop(March):
             self._make_room()
             self._look_for_breaks()
             if words := self.collapse():
-                self._flush()
+                self.hand_over()
                 raise StepsCollapsed(words)
             check_interrupt()
 
@@ -199,7 +195,7 @@ class Loop(March):
         position, _ = self.state()
         broken = self._breaks.found(position)
         if len(broken):
-            self._flush()  # so that no batch has states from before and after
+            self.hand_over()  # so that no batch has states from before and after
             self._taken[0] += self._breaks.book(self.time, position, broken)
             self._kept[3][0] = self._taken[0]
             sever(self._kernel, broken)
@@ -207,10 +203,10 @@ class Loop(March):
 
     def _make_room(self) -> None:
         if self._row == len(self._kept[0]):
-            self._flush()
+            self.hand_over()
 
-    def _flush(self) -> None:
-        """Hand the kept states over; the last one stays as the first of the next batch."""
+    def hand_over(self) -> None:
+        """Let the watcher see the states it has not seen; the last one stays, to begin the next batch."""
         rows = self._row
         if rows > 1:
             batch = _of_nodes(tuple(kept[:rows].copy() for kept in self._kept), rows)

@@ -1,0 +1,91 @@
+"""Ctrl-C at any moment of a run: what was computed is kept, and the message says until when."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from starts import planar
+
+from exunet.engine.stepper import Stepper
+from exunet.errors import Interrupted
+from exunet.interrupt import postponed
+from exunet.loop.loop import Loop
+from exunet.recording import Record
+from exunet.timeloop import simulate
+
+OUTPUT_STEP = 1e-3  # [s]; in free flight each stretch is one step, and a batch of the guards 256 of them
+PRESSED = 0.3  # [s] of simulated time; the strings snap taut at 0.57 s
+FORMS = {
+    "connectors": 'engine.net = "connectors"',
+    "fused": 'engine.net = "fused"',
+    "compiled": 'engine.loop = "compiled"',
+}
+# Between two stretches, while a state is stored; and within the last step of a stretch.
+MOMENTS: dict[str, list[tuple[type, str, Callable[[Any], float]]]] = {
+    "storing": [(Record, "store", lambda record: record._time[-1])],
+    "stepping": [
+        (Stepper, "_before_attempt", lambda stepper: stepper.time),
+        (Loop, "_look_for_breaks", lambda loop: loop.time),
+    ],
+}
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
+
+
+def press_ctrl_c(
+    patch: pytest.MonkeyPatch, owner: type, name: str, now: Callable[[Any], float], pressed: list[float]
+) -> None:
+    """Once, in the middle of the run, right after the method `name` has done its work."""
+    original = getattr(owner, name)
+
+    def method(self: Any, *arguments: Any) -> Any:
+        done = original(self, *arguments)
+        if now(self) >= PRESSED and not pressed:
+            pressed.append(now(self))
+            os.kill(os.getpid(), signal.SIGINT)
+        return done
+
+    patch.setattr(owner, name, method)
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize("form", FORMS)
+def test_all_that_was_computed_is_kept(form: str, moment: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    start = planar("time.end = 0.5", f"time.output_step = {OUTPUT_STEP}", FORMS[form])
+    pressed: list[float] = []
+    for method in MOMENTS[moment]:
+        press_ctrl_c(monkeypatch, *method, pressed)
+    with pytest.raises(Interrupted) as stop:
+        simulate(start)
+    part = stop.value.partial
+    assert part is not None
+    assert not part.complete
+    said = re.match(r"interrupted after t = ([\d.e+-]+) s; what was computed is kept", str(stop.value))
+    assert said
+    assert abs(float(said[1]) - part.time[-1]) < 1e-9
+    assert abs(part.time[-1] - pressed[0]) < 1.5 * OUTPUT_STEP  # at most the step that was under way
+    assert len(part.time) == round(part.time[-1] / OUTPUT_STEP) + 1
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_block_in_another_leaves_ctrl_c_to_it() -> None:
+    reached = []
+
+    def nested() -> None:
+        with postponed() as outer:
+            with postponed() as inner:
+                os.kill(os.getpid(), signal.SIGINT)
+            reached.append(inner is outer)
+            outer()
+            reached.append("after it")
+
+    with pytest.raises(KeyboardInterrupt):
+        nested()
+    assert reached == [True]
+    with postponed() as check:
+        check()  # what the block before was told is forgotten
