@@ -89,10 +89,12 @@ def families(
     return figure
 
 
-def bands(title: str, time: Floats, panels: Mapping[str, tuple[Floats, str]], mark: float) -> Figure:
+def bands(
+    title: str, time: Floats, panels: Mapping[str, tuple[Floats, str]], mark: tuple[str, float]
+) -> Figure:
     """Ensembles (runs, t) over time: mean, spread of one standard deviation, and extremes; one row each.
 
-    panels : y label -> (values, name); mark : the horizon [s]
+    panels : y label -> (values, name); mark : a named instant [s]
     """
     figure = blank(6.4, 1.9 * len(panels) + 0.9)
     figure.suptitle(title, fontsize=10)
@@ -106,8 +108,8 @@ def bands(title: str, time: Floats, panels: Mapping[str, tuple[Floats, str]], ma
             time, mean - spread, mean + spread, color="0.68", label="standard deviation", linewidth=0
         )
         axes.plot(time, mean, color=BLUE, linewidth=1.4, label="mean")
-        if np.isfinite(mark):
-            axes.axvline(mark, color=BLACK, linewidth=0.9, linestyle="--", label="horizon")
+        if np.isfinite(mark[1]):
+            axes.axvline(mark[1], color=BLACK, linewidth=0.9, linestyle="--", label=mark[0])
         axes.set_ylabel(label)
         axes.set_ylim(0.0, 1.05 * float(values.max()))
         axes.set_title(name, fontsize=9)

@@ -159,9 +159,15 @@ class Ladder:
             why = f"for up to {MOST_ELEMENTS} elements, not {count}"
             yield left_out(4, pair.name, "whole runs and horizon, rungs 4, 5 and 7", why)
             return
-        followed = (QUICK_END, growth.AMPLITUDES[:1]) if self._quick else ()
+        followed = (QUICK_END, (growth.ROUND_OFF, growth.LONE)) if self._quick else ()
         grown = growth.growth(pair, *followed)
         self._grown[pair.name] = grown
+        reached, end = float(grown.time[-1]), pair.start.scene.time.end
+        if reached < 0.999 * end:
+            limit = f"{growth.MOST_WORK:.0e} elements x steps"
+            why = "--quick goes no further" if self._quick and reached == QUICK_END else f"more than {limit}"
+            what = f"whole runs from t = {reached:.3g} s on, of {end:g} s: rungs 4, 5 and 7"
+            yield left_out(4, pair.name, what, why)
         yield from stepping.same_scheme(pair, grown)
         yield from converged.converged(pair, grown)
 
