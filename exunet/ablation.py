@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.build import Start, prepare
-from exunet.effects import misfits, switched_on
-from exunet.effects.needs import Surroundings
+from exunet.effects import misfits
 from exunet.errors import Interrupted, RunStopped
 from exunet.estimates import Finding, chosen, finding, survey
 from exunet.metrics import Deployment, deployment
@@ -142,14 +141,7 @@ def toggled(scene: Scene, found: Finding) -> Scene:
 
 
 def _misfits(scene: Scene) -> list[str]:
-    around = Surroundings(
-        on=switched_on(scene.effects),
-        has_bullets=getattr(scene.net, "bullets", None) is not None,
-        has_launch=scene.launch is not None,
-        duration=scene.time.end,
-        method=scene.solver.method,
-    )
-    return [f"{wrong.where[0]} {wrong.reason}" for wrong in misfits(around)]
+    return [f"{wrong.where[0]} {wrong.reason}" for wrong in misfits(scene)]
 
 
 def _perturbed(start: Start) -> Start:

@@ -21,9 +21,22 @@ class Wrong(NamedTuple):
 
 def refuse(wrongs: Sequence[Wrong]) -> None:
     """Raise a ValidationError with all `wrongs`, if any; in a validator, pydantic adds the outer location."""
-    if not wrongs:
-        return
-    raise ValidationError.from_exception_data("case", _details(wrongs))
+    refuse_all([wrongs])
+
+
+def refuse_all(checks: Sequence[Sequence[Wrong]], error: ValidationError | None = None) -> None:
+    """Raise what several checks found together with the faults of `error`, if there are any."""
+    details = [detail for wrongs in checks if wrongs for detail in _details(wrongs)]
+    if details:
+        raise ValidationError.from_exception_data("case", [*again(error), *details] if error else details)
+    if error:
+        raise error
+
+
+def refuse_too(error: ValidationError, other: ValidationError | None) -> None:
+    """Raise the faults of both errors, if there is another."""
+    if other:
+        raise ValidationError.from_exception_data("case", [*again(error), *again(other)])
 
 
 def refuse_with(wrongs: Sequence[Wrong], value: Any, handler: Callable[[Any], Any]) -> Any:
@@ -31,7 +44,7 @@ def refuse_with(wrongs: Sequence[Wrong], value: Any, handler: Callable[[Any], An
     try:
         valid = handler(value)
     except ValidationError as error:
-        raise ValidationError.from_exception_data("case", [*_again(error), *_details(wrongs)]) from None
+        raise ValidationError.from_exception_data("case", [*again(error), *_details(wrongs)]) from None
     refuse(wrongs)
     return valid
 
@@ -61,7 +74,8 @@ def _details(wrongs: Sequence[Wrong]) -> list[InitErrorDetails]:
     ]
 
 
-def _again(error: ValidationError) -> list[InitErrorDetails]:
+def again(error: ValidationError) -> list[InitErrorDetails]:
+    """The faults of an error, to be raised together with others."""
     details = []
     for found in error.errors(include_url=False):
         context = found.get("ctx", {})

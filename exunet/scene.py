@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
-from exunet.checks import Wrong, refuse, refuse_with
+from exunet.checks import Wrong, refuse_too
 from exunet.effects import Effects as _Effects
-from exunet.effects import misfits, switched_on
-from exunet.effects.needs import Surroundings
-from exunet.net import NetKeys, explicit
-from exunet.net.base import ThrownNetTable, refuse_other_length
-from exunet.record import FromArray, NonNegative, Positive, Record, Vector
+from exunet.effects import misfits
+from exunet.net import NetKeys, common_faults, explicit
+from exunet.net.base import ThrownNetTable, other_length
+from exunet.partial import Unknown
+from exunet.record import FromArray, NonNegative, Positive, Record, Vector, check
 from exunet.solvers import Solver
 
 if TYPE_CHECKING:  # made from the registry of effects, which a type checker cannot follow
@@ -34,7 +36,6 @@ class Time(Record):
     )
     output_times: Annotated[tuple[NonNegative, ...], FromArray] | None = Field(
         None,
-        validate_default=True,
         description="stored times [s], instead of output_step; 0 and end are stored anyway",
         examples=[[0.5, 1.0]],
     )
@@ -54,24 +55,30 @@ class Time(Record):
             raise ValueError(f"would store {end / step:.3g} states; at most {MAX_STATES:,} are allowed")
         return step
 
-    @field_validator("output_times")
-    @classmethod
-    def _increasing(cls, times: tuple[float, ...] | None, others: ValidationInfo) -> tuple[float, ...] | None:
-        wrongs = []
-        if "output_step" in others.data and (times is None) == (others.data["output_step"] is None):
-            wrongs.append(Wrong((), "give either time.output_step or time.output_times, exactly one of them"))
-        end = others.data.get("end", float("inf"))
-        before = 0.0
-        for k, time in enumerate(times or ()):
-            if time > end:
-                wrongs.append(Wrong((k,), f"must not be after time.end, {end:g} s, got {time:g}", time))
-            if k > 0 and time <= before:
-                wrongs.append(
-                    Wrong((k,), f"must be greater than the time before it, {before:g} s, got {time:g}")
-                )
-            before = time
-        refuse(wrongs)
-        return times
+    @check
+    def _one_choice_of_times(self) -> Iterator[Wrong]:
+        if self.gives("output_step") == self.gives("output_times"):
+            words = "give either time.output_step or time.output_times, exactly one of them"
+            yield Wrong(("output_times",), words)
+
+    @check
+    def _within_the_run(self) -> Iterator[Wrong]:
+        times = self.output_times or ()
+        for k in range(len(times)):
+            with suppress(Unknown):
+                if times[k] > self.end:
+                    reason = f"must not be after time.end, {self.end:g} s, got {times[k]:g}"
+                    yield Wrong(("output_times", k), reason, times[k])
+
+    @check
+    def _increasing(self) -> Iterator[Wrong]:
+        times, before = self.output_times or (), -math.inf
+        for k in range(len(times)):
+            with suppress(Unknown):
+                if times[k] <= before:
+                    reason = f"must be greater than the time before it, {before:g} s, got {times[k]:g}"
+                    yield Wrong(("output_times", k), reason, times[k])
+                before = times[k]
 
 
 class Initial(Record):
@@ -125,23 +132,16 @@ class Launch(Record):
         examples=[0.6],
     )
 
-    @model_validator(mode="after")
-    def _one_form(self) -> Self:
-        plain = {"radial_speed": self.radial_speed, "axial_speed": self.axial_speed}
-        polar = {"speed": self.speed, "spread_angle": self.spread_angle}
-        given, other = (polar, plain) if any(v is not None for v in polar.values()) else (plain, polar)
-        wrongs = [
-            Wrong((), f"missing {name}: {type(self).model_fields[name].description}")
-            for name, value in given.items()
-            if value is None
-        ]
-        wrongs += [
-            Wrong((name,), "give either radial_speed and axial_speed, or speed and spread_angle", value)
-            for name, value in other.items()
-            if value is not None
-        ]
-        refuse(wrongs)
-        return self
+    @check
+    def _one_form(self) -> Iterator[Wrong]:
+        plain, polar = ("radial_speed", "axial_speed"), ("speed", "spread_angle")
+        given, other = (polar, plain) if any(map(self.gives, polar)) else (plain, polar)
+        for name in given:
+            if not self.gives(name):
+                yield Wrong((), f"missing {name}: {type(self).model_fields[name].description}")
+        for name in other:
+            if self.gives(name):
+                yield Wrong((name,), "give either radial_speed and axial_speed, or speed and spread_angle")
 
     @property
     def radial_and_axial(self) -> tuple[float, float]:
@@ -200,58 +200,47 @@ class Scene(Record):
             raise ValueError("must be one line")
         return title
 
-    @field_validator("engine")
+    @field_validator("net", mode="wrap")
     @classmethod
-    def _knows_the_method(cls, engine: Engine, others: ValidationInfo) -> Engine:
-        solver = others.data.get("solver")
-        if engine.loop == "compiled" and solver is not None and solver.method not in COMPILED_METHODS:
-            reason = (
-                f"the compiled loop has {', '.join(COMPILED_METHODS)}, not solver.method = {solver.method}"
-            )
-            refuse([Wrong(("loop",), reason)])
-        return engine
+    def _whatever_its_topology(cls, net: Any, handler: Any) -> Any:
+        try:
+            return handler(net)
+        except ValidationError as error:
+            if isinstance(net, dict) and error.errors()[0]["type"].startswith("union_tag"):
+                refuse_too(error, common_faults(net))
+            raise
 
-    @field_validator("initial")
-    @classmethod
-    def _lists_fit_the_net(cls, initial: Initial, others: ValidationInfo) -> Initial:
-        wrongs = []
+    @check
+    def _knows_the_method(self) -> Iterator[Wrong]:
+        method = self.solver.method
+        if self.engine.loop == "compiled" and method not in COMPILED_METHODS:
+            reason = f"the compiled loop has {', '.join(COMPILED_METHODS)}, not solver.method = {method}"
+            yield Wrong(("engine", "loop"), reason)
+
+    @check
+    def _lists_fit_the_net(self) -> Iterator[Wrong]:
         for name in ("node_positions", "node_velocities"):
-            values, net = getattr(initial, name), others.data.get("net")
-            if values is None or net is None:
-                continue
-            if not isinstance(net, explicit.Keys):
-                wrongs.append(Wrong((name,), f'is for net.topology = "explicit", not "{net.topology}"'))
-                continue
-            try:
-                refuse_other_length(values, net.nodes)
-            except ValueError as error:
-                wrongs.append(Wrong((name,), str(error)))
-        refuse(wrongs)
-        return initial
+            with suppress(Unknown):
+                values = getattr(self.initial, name)
+                if values is None:
+                    continue
+                if not isinstance(self.net, explicit.Keys):
+                    reason = f'is for net.topology = "explicit", not "{self.net.topology}"'
+                elif not (reason := other_length(values, self.net.nodes)):
+                    continue
+                yield Wrong(("initial", name), reason)
 
-    @field_validator("launch", mode="wrap")
-    @classmethod
-    def _needs_bullets(cls, launch: Any, handler: Any, others: ValidationInfo) -> Any:
-        net, wrongs = others.data.get("net"), []
-        if launch is not None and net is not None:
-            if not isinstance(net, ThrownNetTable):
-                wrongs = [Wrong((), f'a net of topology "{net.topology}" has no bullets to launch')]
-            elif net.bullets is None:
-                words = "there are no bullets to launch: add [net.bullets] or remove [launch]"
-                wrongs = [Wrong((), words)]
-        return refuse_with(wrongs, launch, handler)
+    @check
+    def _launch_has_bullets(self) -> Iterator[Wrong]:
+        if not self.gives("launch"):
+            return
+        if not isinstance(self.net, ThrownNetTable):
+            words = f'a net of topology "{self.net.topology}" has no bullets to launch'
+            yield Wrong(("launch",), words)
+        elif self.net.bullets is None:
+            yield Wrong(("launch",), "there are no bullets to launch: add [net.bullets] or remove [launch]")
 
-    @field_validator("effects")
-    @classmethod
-    def _fit_the_case(cls, effects: Any, others: ValidationInfo) -> Any:
-        known = others.data
-        if all(name in known for name in ("net", "time", "solver", "engine", "launch")):
-            around = Surroundings(
-                on=switched_on(effects),
-                has_bullets=getattr(known["net"], "bullets", None) is not None,
-                has_launch=known["launch"] is not None,
-                duration=known["time"].end,
-                method=known["solver"].method,
-            )
-            refuse(misfits(around))
-        return effects
+    @check
+    def _effects_fit_the_case(self) -> Iterator[Wrong]:
+        for wrong in misfits(self):
+            yield Wrong(("effects", *wrong.where), wrong.reason, wrong.value)

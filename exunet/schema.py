@@ -56,7 +56,10 @@ def _plain(node: Node, topology: str | None) -> Node:
             return _plain({"$ref": node["discriminator"]["mapping"][topology]}, topology) | about
         names = list(TOPOLOGIES)
         choice = {"type": "string", "enum": names, "description": "one of " + ", ".join(names)}
-        return {"type": "object", "properties": {"topology": choice}} | about
+        properties: Node = {}
+        for one in names:
+            properties = _plain(node, one)["properties"] | properties
+        return {"type": "object", "properties": properties | {"topology": choice}} | about
     return node
 
 

@@ -30,6 +30,7 @@ def key_lines(text: str) -> dict[Path, int]:
     A path holds keys and, for items of arrays and for tables in arrays of tables, indexes from 0. A table
     that has no header of its own is on the line of the first key that makes it.
     """
+    text = text.replace("\r\n", "\n")  # as tomllib does with a whole text
     lines: dict[Path, int] = {}
     latest: dict[Path, int] = {}  # the last index in each array of tables
     prefix: Path = ()

@@ -147,6 +147,19 @@ def test_crlf_files_are_read_and_kept_exactly(tmp_path: Path) -> None:
     assert load(path).text.count("\r\n") == GOOD.count("\n")
 
 
+@pytest.mark.parametrize("ends", ["all", "one", "inside a string"])
+def test_faults_of_a_crlf_file_have_their_lines(case: Any, ends: str) -> None:
+    """Lines counted in `GOOD`."""
+    text = changed("end = 1.0", "end = 0")
+    if ends == "inside a string":
+        text = changed('title = "a test"', 'title = """\\\r\n  a test"""', text)
+    text = text.replace("\n", "\r\n", 1 if ends == "one" else -1) if ends != "inside a string" else text
+    line = 5 if ends == "inside a string" else 4
+    assert [(line, key) for line, key, _ in case(text)] == [(line, "time.end")]
+    found = case(text, "solver.method=foo")
+    assert [(line, key) for line, key, _ in found] == [(line, "time.end"), (0, "solver.method")]
+
+
 # Faults, each with its line
 
 
@@ -621,3 +634,55 @@ def test_missing_bullets_do_not_hide_other_faults_of_the_launch(case: Any) -> No
     reasons = [reason for _, _, reason in case(text)]
     assert any("no bullets to launch" in reason for reason in reasons)
     assert any("axial_speed" in reason for reason in reasons)
+
+
+ORBIT = "[effects.orbit]\naltitude = 500e3\nradial = [0, 0, 2]\nalong_track = [1, 0, 0]\nmodel = 'linear'\n"
+AIR = "[effects.air_drag]\ndensity = {}\ndrag_coefficient = 1\nbullet_area = 0.01\n"
+FLOW = "[effects.molecular_drag]\ndensity = 1e-12\nflow = [1, 0]\ndrag_coefficient = 2\n"
+GRAVITY = "[effects.gravity]\nacceleration = [0, 0, -9.81]\n"
+HEXAGONAL = changed("size = 2.0\n", "rings = -1\n", changed('"square"', '"hexagonal"'))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (  # without a valid topology, what all nets have
+            changed("mesh = 1.0", "mesh = 1.0\ndivisions = 0\ncolour = 1", changed('"square"', '"sqare"'))
+            .replace("[net.cable]\ndiameter = 0.002", "[net.cable]\ndiameter = -5.0")
+            .replace("mass = 0.5", "mas = 0.5"),
+            ["net.topology", "net.divisions", "net.colour", "net.cable.diameter", "net.bullets.mass",
+             "net.bullets.mas"],
+        ),
+        (  # a wrong time and a launch of nothing
+            changed("end = 1.0", "end = -1.0", changed("[net.bullets]\nmass = 0.5\n", "")),
+            ["time.end", "launch"],
+        ),
+        (  # contradictions of effects, two of which have a wrong value
+            GOOD + GRAVITY + AIR.format("-1.0") + FLOW,
+            ["effects.air_drag", "effects.air_drag", "effects.air_drag.density", "effects.molecular_drag",
+             "effects.molecular_drag", "effects.molecular_drag.flow"],
+        ),
+        (GOOD + GRAVITY + ORBIT, ["effects.gravity", "effects.orbit.radial"]),
+        (  # elements that do not fit the nodes, one of which is not a number
+            changed("[1, 0, 0]", "[nan, 0, 0]", changed("[[0, 1], [1, 2],\n  [2, 3]]",
+                "[[0, 1], [0, 2], [2, 3], [2, 2], [3, 9], [0, -1], [3, 3]]", EXPLICIT)),
+            ["net.nodes[1][0]", *(f"net.elements[{k}]" for k in (3, 4, 5, 6))],
+        ),
+        (HEXAGONAL, ["net.rings", "net.strings.length"]),
+        (  # each of the stored times
+            changed("output_step = 0.1", "output_times = [0.5, 0.4, -1.0, 7.0]"),
+            [f"time.output_times[{k}]" for k in (1, 2, 3)],
+        ),
+        (  # half a launch, half of which is wrong
+            changed("radial_speed = 2.5\naxial_speed = 0.0", "spread_angle = 4"),
+            ["launch", "launch.spread_angle"],
+        ),
+        (  # an effect that is no table does not hide what the others contradict
+            GOOD + "[effects]\nbending = 3\n" + GRAVITY + ORBIT,
+            ["effects.bending", "effects.gravity", "effects.orbit.radial"],
+        ),
+    ],
+)  # fmt: skip
+def test_a_fault_hides_no_other(case: Any, text: str, expected: list[str]) -> None:
+    """The keys at fault were counted by eye in the texts above."""
+    assert sorted(key for _, key, _ in case(text)) == sorted(expected)

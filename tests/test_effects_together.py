@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from exunet.build import Start, build, prepare
-from exunet.effects import EFFECTS, misfits, switched_on
-from exunet.effects.needs import Surroundings
+from exunet.effects import EFFECTS, misfits
 from exunet.effects.terms import Terms
 from exunet.energy import potential
 from exunet.estimates import setting_of
@@ -73,16 +72,12 @@ def subset(seed: int) -> tuple[str, ...]:
     if "j2" in names and "orbit" not in names:
         names.append("orbit")
     while True:
-        scene = Scene.model_construct(effects=Scene.model_validate(case()).effects.model_copy())
+        scene = Scene.model_validate(case())
         keys = {name: EFFECTS[name].Keys.model_validate(STRONG[name]) for name in names}
-        around = Surroundings(
-            on=switched_on(scene.effects.model_copy(update=keys)),
-            has_bullets=True,
-            has_launch="launch_force" not in names,
-            duration=0.3,
-            method="DOPRI5",
-        )
-        wrongs = misfits(around)
+        update: dict[str, Any] = {"effects": scene.effects.model_copy(update=keys)}
+        if "launch_force" in names:
+            update["launch"] = None
+        wrongs = list(misfits(scene.model_copy(update=update)))
         if not wrongs:
             return tuple(sorted(names))
         names.remove(str(wrongs[0].where[0]))

@@ -8,7 +8,7 @@ A new effect is a module, and one line in `EFFECTS`. The module has
 silent;
   None if nothing can be assumed for this scene;
 - `magnitude(keys, setting) -> Estimate`: the order of magnitude of what leaving it out would change;
-- if it needs something of the rest of the case, or contradicts it, `needs(keys, around) -> list[Wrong]`;
+- if it needs something of the rest of the case, or contradicts it, `needs(keys, around) -> Iterator[Wrong]`;
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
 - if it brings a mass of its own, `extend(keys, net) -> Net`.
 
@@ -22,13 +22,14 @@ through rings, drawn by winches). What they need of `Terms` beyond what is there
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from types import ModuleType
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, create_model, model_validator
+from pydantic import Field, create_model
 
-from exunet.checks import Wrong, refuse
+from exunet.checks import Wrong
 from exunet.effects import (
     air_drag,
     bending,
@@ -48,7 +49,7 @@ from exunet.effects.needs import Surroundings
 from exunet.effects.terms import Floats, Terms
 from exunet.errors import CaseError, Fault
 from exunet.net.arrays import Net
-from exunet.record import Positive, Record
+from exunet.record import Positive, Record, check
 
 EFFECTS: dict[str, ModuleType] = {
     "gravity": gravity,
@@ -84,13 +85,12 @@ class Choice(Record):
         examples=[1e-3],
     )
 
-    @model_validator(mode="after")
-    def _both_or_neither(self) -> Self:
-        if self.choose is not None and self.threshold is None:
-            refuse([Wrong((), 'choose = "auto" needs threshold, a part of the net\'s size')])
-        if self.choose is None and self.threshold is not None:
-            refuse([Wrong(("threshold",), 'is for choose = "auto" only', self.threshold)])
-        return self
+    @check
+    def _both_or_neither(self) -> Iterator[Wrong]:
+        if self.gives("choose") and not self.gives("threshold"):
+            yield Wrong((), 'choose = "auto" needs threshold, a part of the net\'s size')
+        if self.gives("threshold") and not self.gives("choose"):
+            yield Wrong(("threshold",), 'is for choose = "auto" only')
 
 
 _fields: dict[str, Any] = {
@@ -105,16 +105,13 @@ def switched_on(effects: Record) -> dict[str, Record]:
     return {name: keys for name in EFFECTS if (keys := getattr(effects, name)) is not None}
 
 
-def misfits(around: Surroundings) -> list[Wrong]:
-    """What the effects that are on miss in the case, and where they contradict each other."""
-    wrongs = []
+def misfits(scene: Any) -> Iterator[Wrong]:
+    """What the effects that are on in a Scene miss in it, and where they contradict each other."""
+    around = Surroundings(switched_on(scene.effects), scene)
     for name, keys in around.on.items():
         if hasattr(EFFECTS[name], "needs"):
-            wrongs += [
-                Wrong((name, *wrong.where), wrong.reason, wrong.value)
-                for wrong in EFFECTS[name].needs(keys, around)
-            ]
-    return wrongs
+            for wrong in EFFECTS[name].needs(keys, around):
+                yield Wrong((name, *wrong.where), wrong.reason, wrong.value)
 
 
 def extended(effects: Record, net: Net) -> Net:

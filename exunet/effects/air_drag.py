@@ -8,6 +8,7 @@ not shrink with the distance of its nodes, so L is its reference length; its dir
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -91,14 +92,14 @@ def add_bullet_drag(t: float, x: Any, v: Any, bullets: Any, factor: float, force
             force[k + axis] -= factor * speed * v[k + axis]
 
 
-def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
     """The bullets' keys with bullets; not in orbit."""
-    return [
-        *bullet_key(around, "bullet_drag_coefficient", keys.bullet_drag_coefficient),
-        *bullet_key(around, "bullet_area", keys.bullet_area),
-        *excludes(around, "molecular_drag", "one is for the air of the ground, one for that of an orbit"),
-        *excludes(around, "orbit", "there is no continuous air in orbit; use molecular_drag"),
-    ]
+    yield from bullet_key(around, keys, "bullet_drag_coefficient")
+    yield from bullet_key(around, keys, "bullet_area")
+    yield from excludes(
+        around, "molecular_drag", "one is for the air of the ground, one for that of an orbit"
+    )
+    yield from excludes(around, "orbit", "there is no continuous air in orbit; use molecular_drag")
 
 
 def nominal(setting: Setting) -> tuple[Keys, str]:

@@ -11,6 +11,7 @@ within, is softer.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from pydantic import Field
@@ -80,9 +81,9 @@ def terms(keys: Keys, net: Net) -> Terms:
     return Terms(stiffness=csr_array(kron(along, np.eye(3))))
 
 
-def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
     """Threads that do not break."""
-    return excludes(around, "breaking", "the springs would go on across a broken element")
+    yield from excludes(around, "breaking", "the springs would go on across a broken element")
 
 
 def nominal(setting: Setting) -> tuple[Keys, str]:

@@ -7,6 +7,8 @@ summary says by how much it was too large.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from exunet.effects.estimate import Estimate, Setting, hardest_strain, snap_of
 from exunet.effects.needs import Surroundings
 from exunet.effects.terms import Breaking, Terms
 from exunet.net.arrays import Net
+from exunet.partial import Unknown
 from exunet.record import Positive, Record
 
 # They use, in the step after a break, the acceleration of the step before it.
@@ -52,22 +55,16 @@ def terms(keys: Keys, net: Net) -> Terms:
     return Terms(breaking=Breaking(force=keys.force * everywhere))
 
 
-def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
     """A method that starts each step afresh, and no damping along elements that may be gone."""
-    wrongs = []
-    if around.method in REMEMBERING:
-        wrongs.append(
-            Wrong((), f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {around.method}")
-        )
-    if getattr(around.on.get("rayleigh_damping"), "beta", 0.0) > 0.0:
-        wrongs.append(
-            Wrong(
-                (),
-                "contradicts effects.rayleigh_damping.beta, which damps along broken elements too; "
-                "use material_damping",
-            )
-        )
-    return wrongs
+    with suppress(Unknown):
+        if around.method in REMEMBERING:
+            words = f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {around.method}"
+            yield Wrong((), words)
+    with suppress(Unknown):
+        if getattr(around.on.get("rayleigh_damping"), "beta", 0.0) > 0.0:
+            words = "contradicts effects.rayleigh_damping.beta, which damps along broken elements too"
+            yield Wrong((), f"{words}; use material_damping")
 
 
 def nominal(setting: Setting) -> tuple[Keys, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from pydantic import Field
@@ -28,9 +29,9 @@ def terms(keys: Keys, net: Net) -> Terms:
     return Terms(load=np.outer(net.mass, keys.acceleration).ravel())
 
 
-def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
     """Not in orbit: there the gravity of the Earth is the orbit's own."""
-    return excludes(
+    yield from excludes(
         around, "orbit", "in the frame of an orbit the Earth's gravity is already in it; keep one"
     )
 

@@ -10,6 +10,8 @@ short.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,7 @@ from exunet.effects.lumped import each_node
 from exunet.effects.needs import Surroundings
 from exunet.effects.terms import Terms
 from exunet.net.arrays import Net
+from exunet.partial import Unknown
 
 J2 = 1.08262668e-3  # EGM-96, Vallado table D-1
 LONGEST = 0.05  # of an orbit, during which the gradient is taken as constant
@@ -54,26 +57,23 @@ def terms(keys: Keys, net: Net) -> Terms:
     return Terms(stiffness=each_node(net.mass, -gradient(keys)))
 
 
-def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
     """The same orbit as effects.orbit, which must be on, and a scene that is short against it."""
     orbit = around.on.get("orbit")
     if not isinstance(orbit, OrbitKeys):
-        return [Wrong((), "needs [effects.orbit], of which it is a correction")]
-    wrongs = [
-        Wrong((key,), f"is not that of effects.orbit, {getattr(orbit, key)}", getattr(keys, key))
-        for key in ("altitude", "mean_motion", "radial", "along_track")
-        if getattr(keys, key) != getattr(orbit, key)
-    ]
-    period = 2.0 * math.pi / keys.rate
-    if around.duration > LONGEST * period:
-        wrongs.append(
-            Wrong(
-                (),
-                f"is constant, which holds for {LONGEST * period:.0f} s of this orbit; "
-                f"the scene lasts {around.duration:g} s",
-            )
-        )
-    return wrongs
+        yield Wrong((), "needs [effects.orbit], of which it is a correction")
+        return
+    for key in ("altitude", "mean_motion", "radial", "along_track"):
+        with suppress(Unknown):
+            if getattr(keys, key) != getattr(orbit, key):
+                yield Wrong(
+                    (key,), f"is not that of effects.orbit, {getattr(orbit, key)}", getattr(keys, key)
+                )
+    with suppress(Unknown):
+        longest = LONGEST * 2.0 * math.pi / keys.rate
+        if around.duration > longest:
+            lasts = f"the scene lasts {around.duration:g} s"
+            yield Wrong((), f"is constant, which holds for {longest:.0f} s of this orbit; {lasts}")
 
 
 def nominal(setting: Setting) -> tuple[Keys, str]:

@@ -14,18 +14,21 @@ barrels. The barrels do not hold the bullets sideways.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from exunet.checks import Wrong, refuse
+from exunet.checks import Wrong
 from exunet.effects.estimate import Estimate, Setting
 from exunet.effects.needs import Surroundings
 from exunet.effects.terms import KernelTerm, Terms
 from exunet.net.arrays import Net
-from exunet.record import Positive, Record
+from exunet.partial import Unknown
+from exunet.record import Positive, Record, check
 
 
 class Keys(Record):
@@ -45,20 +48,16 @@ class Keys(Record):
         None, description='V, gas volume at the start over the bore\'s area [m]; just for "gas"'
     )
     exponent: float | None = Field(
-        None, gt=1.0, description='gamma of the adiabatic expansion [-]; just for "gas"'
+        None, gt=1.0, description='gamma of the adiabatic expansion [-]; just for "gas"', examples=[1.4]
     )
 
-    @model_validator(mode="after")
-    def _gas_has_its_keys(self) -> Self:
-        wrongs = []
+    @check
+    def _gas_has_its_keys(self) -> Iterator[Wrong]:
         for name in ("dead_length", "exponent"):
-            value = getattr(self, name)
-            if self.kind == "gas" and value is None:
-                wrongs.append(Wrong((), f'needs {name} for kind = "gas"'))
-            if self.kind == "spring" and value is not None:
-                wrongs.append(Wrong((name,), 'is for kind = "gas" only', value))
-        refuse(wrongs)
-        return self
+            if self.kind == "gas" and not self.gives(name):
+                yield Wrong((), f'needs {name} for kind = "gas"')
+            if self.kind == "spring" and self.gives(name):
+                yield Wrong((name,), 'is for kind = "gas" only')
 
     @property
     def work(self) -> float:
@@ -185,16 +184,14 @@ def gas_launch_potential(
     return total
 
 
-def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
     """Bullets, and no other launch."""
-    wrongs = []
-    if not around.has_bullets:
-        wrongs.append(Wrong((), "there are no bullets to launch: add [net.bullets] or remove this table"))
-    if around.has_launch:
-        wrongs.append(
-            Wrong((), "contradicts [launch], which gives the bullets their speed already; keep one")
-        )
-    return wrongs
+    with suppress(Unknown):
+        if not around.has_bullets:
+            yield Wrong((), "there are no bullets to launch: add [net.bullets] or remove this table")
+    with suppress(Unknown):
+        if around.has_launch:
+            yield Wrong((), "contradicts [launch], which gives the bullets their speed already; keep one")
 
 
 def nominal(setting: Setting) -> tuple[Keys, str] | None:

@@ -8,6 +8,8 @@ mean over all orientations, pi d L0 / 4, lumped to the nodes as their mass is; n
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,7 @@ from exunet.effects.needs import Surroundings, bullet_key, excludes
 from exunet.effects.surface import bullet_disc, tumbling_areas
 from exunet.effects.terms import KernelTerm, Terms
 from exunet.net.arrays import Net
+from exunet.partial import Unknown
 from exunet.record import NonNegative, Positive, Record, Vector
 
 
@@ -76,14 +79,16 @@ def add_molecular_drag(t: float, x: Any, v: Any, factor: Any, flow: Any, force: 
         force[k + 2] += scale * uz
 
 
-def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
     """The bullets' area with bullets; the height of the orbit, if there is one; not on the ground."""
-    wrongs = bullet_key(around, "bullet_area", keys.bullet_area)
-    wrongs += excludes(around, "gravity", "uniform gravity is for the ground, free-molecular flow for orbits")
-    orbit = getattr(around.on.get("orbit"), "altitude", None)
-    if keys.altitude is not None and orbit is not None and orbit != keys.altitude:
-        wrongs.append(Wrong(("altitude",), f"is not that of effects.orbit, {orbit:g} m", keys.altitude))
-    return wrongs
+    yield from bullet_key(around, keys, "bullet_area")
+    yield from excludes(
+        around, "gravity", "uniform gravity is for the ground, free-molecular flow for orbits"
+    )
+    with suppress(Unknown):
+        orbit = getattr(around.on.get("orbit"), "altitude", None)
+        if keys.altitude is not None and orbit is not None and orbit != keys.altitude:
+            yield Wrong(("altitude",), f"is not that of effects.orbit, {orbit:g} m", keys.altitude)
 
 
 def nominal(setting: Setting) -> tuple[Keys, str]:

@@ -2,40 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from exunet.checks import Wrong
+from exunet.partial import Unknown
 from exunet.record import Record
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What an effect's table can be held against.
+    """What an effect's table can be held against; what is not valid in the case raises Unknown.
 
-    on          : the keys of every effect that has a table, by name
-    has_bullets : the net has bullets
-    has_launch  : the case has a table [launch]
-    duration    : time.end [s]
-    method      : solver.method
+    on    : the keys of every effect that has a table, by name
+    scene : the case's Scene
     """
 
     on: Mapping[str, Record]
-    has_bullets: bool
-    has_launch: bool
-    duration: float
-    method: str
+    scene: Any
+
+    @property
+    def has_bullets(self) -> bool:
+        """The net has bullets."""
+        net = self.scene.net
+        return "bullets" in type(net).model_fields and net.bullets is not None
+
+    @property
+    def has_launch(self) -> bool:
+        """The case has a table [launch]."""
+        return self.scene.launch is not None
+
+    @property
+    def duration(self) -> float:
+        """time.end [s]."""
+        return float(self.scene.time.end)
+
+    @property
+    def method(self) -> str:
+        """solver.method."""
+        return str(self.scene.solver.method)
 
 
-def bullet_key(around: Surroundings, key: str, value: float | None) -> list[Wrong]:
+def bullet_key(around: Surroundings, keys: Record, key: str) -> Iterator[Wrong]:
     """A key of the bullets is given just when there are bullets."""
-    if around.has_bullets and value is None:
-        return [Wrong((), f"needs {key}, since the net has bullets")]
-    if not around.has_bullets and value is not None:
-        return [Wrong((key,), "there are no bullets: add [net.bullets] or remove this key", value)]
-    return []
+    with suppress(Unknown):
+        if around.has_bullets and not keys.gives(key):
+            yield Wrong((), f"needs {key}, since the net has bullets")
+        if not around.has_bullets and keys.gives(key):
+            yield Wrong((key,), "there are no bullets: add [net.bullets] or remove this key")
 
 
-def excludes(around: Surroundings, other: str, reason: str) -> list[Wrong]:
+def excludes(around: Surroundings, other: str, reason: str) -> Iterator[Wrong]:
     """A fault if the effect `other` is on too."""
-    return [Wrong((), f"contradicts effects.{other}: {reason}")] if other in around.on else []
+    if other in around.on:
+        yield Wrong((), f"contradicts effects.{other}: {reason}")

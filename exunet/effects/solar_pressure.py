@@ -7,6 +7,7 @@ is the mean over all orientations, pi d L0 / 4; nodes do not shade each other, a
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -53,12 +54,10 @@ def terms(keys: Keys, net: Net) -> Terms:
     return Terms(load=np.outer(pressure * tumbling_areas(net, keys.bullet_area), keys.direction).ravel())
 
 
-def needs(keys: Keys, around: Surroundings) -> list[Wrong]:
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
     """The bullets' area with bullets; not on the ground."""
-    wrongs = bullet_key(around, "bullet_area", keys.bullet_area)
-    return wrongs + excludes(
-        around, "gravity", "uniform gravity is for the ground, sunlight in vacuum for orbits"
-    )
+    yield from bullet_key(around, keys, "bullet_area")
+    yield from excludes(around, "gravity", "uniform gravity is for the ground, sunlight in vacuum for orbits")
 
 
 def nominal(setting: Setting) -> tuple[Keys, str]:

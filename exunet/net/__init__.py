@@ -7,13 +7,13 @@ A new topology is a module with `Keys` (a NetTable or ThrownNetTable with `topol
 from __future__ import annotations
 
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Union
+from typing import TYPE_CHECKING, Annotated, Any, Union
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from exunet.net import explicit, hexagonal, radial, rectangular, square
 from exunet.net.arrays import Net
-from exunet.net.base import NetTable
+from exunet.net.base import AnyNet, NetTable
 from exunet.net.weave import assemble
 
 TOPOLOGIES: dict[str, ModuleType] = {
@@ -40,3 +40,14 @@ def weave(keys: NetTable) -> Net:
     """
     topology = TOPOLOGIES[keys.topology]
     return assemble(topology.mesh(keys), keys)
+
+
+def common_faults(keys: dict[str, Any]) -> ValidationError | None:
+    """The faults of a [net] table without a valid topology: of the keys that all have, and unknown keys."""
+    every = {name for module in TOPOLOGIES.values() for name in module.Keys.model_fields}
+    known = {name: value for name, value in keys.items() if name not in every or name in AnyNet.model_fields}
+    try:
+        AnyNet.model_validate({name: value for name, value in known.items() if name != "topology"})
+    except ValidationError as error:
+        return error
+    return None

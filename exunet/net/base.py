@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sized
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Iterator, Sized
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field, model_validator
 
 from exunet.checks import Wrong, refuse, refuse_with, unless_one
-from exunet.record import Count, Positive, Record
+from exunet.partial import Unknown
+from exunet.record import Count, Positive, Record, check
 
 MAX_ELEMENTS = 1_000_000
 WHOLE = 1e-9  # how near size / mesh must be to a whole number
@@ -33,15 +35,17 @@ class Cable(Record):
     def _one_cross_section(cls, keys: Any, handler: Any) -> Any:
         return refuse_with(unless_one(("diameter", "area"), keys), keys, handler)
 
-    @model_validator(mode="after")
-    def _within_floating_point(self) -> Self:
+    @check
+    def _within_floating_point(self) -> Iterator[Wrong]:
         if (self.diameter is None) == (self.area is None):
-            return self  # told above
-        for name, value in (("mass per length", self.density), ("axial stiffness", self.youngs_modulus)):
-            product = value * self.cross_section
-            if not 0 < product < math.inf:
-                raise ValueError(f"its {name}, {product:g}, is beyond what floating-point numbers can hold")
-        return self
+            return  # told above
+        for name, key in (("mass per length", "density"), ("axial stiffness", "youngs_modulus")):
+            with suppress(Unknown):
+                product = getattr(self, key) * self.cross_section
+                if not 0 < product < math.inf:
+                    words = f"its {name}, {product:g}, is beyond what floating-point numbers can hold"
+                    yield Wrong((), words)
+                    return  # both have the same cause
 
     @property
     def cross_section(self) -> float:
@@ -88,12 +92,11 @@ class NetTable(Record, ABC):
         """Elements of the woven net."""
         return self.n_sides * self.divisions
 
-    @model_validator(mode="after")
-    def _not_absurd(self) -> Self:
+    @check
+    def _not_absurd(self) -> Iterator[Wrong]:
         if self.n_elements > MAX_ELEMENTS:
             count = f"{self.n_elements:,}" if self.n_elements < 10**15 else "more than 10^15"
-            raise ValueError(f"the net would have {count} elements; at most {MAX_ELEMENTS:,} are allowed")
-        return self
+            yield Wrong((), f"the net would have {count} elements; at most {MAX_ELEMENTS:,} are allowed")
 
 
 class ThrownNetTable(NetTable, ABC):
@@ -111,6 +114,18 @@ class ThrownNetTable(NetTable, ABC):
     def n_elements(self) -> int:
         of_strings = self.n_strings * self.strings.divisions if self.strings else 0
         return self.n_sides * self.divisions + of_strings
+
+
+class AnyNet(ThrownNetTable):
+    """The keys of a net whose topology is not known."""
+
+    @property
+    def n_sides(self) -> int:
+        raise Unknown
+
+    @property
+    def n_strings(self) -> int:
+        raise Unknown
 
 
 def meshes(size: float, mesh: float) -> int:
@@ -150,9 +165,8 @@ def no_node(node: int, count: int) -> str:
     return f"there is no node {node}: the {count} nodes are numbered from 0 to {count - 1}"
 
 
-def refuse_other_length(values: Sized, nodes: Sized) -> None:
-    """ValueError unless there is one of `values` for each of `nodes`."""
-    if len(values) != len(nodes):
-        raise ValueError(
-            f"needs one entry for each of the {len(nodes)} nodes of net.nodes, got {len(values)}"
-        )
+def other_length(values: Sized, nodes: Sized) -> str:
+    """What is wrong if there is not one of `values` for each of `nodes`, else ""."""
+    if len(values) == len(nodes):
+        return ""
+    return f"needs one entry for each of the {len(nodes)} nodes of net.nodes, got {len(values)}"

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field
 
-from exunet.checks import Wrong, refuse
+from exunet.checks import Wrong
 from exunet.net.arrays import Mesh
-from exunet.net.base import NetTable, no_node, refuse_other_length
-from exunet.record import FromArray, NonNegative, Vector
+from exunet.net.base import NetTable, no_node, other_length
+from exunet.partial import Unknown
+from exunet.record import FromArray, NonNegative, Vector, check
 
 Pair = Annotated[tuple[int, int], FromArray]
 
@@ -35,40 +38,37 @@ class Keys(NetTable):
         None, description="numbers of the nodes that are held still", examples=[[0]]
     )
 
-    @field_validator("elements")
-    @classmethod
-    def _join_two_places(cls, elements: tuple[Pair, ...], others: ValidationInfo) -> tuple[Pair, ...]:
-        if "nodes" in others.data:
-            nodes = others.data["nodes"]
-            reasons = ((k, _unfit(pair, nodes)) for k, pair in enumerate(elements))
-            refuse([Wrong((k,), reason, elements[k]) for k, reason in reasons if reason])
-        return elements
+    @check
+    def _elements_join_two_places(self) -> Iterator[Wrong]:
+        for k in range(len(self.elements)):
+            with suppress(Unknown):
+                if reason := _unfit(self.elements[k], self.nodes):
+                    yield Wrong(("elements", k), reason, self.elements[k])
 
-    @field_validator("node_masses")
-    @classmethod
-    def _one_a_node(
-        cls, masses: tuple[float, ...] | None, others: ValidationInfo
-    ) -> tuple[float, ...] | None:
-        if masses is not None and "nodes" in others.data:
-            refuse_other_length(masses, others.data["nodes"])
-        return masses
+    @check
+    def _one_mass_a_node(self) -> Iterator[Wrong]:
+        if self.node_masses is not None and (reason := other_length(self.node_masses, self.nodes)):
+            yield Wrong(("node_masses",), reason)
 
-    @field_validator("fixed")
-    @classmethod
-    def _are_nodes(cls, fixed: tuple[int, ...] | None, others: ValidationInfo) -> tuple[int, ...] | None:
-        if fixed is not None and "nodes" in others.data:
-            count = len(others.data["nodes"])
-            refuse([Wrong((k,), no_node(i, count), i) for k, i in enumerate(fixed) if not 0 <= i < count])
-        return fixed
+    @check
+    def _fixed_are_nodes(self) -> Iterator[Wrong]:
+        fixed, count = self.fixed or (), len(self.nodes)
+        for k in range(len(fixed)):
+            with suppress(Unknown):
+                if not 0 <= fixed[k] < count:
+                    yield Wrong(("fixed", k), no_node(fixed[k], count), fixed[k])
 
-    @model_validator(mode="after")
-    def _every_node_has_mass(self) -> Self:
-        joined = {node for pair in self.elements for node in pair}
-        added = self.node_masses or (0.0,) * len(self.nodes)
-        reason = "this node has no mass: join it to an element or give it one in node_masses"
-        massless = [k for k, mass in enumerate(added) if mass == 0 and k not in joined]
-        refuse([Wrong(("nodes", k), reason, self.nodes[k]) for k in massless])
-        return self
+    @check
+    def _every_node_has_mass(self) -> Iterator[Wrong]:
+        joined, count = {node for pair in self.elements for node in pair}, len(self.nodes)
+        masses = self.node_masses or (0.0,) * count
+        if len(masses) != count or not joined <= set(range(count)):
+            return  # told above
+        for k in range(count):
+            with suppress(Unknown):
+                if k not in joined and masses[k] == 0:
+                    reason = "this node has no mass: join it to an element or give it one in node_masses"
+                    yield Wrong(("nodes", k), reason)
 
     @property
     def n_sides(self) -> int:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, Self
+from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from exunet.checks import Wrong, refuse
+from exunet.checks import Wrong
 from exunet.net.arrays import Ints, Mesh
 from exunet.net.base import MAX_ELEMENTS, ThrownNetTable
-from exunet.record import Positive
+from exunet.record import Positive, check
 
 # Lattice coordinates are whole numbers: x in units of sqrt(3) a / 2, y in units of a / 2. Shared vertices of
 # neighbouring cells are then equal exactly.
@@ -28,16 +29,16 @@ class Keys(ThrownNetTable):
         ge=0, le=MAX_ELEMENTS, description="rings of meshes round the central one", examples=[3]
     )
 
-    @model_validator(mode="after")
-    def _bridles(self) -> Self:
+    @check
+    def _bullets_have_bridles(self) -> Iterator[Wrong]:
         if self.bullets and not self.strings:
-            refuse(
-                [Wrong(("bullets",), "bullets of a hexagonal net hang on bridles: it needs [net.strings]")]
-            )
+            yield Wrong(("bullets",), "bullets of a hexagonal net hang on bridles: it needs [net.strings]")
+
+    @check
+    def _bridles_reach(self) -> Iterator[Wrong]:
         if self.strings and self.strings.length <= self.mesh / 2:
             reason = f"too short for the bridle: must be greater than half of net.mesh, {self.mesh / 2:g} m"
-            refuse([Wrong(("strings", "length"), f"{reason}, got {self.strings.length:g}")])
-        return self
+            yield Wrong(("strings", "length"), f"{reason}, got {self.strings.length:g}")
 
     @property
     def n_sides(self) -> int:
