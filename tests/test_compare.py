@@ -1,13 +1,14 @@
 """`exunet compare` and what it is made of."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
 import exunet
 from exunet.cli import main
-from exunet.compare import States, compare, match_nodes, read_states
+from exunet.compare import compare, match_nodes, read_states
 from exunet.errors import InputError
 from reference_impl.__main__ import main as reference_main
 
@@ -62,14 +63,16 @@ def test_other_numbering_is_matched_by_place(files):
     ours = read_states(files[0])
     order = np.random.default_rng(5).permutation(len(ours.reference_position))
     rank = np.argsort(order)
-    shuffled = States(
-        ours.time,
-        ours.position[:, order],
-        ours.velocity[:, order],
-        ours.reference_position[order],
-        rank[ours.element_nodes][::-1, ::-1],
-        rank[ours.bullet_nodes],
-        True,
+    shuffled = dataclasses.replace(
+        ours,
+        position=ours.position[:, order],
+        velocity=ours.velocity[:, order],
+        reference_position=ours.reference_position[order],
+        mass=ours.mass[order],
+        element_nodes=rank[ours.element_nodes][::-1, ::-1],
+        reference_length=ours.reference_length[::-1],
+        axial_stiffness=ours.axial_stiffness[::-1],
+        bullet_nodes=rank[ours.bullet_nodes],
     )
     assert np.array_equal(match_nodes(ours, shuffled), rank)
     assert not compare(ours, shuffled).position_difference.any()
@@ -83,9 +86,104 @@ def test_a_swapped_element_is_not_the_same_net(files):
         compare(ours, dataclasses.replace(ours, element_nodes=elements))
 
 
+def test_nets_that_differ_in_mass_or_stiffness_are_not_the_same(files):
+    ours = read_states(files[0])
+    for name, where in (
+        ("mass", "mass of node 5 is"),
+        ("axial_stiffness", "axial stiffness of element 5 is"),
+        ("reference_length", "reference length of element 5 is"),
+    ):
+        values = getattr(ours, name).copy()
+        values[5] *= 1.0 + 1e-6
+        with pytest.raises(InputError, match=f"not the same net: {where}"):
+            compare(ours, dataclasses.replace(ours, **{name: values}))
+    with pytest.raises(InputError, match="different nodes are fixed"):
+        compare(ours, dataclasses.replace(ours, fixed_nodes=np.array([4])))
+
+
+@pytest.mark.parametrize("name", ["position", "velocity"])
+def test_what_is_no_number_does_not_agree(files, name):
+    ours = read_states(files[0])
+    values = getattr(ours, name).copy()
+    values[40, ours.bullet_nodes[0]] = np.nan
+    other = dataclasses.replace(ours, **{name: values})
+    for a, b in ((ours, other), (other, ours)):
+        found = compare(a, b)
+        assert found.agrees_until == pytest.approx(0.2)  # 40 times the output step of 0.005 s
+        assert found.apart_from is None  # there alone
+
+
+def test_the_limit_that_decides_is_printed(files, tmp_path, monkeypatch, capsys):
+    """Positions 1e-3 m apart from 0.25 s on; speeds are the same."""
+    with np.load(files[1]) as file:
+        arrays = dict(file)
+    arrays["position"][50:, 3, 2] += 1e-3
+    moved = tmp_path / "moved.npz"
+    np.savez(moved, **arrays)
+    assert run(monkeypatch, "compare", files[0], moved) == 0
+    rows = {line[:18].strip(): line[18:].strip() for line in capsys.readouterr().out.splitlines()}
+    assert rows["first beyond that"] == "t = 0.25 s"
+    assert rows["largest"].startswith("positions 1.000e-03 m at t = 0.25 s")
+    # 2e-5 of the diagonal of 7 m x 7 m: strings of sqrt(2) m stand 1 m out of the corners of 5 m x 5 m
+    assert "positions 1.980e-04 m" in rows["allowed"]
+
+
+BROKEN = {
+    "no number": ({"position": lambda x: x * np.nan}, "position is not finite everywhere"),
+    "infinite": ({"velocity": lambda v: np.where(v == v, np.inf, v)}, "velocity is not finite everywhere"),
+    "no times": ({"t": lambda t: t[:0]}, "shape"),
+    "no states": (
+        {"t": lambda t: t[:0], "position": lambda x: x[:0], "velocity": lambda v: v[:0]},
+        "at least one, and increase",
+    ),
+    "one time": ({"t": lambda t: t[0]}, r"t has shape \(\)"),
+    "reversed": ({"t": lambda t: t[::-1]}, "the stored times must .* increase"),
+    "one state": ({"position": lambda x: x[0]}, "position has shape"),
+    "two nodes less": ({"velocity": lambda v: v[:, :-2]}, "velocity has shape"),
+    "in the plane": ({"position": lambda x: x[..., :2]}, "position has shape"),
+    "a net in the plane": ({"reference_position": lambda x: x[:, :2]}, "reference_position has shape"),
+    "text": ({"position": lambda x: x.astype(str)}, "position holds <U.*, not real numbers"),
+    "complex": ({"position": lambda x: x.astype(complex)}, "position holds complex128, not real numbers"),
+    "objects": ({"position": lambda x: np.array([None, 1])}, "position holds objects, not real numbers"),
+    "half a node": ({"bullet_nodes": lambda k: k + 0.5}, "bullet_nodes holds float64, not node numbers"),
+    "no such node": ({"element_nodes": lambda k: -1 - k}, "element_nodes refers to a node"),
+    "two verdicts": ({"complete": lambda c: np.array([True, False])}, "complete is not a single truth value"),
+    "a later format": ({"format": lambda f: f + 98}, "its format is 99, this exunet reads format 1"),
+    "other masses": ({"mass": lambda m: 3.0 * m}, "not the same net: mass of node 0"),
+    "no masses": ({"mass": None}, "not a file of reference_impl: it has no array mass"),
+}
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_arrays_that_make_no_sense_are_refused_in_one_line(what, files, tmp_path, monkeypatch, capsys):
+    changes, reason = BROKEN[what]
+    with np.load(files[1]) as file:
+        arrays = dict(file)
+    for name, change in changes.items():
+        kept = arrays.pop(name)
+        if change:
+            arrays[name] = change(kept)
+    bad = tmp_path / "bad.npz"
+    np.savez(bad, **arrays)
+    assert run(monkeypatch, "compare", files[0], bad) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert re.search(reason, line)
+
+
 def test_bad_files_are_refused(files, tmp_path, monkeypatch, capsys):
-    broken = tmp_path / "broken.npz"
-    broken.write_bytes(b"PK")
-    for other, reason in ((broken, "not a readable"), (tmp_path / "none.h5", "none.h5")):
-        assert run(monkeypatch, "compare", files[0], other) == 2
-        assert reason in capsys.readouterr().err
+    whole = files[1].read_bytes()
+    named = {
+        "zip.npz": (b"PK", "not an archive"),
+        "empty.npz": (b"", "not an archive"),
+        "text.npz": (b"hello", "not an archive"),
+        "half.npz": (whole[: len(whole) // 2], "damaged or cut short"),
+        "bit.npz": (whole[:99999] + bytes([whole[99999] ^ 255]) + whole[100000:], "damaged or cut short"),
+    }
+    for name, (content, _) in named.items():
+        (tmp_path / name).write_bytes(content)
+    reasons = {name: reason for name, (_, reason) in named.items()}
+    for name, reason in (reasons | {"none.npz": "No such file", "none.h5": "none.h5"}).items():
+        assert run(monkeypatch, "compare", files[0], tmp_path / name) == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert reason in line
+        assert "pickle" not in line

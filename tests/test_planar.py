@@ -68,10 +68,7 @@ def test_both_codes_weave_the_same_net(reference):
 
     mine = prepare(exunet.load(CASES / "planar_deployment.toml").scene)
     theirs = weave(read(CASES / "planar_deployment.toml"))
-    states = States(
-        np.zeros(1), mine.position[None], mine.velocity[None], mine.net.reference_position,
-        mine.net.element_nodes, mine.net.bullet_nodes, True,
-    )  # fmt: skip
+    states = States.of_net(mine.net, np.zeros(1), mine.position[None], mine.velocity[None])
     match = match_nodes(states, reference)  # refuses another connectivity
     assert np.abs(mine.net.mass - theirs.mass[match]).max() < 1e-14
     mine_ends = {frozenset(map(int, match[e])): x for e, x in zip(

@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exunet.commands.table import print_table
 from exunet.compare import compare, read_states
+
+Floats = NDArray[np.float64]
 
 SHOWN = 20  # times in the table, evenly chosen, the last among them
 
@@ -26,14 +29,19 @@ def compare_runs(a: Path, b: Path) -> None:
         )
         for k in shown
     ]
-    worst = int(np.argmax(found.speed_difference))
     rows += [
-        ("largest", f"speeds {found.speed_difference[worst]:.3e} m/s at t = {found.time[worst]:.6g} s"),
-        ("allowed", f"speeds {found.allowed:.3e} m/s"),
+        ("largest", f"positions {_largest(found.position_difference, found.time, 'm')}"),
+        ("", f"speeds {_largest(found.speed_difference, found.time, 'm/s')}"),
+        ("allowed", f"positions {found.allowed_position:.3e} m, speeds {found.allowed:.3e} m/s"),
         ("first beyond that", _instant(found.agrees_until)),
         ("beyond it for good", _instant(found.apart_from)),
     ]
     print_table(f"{b} against {a}", rows)
+
+
+def _largest(difference: Floats, time: Floats, unit: str) -> str:
+    at = int(np.argmax(difference))
+    return f"{difference[at]:.3e} {unit} at t = {time[at]:.6g} s"
 
 
 def _instant(time: float | None) -> str:

@@ -77,31 +77,14 @@ class Pair:
     @property
     def ours_at_start(self) -> States:
         """exunet's net and initial state."""
-        net, start = self.start.net, self.start
-        return States(
-            np.zeros(1),
-            start.position[None],
-            start.velocity[None],
-            net.reference_position,
-            net.element_nodes,
-            net.bullet_nodes,
-            True,
-        )
+        start = self.start
+        return States.of_net(start.net, np.zeros(1), start.position[None], start.velocity[None])
 
     @property
     def theirs_at_start(self) -> States:
         """The reference's net and initial state, in its own numbering."""
-        net = self.net
-        position, velocity = reference.initial_state(self.theirs, net)
-        return States(
-            np.zeros(1),
-            position[None],
-            velocity[None],
-            net.reference_position,
-            net.element_nodes.astype(np.int64),
-            net.bullet_nodes.astype(np.int64),
-            True,
-        )
+        position, velocity = reference.initial_state(self.theirs, self.net)
+        return States.of_net(self.net, np.zeros(1), position[None], velocity[None])
 
     @property
     def effects(self) -> set[str]:
