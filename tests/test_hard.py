@@ -89,9 +89,9 @@ def test_a_bound_that_is_broken_is_told():
     """7e-8 of the energy is what one snap costs at this tolerance."""
     from dataclasses import replace
 
-    from exunet.verify.gallery import FIXED
+    from exunet.verify.tolerances import HARD_FIXED
 
     one = next(one for one in GALLERY if one.case == "one_element")
-    tight = replace(FIXED, value=1e-12)
+    tight = replace(HARD_FIXED, value=1e-12)
     failed = [check.name for check in hard.of_form(replace(one, energy=tight), "compiled") if not check.holds]
     assert failed == ["energy balance"]

@@ -1,6 +1,8 @@
 """The ladder of verification: that it holds, that it can fail, and what it leaves behind."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,6 +121,12 @@ def test_every_tolerance_has_a_reason():
     named = [value for value in vars(tolerances).values() if isinstance(value, tolerances.Tolerance)]
     assert len(named) > 5
     assert all(len(value.reason) > 20 for value in named)
+
+
+def test_no_other_file_of_the_ladder_makes_a_tolerance():
+    folder = Path(tolerances.__file__).parent
+    files = {path.name: path.read_text(encoding="utf-8") for path in folder.rglob("*.py")}
+    assert [name for name, text in files.items() if re.search(r"\bTolerance\(", text)] == ["tolerances.py"]
 
 
 def test_random_topologies_report_the_worst():

@@ -13,15 +13,21 @@ import reference_impl as reference
 from exunet.build import prepare
 from exunet.casefile import load
 from exunet.errors import CaseError, RunStopped
-from exunet.guards import ENERGY_BOUND
 from exunet.metrics import energy_balance
 from exunet.result import Result
 from exunet.timeloop import simulate
 from exunet.verify.check import Check
-from exunet.verify.gallery import GALLERY, POSITIONS, Hard, above_limit
+from exunet.verify.gallery import GALLERY, Hard, above_limit
 from exunet.verify.ladder import shipped
 from exunet.verify.pair import pair_of
-from exunet.verify.tolerances import RAN, Tolerance
+from exunet.verify.tolerances import (
+    HARD_BOUND,
+    HARD_CAUGHT,
+    HARD_EXACT,
+    HARD_POSITIONS,
+    HARD_REFUSED,
+    RAN,
+)
 from reference_impl import energy as theirs
 
 FORMS = {
@@ -31,10 +37,6 @@ FORMS = {
 }
 IMPLICIT = ("GeneralizedAlpha", "TrapezoidalIndex2")
 IMPLICIT_STEPS = (0.2e-3, 1e-3, 5e-3, 20e-3)  # [s]
-_BOUND = Tolerance(ENERGY_BOUND, "of E0", "the guards' own bound: the run is within it or was stopped")
-_EXACT = Tolerance(1e-9, "of E0", "the energy-momentum method keeps it to its Newton tolerance at any step")
-_REFUSED = Tolerance(0.0, "", "a step above the stable one does not run, unless it is forced")
-_CAUGHT = Tolerance(0.0, "", "forced, it grows by 1.2 a step: the guards stop it")
 
 
 def case_path(name: str) -> Path:
@@ -92,7 +94,7 @@ def of_form(hard: Hard, form: str) -> Iterator[Check]:
         pair = pair_of(case)
         other = pair.march(result.time)
         apart = float(np.abs(other.position - result.position).max())
-        yield Check(hard.item, subject, "positions, from the reference's", apart, POSITIONS)
+        yield Check(hard.item, subject, "positions, from the reference's", apart, HARD_POSITIONS)
 
 
 def of_reference(hard: Hard) -> Iterator[Check]:
@@ -137,7 +139,7 @@ def implicit(form: str) -> Iterator[Check]:
                     raise
                 result, words = stop.partial, f"stopped: {str(stop).split(';')[0]}"
             measured = energy_balance(result) if _sound(result) else math.inf
-            yield Check(5, subject, f"{name}: {words.split(':')[0]}", measured, _BOUND, words)
+            yield Check(5, subject, f"{name}: {words.split(':')[0]}", measured, HARD_BOUND, words)
 
 
 def energy_momentum() -> Iterator[Check]:
@@ -146,7 +148,7 @@ def energy_momentum() -> Iterator[Check]:
         scene = reference.load(case_path("implicit"))
         run = scene.march(method="EM", step=step)
         balance, _ = _reference_balance(scene, run)
-        yield Check(5, "implicit, reference", f"EM at {1e3 * step:g} ms: ran to the end", balance, _EXACT)
+        yield Check(5, "implicit, reference", f"EM at {1e3 * step:g} ms: ran to the end", balance, HARD_EXACT)
 
 
 def above(form: str) -> Iterator[Check]:
@@ -158,14 +160,14 @@ def above(form: str) -> Iterator[Check]:
         refused = math.inf
     except CaseError:
         refused = 0.0
-    yield Check(6, subject, "1.02 of the stable step: refused", refused, _REFUSED)
+    yield Check(6, subject, "1.02 of the stable step: refused", refused, HARD_REFUSED)
     forced = ("solver.force=true", "solver.retry=0", f"solver.step={step!r}", *FORMS[form])
     try:
         simulate(prepare(load(path, forced).scene))
-        yield Check(6, subject, "1.02 of the stable step, forced: stopped", math.inf, _CAUGHT)
+        yield Check(6, subject, "1.02 of the stable step, forced: stopped", math.inf, HARD_CAUGHT)
     except RunStopped as stop:
         kept = 0.0 if stop.partial is not None and _sound(stop.partial) else math.inf
-        yield Check(6, subject, "1.02 of the stable step, forced: stopped", kept, _CAUGHT, str(stop))
+        yield Check(6, subject, "1.02 of the stable step, forced: stopped", kept, HARD_CAUGHT, str(stop))
 
 
 def _sound(result: Result) -> bool:

@@ -1,8 +1,16 @@
-"""Every tolerance of the ladder: value, unit and reason. No other file of the ladder holds one."""
+"""Every tolerance of the ladder and of the gallery of hard cases: value, unit and reason.
+
+No other file of `exunet.verify` makes one; numbers that stand there beside their use select what is
+compared: until when, at which accuracy, where motions count as parted. Two kinds of limits belong to what
+is verified and stand with it, because nothing that runs may import the ladder: those of `exunet compare`
+and `--check` in `exunet.compare`, and the guards' own in `exunet.guards`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+from exunet.guards import ENERGY_BOUND
 
 
 @dataclass(frozen=True)
@@ -154,3 +162,69 @@ SAME_STATISTICS = Tolerance(
     "the spreads have tails",
 )
 SYMMETRIC = Tolerance(0.0, "m/s", "mirrored sums are formed in mirrored order: equal to the last bit")
+
+# Of the gallery of hard cases (`exunet hard`); E0 is the energy at the start, v0 the launch speed.
+HARD_ADAPTIVE = Tolerance(
+    1e-3,
+    "of E0",
+    "accuracy 1e-5 of the launch speed; the energy takes the errors of all snaps, 1.6e-4 at most was seen",
+)
+HARD_FIXED = Tolerance(1e-3, "of E0", "a tenth of the stable step and less; 5e-5 was seen")
+HARD_LONG = Tolerance(
+    1e-2,
+    "of E0",
+    "each snap adds an error of either sign; at this step 4e-3 was the farthest that 60 s of them walked",
+)
+HARD_SMOOTH = Tolerance(
+    1e-4, "of E0", "taut throughout, so RK44 has its order; 1.4e-5 over 1e5 steps was seen"
+)
+HARD_NEAR_LIMIT = Tolerance(
+    1e-3,
+    "of E0",
+    "nearly all of E0 is the prestress; what oscillates is a part of 1e-5, times 50 (see below)",
+)
+HARD_MOMENTUM = Tolerance(1e-12, "of sum m|v|", "internal forces cancel in pairs: round-off, 6e-15 seen")
+HARD_ANGULAR = Tolerance(
+    1e-10,
+    "of sum m|x||v|",
+    "central forces, whose moments no Runge-Kutta method cancels exactly; 6e-14 seen",
+)
+HARD_ANGULAR_FIXED = Tolerance(
+    1e-8, "of sum m|x||v|", "kept to the order of RK44 at a hundred steps a period, 7e-10 seen"
+)
+HARD_DRIFT = Tolerance(
+    2e-4, "of E0 / s", "the slope of a straight line through the energy of 60 s; 2e-5 was seen"
+)
+HARD_TREND = Tolerance(
+    3.0,
+    "sigma",
+    "mean change of the energy in a second over its standard error: a walk without a trend stays below",
+)
+HARD_REVOLUTIONS = Tolerance(
+    0.5, "revolutions", "of 100: the net's radius and with it its rate swing by 2e-3 as it stretches"
+)
+HARD_TAUT = Tolerance(0.0, "", "its rotation holds every element taut at every stored time")
+HARD_GROWTH = Tolerance(
+    60.0,
+    "x",
+    "largest kinetic energy over that of the start: velocity Verlet keeps v^2 + w^2 (1 - (w h / 2)^2) x^2, "
+    "so at 0.99 of the limit that of the fastest mode may swing by 1 / (1 - 0.99^2) = 50; if it grew, it "
+    "would overflow",
+)
+HARD_DAMPING_SETS = Tolerance(0.5, "x", "the step over the one that the frequencies alone would allow")
+HARD_STOPPED = Tolerance(
+    1e-6, "of v0", "exp(-50) = 2e-22 of the speed is left, beside errors of the tolerance"
+)
+HARD_NO_STATE_LOST = Tolerance(0.0, "states", "one for each step, and the start")
+HARD_EXACT_TIMES = Tolerance(0.0, "s", "stored times are those asked for, to the last bit")
+HARD_POSITIONS = Tolerance(
+    1e-3,
+    "m",
+    "RK44 at a tenth of its stable step, 0.08 s after the first snap: speeds are off by 1e-3; 2e-4 was seen",
+)
+HARD_BOUND = Tolerance(ENERGY_BOUND, "of E0", "the guards' own bound: the run is within it or was stopped")
+HARD_EXACT = Tolerance(
+    1e-9, "of E0", "the energy-momentum method keeps it to its Newton tolerance at any step"
+)
+HARD_REFUSED = Tolerance(0.0, "", "a step above the stable one does not run, unless it is forced")
+HARD_CAUGHT = Tolerance(0.0, "", "forced, it grows by 1.2 a step: the guards stop it")
