@@ -159,7 +159,7 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
     bullet_mass = bullets.need("mass", number(above=0.0)) if bullets else None
     start = _start(root.table("initial"))
     launch_table = root.table("launch", required=False)
-    launch = (launch_table.need("radial_speed", number()), launch_table.need("axial_speed", number()))
+    launch = _launch(launch_table)
     effects = read_effects(root.table("effects", required=False))
     for table in (root, net, bullets, launch_table):
         table.close()
@@ -174,12 +174,22 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
         strings,
         bullet_mass,
         start,
-        launch if launch_table else None,
+        launch,
         effects,
     )
     if misfits := _misfits(case):
         raise Refused(misfits)
     return case
+
+
+def _launch(table: Table) -> tuple[float, float] | None:
+    """Radial and axial speed [m/s]; None where the table is absent, or gives the throw in another way."""
+    if others := [table.name(key) for key in ("speed", "spread_angle") if key in table.values]:
+        table.ignore_rest()
+        table.faults.append(refusal(" and ".join(others), "it reads launch.radial_speed and .axial_speed"))
+        return None
+    speeds = table.need("radial_speed", number()), table.need("axial_speed", number())
+    return speeds if table else None
 
 
 def _overridden(
