@@ -64,10 +64,10 @@ def test_a_throw_by_spread_angle_is_unknown_not_incomplete(document, also):
     """cases/effects/spread_launch.toml: what is missing there is not missing in the case."""
     with pytest.raises(Refused) as refused:
         read_document(document() | {"launch": {"speed": 4.0, "spread_angle": 0.2, **also}})
-    assert refused.value.faults == [
+    assert refused.value.faults == (
         "reference_impl does not know launch.speed and launch.spread_angle: "
-        "it reads launch.radial_speed and .axial_speed"
-    ]
+        "it reads launch.radial_speed and .axial_speed",
+    )
 
 
 @pytest.mark.parametrize(
