@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet import energy
+from exunet.casefile import Case
 from exunet.effects import extended, total_terms
 from exunet.effects.terms import Terms
 from exunet.engine.model import Model
-from exunet.errors import CaseError, Fault
+from exunet.errors import BeyondFloats, Fault
 from exunet.estimates import chosen
 from exunet.initial import initial_state
 from exunet.net import weave
 from exunet.net.arrays import Net
+from exunet.placing import placing
 from exunet.plan import make_plan, with_forms
 from exunet.scene import Scene
 from exunet.solvers import METHODS, Plan
@@ -51,11 +53,17 @@ def prepare(scene: Scene) -> Start:
     return Start(scene, net, terms, position, velocity, replace(plan, notes=plan.notes + notes))
 
 
+def prepare_case(case: Case) -> Start:
+    """`prepare` for a case's scene; its faults name the line of the file or the override."""
+    with placing(case):
+        return prepare(case.scene)
+
+
 def _refuse_overflow(net: Net, terms: Terms, position: Floats, velocity: Floats) -> None:
     with np.errstate(all="ignore"):
         energies = {
-            "kinetic energy": (energy.kinetic(net, velocity), "net.bullets.mass, initial and launch"),
-            "elastic energy": (energy.elastic(net, terms, position), "initial.packing and net"),
+            "kinetic energy": (energy.kinetic(net, velocity), "initial"),
+            "elastic energy": (energy.elastic(net, terms, position), "initial.packing"),
         }
     faults = [
         Fault("", where, f"the {name} at the start is beyond what floating-point numbers can hold")
@@ -63,7 +71,7 @@ def _refuse_overflow(net: Net, terms: Terms, position: Floats, velocity: Floats)
         if not np.isfinite(value)
     ]
     if faults:
-        raise CaseError(faults)
+        raise BeyondFloats(faults)
 
 
 def build(start: Start) -> Model:

@@ -157,14 +157,15 @@ def _parse_override(option: str) -> _Change:
     key, equals, value = option.partition("=")
     if not equals:
         raise ValueError("must be of the form key.path=value")
-    path = _key_path(key)
+    path = key_path(key)
     value = value.strip()
     if not value:
         return _Change(option, path, removes=True)
     return _Change(option, path, _value(value))
 
 
-def _key_path(key: str) -> tuple[str, ...]:
+def key_path(key: str) -> tuple[str, ...]:
+    """The keys of a dotted key as TOML writes it; ValueError if it is none."""
     try:
         node: Any = tomllib.loads(f"{key} = 0")
     except ValueError:
@@ -238,6 +239,11 @@ def _refuse_huge_integers(document: dict[str, Any], text: str, path: Path, chang
             found.append((place, "is a whole number beyond the 64 bits of TOML"))
     if found:
         raise CaseError(_located(found, text, path, changes))
+
+
+def located(found: list[tuple[KeyPath, str]], case: Case) -> list[Fault]:
+    """Faults (path of the key, reason) of a case that was read, in the order of its file."""
+    return _located(found, case.text, case.path, _parse_overrides(case.overrides))
 
 
 def _located(found: list[tuple[KeyPath, str]], text: str, path: Path, changes: list[_Change]) -> list[Fault]:

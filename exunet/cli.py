@@ -23,13 +23,20 @@ app = typer.Typer(
     help="Simulates deployable nets.",
 )
 
-# readable=False: exunet's own reader says what is wrong with a file, in one line
-CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE", readable=False)]
+
+def _path(text: str | Path) -> Path:
+    """A path as given; exunet's own readers say what is wrong with a file, in one line."""
+    if text == "":  # which Path takes for the working directory
+        raise InputError("the name of a file or folder is empty: give a path ('.' is the working directory)")
+    return Path(text)
+
+
+CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE", parser=_path)]
 Overrides = Annotated[
     list[str],
     typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the case (empty: remove it)"),
 ]
-Folder = Annotated[Path | None, typer.Option(help="folder for what is written", metavar="DIR")]
+Folder = Annotated[Path | None, typer.Option(help="folder for what is written", metavar="DIR", parser=_path)]
 
 
 def main() -> None:
@@ -106,8 +113,11 @@ def effects_command(
     """Print what every known effect would do to a case: on or off, size, cost, advice."""
     from exunet.casefile import load
     from exunet.commands.effects import show_effects
+    from exunet.placing import placing
 
-    show_effects(load(case, overrides), asked=accuracy, measure=measure)
+    loaded = load(case, overrides)
+    with placing(loaded):
+        show_effects(loaded, asked=accuracy, measure=measure)
 
 
 @app.command("schema")
@@ -132,7 +142,8 @@ def schema_command(
 @app.command("verify")
 def verify_command(
     cases: Annotated[
-        list[Path] | None, typer.Argument(help="case files; none: the shipped ones", metavar="[CASE]...")
+        list[Path] | None,
+        typer.Argument(help="case files; none: the shipped ones", metavar="[CASE]...", parser=_path),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="whole runs of one case only")] = False,
     hard: Annotated[
@@ -163,15 +174,18 @@ def cost_command(
     """Measure what accuracy costs on a case, method by method; write the work-precision diagram."""
     from exunet.casefile import load
     from exunet.commands.cost import cost
+    from exunet.placing import placing
 
     loaded = load(case, overrides)
-    raise typer.Exit(cost(loaded, out or Path("results") / loaded.name, until, budget))
+    with placing(loaded):
+        code = cost(loaded, out or Path("results") / loaded.name, until, budget)
+    raise typer.Exit(code)
 
 
 @app.command("compare")
 def compare_command(
-    a: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="A")],
-    b: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="B")],
+    a: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="A", parser=_path)],
+    b: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="B", parser=_path)],
 ) -> None:
     """Print the differences of two runs of the same net at the times that both have stored."""
     from exunet.commands.compare import compare_runs
@@ -181,7 +195,8 @@ def compare_command(
 
 @app.command("plot")
 def plot_command(
-    result: Annotated[Path, typer.Argument(help="result.h5 of a run", metavar="RESULT")], out: Folder = None
+    result: Annotated[Path, typer.Argument(help="result.h5 of a run", metavar="RESULT", parser=_path)],
+    out: Folder = None,
 ) -> None:
     """Draw the figures of a result, beside it or into --out."""
     from exunet.plot import save_figures

@@ -37,6 +37,10 @@ class CaseError(ExunetError):
         super().__init__("\n".join(map(str, faults)))
 
 
+class BeyondFloats(CaseError):
+    """A case whose numbers, each of them valid, lead beyond what floating-point can hold."""
+
+
 class InputError(ExunetError):
     """A file, folder, option or argument that cannot be used; nothing was written."""
 

@@ -86,7 +86,10 @@ def _above(limit: float, step: float, solver: Solver) -> list[str]:
     """Refuse a step above the stable one, or note that it is forced."""
     if step <= limit or METHODS[solver.method].weak:
         return []
-    words = f"{step:.4g} s is above the stable step {limit:.4g} s of {solver.method} on this net"
+    given = f"{solver.step:.4g} s"
+    if solver.step is not None and step < solver.step:
+        given += f" (shortened to the {step:.4g} s between stored times)"
+    words = f"{given} is above the stable step {limit:.4g} s of {solver.method} on this net"
     if solver.force:
         return [f"step {words}: forced"]
     advice = "give a smaller one or none, or an adaptive method (DOPRI5); solver.force = true runs it anyway"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.breaking import Breaks
-from exunet.build import Start, build, prepare
+from exunet.build import Start, build, prepare, prepare_case
 from exunet.casefile import Case
 from exunet.engine.stepper import EngineFailed, Stepper, StepsCollapsed
 from exunet.errors import Interrupted, RunStopped
@@ -43,11 +43,14 @@ def run(case: Case | Scene, progress: Progress | None = None, keep: Keep | None 
     Raises RunStopped (its `partial` holds what was computed) if the run diverges or the engine gives up and
     `solver.retry` finer attempts do not mend it, Interrupted (also with `partial`) on Ctrl-C.
     """
-    scene = case if isinstance(case, Scene) else case.scene
-    provenance: dict[str, Any] = {}
-    if isinstance(case, Case):
-        provenance = {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
-    return simulate(prepare(scene), provenance, progress, keep)
+    if isinstance(case, Scene):
+        return simulate(prepare(case), {}, progress, keep)
+    return simulate(prepare_case(case), provenance(case), progress, keep)
+
+
+def provenance(case: Case) -> dict[str, Any]:
+    """What a result tells of the case that it comes from."""
+    return {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
 
 
 def simulate(

@@ -84,6 +84,8 @@ def test_check_command_says_what_would_be_simulated(tmp_path):
     [
         (["run", "absent.toml"], ["absent.toml"]),
         (["run", "."], ["is a folder"]),
+        (["run", ""], ["name of a file or folder is empty"]),
+        (["run", PLANAR, "--out", ""], ["name of a file or folder is empty"]),
         (["check", PLANAR, "--set", "net.mesh=0.7"], ["net.mesh", "whole number"]),
         (["run", PLANAR, "--set", "time.end=0"], ["time.end", "greater than 0"]),
         (["run", PLANAR, "--set", "solver.method=RK4"], ["solver.method", "RK44"]),
@@ -99,7 +101,7 @@ def test_bad_input_ends_with_code_2_and_writes_nothing(tmp_path, arguments, word
     done = command(*arguments, folder=tmp_path)
     assert done.returncode == 2, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
-    assert written(tmp_path) == set()
+    assert list(tmp_path.iterdir()) == []
     for word in words:
         assert word in done.stderr
 
@@ -125,9 +127,36 @@ def test_a_step_100_times_too_large_is_refused(tmp_path):
         "--set", "time.output_step=0.1", "--out", "here", folder=tmp_path,
     )  # fmt: skip
     assert done.returncode == 2
-    for words in ("solver.step", "0.025 s", "0.0002548 s", "solver.force"):
+    for words in ("--set solver.step=2.5e-2: solver.step: 0.025 s is", "0.0002548 s", "solver.force"):
         assert words in done.stderr
-    assert written(tmp_path) == set()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        ("youngs_modulus = 70e9", "youngs_modulus = 1e308", "net.cable.youngs_modulus", "1e+308"),
+        ("density = 1390.0", "density = 1e308", "net.cable.density", "1e+308"),
+        ("mass = 0.5", "mass = 1e308", "net.bullets.mass", "1e+308"),
+        ("radial_speed = 2.5", "radial_speed = 1e200", "launch.radial_speed", "kinetic energy at the start"),
+        ("packing = 0.1", "packing = 1e300", "initial.packing", "elastic energy at the start"),
+        ('method = "DOPRI5"', 'method = "RK44"\nstep = 0.0255', "solver.step",
+         "0.0255 s (shortened to the 0.001 s between stored times) is above the stable step 0.0002548 s"),
+    ],
+)  # fmt: skip
+def test_faults_found_in_preparing_a_run_have_their_line(tmp_path, old, new, key, words):
+    """The stable step is that of tests/test_stability.py."""
+    text = PLANAR.read_text().replace(old, new, 1)
+    (tmp_path / "bad.toml").write_text(text)
+    last = new.splitlines()[-1]
+    number = next(n for n, line in enumerate(text.splitlines(), 1) if line.startswith(last))
+    for what in ("run", "check"):
+        done = command(what, "bad.toml", folder=tmp_path)
+        assert done.returncode == 2, done.stdout + done.stderr
+        assert done.stderr.startswith(f"bad.toml:{number}: {key}: ")
+        assert words in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
 
 
 def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from exunet.build import Start, build, prepare
+from exunet.build import Start, build, prepare_case
 from exunet.casefile import Case
 from exunet.effects import EFFECTS, switched_on
 from exunet.solvers import METHODS
@@ -12,7 +12,7 @@ from exunet.times import stored_times
 
 def describe(case: Case) -> list[tuple[str, str]]:
     """Rows (name, value): counts, mass, effects, stable steps and the items the engine would hold."""
-    start = prepare(case.scene)
+    start = prepare_case(case)
     net, plan = start.net, start.plan
     on = switched_on(case.scene.effects)
     off = [name for name in EFFECTS if name not in on]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryFile
 
 from exunet.agreement import Agreement
+from exunet.build import Start, prepare_case
 from exunet.casefile import Case
 from exunet.commands.table import print_table
 from exunet.crosscheck import ReferenceRun
@@ -18,7 +19,7 @@ from exunet.errors import ExunetError, InputError, Interrupted, RunStopped, Unch
 from exunet.files import cannot_write, sweep
 from exunet.result import Result, save
 from exunet.summary import rows, summarise, write_summary
-from exunet.timeloop import Progress, run
+from exunet.timeloop import Progress, provenance, simulate
 
 FIGURES = ("reference_net", "snapshots", "bullet_speeds", "energies", "area", "agreement")
 DESCRIPTIONS = ("summary.json", *(f"{figure}.png" for figure in FIGURES))
@@ -34,6 +35,12 @@ def run_case(case: Case, folder: Path, *, check: bool, estimate: bool = False) -
     estimate that could not be made (the result is written), else None. Raises InputError, before the run
     starts, if the folder cannot be written.
     """
+    start = prepare_case(case)  # whose faults come before any folder is made
+    with _made(folder):
+        return _run(case, start, folder, check=check, estimate=estimate)
+
+
+def _run(case: Case, start: Start, folder: Path, *, check: bool, estimate: bool) -> ExunetError | None:
     _ready(folder)
     stopped: ExunetError | None = None
     unchecked: ExunetError | None = None
@@ -41,7 +48,7 @@ def run_case(case: Case, folder: Path, *, check: bool, estimate: bool = False) -
     with ReferenceRun(case) if check else nullcontext() as reference:
         try:
             with _progress(case.scene.time.end) as progress:
-                result = run(case, progress, lambda part: _keep(part, folder))
+                result = simulate(start, provenance(case), progress, lambda part: _keep(part, folder))
         except RunStopped as error:
             if error.partial is None:
                 raise
@@ -72,6 +79,18 @@ def _agreement(reference: ReferenceRun, result: Result) -> tuple[Agreement | Non
         return None, UncheckedRun(f"the result is written but not checked: {error}")
     except KeyboardInterrupt:
         return None, Interrupted("interrupted while waiting for the reference; the result is written", result)
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Takes away again the folders that were made for a run, if it ended with nothing in them."""
+    new = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        yield
+    finally:
+        for one in new:
+            with suppress(OSError):  # not empty: a part of the run is kept
+                one.rmdir()
 
 
 def _ready(folder: Path) -> None:

@@ -47,7 +47,7 @@ from exunet.effects import (
 )
 from exunet.effects.needs import Surroundings
 from exunet.effects.terms import Floats, Terms
-from exunet.errors import CaseError, Fault
+from exunet.errors import BeyondFloats, Fault
 from exunet.net.arrays import Net
 from exunet.record import Positive, Record, check
 
@@ -131,7 +131,7 @@ def total_terms(effects: Record, net: Net, position: Floats) -> Terms:
 
 
 def terms_of(name: str, keys: Record, net: Net, position: Floats) -> Terms:
-    """The terms of one effect; raises CaseError if a number in them is beyond `LARGEST`."""
+    """The terms of one effect; raises BeyondFloats if a number in them is beyond `LARGEST`."""
     module = EFFECTS[name]
     try:
         with np.errstate(all="ignore"):  # numbers that overflow are refused below
@@ -147,7 +147,7 @@ def terms_of(name: str, keys: Record, net: Net, position: Floats) -> Terms:
     return terms
 
 
-def beyond_floats(name: str) -> CaseError:
+def beyond_floats(name: str) -> BeyondFloats:
     """The error for an effect whose numbers cannot be computed with."""
     words = "leads to numbers beyond what floating-point can hold: give it, or the scene, real values"
-    return CaseError([Fault("", f"effects.{name}", words)])
+    return BeyondFloats([Fault("", f"effects.{name}", words)])
