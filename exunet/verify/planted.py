@@ -7,12 +7,20 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Planted:
-    """An error to plant: short name, what is wrong, in which code, the first rung that fails for it."""
+    """An error to plant.
+
+    name : for the tests
+    what : is wrong
+    code : in which code
+    rung : the first that fails for it
+    case : the one of the quick ladder's that shows it
+    """
 
     name: str
     what: str
     code: str
     rung: int
+    case: str = "planar_deployment"
 
 
 _EXUDYN, _REFERENCE = "Exudyn's net", "reference"
@@ -34,6 +42,10 @@ PLANTED = (
     Planted("elastic_doubled", "factor 1/2 missing in the elastic energy", _EXUDYN, 2),
     Planted("tension_doubled", "stored tensions twice as large", _EXUDYN, 2),
     Planted("mouth_doubled", "factor 1/2 missing in the area of the mouth", _EXUDYN, 6),
+    Planted("coriolis_sign", "Coriolis force with the wrong sign", _EXUDYN, 2, "orbit"),
+    Planted("mass_damping_sign", "mass damping that pushes on", _EXUDYN, 2, "mass_damping"),
+    Planted("viscous_compression", "viscous stress that pushes", _EXUDYN, 2, "material_damping"),
+    Planted("reference_potential_sign", "potential with the wrong sign", _REFERENCE, 2, "orbit"),
     Planted("reference_kinetic_doubled", "factor 1/2 missing in the kinetic energy", _REFERENCE, 2),
     Planted("reference_elastic_doubled", "factor 1/2 missing in the elastic energy", _REFERENCE, 2),
     Planted("reference_tension_doubled", "stored tensions twice as large", _REFERENCE, 2),

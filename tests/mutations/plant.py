@@ -12,7 +12,7 @@ import exunet.initial
 import reference_impl.energy as reference_energy
 import reference_impl.forces as forces
 from exunet import cable, energy, metrics
-from exunet.effects import rayleigh_damping
+from exunet.effects import mass_damping, orbit, rayleigh_damping
 from exunet.engine.model import Model
 
 march = sys.modules["reference_impl.march"]  # the package has a function of that name
@@ -131,6 +131,33 @@ def tension_doubled(patch):
 
 def mouth_doubled(patch):
     _doubled(patch, metrics, "mouth_area")
+
+
+def _other_terms(patch, effect, change):
+    right = effect.terms
+    patch.setattr(effect, "terms", lambda *keys: change(right(*keys)))
+
+
+def coriolis_sign(patch):
+    _other_terms(patch, orbit, lambda terms: dataclasses.replace(terms, gyroscopic=-terms.gyroscopic))
+
+
+def mass_damping_sign(patch):
+    _other_terms(patch, mass_damping, lambda terms: dataclasses.replace(terms, damping=-terms.damping))
+
+
+def viscous_compression(patch):
+    right = cable.viscous_tension
+
+    def wrong(length, rate, reference, stiffness, time, maximum=np.maximum, where=np.where):
+        return right(length, rate, reference, stiffness, time, lambda stress, least: stress, where)
+
+    patch.setattr(cable, "viscous_tension", wrong)
+
+
+def reference_potential_sign(patch):
+    right = reference_energy.potential
+    patch.setattr(reference_energy, "potential", lambda *state: -right(*state))
 
 
 def reference_kinetic_doubled(patch):
