@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from exunet import cable, energy
 from exunet.effects.terms import Terms
+from exunet.in_play import InPlay
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -18,8 +19,7 @@ Floats = NDArray[np.float64]
 # (RK44 at half its stable step loses a quarter of the energy of the paper's net, and looks calm). A converged
 # run stays below 1e-5.
 ENERGY_BOUND = 0.05
-# A free net's common translation is no energy in play, but its round-off and damping are part of the ledger.
-TRANSLATION_PART = 1e-5
+OF_STEPS = 0.1  # of that bound: a state whose energy is off by more is the steps' doing, whatever is wrong
 # Largest stretch of an element. There the law's force N = EA E11 lambda is three times that of Hooke's law,
 # EA (lambda - 1) (lambda + 1) lambda / 2: beyond, the choice of the law is all that one sees.
 STRETCH_BOUND = 2.0
@@ -36,7 +36,7 @@ class Look:
     balance, allowed : (k,) energy balance less that of the start, and what it may be off by [J]
     stretch          : (k,) largest of an element
     speed, allowed_speed : (k,) largest of a node, and what it may be [m/s]
-    gained           : (k,) energy so far that potentials and forces may have turned into motion [J]
+    gained           : (2, k) energy that potentials and forces have brought so far, see `InPlay.gained` [J]
     """
 
     finite: NDArray[np.bool_]
@@ -56,7 +56,7 @@ class Look:
 
     def of_steps(self, k: int) -> bool:
         """True if the steps are likely to blame for state k: its energy balance does not hold either."""
-        return not (self.finite[k] and abs(self.balance[k]) <= 0.1 * self.allowed[k])
+        return not (self.finite[k] and abs(self.balance[k]) <= OF_STEPS * self.allowed[k])
 
     def words(self, k: int) -> str:
         """What is wrong with state k."""
@@ -75,32 +75,12 @@ class Guards:
 
     def __init__(self, net: Net, terms: Terms, position: Floats, velocity: Floats) -> None:
         self._net = net
-        kinetic = float(energy.kinetic(net, velocity))
-        elastic = float(energy.elastic(net, terms, position))
-        self._potential = float(energy.potential(terms, position[None])[0])
-        self._start = kinetic + elastic + self._potential
-        moving = self._translation(velocity)
-        self._scale = kinetic - moving + elastic + TRANSLATION_PART * moving
-        self._gained = 0.0
+        self._in_play = InPlay(net, terms, position, velocity)
+        motion = energy.kinetic(net, velocity) + energy.elastic(net, terms, position)
+        self._start = float(motion + energy.potential(terms, position[None])[0])
+        self._gained = np.zeros(2)
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
         self._speeds = float(np.linalg.norm(velocity, axis=1).max(initial=0.0) + wave)
-
-    def _translation(self, velocity: Floats) -> float:
-        """Kinetic energy [J] of the motion of the centre of mass, of a net that nothing holds."""
-        if len(self._net.fixed_nodes):
-            return 0.0
-        momentum = energy.momentum(self._net, velocity)
-        return float(momentum @ momentum) / (2.0 * float(self._net.mass.sum()))
-
-    def off_by(self, motion: Floats, potential: Floats, dissipated: Floats) -> Floats:
-        """(k,) how far the energy balance of stored states is off, as a part of the bound.
-
-        motion : (k,) kinetic and elastic energy [J], beside the potential and the dissipated energy (k,) [J].
-        What potentials and forces have given is counted at these states only, as in `metrics.energy_balance`.
-        """
-        gained = float(np.maximum(np.abs(potential - self._potential), -dissipated).max(initial=0.0))
-        allowed = ENERGY_BOUND * (self._scale + gained) + _LEAST_ENERGY
-        return np.asarray(np.abs(motion + potential + dissipated - self._start) / allowed)
 
     def look(self, terms: Terms, position: Floats, velocity: Floats, dissipated: Floats) -> Look:
         """See how states (k, n_nodes, 3) with their dissipated energy (k,) [J] keep to the bounds."""
@@ -110,14 +90,14 @@ class Guards:
         potential = energy.potential(terms, position)
         mechanical = 0.5 * (squares @ self._net.mass) + cable.elastic_energy(law, length) + potential
         balance = mechanical + dissipated - self._start
-        gained = np.maximum(np.abs(potential - self._potential), -dissipated)
-        gained = np.fmax.accumulate(np.fmax(gained, self._gained))  # passes over what is no number
+        gained = self._in_play.gained(position, velocity, potential, dissipated)
+        gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # passes over no numbers
         held = length if terms.intact is None else length * terms.intact  # what broke has any length
-        given = np.sqrt(2.0 * gained / float(self._net.mass.sum()))
+        given = np.sqrt(2.0 * gained[1] / float(self._net.mass.sum()))
         return Look(
             finite=np.isfinite(balance) & np.isfinite(position.sum(axis=(1, 2))),
             balance=balance,
-            allowed=ENERGY_BOUND * (self._scale + gained) + _LEAST_ENERGY,
+            allowed=allowed(self._in_play.start + gained[0]),
             stretch=(held / law.natural_length).max(axis=1, initial=0.0),
             speed=np.sqrt(squares.max(axis=1, initial=0.0)),
             allowed_speed=SPEED_BOUND * (self._speeds + given),
@@ -126,4 +106,14 @@ class Guards:
 
     def accept(self, look: Look, k: int) -> None:
         """Take the state k of a look as good."""
-        self._gained = float(look.gained[k])
+        self._gained = look.gained[:, k]
+
+
+def allowed(in_play: Floats) -> Floats:
+    """What the energy balance may be off by [J], by the energy in play [J]."""
+    return ENERGY_BOUND * in_play + _LEAST_ENERGY
+
+
+def off_by(total: Floats, in_play: float) -> Floats:
+    """(k,) how far the energy balance (k,) [J] of states is off from that of the first, over the bound."""
+    return np.asarray(np.abs(total - total[0]) / allowed(np.asarray(in_play)))

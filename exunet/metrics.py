@@ -74,10 +74,14 @@ def mesh_area(net: Net, position: Floats) -> Floats:
 
 def centre_of_mass(result: Result) -> Floats:
     """Centre of mass of net, strings and bullets, but not of a chaser: (n_times, 3) [m]."""
-    held = np.zeros(result.net.n_nodes, dtype=bool)  # by an element, as a chaser is not
-    held[result.net.element_nodes] = True
-    mass = np.where(held, result.net.mass, 0.0) if held.any() else result.net.mass
-    return np.einsum("n,tnk->tk", mass / mass.sum(), result.position)
+    return _centre(result.net, result.position)
+
+
+def _centre(net: Net, position: Floats) -> Floats:
+    held = np.zeros(net.n_nodes, dtype=bool)  # by an element, as a chaser is not
+    held[net.element_nodes] = True
+    mass = np.where(held, net.mass, 0.0) if held.any() else net.mass
+    return np.einsum("n,tnk->tk", mass / mass.sum(), position)
 
 
 def bullet_speeds(result: Result) -> Floats:
@@ -90,17 +94,22 @@ def deployment(result: Result) -> Deployment | None:
 
     None for a net without a mouth, or with a mouth of no area in the reference configuration.
     """
-    reference = float(mouth_area(result.net, result.net.reference_position))
+    return deployment_of(result.net, result.time, result.position)
+
+
+def deployment_of(net: Net, time: Floats, position: Floats) -> Deployment | None:
+    """`deployment` of a trajectory of either code; time (t,) [s], position (t, n_nodes, 3) [m]."""
+    reference = float(mouth_area(net, net.reference_position))
     if reference == 0.0:
         return None
-    area = mouth_area(result.net, result.position)
+    area = mouth_area(net, position)
     at = int(np.argmax(area))
-    centre = centre_of_mass(result)
+    centre = _centre(net, position)
     return Deployment(
         largest_area=float(area[at]),
-        time_of_largest=float(result.time[at]),
+        time_of_largest=float(time[at]),
         distance=float(np.linalg.norm(centre[at] - centre[0])),
-        time_open=time_above(result.time, area, NEARLY_OPEN * reference),
+        time_open=time_above(time, area, NEARLY_OPEN * reference),
         reference_area=reference,
         relative_area=float(area[at]) / reference,
         at_end=at == len(area) - 1,
@@ -120,20 +129,32 @@ def energy_balance(result: Result) -> float:
     """Largest error of the energy balance over the stored times, relative to the energy in play.
 
     The error is |K + U + V + W - (K + U + V + W at the first stored time)|, with the kinetic, elastic and
-    potential energies K, U, V and the dissipated work W. The energy in play is the initial K + U plus the
-    largest change of V (V itself depends on the choice of the origin) and the largest work -W that forces
-    have put in; if that is zero (a net at rest without loads), the largest of K, U and |W|; if that is zero
-    too, nothing ever moved and the error is 0. So it is where it is no more than the round-off of V.
+    potential energies K, U, V and the dissipated work W; for the divisor see `energy_in_play`. If that is
+    zero (a net at rest without loads), it is the largest of K, U and |W|; if that is zero too, nothing ever
+    moved and the error is 0. So it is where it is no more than the round-off of V.
     """
     kinetic, elastic, potential = result.kinetic, result.elastic, result.potential
-    change = potential - potential[0]
-    total = kinetic + elastic + change + result.dissipated
-    put_in = float(np.max(-result.dissipated, initial=0.0))
-    scale = float(kinetic[0] + elastic[0] + np.max(np.abs(change))) + put_in
+    total = kinetic + elastic + (potential - potential[0]) + result.dissipated
+    scale = energy_in_play(result)
     if scale == 0.0:
         scale = float(np.max([kinetic, elastic, np.abs(result.dissipated)]))
     error = float(np.max(np.abs(total - total[0])))
     return error / scale if error > 1e-14 * float(np.max(np.abs(potential))) else 0.0
+
+
+def energy_in_play(result: Result) -> float:
+    """Energy [J] that could deform the net, over the stored times: what errors of the energy are measured by.
+
+    A run tells it (see `exunet.in_play`): kinetic and elastic energy at the start without the translation of
+    free parts, plus what potentials and forces have brought beside the work on their centres of mass. Of a
+    result that does not tell, it is the initial K + U plus the largest change of V (V itself depends on the
+    choice of the origin) and the largest work -W that forces have put in.
+    """
+    if "energy_in_play_J" in result.provenance:
+        return float(result.provenance["energy_in_play_J"])
+    change = float(np.max(np.abs(result.potential - result.potential[0])))
+    put_in = float(np.max(-result.dissipated, initial=0.0))
+    return float(result.kinetic[0] + result.elastic[0]) + change + put_in
 
 
 def _loops_area(loops: Sequence[tuple[int, ...]], position: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,13 @@ from exunet import cable, energy
 from exunet.diagnosis import LOAD_ADVICE, state_of_worst, step_advice
 from exunet.effects.terms import Terms
 from exunet.errors import RunStopped
-from exunet.guards import Guards
+from exunet.guards import OF_STEPS, STRETCH_BOUND, Guards
 from exunet.net.arrays import Net
 from exunet.peaks import Peaks
 from exunet.solvers import Plan
+
+if TYPE_CHECKING:
+    from exunet.result import Result
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +45,7 @@ class Monitor:
         every: int = STATES_A_LOOK,
     ) -> None:
         self._net = net
-        self._terms = terms
+        self._use(terms)
         self._plan: Plan | None = None
         self._every = every
         self._guards = Guards(net, terms, position, velocity)
@@ -55,10 +58,6 @@ class Monitor:
     def good_until(self) -> float:
         """Time [s] of the last state that had nothing wrong with it."""
         return self._last_good[0]
-
-    def off_by(self, motion: Floats, potential: Floats, dissipated: Floats) -> Floats:
-        """See `Guards.off_by`."""
-        return self._guards.off_by(motion, potential, dissipated)
 
     def explain(self, plan: Plan) -> None:
         """Tell how the run is integrated, for the words of the guards."""
@@ -91,17 +90,24 @@ class Monitor:
             self.ledger = (time, dissipated)
             every = np.append(np.arange(self._every, len(time) - 1, self._every), len(time) - 1)
             look = self._guards.look(self._terms, position[every], velocity[every], dissipated[every])
-            if look.wrong.any():
+            length = cable.lengths(self._net, position)
+            # The longest element is looked for in every state: its peak may last for one of them.
+            if look.wrong.any() or (length > self._longest).any():
                 self._stop(time, position, velocity, dissipated)
             self._guards.accept(look, -1)
             self._last_good = (float(time[-1]), position[-1], velocity[-1])
-            self.peaks.look(time, self._tension(position, velocity))
+            self.peaks.look(time, self._tension(length, position, velocity))
         self.dissipated = float(dissipated[-1])
 
     def lose(self, energy_lost: float, terms: Terms) -> None:
         """Book elastic energy [J] that elements took along when they broke; `terms` hold from now on."""
         self.dissipated += energy_lost
+        self._use(terms)
+
+    def _use(self, terms: Terms) -> None:
         self._terms = terms
+        longest = STRETCH_BOUND * terms.law(self._net).natural_length
+        self._longest = longest if terms.intact is None else np.where(terms.intact, longest, np.inf)
 
     def _dissipation(self, time: Floats, position: Floats, velocity: Floats) -> Floats:
         """(k - 1,) energy taken out by terms without a potential in each step [J]."""
@@ -109,9 +115,11 @@ class Monitor:
             return np.zeros(len(time) - 1)
         return energy.work_taken(self._net, self._terms, time, position, velocity)
 
-    def _tension(self, position: Floats, velocity: Floats) -> Floats:
-        tension = cable.element_tension(self._net, self._terms.law(self._net), position, velocity)
-        return tension if self._terms.intact is None else tension * self._terms.intact
+    def _tension(self, length: Floats, position: Floats, velocity: Floats) -> Floats:
+        law = self._terms.law(self._net)  # what broke has no stiffness in it
+        if law.relaxation_time is not None:
+            return cable.element_tension(self._net, law, position, velocity)
+        return np.asarray(cable.tension(length, law.natural_length, law.stiffness))
 
     def _stop(self, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> NoReturn:
         """Find the first state of a batch that is wrong, and say so."""
@@ -128,19 +136,27 @@ class Monitor:
             step_cause=look.of_steps(bad),
         )
 
-    def review(self, time: Floats, position: Floats, velocity: Floats, off: Floats) -> RunStopped | None:
-        """What is wrong with the energy of the stored states of a finished run; off (k,): of `off_by`.
+    def review(self, states: Result, off: Floats) -> RunStopped | None:
+        """What is wrong with the stored states of a finished run; off (k,): see `guards.off_by`.
 
-        Between two looks of the guards, the energy of a method near its stable step may swing out and back.
+        Between two looks of the guards, the energy of a method near its stable step may swing out and back,
+        and a compiled loop hands over only some of its states.
         """
-        if np.all(off <= 1.0):
+        look = self._guards.look(self._terms, states.position, states.velocity, states.dissipated)
+        wrong = (off > 1.0) | (look.stretch > STRETCH_BOUND) | (look.speed > look.allowed_speed)
+        if not wrong.any():
             return None
-        bad = int(np.argmax(off > 1.0))
+        bad = int(np.argmax(wrong))
         good = max(0, bad - 1)
-        self._last_good = (float(time[good]), position[good], velocity[good])
-        worst = state_of_worst(self._net, self._terms, float(time[bad]), position[bad], velocity[bad])
+        when, position, velocity = states.time, states.position, states.velocity
+        self._last_good = (float(when[good]), position[good], velocity[good])
+        words = f"the energy of this state is off by {off[bad]:.3g} times what is allowed"
+        if off[bad] <= 1.0:
+            words = look.words(bad)
+        of_steps = bool(off[bad] > OF_STEPS)
+        worst = state_of_worst(self._net, self._terms, float(when[bad]), position[bad], velocity[bad])
         return RunStopped(
-            f"diverged at t = {time[bad]:.6g} s: the energy of this state is off by {off[bad]:.3g} times "
-            f"what is allowed; {worst}. {step_advice(self._plan)}",
-            step_cause=True,
+            f"diverged at t = {when[bad]:.6g} s: {words}; {worst}. "
+            f"{step_advice(self._plan) if of_steps else LOAD_ADVICE}",
+            step_cause=of_steps,
         )

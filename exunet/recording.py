@@ -15,7 +15,8 @@ from exunet.build import Start
 from exunet.effects import switched_on
 from exunet.engine.loading import exudyn_version
 from exunet.engine.stepper import Stepper
-from exunet.monitor import Monitor
+from exunet.guards import off_by
+from exunet.in_play import InPlay
 from exunet.peaks import Peaks
 from exunet.result import Result
 from exunet.solvers import Plan
@@ -56,6 +57,7 @@ class Record:
         self._dissipated: list[float] = []
         self.breaks: Breaks | None = None
         self.peaks = Peaks()
+        self._in_play = InPlay(start.net, start.terms, start.position, start.velocity)
 
     def __len__(self) -> int:
         return len(self._time)
@@ -91,12 +93,15 @@ class Record:
         """Drop the states after `time` [s]: guards look at batches, which may end after a stored state."""
         self._keep(self._until(time))
 
-    def forget_off(self, monitor: Monitor, part: float = 1.0) -> None:
+    def forget_off(self, part: float = 1.0) -> None:
         """Drop the first state whose energy balance is off by that part of the bound, and all after it."""
-        now = self.result("going back")
-        off = monitor.off_by(now.kinetic + now.elastic, now.potential, now.dissipated)
-        late = np.flatnonzero(off > part)
+        late = np.flatnonzero(self.off_by(self.result("going back")) > part)
         self._keep(max(1, int(late[0]))) if len(late) else None
+
+    def off_by(self, states: Result) -> Floats:
+        """(n_times,) see `guards.off_by`; states as `result` gives them."""
+        total = states.kinetic + states.elastic + states.potential + states.dissipated
+        return off_by(total, states.provenance["energy_in_play_J"])
 
     def _until(self, time: float) -> int:
         return sum(stored <= time for stored in self._time)
@@ -138,6 +143,9 @@ class Record:
             tension, elastic = self.breaks.corrected(self._time[:number], length, tension, elastic)
             self._provenance["broken"] = self.breaks.provenance()
         self._provenance["largest_tension"] = self.peaks.provenance()
+        potential, dissipated = energy.potential(terms, position), np.array(self._dissipated[:number])
+        gained = self._in_play.gained(position, velocity, potential, dissipated)[0]
+        self._provenance["energy_in_play_J"] = self._in_play.start + float(gained.max())
         return Result(
             net=net,
             time=np.array(self._time[:number]),
@@ -147,8 +155,8 @@ class Record:
             tension=tension,
             kinetic=energy.kinetic(net, velocity),
             elastic=elastic,
-            potential=energy.potential(terms, position),
-            dissipated=np.array(self._dissipated[:number]),
+            potential=potential,
+            dissipated=dissipated,
             momentum=energy.momentum(net, velocity),
             angular_momentum=energy.angular_momentum(net, position, velocity),
             complete=verdict == "ok",

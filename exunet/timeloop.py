@@ -73,18 +73,17 @@ def simulate(
         stop = _Attempt(replace(start, plan=plan), record, monitor, progress, keeper).run()
         if stop is None:
             result = record.result("ok")
-            off = monitor.off_by(result.kinetic + result.elastic, result.potential, result.dissipated)
-            stop = monitor.review(result.time, result.position, result.velocity, off)
+            stop = monitor.review(result, record.off_by(result))
             if stop is None:
                 return result
             record.forget_after(monitor.good_until)
         next_plan = finer(plan) if stop.step_cause and retries else None
         if next_plan is None:
-            record.forget_off(monitor)  # what swung out between two looks of the guards, and back
+            record.forget_off()  # what swung out between two looks of the guards, and back
             stop.partial = record.result(str(stop))
             raise stop
         plan, retries = next_plan, retries - 1
-        record.forget_off(monitor, GOOD_PART)
+        record.forget_off(GOOD_PART)
         record.retried(str(stop), plan)
         monitor.go_back(*record.last())
 
@@ -137,7 +136,7 @@ class _Attempt:
         with suppress(RunStopped):  # the monitor knows until when they are good
             stepper.hand_over()
         self._record.forget_after(self._monitor.good_until)
-        self._record.forget_off(self._monitor)
+        self._record.forget_off()
         until = self._record.last()[0]
         return Interrupted(f"interrupted after t = {until:.6g} s; what was computed is kept")
 

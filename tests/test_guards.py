@@ -10,13 +10,16 @@ import pytest
 from small_nets import pair_of_masses, thrown
 
 import exunet
+from exunet import energy
 from exunet.build import Start, prepare
 from exunet.effects.terms import Terms
 from exunet.errors import CaseError, RunStopped
 from exunet.guards import ENERGY_BOUND, STRETCH_BOUND
-from exunet.metrics import energy_balance
+from exunet.in_play import TRANSLATION_PART, InPlay
+from exunet.metrics import energy_balance, energy_in_play
 from exunet.monitor import Monitor
 from exunet.solvers import Plan
+from exunet.stability import largest_frequency, stable_step
 from exunet.timeloop import simulate
 
 WORDS = re.compile(
@@ -105,6 +108,31 @@ def test_a_stretch_beyond_the_law_is_no_matter_of_steps():
     assert np.sqrt(1.0 + 2.0 * partial.strain.max()) < STRETCH_BOUND
 
 
+@pytest.mark.parametrize(
+    ("solver", "engine"),
+    [
+        ({}, "connectors"),
+        ({"accuracy": 0.1}, "connectors"),
+        ({"method": "RK44", "step": 0.01}, "connectors"),
+        ({"method": "VelocityVerlet", "step": 0.01}, "connectors"),
+        ({"method": "RK67", "step": 0.01, "force": True}, "connectors"),
+        ({"accuracy": 0.1}, "compiled"),
+        ({"method": "RK44", "step": 0.01}, "compiled"),
+    ],
+    ids=str,
+)
+def test_no_result_holds_a_stretch_beyond_the_law(solver, engine):
+    """As above, with so few states that the guards' look at one in 32 passes over the peak."""
+    loop = {"loop": "compiled"} if engine == "compiled" else {"loop": "exudyn", "net": engine}
+    initial = {"packing": 1.0, "node_velocities": [[-6, 0, 0], [6, 0, 0]]}
+    scene = pair_of_masses(solver=solver, engine=loop, initial=initial)
+    with pytest.raises(RunStopped, match="element is longer than 2 times") as stop:
+        exunet.run(scene)
+    partial = stop.value.partial
+    assert partial is not None
+    assert np.sqrt(1.0 + 2.0 * partial.strain.max()) <= STRETCH_BOUND
+
+
 def test_a_stretch_just_within_the_law_runs():
     """As above at 9 m/s: stretch 1.96."""
     scene = pair_of_masses(initial={"packing": 1.0, "node_velocities": [[-4.5, 0, 0], [4.5, 0, 0]]})
@@ -172,6 +200,69 @@ def test_a_method_that_swallows_energy_is_stopped(form):
     json.dumps(partial.provenance, allow_nan=False)
 
 
+@pytest.mark.parametrize("form", ["connectors", "fused"])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {"gravity": {"acceleration": [0.0, 0.0, -9.81]}},
+        {"orbit": {"radial": [0, 0, 1], "along_track": [1, 0, 0], "mean_motion": 1e-3, "model": "linear"}},
+    ],
+    ids=["gravity", "orbit"],
+)
+def test_what_moves_the_whole_net_hides_no_loss(form, effect):
+    """A uniform field cannot change the energy in the centre-of-mass frame (Koenig's theorem): stopped where
+    the net without it is. 20 m/s, or 1 km from an orbit's origin, make the energies of the common motion
+    hundreds of times those of the frame.
+    """
+    solver = {"method": "RK44", "step": 2.3e-4, "retry": 0}
+    tables = {"engine": {"net": form}, "initial": {"packing": 0.5, "velocity": [0.0, 0.0, 20.0]}}
+    stops = []
+    for effects in ({}, effect):
+        with pytest.raises(RunStopped, match="the energy fell") as stop:
+            exunet.run(thrown(solver, end=2.0, effects=effects, **tables))
+        partial = stop.value.partial
+        assert partial is not None
+        # Four bullets at 5 m/s; of the energy of the common motion, some 2e3 J, a part of 1e-5.
+        bullets = partial.net.mass[partial.net.bullet_nodes].sum()
+        assert energy_in_play(partial) == pytest.approx(0.5 * bullets * 5.0**2, abs=0.1)
+        stops.append(partial.time[-1])
+    assert stops[1] == pytest.approx(stops[0], abs=0.1)  # round-off differs, so snaps do
+
+
+def test_a_loss_under_gravity_is_measured_in_the_frame_of_the_net():
+    """As `test_energy_that_appears_or_vanishes`, after a fall from 1 km: 140 m/s, 9.8 kJ."""
+    start = prepare(
+        pair_of_masses(
+            initial={"packing": 0.5, "node_velocities": [[-1, 0, 0], [1, 0, 0]]},
+            effects={"gravity": {"acceleration": [0.0, 0.0, -9.81]}},
+        )
+    )
+    fallen, speed = np.array([0.0, 0.0, -1e3]), np.array([0.0, 0.0, -np.sqrt(2 * 9.81 * 1e3)])
+    x, v = start.position, start.velocity
+    look(monitor_of(start), (x, v), (x + fallen, v * np.sqrt(0.97) + speed))
+    with pytest.raises(RunStopped, match=r"the energy fell.* by 0.15 J .allowed 0.0299"):
+        look(monitor_of(start), (x, v), (x + fallen, v * np.sqrt(0.7) + speed))
+
+
+def test_potentials_of_held_nets_and_of_parts_are_in_play():
+    """A mass on a held cable that falls 0.4 m brings m g 0.4 m into play; the free one falls out of it."""
+    scene = pair_of_masses(effects={"gravity": {"acceleration": [-10.0, 0.0, 0.0]}}).model_dump(mode="json")
+    scene["net"]["fixed"] = [0]
+    held = prepare(exunet.timeloop.Scene.model_validate(scene))
+    lower = held.position + np.array([[0.0, 0, 0], [-0.4, 0, 0]])
+    states = (lower[None], held.velocity[None], energy.potential(held.terms, lower[None]), np.zeros(1))
+    play, in_all = InPlay(held.net, held.terms, held.position, held.velocity).gained(*states)
+    assert play == pytest.approx(held.net.mass[1] * 10.0 * 0.4)
+    assert in_all == pytest.approx(play)
+    free = prepare(pair_of_masses(effects={"gravity": {"acceleration": [-10.0, 0.0, 0.0]}}))
+    fallen = free.position - np.array([0.4, 0, 0])
+    speed = np.tile([-np.sqrt(2 * 10.0 * 0.4), 0, 0], (2, 1))
+    states = (fallen[None], speed[None], energy.potential(free.terms, fallen[None]), np.zeros(1))
+    play, in_all = InPlay(free.net, free.terms, free.position, free.velocity).gained(*states)
+    assert in_all == pytest.approx(free.net.mass.sum() * 10.0 * 0.4)
+    assert play == pytest.approx(TRANSLATION_PART * in_all)
+
+
 def test_newtons_failure_is_told_with_step_and_state(monkeypatch):
     """The engine's words, and what to change; the engine itself hardly ever fails at these scenes."""
     from exunet.engine import stepper
@@ -190,8 +281,6 @@ def test_newtons_failure_is_told_with_step_and_state(monkeypatch):
 
 @pytest.mark.parametrize("method", ["RK33", "RK44", "VelocityVerlet"])
 def test_a_step_above_the_stable_one_is_refused_unless_forced(method):
-    from exunet.stability import largest_frequency, stable_step
-
     limit = stable_step(method, largest_frequency(prepare(thrown({})).net, Terms()))
     with pytest.raises(CaseError, match="above the stable step") as refusal:
         prepare(thrown({"method": method, "step": 1.02 * limit}))
@@ -203,11 +292,26 @@ def test_a_step_above_the_stable_one_is_refused_unless_forced(method):
     assert forced.step == 1.02 * limit
 
 
+@pytest.mark.parametrize(
+    # Where the mode of angular frequency w grows by 1 % a step, |R(i h w)| = 1.01: of Euler's method
+    # sqrt(1 + y^2), of the mid-point rule sqrt(1 + y^4 / 4); y = h w.
+    ("method", "radius"),
+    [("ExplicitEuler", 0.0201**0.5), ("ExplicitMidpoint", 0.0804**0.25)],
+)
+def test_a_step_at_which_a_weak_method_grows_fast_is_refused_unless_forced(method, radius):
+    limit = radius / largest_frequency(prepare(thrown({})).net, Terms())
+    assert prepare(thrown({"method": method, "step": 0.99 * limit})).plan.notes == ()
+    with pytest.raises(CaseError, match=r"above the step limit .* grows by 1% a step"):
+        prepare(thrown({"method": method, "step": 1.01 * limit}))
+    assert "forced" in prepare(thrown({"method": method, "step": 2.0 * limit, "force": True})).plan.notes[0]
+
+
 @pytest.mark.parametrize("method", ["ExplicitEuler", "ExplicitMidpoint", "RK67"])
-def test_methods_without_a_stable_step_are_left_to_the_guards(method):
-    assert prepare(thrown({"method": method, "step": 1e-4})).plan.step == 1e-4
+def test_weak_methods_beyond_their_limit_are_stopped_by_the_guards(method):
+    with pytest.raises(CaseError, match="above the step limit"):
+        prepare(thrown({"method": method, "step": 5e-3}))
     with pytest.raises(RunStopped, match="diverged"):
-        exunet.run(thrown({"method": method, "step": 5e-3, "retry": 0}, end=0.5))
+        exunet.run(thrown({"method": method, "step": 5e-3, "retry": 0, "force": True}, end=0.5))
 
 
 def test_all_methods_keep_the_bound_or_are_stopped():
