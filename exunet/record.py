@@ -19,6 +19,12 @@ Count = Annotated[int, Field(ge=1)]
 FromArray = Strict(False)
 Vector = Annotated[tuple[float, float, float], FromArray]
 
+
+def exactly_one(first: str, second: str) -> ConfigDict:
+    """Tells the JSON schema that a table has one of two keys; for the reader `unless_one` says why not."""
+    return ConfigDict(json_schema_extra={"oneOf": [{"required": [first]}, {"required": [second]}]})
+
+
 Check = Callable[[Any], Iterator[Wrong]]
 AnyCheck = TypeVar("AnyCheck", bound=Check)
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, ValidationInfo, field_validator
+from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from exunet.checks import Wrong, refuse_too
 from exunet.effects import Effects as _Effects
@@ -15,7 +16,7 @@ from exunet.effects import misfits
 from exunet.net import NetKeys, common_faults, explicit
 from exunet.net.base import ThrownNetTable, other_length
 from exunet.partial import Unknown
-from exunet.record import FromArray, NonNegative, Positive, Record, Vector, check
+from exunet.record import FromArray, NonNegative, Positive, Record, Vector, check, exactly_one
 from exunet.solvers import Solver
 
 if TYPE_CHECKING:  # made from the registry of effects, which a type checker cannot follow
@@ -25,10 +26,13 @@ else:
 
 MAX_STATES = 10_000_000
 SHORTEST = 1e-9  # [s]
+LINE_BREAK = r"[\n\r\u000b\u000c\u001c-\u001e\u0085\u2028\u2029]"  # what str.splitlines takes for one
 
 
 class Time(Record):
     """Duration and stored times."""
+
+    model_config = exactly_one("output_step", "output_times")
 
     end: Positive = Field(description="end of the simulation [s]; it starts at 0", examples=[2.0])
     output_step: Positive | None = Field(
@@ -115,6 +119,21 @@ class Initial(Record):
 class Launch(Record):
     """Velocities added to those of the bullets."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [
+                {
+                    "required": ["radial_speed", "axial_speed"],
+                    "properties": {"speed": False, "spread_angle": False},
+                },
+                {
+                    "required": ["speed", "spread_angle"],
+                    "properties": {"radial_speed": False, "axial_speed": False},
+                },
+            ]
+        }
+    )
+
     radial_speed: float | None = Field(
         None, description="away from the origin, in the net's plane [m/s]", examples=[2.5]
     )
@@ -172,8 +191,16 @@ COMPILED_METHODS = ("auto", "DOPRI5", "RK44", "VelocityVerlet")
 class Scene(Record):
     """A whole case."""
 
+    model_config = ConfigDict(
+        json_schema_extra={"dependentSchemas": {"launch": {"properties": {"net": {"required": ["bullets"]}}}}}
+    )
+
     format: Literal[1] = Field(description="version of the case format", examples=[1])
-    title: str = Field(description="one line for tables and figures", examples=["Deployment of a net"])
+    title: str = Field(
+        description="one line for tables and figures",
+        examples=["Deployment of a net"],
+        json_schema_extra={"pattern": rf"^(?![\s\S]*{LINE_BREAK})"},
+    )
     time: Time = Field(description="duration and stored times")
     solver: Solver = Field(
         default_factory=lambda: Solver.model_validate({}), description="how the equations are integrated"
@@ -196,7 +223,7 @@ class Scene(Record):
     @field_validator("title")
     @classmethod
     def _one_line(cls, title: str) -> str:
-        if len(title.splitlines()) > 1 or title.endswith("\n"):
+        if re.search(LINE_BREAK, title):
             raise ValueError("must be one line")
         return title
 

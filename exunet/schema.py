@@ -20,7 +20,8 @@ _CHOSEN = ("output_step", "diameter", "altitude", "radial_speed", "axial_speed",
 def json_schema() -> Node:
     """JSON schema (draft 2020-12) of a case: every key with its type, bounds, and meaning with units.
 
-    What a schema cannot say, such as a mesh that divides the size, is checked on loading only.
+    What a schema cannot say, such as a mesh that divides the size, is checked on loading only, and so are
+    contradictions between effects.
     """
     return copy.deepcopy(_schema())
 
@@ -123,10 +124,10 @@ def _other_topologies(chosen: str) -> Iterator[str]:
 
 def _assignment(name: str, key: Node) -> str:
     about = key.get("description", "")
-    return f"{name} = {json.dumps(_example(key))}" + (f"  # {about}" if about else "")
+    return f"{name} = {json.dumps(example(key))}" + (f"  # {about}" if about else "")
 
 
-def _example(key: Node) -> Any:
+def example(key: Node) -> Any:
     """A valid value: the example of the field, its default, or the least one of its type."""
     if "examples" in key:
         return key["examples"][0]
@@ -138,7 +139,7 @@ def _example(key: Node) -> Any:
         return key["enum"][0]
     kind = key.get("type")
     if kind == "array":
-        return [_example(item) for item in key.get("prefixItems", [])]
+        return [example(item) for item in key.get("prefixItems", [])]
     if kind in ("number", "integer"):
         least = key.get("minimum", 1 if "exclusiveMinimum" in key else 0)
         return int(least) if kind == "integer" else float(least)

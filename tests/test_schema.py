@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 from pydantic import BaseModel
 
 from exunet.casefile import load
 from exunet.effects import EFFECTS
+from exunet.errors import CaseError
 from exunet.net import TOPOLOGIES
 from exunet.scene import Scene
-from exunet.schema import json_schema, resolve, template
+from exunet.schema import example, json_schema, resolve, template
 from exunet.solvers import METHODS
 
 # The keys of cases/README.md, which is the contract between the two codes.
@@ -150,3 +153,82 @@ def test_the_template_with_an_effect_on_is_a_valid_case(effect: str, tmp_path: P
 def test_a_template_of_an_unknown_topology_is_refused() -> None:
     with pytest.raises(KeyError):
         template("round")
+
+
+ROOT = Path(__file__).parents[1] / "cases"
+# Overrides of cases/planar_deployment.toml that the reader refuses and that a schema can tell.
+REFUSED = {
+    "diameter and area": ["net.cable.area=1e-6"],
+    "neither diameter nor area": ["net.strings.diameter="],
+    "two ways to store": ["time.output_times=[1.0]"],
+    "no way to store": ["time.output_step="],
+    "half a launch": ["launch.axial_speed="],
+    "half of another launch": ["launch={speed=2.5}"],
+    "both launches": ["launch.speed=2.5", "launch.spread_angle=0.6"],
+    "no launch at all": ["launch={}"],
+    "nothing to launch": ["net.bullets="],
+    "a title of two lines": ['title="a\\nb"'],
+    "a title with a line break": ['title="a\\n"'],
+    "another line break": ['title="a\\u2028b"'],
+    "an orbit without height": ["effects.orbit={radial=[0,0,1],along_track=[1,0,0],model='linear'}"],
+    "breaking at nothing": ["effects.breaking={}"],
+    "flow of no density": ["effects.molecular_drag={flow=[1,0,0],drag_coefficient=2,bullet_area=0.1}"],
+    "gas without its keys": [
+        "launch=",
+        "effects.launch_force={kind='gas',force=1,stroke=1,spread_angle=0,chaser_mass=1,dead_length=1}",
+    ],
+    "springs with a key of gas": [
+        "launch=",
+        "effects.launch_force={kind='spring',force=1,stroke=1,spread_angle=0,chaser_mass=1,exponent=1.4}",
+    ],
+    "a choice without a threshold": ["effects.choose='auto'"],
+    "J2 without its orbit": [
+        "effects.j2={altitude=5e5,radial=[0,0,1],along_track=[1,0,0],inclination=1,argument_of_latitude=0}"
+    ],
+    "bullets without bridles": ["net.topology=hexagonal", "net.size=", "net.rings=1", "net.strings="],
+}
+
+
+def valid(document: Any) -> bool:
+    return jsonschema.Draft202012Validator(json_schema()).is_valid(document)
+
+
+def test_the_schema_is_one() -> None:
+    jsonschema.Draft202012Validator.check_schema(json_schema())
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_the_schema_refuses_what_the_reader_refuses(what: str) -> None:
+    document = tomllib.loads((ROOT / "planar_deployment.toml").read_text())
+    assert valid(document)
+    for override in REFUSED[what]:
+        *tables, key = override.partition("=")[0].split(".")
+        table = document
+        for name in tables:
+            table = table.setdefault(name, {})
+        table.pop(key, None)
+        if value := override.partition("=")[2]:
+            table[key] = tomllib.loads(f"x = {value}")["x"] if value != "hexagonal" else value
+    with pytest.raises(CaseError):
+        load(ROOT / "planar_deployment.toml", REFUSED[what])
+    assert not valid(document)
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.toml")), ids=lambda path: path.stem)
+def test_the_schema_accepts_every_case_of_the_repository(path: Path) -> None:
+    assert valid(tomllib.loads(path.read_text()))
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_the_schema_accepts_the_template(topology: str) -> None:
+    assert valid(tomllib.loads(template(topology)))
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_every_value_of_the_template_is_within_its_own_bounds(topology: str) -> None:
+    """Also of keys that it has commented out."""
+    keys = {path: resolve(path, topology) for path in leaves(topology)}
+    outside = [
+        path for path, key in keys.items() if not jsonschema.Draft202012Validator(key).is_valid(example(key))
+    ]
+    assert outside == []

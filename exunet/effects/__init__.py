@@ -27,7 +27,7 @@ from types import ModuleType
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, create_model
+from pydantic import ConfigDict, Field, create_model
 
 from exunet.checks import Wrong
 from exunet.effects import (
@@ -73,6 +73,12 @@ LARGEST = 1e100  # of a number in an effect's terms; products of three are still
 
 class Choice(Record):
     """The effects that are on."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "dependentRequired": {"choose": ["threshold"], "threshold": ["choose"], "j2": ["orbit"]}
+        }
+    )
 
     choose: Literal["auto"] | None = Field(
         None,

@@ -20,7 +20,7 @@ from exunet.effects.needs import Surroundings
 from exunet.effects.terms import Breaking, Terms
 from exunet.net.arrays import Net
 from exunet.partial import Unknown
-from exunet.record import Positive, Record
+from exunet.record import Positive, Record, exactly_one
 
 # They use, in the step after a break, the acceleration of the step before it.
 REMEMBERING = ("VelocityVerlet", "GeneralizedAlpha", "TrapezoidalIndex2")
@@ -28,6 +28,8 @@ REMEMBERING = ("VelocityVerlet", "GeneralizedAlpha", "TrapezoidalIndex2")
 
 class Keys(Record):
     """Elements break for good at a strain or a force."""
+
+    model_config = exactly_one("strain", "force")
 
     strain: Positive | None = Field(
         None,

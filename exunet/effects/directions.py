@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from exunet.checks import refuse_with, unless_one
-from exunet.record import Positive, Record, Vector
+from exunet.record import Positive, Record, Vector, exactly_one
 
 EARTH_MU = 3.986004418e14  # [m3/s2], cases/README.md
 EARTH_RADIUS = 6378137.0  # [m], equatorial
@@ -24,6 +24,8 @@ def refuse_other_than_unit(vector: tuple[float, float, float]) -> None:
 
 class OrbitKeys(Record):
     """A circular orbit round the Earth, and where it lies in the scene's axes."""
+
+    model_config = exactly_one("altitude", "mean_motion")
 
     altitude: Positive | None = Field(
         None, description="height of the orbit above Earth's equatorial radius [m]", examples=[500e3]

@@ -20,7 +20,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from exunet.checks import Wrong
 from exunet.effects.estimate import Estimate, Setting
@@ -33,6 +33,15 @@ from exunet.record import Positive, Record, check
 
 class Keys(Record):
     """Springs or gas push the bullets out of barrels; a chaser at the origin takes the reaction."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [
+                {"properties": {"kind": {"const": "spring"}, "dead_length": False, "exponent": False}},
+                {"properties": {"kind": {"const": "gas"}}, "required": ["dead_length", "exponent"]},
+            ]
+        }
+    )
 
     kind: Literal["spring", "gas"] = Field(description="what pushes: F0 (1 - s / stroke), or adiabatic gas")
     force: Positive = Field(description="on each bullet at the start, F0 [N]", examples=[60.0])

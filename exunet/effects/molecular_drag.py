@@ -23,11 +23,13 @@ from exunet.effects.surface import bullet_disc, tumbling_areas
 from exunet.effects.terms import KernelTerm, Terms
 from exunet.net.arrays import Net
 from exunet.partial import Unknown
-from exunet.record import NonNegative, Positive, Record, Vector
+from exunet.record import NonNegative, Positive, Record, Vector, exactly_one
 
 
 class Keys(Record):
     """Drag of the thin gas in orbit on tumbling cables and on bullets."""
+
+    model_config = exactly_one("density", "altitude")
 
     density: Positive | None = Field(None, description="density of the gas [kg/m3]", examples=[1e-12])
     altitude: float | None = Field(

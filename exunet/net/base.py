@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from exunet.checks import Wrong, refuse, refuse_with, unless_one
 from exunet.partial import Unknown
-from exunet.record import Count, Positive, Record, check
+from exunet.record import Count, Positive, Record, check, exactly_one
 
 MAX_ELEMENTS = 1_000_000
 WHOLE = 1e-9  # how near size / mesh must be to a whole number
@@ -20,6 +20,8 @@ WHOLE = 1e-9  # how near size / mesh must be to a whole number
 
 class Cable(Record):
     """Material and cross section of a cable (reference configuration)."""
+
+    model_config = exactly_one("diameter", "area")
 
     diameter: Positive | None = Field(
         None, description="diameter of the circular cross section [m]", examples=[0.002]

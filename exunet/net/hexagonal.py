@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from exunet.checks import Wrong
 from exunet.net.arrays import Ints, Mesh
@@ -22,6 +22,8 @@ _CORNER_CELLS = np.array([(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)])  
 
 class Keys(ThrownNetTable):
     """A hexagonal net of hexagonal meshes; each of its six bullets hangs on a bridle of two strings."""
+
+    model_config = ConfigDict(json_schema_extra={"dependentRequired": {"bullets": ["strings"]}})
 
     topology: Literal["hexagonal"] = Field(description="honeycomb")
     mesh: Positive = Field(description="side of a hexagonal mesh [m]", examples=[0.5])
