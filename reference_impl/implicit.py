@@ -50,7 +50,10 @@ def energy_momentum(run: Run, step: float) -> Stepper:
         shape = (n3 // 3, 3)
         x, v = y[:n3].reshape(shape), y[n3:-1].reshape(shape)
         try:
-            u, taken, solved = scheme.solve(x, v, h)
+            try:
+                u, taken, solved = scheme.solve(x, v, h)
+            finally:
+                run.n_rhs = scheme.evaluations
             run.n_newton += solved
         except _NoRoot as failure:
             run.n_newton += failure.solved
@@ -94,6 +97,7 @@ class _Scheme:
 
     def __init__(self, system: System) -> None:
         self.system = system
+        self.evaluations = 0  # of the forces, one in each residual
         effects, net = system.effects, system.net
         n = len(net.mass)
         self.mass = net.mass[:, None]
@@ -139,6 +143,7 @@ class _Scheme:
 
     def residual(self, x: Floats, v: Floats, u: Floats, h: float, state: _Element) -> tuple[Floats, Floats]:
         """Out-of-balance forces (n, 3) [N], zero at fixed nodes, and the sizes (n, 3) of what balances."""
+        self.evaluations += 1
         system, mean = self.system, u / h
         pull = state.total[:, None] * state.mid
         inertia = 2.0 / h * self.mass * (mean - v)

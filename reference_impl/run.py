@@ -18,7 +18,7 @@ class Trajectory:
     x: Floats  # (nt, n, 3) [m]
     v: Floats  # (nt, n, 3) [m/s]
     dissipated: Floats  # (nt,) [J]
-    n_rhs: int
+    n_rhs: int  # evaluations of the forces; of EM its residuals
     n_steps: int
     n_rejected: int
     n_newton: int = 0  # linear systems solved by EM

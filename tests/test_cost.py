@@ -12,13 +12,15 @@ import exunet
 from exunet.build import prepare
 from exunet.commands import cost as command
 from exunet.cost import study as studies
+from exunet.cost.beyond import measure_rows
 from exunet.cost.converged import Converged, converge
 from exunet.cost.measure import Measures
 from exunet.cost.runners import Counts, Subject, Trial, run
-from exunet.cost.settings import Limits, Setting, ladders
+from exunet.cost.settings import Code, Limits, Setting, base, ladders
 from exunet.cost.study import Entry, Errors, Study, all_rungs, climb
-from exunet.cost.table import LEVELS, answer_rows, cheapest, pareto, write_csv
+from exunet.cost.table import LEVELS, answer_rows, cheapest, evaluations, pareto, reliable, write_csv
 from exunet.errors import InputError
+from exunet.metrics import Deployment
 from exunet.solvers import METHODS
 from exunet.verify.pair import pair_of
 
@@ -31,8 +33,12 @@ def subject(end: float, *overrides: str) -> Subject:
     return Subject(prepare(case.scene), pair_of(case), (0.0, end))
 
 
-def entry(method: str, tolerance: float, seconds: float, error: float) -> Entry:
-    setting = Setting("fused", method, tolerance=tolerance)
+def opened(area: float) -> Deployment:
+    return Deployment(area, 1.7, 0.1, 0.3, 1.0, area, at_end=False)
+
+
+def entry(method: str, tolerance: float, seconds: float, error: float, code: Code = "fused") -> Entry:
+    setting = Setting(code, method, tolerance=tolerance)
     return Entry(setting, [seconds], Counts(1, 0, 7, 0), Errors(error, error, None, None))
 
 
@@ -64,7 +70,7 @@ def test_every_code_and_kind_of_method_runs_and_errs_little():
         assert np.abs(trial.measures.speeds - exact).max() / 2.5 < bound, setting.name
         assert trial.measures.momentum is not None
         assert trial.measures.momentum < 1e-12
-    assert trial.measures.area is not None
+    assert trial.measures.deployment is not None
 
 
 def test_a_method_that_blows_up_stays_with_its_reason():
@@ -109,6 +115,63 @@ def test_an_error_below_the_solutions_own_cannot_be_told():
     assert "DOPRI5" in rows["error <= 1e-04"]
 
 
+def test_no_setting_is_told_to_be_better_than_the_solution():
+    """The tightest rung of the converged solution's own method would differ from it by nothing."""
+    same = [entry("DOPRI5", 1e-10, 1.0, 2e-10), entry("DOPRI5", 1e-11, 2.0, 0.0)]
+    study = Study(Converged(np.array([1.0]), 3e-9, 1e-9, None, ()), same)
+    assert [study.error(one) for one in same] == [3e-9, 3e-9]
+    assert pareto(study) == [same[0]]
+    row = dict(answer_rows(study))["error <= 1e-08"]
+    assert "tolerance 1e-10" in row
+    assert "at most the 3.0e-09 by which the converged solutions differ" in row
+
+
+def test_a_tighter_setting_that_fails_makes_its_method_unreliable():
+    good = Entry(
+        Setting("fused", "RK44", step=1e-3), [0.1], Counts(1, 0, 4, 0), Errors(1e-7, 0.0, None, None)
+    )
+    failed = Entry(Setting("fused", "RK44", step=5e-4), [0.2], reason="diverged", failed=True)
+    left_out = Entry(Setting("fused", "RK44", step=2e-4), reason="left out")
+    assert not reliable(Study(SURE, [good, failed, left_out]), good, 1e-6)
+    assert cheapest(Study(SURE, [good, failed, left_out]), 1e-6) is None
+    alone = dict(answer_rows(Study(SURE, [good, left_out])))["error <= 1e-06"]
+    assert "unconfirmed: no tighter setting ran" in alone
+    dearer = [entry("DOPRI5", 1e-8, 1.0, 1e-7), entry("DOPRI5", 1e-9, 2.0, 1e-8)]
+    assert cheapest(Study(SURE, [good, left_out, *dearer]), 1e-6) is dearer[0]
+
+
+def test_beyond_the_horizon_conserving_methods_are_not_ranked():
+    lost = Converged(np.array([1.0]), 0.1, 0.1, 1.6, (), (opened(0.91), opened(0.93)))
+    honest, exact = entry("DOPRI5", 1e-7, 1.0, 1e-5), entry("EM", 1e-2, 0.1, 2e-13, "reference")
+    for one, area in ((honest, 0.92), (exact, 0.955)):
+        assert one.errors is not None
+        one.errors = Errors(0.1, one.errors.energy, None, opened(area))
+    study = Study(lost, [honest, exact])
+    assert pareto(study) == pareto(study, evaluations) == [honest]
+    assert cheapest(study, 1e-4) is honest
+    rows = measure_rows(study)
+    assert ("largest area", "0.91 to 0.93 of the reference area, of 2 converged solutions") in rows
+    words = {name: value for name, value in rows if "EM" in value or "DOPRI5" in value}
+    assert "largest area 0.92 of the reference area," in words["on the front"]
+    assert "largest area 0.955 of the reference area (outside)" in words["not ranked"]
+
+
+def test_the_base_is_run_whatever_the_budget():
+    study = Study(SURE)
+    rungs = all_rungs(subject(0.02), compiled=True)
+    climb(study, subject(0.02), rungs, lambda: 0.0, lambda words: None, base(compiled=True))
+    ran = [one.setting for one in study.entries if one.counts is not None]
+    assert ran == base(compiled=True)
+    assert {one.code for one in ran} == {"compiled loop"}
+    assert sum(len(ladder) for ladder in rungs) == len(study.entries)
+
+
+def test_evaluations_of_the_conserving_method_are_counted():
+    trial = run(subject(0.02), Setting("reference", "EM", step=1e-3))
+    assert trial.counts is not None
+    assert trial.counts.right_hand_sides >= trial.counts.newton + trial.counts.steps
+
+
 def test_a_budget_leaves_out_what_is_dear(monkeypatch, tmp_path):
     clock = [0.0]
 
@@ -124,7 +187,7 @@ def test_a_budget_leaves_out_what_is_dear(monkeypatch, tmp_path):
     study = Study(SURE)
     climb(study, subject(0.01), [ladder], lambda: 30.0 - clock[0], lambda words: None)
     assert [len(one.seconds) for one in study.entries] == [3, 2, 0, 0]  # 1 s, 10 s; 100 s; again
-    assert all("left out" in one.reason for one in study.entries[2:])
+    assert [one.reason.split()[3] for one in study.entries[2:]] == ["1e+02", "1e+03"]  # expected [s]
     write_csv(study, tmp_path / "cost.csv")
     with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -191,4 +254,9 @@ def test_beyond_the_horizon_it_says_so(tmp_path):
     assert command.cost(case, tmp_path, until=2.0, budget=20.0) == 0
     words = (tmp_path / "cost.md").read_text(encoding="utf-8")
     assert "beyond the horizon" in words  # field.md: round-off alone parts the curves before 2 s
-    assert "energy balance" in words
+    assert "Errors are those of the energy balance" in words
+    assert "of 5 converged solutions" in words
+    with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
+        ran = [row for row in csv.DictReader(file) if row["outcome"] == "ran"]
+    assert all(row["time_above_80_s"] and row["largest_area"] and not row["speed_error"] for row in ran)
+    assert not any(row["pareto"] for row in ran if row["method"] == "EM")

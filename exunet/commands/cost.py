@@ -14,9 +14,11 @@ import numpy as np
 from exunet.build import prepare
 from exunet.casefile import Case
 from exunet.commands.table import print_table
-from exunet.cost.converged import Converged, converge
+from exunet.cost.beyond import measure_rows
+from exunet.cost.converged import INSTANTS, Converged, converge
 from exunet.cost.figure import work_precision
 from exunet.cost.runners import Subject
+from exunet.cost.settings import base
 from exunet.cost.study import Say, Study, all_rungs, climb
 from exunet.cost.table import answer_rows, write_csv
 from exunet.errors import InputError
@@ -28,7 +30,6 @@ from exunet.verify.pair import pair_of
 
 INTERRUPTED = 130
 FILES = TABLE, FIGURE, WORDS = "cost.csv", "work_precision.png", "cost.md"
-BEYOND_INSTANTS = 100  # stored times of each run where deployment measures are compared
 
 
 def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
@@ -51,9 +52,9 @@ def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
         say("converged solution")
         converged = converge(subject, compiled=compiled)
         if not converged.predicts:
-            subject = subject.at(tuple(np.linspace(0.0, subject.end, BEYOND_INSTANTS + 1).tolist()))
+            subject = subject.at(tuple(np.linspace(0.0, subject.end, INSTANTS + 1).tolist()))
         study = Study(converged)
-        climb(study, subject, all_rungs(subject, compiled=compiled), left, say)
+        climb(study, subject, all_rungs(subject, compiled=compiled), left, say, base(compiled=compiled))
     title = f"{case.scene.title}, to t = {subject.end:g} s"
     _write(study, folder, title)
     notes = [("note", refusal)] if refusal else []
@@ -61,11 +62,14 @@ def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
         notes.append(
             ("note", "without Numba (pip install 'exunet[fast]') there is no fused net, no compiled loop")
         )
-    rows = [*_head(converged, subject), *answer_rows(study), *_failures(study), *notes]
+    rows = [*_head(converged, subject), *answer_rows(study)]
+    if not converged.predicts:
+        rows += measure_rows(study)
+    rows += [*_failures(study), *_left_out(study, budget), *notes]
     if study.interrupted:
         rows.insert(0, ("INCOMPLETE", "interrupted; what was measured until then is kept"))
-    print_table(title, [*rows, ("written to", f"{folder}/")])
-    _write_words(folder, title, rows)
+    print_table(title, [*map(_brief, rows), ("written to", f"{folder}/")])
+    _write_words(folder, title, study, rows)
     return INTERRUPTED if study.interrupted else 0
 
 
@@ -85,12 +89,13 @@ def _subject(case: Case, until: float | None) -> tuple[Subject, str]:
 
 def _head(converged: Converged, subject: Subject) -> list[tuple[str, str]]:
     rows = [("converged solution", words) for words in converged.words]
+    rows.append(("converged solution", f"took {converged.seconds:.3g} s"))
     if not converged.predicts:
         rows.append(
             (
                 "beyond the horizon",
                 f"from about t = {converged.horizon:.3g} s on no speed is predictable here: errors below are "
-                "those of the energy balance; momentum and largest area are in cost.csv. For speeds give a "
+                "those of the energy balance, the measures of deployment stand beside. For speeds give a "
                 "shorter --until",
             )
         )
@@ -106,21 +111,31 @@ def _head(converged: Converged, subject: Subject) -> list[tuple[str, str]]:
 
 
 def _failures(study: Study) -> list[tuple[str, str]]:
-    rows = [
-        ("failed", f"{entry.setting.name}, {entry.setting.value}: {_brief(entry.reason)}")
+    return [
+        ("failed", f"{entry.setting.name}, {entry.setting.value}: {entry.reason}")
         for entry in study.entries
         if entry.failed
     ]
+
+
+def _left_out(study: Study, budget: float) -> list[tuple[str, str]]:
     left_out = [entry for entry in study.entries if entry.reason and not entry.failed]
-    if left_out:
-        names = ", ".join(f"{entry.setting.name} {entry.setting.value}" for entry in left_out[:6])
-        more = f" and {len(left_out) - 6} more" if len(left_out) > 6 else ""
-        rows.append(("left out", f"too long for the budget: {names}{more}; give --budget"))
-    return rows
+    if not left_out:
+        return []
+    ran = {entry.setting.name for entry in study.entries if entry not in left_out}
+    never = list(dict.fromkeys(entry.setting.name for entry in left_out if entry.setting.name not in ran))
+    words = (
+        f"{len(left_out)} settings, for the budget of {budget:g} s, of which the converged solution took "
+        f"{study.converged.seconds:.3g} s; give a larger --budget"
+    )
+    rows = [("left out", words)]
+    return rows + ([("never run", ", ".join(never))] if never else [])
 
 
-def _brief(words: str) -> str:
-    return words if len(words) <= 110 else words[:107] + "..."
+def _brief(row: tuple[str, str]) -> tuple[str, str]:
+    """For the terminal; cost.md has reasons in full."""
+    name, words = row
+    return (name, words[:107] + "...") if name == "failed" and len(words) > 110 else row
 
 
 def _ready(folder: Path) -> None:
@@ -144,8 +159,11 @@ def _write(study: Study, folder: Path, title: str) -> None:
             figure.savefig(part, format="png")
 
 
-def _write_words(folder: Path, title: str, rows: list[tuple[str, str]]) -> None:
-    lines = [f"# {title}", "", "Errors of speeds are relative to the launch speed.", "", "| | |", "|---|---|"]
+def _write_words(folder: Path, title: str, study: Study, rows: list[tuple[str, str]]) -> None:
+    what = "Errors are those of speeds at the end, relative to the launch speed."
+    if not study.converged.predicts:
+        what = "Errors are those of the energy balance, relative to the energy in play."
+    lines = [f"# {title}", "", what, "", "| | |", "|---|---|"]
     lines += [f"| {name} | {words} |" for name, words in rows]
     lines += ["", "![work-precision diagram](work_precision.png)"]
     with replacing(folder / WORDS) as part:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,12 +13,13 @@ from exunet.cost.measure import launch_speed, shown_nodes
 from exunet.cost.runners import Subject, trajectory
 from exunet.cost.settings import Setting
 from exunet.errors import Interrupted, RunStopped
+from exunet.metrics import Deployment, deployment_of
 
 Floats = NDArray[np.float64]
 
 OWN = (1e-10, 1e-11)  # tolerances of DOPRI5, relative to the launch speed; below, round-off takes over
 THEIRS = (1e-11, 1e-12)  # rtol of the reference's DOP853
-INSTANTS = 40  # stored times, at which the horizon is looked for
+INSTANTS = 100  # stored times, at which the horizon is looked for and beyond which deployment is measured
 PUSH = 1e-12  # [m], of each coordinate of the moved start
 SEED = 20210616
 VISIBLE = 1e-2  # a solution less certain than this predicts no speed
@@ -32,6 +34,8 @@ class Converged:
     sensitivity : the change of a speed at the end when every coordinate of the start moves by up to PUSH
     horizon     : [s] the solutions differ by more than VISIBLE from here on; None: not before the end
     words       : how it was computed, with the differences
+    deployments : measures of all the solutions, that of the moved start last; empty without a mouth
+    seconds     : wall time that it took [s]
     """
 
     speeds: Floats
@@ -39,6 +43,8 @@ class Converged:
     sensitivity: float
     horizon: float | None
     words: tuple[str, ...]
+    deployments: tuple[Deployment, ...] = ()
+    seconds: float = 0.0
 
     @property
     def predicts(self) -> bool:
@@ -48,6 +54,7 @@ class Converged:
 
 def converge(subject: Subject, *, compiled: bool) -> Converged:
     """The solution at the subject's end; raises RunStopped if not even a tight tolerance reaches it."""
+    began = clock.perf_counter()
     times = tuple(np.linspace(0.0, subject.end, INSTANTS + 1).tolist())
     fine = subject.at(times)
     own = [Setting("compiled loop" if compiled else "connectors", "DOPRI5", tolerance=t) for t in OWN]
@@ -56,32 +63,38 @@ def converge(subject: Subject, *, compiled: bool) -> Converged:
         settings += [Setting("reference", "DOP853", tolerance=t) for t in THEIRS]
     elif compiled:
         settings += [Setting("connectors", "DOPRI5", tolerance=OWN[-1])]
-    speeds = np.array([_speeds(fine, setting) for setting in settings])  # (settings, t, k)
+    found = [_solution(fine, setting) for setting in settings]
+    speeds = np.array([one for one, _ in found])  # (settings, t, k)
     spread = np.ptp(speeds, axis=0).max(axis=-1) / launch_speed(subject.start)  # (t,)
     random = np.random.default_rng(SEED)
     push = random.uniform(-PUSH, PUSH, subject.start.position.shape)
     push[subject.start.net.fixed_nodes] = 0.0
-    moved = _speeds(replace(fine, moved=push), own[-1])
+    moved, its_deployment = _solution(replace(fine, moved=push), own[-1])
     sensitivity = float(np.abs(moved[-1] - speeds[len(own) - 1, -1]).max()) / launch_speed(subject.start)
     # The last agreement before the differences stay: single passes are instants inside a snap.
     within = np.flatnonzero(spread <= VISIBLE)
     beyond = int(within[-1]) + 1
     horizon = times[beyond] if beyond < len(times) else None
     words = _words(settings, speeds[:, -1], launch_speed(subject.start), float(spread[-1]), sensitivity)
-    return Converged(speeds[len(own) - 1, -1], float(spread[-1]), sensitivity, horizon, words)
+    deployments = tuple(one for one in (*(one for _, one in found), its_deployment) if one is not None)
+    return Converged(
+        speeds[len(own) - 1, -1], float(spread[-1]), sensitivity, horizon, words, deployments,
+        clock.perf_counter() - began,
+    )  # fmt: skip
 
 
-def _speeds(subject: Subject, setting: Setting) -> Floats:
-    """(t, k) speeds [m/s] at the stored times."""
+def _solution(subject: Subject, setting: Setting) -> tuple[Floats, Deployment | None]:
+    """(t, k) speeds [m/s] at the stored times, measures of deployment."""
     try:
-        _, velocity = trajectory(subject, setting)
+        position, velocity = trajectory(subject, setting)
     except reference.Interrupted:
         raise KeyboardInterrupt from None
     except Interrupted:
         raise KeyboardInterrupt from None
     except reference.Diverged as error:
         raise RunStopped(f"no converged solution: the reference {error}") from error
-    return np.asarray(np.linalg.norm(velocity[:, shown_nodes(subject.start)], axis=-1))
+    speeds = np.asarray(np.linalg.norm(velocity[:, shown_nodes(subject.start)], axis=-1))
+    return speeds, deployment_of(subject.start.net, np.array(subject.times), position)
 
 
 def _words(

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from exunet.cost.study import Entry, Study
-from exunet.cost.table import pareto
+from exunet.cost.table import Work, evaluations, pareto, wall_time
 from exunet.plot.style import BLACK, BLUE, RED, REFERENCE, YELLOW, blank
 
 _COLOURS = {"connectors": BLUE, "fused": RED, "compiled loop": BLACK, "reference": YELLOW}
@@ -25,13 +23,8 @@ def work_precision(study: Study, title: str) -> Figure:
     """Two panels that share the error axis; failed settings are not drawn, the table has them."""
     figure = blank(10.5, 5.4)
     left, right = figure.subplots(1, 2, sharey=True)
-    _panel(left, study, "wall time of the stepping, median [s]", lambda entry: entry.median)
-    _panel(right, study, "right-hand sides (implicit: linear systems)", _work)
-    front = pareto(study)
-    left.plot(
-        [entry.median for entry in front], [_drawn(study, entry) for entry in front],
-        color=REFERENCE, linewidth=6, zorder=0, solid_joinstyle="round", label="Pareto front",
-    )  # fmt: skip
+    _panel(left, study, "wall time of the stepping, median [s]", wall_time)
+    _panel(right, study, "evaluations of the forces", evaluations)
     predicts = study.converged.predicts
     what = "speed error / launch speed" if predicts else "error of the energy balance"
     left.set_ylabel(what)
@@ -62,12 +55,8 @@ def _drawn(study: Study, entry: Entry) -> float:
     return max(study.error(entry), _LEAST)
 
 
-def _work(entry: Entry) -> float:
-    assert entry.counts is not None
-    return float(max(entry.counts.right_hand_sides, entry.counts.newton, 1))
-
-
-def _panel(axes: Axes, study: Study, label: str, work: Callable[[Entry], float]) -> None:
+def _panel(axes: Axes, study: Study, label: str, work: Work) -> None:
+    ranked = study.ranked
     names = sorted({entry.setting.name: entry.setting for entry in study.measured}.items())
     for name, setting in sorted(names, key=lambda one: (list(_COLOURS).index(one[1].code), one[0])):
         ladder = sorted(
@@ -77,8 +66,14 @@ def _panel(axes: Axes, study: Study, label: str, work: Callable[[Entry], float])
         axes.plot(
             [work(entry) for entry in ladder], [_drawn(study, entry) for entry in ladder],
             color=_COLOURS[setting.code], marker=_MARKERS.get(setting.method, "."), markersize=4.5,
-            linewidth=0.9, label=name,
+            linewidth=0.9, label=name if ladder[0] in ranked else f"{name}: not ranked",
+            linestyle="-" if ladder[0] in ranked else ":",
         )  # fmt: skip
+    front = pareto(study, work)
+    axes.plot(
+        [work(entry) for entry in front], [_drawn(study, entry) for entry in front],
+        color=REFERENCE, linewidth=6, zorder=0, solid_joinstyle="round", label="Pareto front",
+    )  # fmt: skip
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel(label)

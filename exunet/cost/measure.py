@@ -1,4 +1,4 @@
-"""What is measured on a run: speeds at its end, energy, momentum, the opened area."""
+"""What is measured on a run: speeds at its end, energy, momentum, the four measures of deployment."""
 
 from __future__ import annotations
 
@@ -7,10 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet import energy, metrics
+from exunet import energy
 from exunet.build import Start
+from exunet.metrics import Deployment, deployment_of
 
 Floats = NDArray[np.float64]
+
+# The four measures of deployment: name, unit.
+FOUR = (
+    ("largest area", "of the reference area"),
+    ("time of largest area", "s"),
+    ("distance", "m"),
+    ("time above 80 %", "s"),
+)
 
 
 @dataclass(frozen=True)
@@ -21,14 +30,18 @@ class Measures:
     energy   : largest error of the energy balance over the stored times, relative to the energy in play
     momentum : largest change of the linear momentum, relative to the sum of m |v| at the start; None where
                forces from outside change it
-    area     : largest mouth area over the stored times, relative to that of the reference configuration;
-               None for a net without a mouth
+    deployment : over the stored times; None for a net without a mouth
     """
 
     speeds: Floats
     energy: float
     momentum: float | None
-    area: float | None
+    deployment: Deployment | None
+
+
+def four(found: Deployment) -> tuple[float, ...]:
+    """The measures of deployment in the order and units of FOUR."""
+    return found.relative_area, found.time_of_largest, found.distance, found.time_open
 
 
 def shown_nodes(start: Start) -> NDArray[np.int64]:
@@ -42,8 +55,8 @@ def launch_speed(start: Start) -> float:
     return float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0)) or 1.0
 
 
-def measures(start: Start, position: Floats, velocity: Floats, dissipated: Floats) -> Measures:
-    """Measures of a trajectory; position, velocity (t, n_nodes, 3), dissipated (t,) [J]."""
+def measures(start: Start, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> Measures:
+    """Measures of a trajectory; time (t,) [s], position, velocity (t, n_nodes, 3), dissipated (t,) [J]."""
     net, terms = start.net, start.terms
     kinetic = energy.kinetic(net, velocity)
     elastic = energy.elastic(net, terms, position)
@@ -51,12 +64,11 @@ def measures(start: Start, position: Floats, velocity: Floats, dissipated: Float
     change = change - change[0]
     total = kinetic + elastic + change + dissipated
     scale = float(kinetic[0] + elastic[0] + np.abs(change).max()) or float(kinetic.max()) or 1.0
-    full = float(metrics.mouth_area(net, net.reference_position))
     return Measures(
         speeds=np.linalg.norm(velocity[-1, shown_nodes(start)], axis=-1),
         energy=float(np.abs(total - total[0]).max()) / scale,
         momentum=_momentum(start, velocity),
-        area=float(metrics.mouth_area(net, position).max()) / full if full else None,
+        deployment=deployment_of(net, time, position),
     )
 
 

@@ -24,7 +24,8 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Counts:
-    """Work of a run; Newton iterations of implicit methods (linear systems solved)."""
+    """Work of a run: `right_hand_sides` evaluations of the forces, residuals of implicit methods among them;
+    Newton iterations of those (linear systems solved)."""
 
     steps: int
     rejected: int
@@ -133,7 +134,7 @@ def _exunet(subject: Subject, setting: Setting) -> Trial:
     counts = Counts(
         cost["steps"], cost["rejected_steps"], cost["right_hand_sides"], cost.get("newton_iterations", 0)
     )
-    found = measures(subject.start, result.position, result.velocity, result.dissipated)
+    found = measures(subject.start, result.time, result.position, result.velocity, result.dissipated)
     return Trial(cost["integration_seconds"], counts, found)
 
 
@@ -147,7 +148,8 @@ def _reference(subject: Subject, setting: Setting) -> Trial:
     seconds = clock.perf_counter() - began
     take: Callable[[Floats], Floats] = subject.pair.take
     counts = Counts(found.n_steps, found.n_rejected, found.n_rhs, found.n_newton)
-    return Trial(seconds, counts, measures(subject.start, take(found.x), take(found.v), found.dissipated))
+    x, v = take(found.x), take(found.v)
+    return Trial(seconds, counts, measures(subject.start, found.t, x, v, found.dissipated))
 
 
 def _march(subject: Subject, setting: Setting) -> reference.Trajectory:

@@ -39,6 +39,11 @@ class Setting:
         return f"{self.method} ({self.code})"
 
     @property
+    def conserves(self) -> bool:
+        """True if the energy balance holds by construction, however wrong the run."""
+        return self.method == "EM"
+
+    @property
     def value(self) -> str:
         """The setting in words."""
         if self.tolerance is not None:
@@ -72,10 +77,19 @@ def ladders(limits: Limits, *, compiled: bool, reference: tuple[str, ...]) -> li
     return found + [_of_reference(method, limits) for method in reference]
 
 
+def base(*, compiled: bool) -> list[Setting]:
+    """The ladder that is climbed whatever the budget: that of the converged solution's own method."""
+    return _adaptive("compiled loop" if compiled else "connectors", "DOPRI5")
+
+
+def _adaptive(code: Code, method: str) -> list[Setting]:
+    tolerances = TOLERANCES if METHODS[method].order > 3 else LOW_ORDER_TOLERANCES
+    return [Setting(code, method, tolerance=t) for t in tolerances]
+
+
 def _of_engine(code: Code, method: str, limits: Limits) -> list[Setting]:
     if METHODS[method].kind == "adaptive":
-        tolerances = TOLERANCES if METHODS[method].order > 3 else LOW_ORDER_TOLERANCES
-        return [Setting(code, method, tolerance=t) for t in tolerances]
+        return _adaptive(code, method)
     if METHODS[method].kind == "implicit":
         return _steps(code, method, limits.stable["RK44"], IMPLICIT_PARTS, limits)
     if METHODS[method].needs_step:

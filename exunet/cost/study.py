@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import get_args
 
 import numpy as np
 
@@ -12,9 +13,10 @@ from exunet.build import Start
 from exunet.cost.converged import Converged
 from exunet.cost.measure import launch_speed
 from exunet.cost.runners import Counts, Subject, Trial, run
-from exunet.cost.settings import Limits, Setting, ladders
+from exunet.cost.settings import Code, Limits, Setting, ladders
+from exunet.metrics import Deployment
 from exunet.solvers import METHODS
-from exunet.stability import largest_damping_rate, largest_frequency, stable_step
+from exunet.stability import largest_damping_rate, largest_frequency, step_limit
 
 REPEATS = 3
 _WARM_UP = 1e-3  # of the run: compiles what is to be compiled
@@ -35,7 +37,7 @@ class Errors:
     speed: float
     energy: float
     momentum: float | None
-    area: float | None
+    deployment: Deployment | None
 
 
 @dataclass
@@ -80,10 +82,20 @@ class Study:
         """The entries that have errors."""
         return [entry for entry in self.entries if entry.errors is not None]
 
+    @property
+    def ranked(self) -> list[Entry]:
+        """Those whose error tells how good they are: not beyond the horizon, if they conserve energy."""
+        return [entry for entry in self.measured if self.converged.predicts or not entry.setting.conserves]
+
     def error(self, entry: Entry) -> float:
-        """The error that counts: of the speed, or beyond the horizon that of the energy balance."""
+        """The error that counts: of the speed, or beyond the horizon that of the energy balance.
+
+        A speed cannot be told closer than the converged solution knows it; some settings are part of that.
+        """
         assert entry.errors is not None
-        return entry.errors.speed if self.converged.predicts else entry.errors.energy
+        if self.converged.predicts:
+            return max(entry.errors.speed, self.converged.uncertainty)
+        return entry.errors.energy
 
 
 def limits(start: Start, end: float) -> Limits:
@@ -91,51 +103,81 @@ def limits(start: Start, end: float) -> Limits:
     frequency = largest_frequency(start.net, start.terms)
     rate = largest_damping_rate(start.net, start.terms)
     explicit = [name for name, method in METHODS.items() if method.kind == "explicit"]
-    return Limits({name: stable_step(name, frequency, rate) for name in explicit}, end)
+    return Limits({name: step_limit(name, frequency, rate) for name in explicit}, end)
 
 
 def climb(
-    study: Study, subject: Subject, rungs: Sequence[Sequence[Setting]], left: Callable[[], float], say: Say
+    study: Study,
+    subject: Subject,
+    rungs: Sequence[Sequence[Setting]],
+    left: Callable[[], float],
+    say: Say,
+    base: Sequence[Setting] = (),
 ) -> None:
     """Run the ladders into `study` until all is done or nothing is `left()` of the budget of wall time [s].
 
-    The cheapest run that is next on its ladder comes first; a run whose expected time exceeds what is left
-    is left out with all that follow on its ladder, and says so. What remains of the budget repeats all
-    successful runs, interleaved. Ctrl-C ends the study and marks it.
+    The settings of `base` are run first and whatever is left. Then the cheapest run that is next on its
+    ladder comes first; a run whose expected time exceeds what is left is left out with all that follow on its
+    ladder, and says so. What remains of the budget repeats all successful runs, interleaved. Ctrl-C ends the
+    study and marks it.
     """
     try:
-        _first_round(study, subject, rungs, left, say)
+        for setting in base:
+            _try(study, subject, setting, say)
+        _first_round(study, subject, [rest for rest in rungs if list(rest) != list(base)], left, say)
         _repeats(study, subject, left, say)
     except KeyboardInterrupt:
         study.interrupted = True
 
 
+def _try(study: Study, subject: Subject, setting: Setting, say: Say) -> Entry:
+    say(f"{setting.name}, {setting.value}")
+    if _unknown(study, setting):
+        run(subject, setting, subject.end * _WARM_UP)
+    entry = _entry(setting, run(subject, setting), study.converged, subject)
+    study.entries.append(entry)
+    return entry
+
+
 def _first_round(
     study: Study, subject: Subject, rungs: Sequence[Sequence[Setting]], left: Callable[[], float], say: Say
 ) -> None:
-    rate = dict.fromkeys(("connectors", "fused", "compiled loop", "reference"), _FIRST_GUESS)
-    waiting = [(_work(ladder[0], subject.end) * _FIRST_GUESS, list(ladder)) for ladder in rungs if ladder]
+    rate: dict[Code, float] = dict.fromkeys(get_args(Code), _FIRST_GUESS)
+    for entry in study.measured:
+        _learn(rate, entry)
+    waiting = [(_work(rest[0], subject.end) * rate[rest[0].code], list(rest)) for rest in rungs if rest]
     while waiting:
         waiting.sort(key=lambda one: one[0])
         expected, ladder = waiting.pop(0)
-        setting = ladder.pop(0)
         if expected > left() or left() <= 0.0:
-            words = f"left out: some {expected:.2g} s expected, {max(left(), 0.0):.2g} s of the budget left"
-            study.entries += [Entry(one, reason=words) for one in (setting, *ladder)]
+            study.entries += _left_out(ladder, expected, max(left(), 0.0))
             continue
-        say(f"{setting.name}, {setting.value}")
-        if _unknown(study, setting):
-            run(subject, setting, subject.end * _WARM_UP)
-        entry = _entry(setting, run(subject, setting), study.converged, subject)
-        study.entries.append(entry)
-        if entry.counts is not None and entry.counts.right_hand_sides:
-            rate[setting.code] = entry.median / entry.counts.right_hand_sides
+        entry = _try(study, subject, ladder.pop(0), say)
+        if _learn(rate, entry):
             waiting = [
                 (_work(rest[0], subject.end) * rate[rest[0].code] if _unknown(study, rest[0]) else time, rest)
                 for time, rest in waiting
             ]
         if ladder:
-            waiting.append((_expected(entry, ladder[0]), ladder))
+            waiting.append((entry.median * _growth(entry.setting, ladder[0]), ladder))
+
+
+def _learn(rate: dict[Code, float], entry: Entry) -> bool:
+    """Note what a right-hand side costs [s]; False if the entry does not tell."""
+    if entry.counts is None or not entry.counts.right_hand_sides:
+        return False
+    rate[entry.setting.code] = entry.median / entry.counts.right_hand_sides
+    return True
+
+
+def _left_out(ladder: Sequence[Setting], expected: float, left: float) -> Iterator[Entry]:
+    """Entries of what is left out; `expected` is the time of the first [s]."""
+    before = ladder[0]
+    for setting in ladder:
+        expected *= _growth(before, setting) if setting is not before else 1.0
+        words = f"left out: some {expected:.2g} s expected, {left:.2g} s of the budget left"
+        yield Entry(setting, reason=words)
+        before = setting
 
 
 def _unknown(study: Study, setting: Setting) -> bool:
@@ -156,15 +198,15 @@ def _entry(setting: Setting, trial: Trial, converged: Converged, subject: Subjec
     found = trial.measures
     if found is not None:
         off = float(np.abs(found.speeds - converged.speeds).max()) / launch_speed(subject.start)
-        entry.errors = Errors(off, found.energy, found.momentum, found.area)
+        entry.errors = Errors(off, found.energy, found.momentum, found.deployment)
     return entry
 
 
-def _expected(entry: Entry, following: Setting) -> float:
-    """Expected time of the next rung [s]."""
-    if following.step is not None and entry.setting.step is not None:
-        return entry.median * entry.setting.step / following.step
-    return entry.median * _NEXT
+def _growth(setting: Setting, following: Setting) -> float:
+    """Expected time of the next rung over that of this one."""
+    if following.step is not None and setting.step is not None:
+        return setting.step / following.step
+    return _NEXT
 
 
 def _repeats(study: Study, subject: Subject, left: Callable[[], float], say: Say) -> None:

@@ -33,6 +33,8 @@ def test_energy_is_kept_at_any_step(scene, case, step):
     assert (case == "planar_undamped.toml") == (run.dissipated[-1] == 0.0)
     assert run.n_halvings == 0
     assert run.n_newton > run.n_steps == round(2.0 / step)
+    # A residual where a step begins, at least one more for each linear system; each evaluates the forces.
+    assert run.n_rhs >= run.n_newton + run.n_steps
 
 
 @pytest.mark.parametrize("step", [0.01, 0.05])

@@ -1,0 +1,45 @@
+"""Beyond the horizon no speed can be predicted: the measures of deployment and how far they are spread."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from exunet.cost.measure import FOUR, four
+from exunet.cost.study import Entry, Study
+from exunet.cost.table import pareto
+
+
+def spread(study: Study) -> list[tuple[float, float]]:
+    """Least and largest of each measure among the converged solutions; empty without a mouth."""
+    found = [four(one) for one in study.converged.deployments]
+    return [(min(column), max(column)) for column in zip(*found, strict=True)]
+
+
+def measure_rows(study: Study) -> list[tuple[str, str]]:
+    """Rows (name, value): the spread of each measure; the measures of what is on the front or not ranked."""
+    bounds = spread(study)
+    if not bounds:
+        return []
+    number = len(study.converged.deployments)
+    rows = [
+        (name, f"{low:.4g} to {high:.4g} {unit}, of {number} converged solutions")
+        for (name, unit), (low, high) in zip(FOUR, bounds, strict=True)
+    ]
+    front = pareto(study)
+    unranked = [entry for entry in study.measured if entry not in study.ranked]
+    rows += [("on the front", _words(entry, bounds)) for entry in front]
+    rows += [("not ranked", f"{_words(entry, bounds)}; conserves energy at any step") for entry in unranked]
+    return rows
+
+
+def _words(entry: Entry, bounds: list[tuple[float, float]]) -> str:
+    assert entry.errors is not None
+    head = f"{entry.setting.name}, {entry.setting.value}: "
+    if entry.errors.deployment is None:
+        return head + "no measures"
+    return head + ", ".join(_against(four(entry.errors.deployment), bounds))
+
+
+def _against(found: tuple[float, ...], bounds: list[tuple[float, float]]) -> Iterator[str]:
+    for (name, unit), value, (low, high) in zip(FOUR, found, bounds, strict=True):
+        yield f"{name} {value:.4g} {unit}" + ("" if low <= value <= high else " (outside)")
