@@ -14,7 +14,14 @@ from exunet.errors import CaseError, Fault
 from exunet.net.arrays import Net
 from exunet.scene import COMPILED_METHODS, Scene
 from exunet.solvers import METHODS, Plan, Solver
-from exunet.stability import SAFETY, largest_damping_rate, largest_frequency, stable_step
+from exunet.stability import (
+    SAFETY,
+    WEAK_GROWTH,
+    largest_damping_rate,
+    largest_frequency,
+    stable_step,
+    step_limit,
+)
 from exunet.times import stored_times
 
 # Longest adaptive step, times the highest angular frequency. In free flight the error estimate would allow
@@ -33,11 +40,12 @@ def make_plan(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64
     if METHODS[solver.method].kind == "adaptive":
         return _adaptive(solver.method, scene, net, terms, velocity)
     spacing = float(np.diff(stored_times(scene.time)).max())
-    limit = stable_step(solver.method, largest_frequency(net, terms), largest_damping_rate(net, terms))
+    limit = step_limit(solver.method, largest_frequency(net, terms), largest_damping_rate(net, terms))
     if solver.step is not None:
         notes = _above(limit, min(solver.step, spacing), solver)
         return _fixed(solver.method, solver.step, spacing, *notes)
-    note = f"step = {SAFETY:g} x the stable step {limit:.4g} s of {solver.method}"
+    kind = "step limit" if METHODS[solver.method].weak else "stable step"
+    note = f"step = {SAFETY:g} x the {kind} {limit:.4g} s of {solver.method}"
     return _fixed(solver.method, SAFETY * limit, spacing, note)
 
 
@@ -48,8 +56,11 @@ def _chosen(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64])
     takes, and the guards stop them (benchmarks/auto_table.md).
     """
     solver = scene.solver
-    able = tuple(auto.table().adaptive) if scene.engine.loop == "exudyn" else COMPILED_METHODS
-    method, why = auto.choose_method(solver.accuracy, able)
+    measured = auto.table().at(scene.initial.packing)
+    able = tuple(measured.adaptive) if scene.engine.loop == "exudyn" else COMPILED_METHODS
+    method, why = auto.choose_method(solver.accuracy, able, measured)
+    if measured is auto.table().nearly_deployed:
+        why += " on nearly deployed starts"
     if solver.tolerance is not None:
         method, why = "DOPRI5", "for a given tolerance"
     plan = _adaptive(method, scene, net, terms, velocity)
@@ -59,9 +70,10 @@ def _chosen(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64])
         steps = scene.time.end / stable_step("RK44", frequency, rate)
         notes.append(f"stiff damping ({rate:.2g}/s): it, not the accuracy, asks for some {steps:.2g} steps")
     if plan.expected_error is not None:
+        median, worst = plan.expected_error
         notes.append(
-            f"expected speed error {plan.expected_error:.1g} of the launch speed, before the horizon of "
-            "predictability (exunet run --estimate-error measures it)"
+            f"expected speed error: median {median:.1g}, worst {worst:.1g} of the launch speed in the "
+            "measured scenes, before the horizon of predictability (exunet run --estimate-error measures it)"
         )
     return replace(plan, notes=(*notes, *plan.notes))
 
@@ -83,16 +95,20 @@ def with_forms(scene: Scene, net: Net, plan: Plan) -> tuple[Scene, Plan]:
 
 
 def _above(limit: float, step: float, solver: Solver) -> list[str]:
-    """Refuse a step above the stable one, or note that it is forced."""
-    if step <= limit or METHODS[solver.method].weak:
+    """Refuse a step above the limit, or note that it is forced."""
+    if step <= limit:
         return []
     given = f"{solver.step:.4g} s"
     if solver.step is not None and step < solver.step:
         given += f" (shortened to the {step:.4g} s between stored times)"
     words = f"{given} is above the stable step {limit:.4g} s of {solver.method} on this net"
+    if METHODS[solver.method].weak:
+        words = f"{given} is above the step limit {limit:.4g} s of {solver.method} on this net, at which its"
+        words += f" fastest mode grows by {WEAK_GROWTH:.0%} a step"
     if solver.force:
         return [f"step {words}: forced"]
-    advice = "give a smaller one or none, or an adaptive method (DOPRI5); solver.force = true runs it anyway"
+    less = "a smaller one" if METHODS[solver.method].needs_step else "a smaller one or none"
+    advice = f"give {less}, or an adaptive method (DOPRI5); solver.force = true runs it anyway"
     raise CaseError([Fault("", "solver.step", f"{words}; {advice}")])
 
 
@@ -109,7 +125,7 @@ def _adaptive(method: str, scene: Scene, net: Net, terms: Terms, velocity: NDArr
     tolerance, expected = solver.tolerance, None
     if tolerance is None:
         speed = float(np.sqrt((velocity**2).sum(axis=1)).max(initial=0.0)) or 1.0
-        known = auto.table().adaptive[method]
+        known = auto.table().at(scene.initial.packing).adaptive[method]
         relative = known.tolerance_for(solver.accuracy)
         tolerance, expected = relative * speed, known.expected_error(relative)
         if solver.accuracy < known.best:

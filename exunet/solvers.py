@@ -32,7 +32,7 @@ class Method:
     kind  : "adaptive" (explicit, steps chosen from an error estimate), "explicit" or "implicit" (fixed step)
     order : declared order of convergence
     stages: right-hand sides of one step
-    weak  : at any step an undamped mode grows, if slowly, so that there is no stable step to refuse others by
+    weak  : at any step an undamped mode grows, if slowly: stability.py says from which growth on it counts
     needs_step: no stable step follows from the net's frequencies (or, implicit, any would do)
     """
 
@@ -68,7 +68,7 @@ class Plan:
     first_step : first attempt of an adaptive method [s]
     longest_step: longest step of an adaptive method [s]
     least_step : steps below this count as collapsed [s]
-    expected_error: speed error to expect at the end, relative to the launch speed; None: not known
+    expected_error: speed errors of the measured scenes relative to the launch speed, median and worst
     notes      : what the user should know of the choice
     """
 
@@ -78,7 +78,7 @@ class Plan:
     first_step: float = 0.0
     longest_step: float = math.inf
     least_step: float = 0.0
-    expected_error: float | None = None
+    expected_error: tuple[float, float] | None = None
     notes: tuple[str, ...] = ()
 
 

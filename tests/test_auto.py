@@ -25,7 +25,7 @@ HERE = Path(__file__).parent
 CASES = HERE.parent / "cases"
 PLANAR = CASES / "planar_undamped.toml"
 CONVERGED = sorted((HERE / "data" / "auto").glob("*.toml"))  # written by data/make_converged.py
-QUICK = ("mesh_4", "out_of_plane", "damped")
+QUICK = ("mesh_4", "out_of_plane", "damped", "packing_0.85")
 AUTO = ["solver=", "engine=", "time.output_step=", "time.output_times=[]"]
 
 
@@ -33,18 +33,23 @@ def start(*overrides: str) -> Start:
     return prepare(exunet.load(PLANAR, ["solver=", "engine=", *overrides]).scene)
 
 
-def error(path: Path, *overrides: str) -> float:
-    """Error of the bullet speeds at the end of a run by auto, relative to the launch speed."""
+def error(path: Path, accuracy: float, *overrides: str) -> tuple[float, float]:
+    """Error of the bullet speeds at the end of a run by auto, over the launch speed, and what is promised."""
     known: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
     changes = [*known["changes"], f"time.end={known['end']}", *AUTO, *overrides]
-    result = exunet.run(exunet.load(CASES / known["case"], changes))
-    assert known["uncertainty"] < 1e-7
-    return float(np.abs(bullet_speeds(result)[-1] - known["speeds"]).max()) / float(known["launch_speed"])
+    case = exunet.load(CASES / known["case"], [*changes, f"solver.accuracy={accuracy}"])
+    result = exunet.run(case)
+    measured = auto.table().at(case.scene.initial.packing)
+    promised = max(accuracy, measured.adaptive[prepare(case.scene).plan.method].best)  # as its notes say
+    assert known["uncertainty"] < 0.1 * promised
+    off = float(np.abs(bullet_speeds(result)[-1] - known["speeds"]).max())
+    return off / float(known["launch_speed"]), promised
 
 
 @pytest.mark.parametrize("name", QUICK)
 def test_the_promised_accuracy_is_met(name):
-    assert error(HERE / "data" / "auto" / f"{name}.toml", "solver.accuracy=1e-5") <= 1e-5
+    found, promised = error(HERE / "data" / "auto" / f"{name}.toml", 1e-5)
+    assert found <= promised == 1e-5
 
 
 @pytest.mark.slow
@@ -52,21 +57,26 @@ def test_the_promised_accuracy_is_met(name):
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-4, 1e-6])
 def test_the_promised_accuracy_is_met_by_all_forms(path, accuracy):
     for form in ("engine.net=connectors", "engine.net=fused", "engine.loop=compiled"):
-        assert error(path, f"solver.accuracy={accuracy}", form) <= accuracy, form
+        found, promised = error(path, accuracy, form)
+        assert found <= promised, form
 
 
 @pytest.mark.slow
 def test_the_promised_accuracy_is_met_with_many_stored_states():
     path = HERE / "data" / "auto" / "packing_0.15.toml"
-    assert error(path, "solver.accuracy=1e-5", "time.output_times=", "time.output_step=0.002") <= 1e-5
+    found, promised = error(path, 1e-5, "time.output_times=", "time.output_step=0.002")
+    assert found <= promised
 
 
 def test_there_are_enough_scenes_and_none_made_the_table():
-    assert len(CONVERGED) >= 8
+    assert len(CONVERGED) >= 16
+    answers: list[list[float]] = []
     measured = (HERE.parent / "benchmarks" / "auto_table.md").read_text(encoding="utf-8")
     for path in CONVERGED:
         known = tomllib.loads(path.read_text(encoding="utf-8"))
         assert f"`{Path(known['case']).stem} {' '.join(known['changes'])}`" not in measured
+        answers.append(np.round(known["speeds"] / np.float64(known["launch_speed"]), 6).tolist())
+    assert all(answers.count(one) == 1 for one in answers)  # no two show the same
 
 
 def test_a_case_without_a_method_is_solved_by_auto():
@@ -79,7 +89,8 @@ def test_what_was_picked_and_why_is_told():
     notes = " ".join(start().plan.notes)
     for words in (
         f"auto: {start().plan.method}, tolerance",
-        "expected speed error",
+        "expected speed error: median",
+        ", worst",
         "elements",
         "as measured",
     ):
@@ -87,26 +98,42 @@ def test_what_was_picked_and_why_is_told():
     assert "auto" not in " ".join(prepare(exunet.load(PLANAR).scene).plan.notes)  # which names all
 
 
-@pytest.mark.parametrize("method", list(auto.table().adaptive))
-def test_tighter_accuracy_gives_tighter_tolerance(method):
-    rows = auto.table().adaptive[method]
+@pytest.mark.parametrize("packing", [0.1, 0.9])
+@pytest.mark.parametrize("method", list(auto.table().folded.adaptive))
+def test_tighter_accuracy_gives_tighter_tolerance(method, packing):
+    rows = auto.table().at(packing).adaptive[method]
     assert (np.diff(rows.tolerance, axis=0) >= 0).all()
-    accuracies = (1e-2, 1e-3, 1e-4, 1e-6)
-    given = [start(f"solver.method={method}", f"solver.accuracy={a}").plan.tolerance for a in accuracies]
+    own = (f"solver.method={method}", f"initial.packing={packing}")
+    given = [start(*own, f"solver.accuracy={a}").plan.tolerance for a in (1e-2, 1e-3, 1e-4, 1e-5)]
     assert all(a > b for a, b in itertools.pairwise(given))
-    assert all(rows.expected_error(tolerance) < accuracy for accuracy, tolerance in rows.tolerance)
+    for accuracy, tolerance in rows.tolerance:
+        median, worst = rows.expected_error(tolerance)
+        assert median <= worst < accuracy
 
 
 def test_the_cheapest_method_is_picked_among_those_that_are_there():
-    for accuracy, method in auto.table().cheapest:
-        assert start(f"solver.accuracy={accuracy}").plan.method == method
-        assert auto.choose_method(accuracy, list(METHODS))[0] == method
-        assert start(f"solver.accuracy={accuracy}", "engine.loop=auto").plan.method == "DOPRI5"
+    for packing in (0.1, 0.9):
+        measured, own = auto.table().at(packing), f"initial.packing={packing}"
+        for accuracy, method in measured.cheapest:
+            assert start(own, f"solver.accuracy={accuracy}").plan.method == method
+            assert auto.choose_method(accuracy, list(METHODS), measured)[0] == method
+            assert start(own, f"solver.accuracy={accuracy}", "engine.loop=auto").plan.method == "DOPRI5"
+
+
+def test_nearly_deployed_starts_get_tighter_tolerances():
+    """Their errors are larger at the same tolerance: benchmarks/auto_table.md."""
+    folded, deployed = (
+        start("solver.method=DOPRI5", f"initial.packing={packing}").plan.tolerance for packing in (0.7, 0.8)
+    )
+    assert deployed < folded
+    told = start("initial.packing=0.8").plan.notes[0]
+    assert "on nearly deployed starts" in told
+    assert "nearly deployed" not in start("initial.packing=0.7").plan.notes[0]
 
 
 def test_an_accuracy_below_round_off_is_told_with_the_best():
     plan = start("solver.accuracy=1e-14").plan
-    best = auto.table().adaptive[plan.method].best
+    best = auto.table().folded.adaptive[plan.method].best
     notes = [note for note in plan.notes if "double precision" in note]
     assert len(notes) == 1
     assert f"{best:.1g}" in notes[0]

@@ -12,7 +12,7 @@ from exunet.build import prepare
 from exunet.effects.terms import Terms
 from exunet.scene import Scene
 from exunet.solvers import METHODS
-from exunet.stability import _RK67_SEVENTH, largest_damping_rate, largest_frequency, stable_step
+from exunet.stability import _RK67_SEVENTH, largest_damping_rate, largest_frequency, stable_step, step_limit
 
 E, RHO, D = 70e9, 1390.0, 0.002
 AREA = math.pi / 4 * D**2
@@ -91,6 +91,15 @@ def test_limits_on_the_negative_real_axis(method, limit):
 def test_euler_and_midpoint_are_unstable_without_damping():
     assert stable_step("ExplicitEuler", 10.0) == 0.0
     assert stable_step("ExplicitMidpoint", 10.0) == 0.0
+
+
+def test_weak_methods_have_a_practical_limit():
+    """Where |R(iy)| = 1.01: sqrt(1 + y^2) of Euler's method, sqrt(1 + y^4 / 4) of the mid-point rule."""
+    assert step_limit("ExplicitEuler", 10.0) == pytest.approx(math.sqrt(0.0201) / 10.0, rel=1e-6)
+    assert step_limit("ExplicitMidpoint", 10.0) == pytest.approx(0.0804**0.25 / 10.0, rel=1e-6)
+    assert stable_step("RK67", 10.0) < step_limit("RK67", 10.0)
+    assert step_limit("RK44", 10.0) == stable_step("RK44", 10.0)
+    assert math.isinf(step_limit("GeneralizedAlpha", 1e5))
 
 
 def test_implicit_methods_have_no_limit():

@@ -6,7 +6,7 @@ from exunet.build import Start, build, prepare_case
 from exunet.casefile import Case
 from exunet.effects import EFFECTS, switched_on
 from exunet.solvers import METHODS
-from exunet.stability import largest_damping_rate, largest_frequency, stable_step
+from exunet.stability import WEAK_GROWTH, largest_damping_rate, largest_frequency, stable_step, step_limit
 from exunet.times import stored_times
 
 
@@ -48,5 +48,6 @@ def _stable_steps(start: Start) -> str:
         limits.append(f"{limit:.4g} s ({name})")
     own = start.plan.method
     if METHODS[own].kind == "explicit" and own not in ("VelocityVerlet", "RK33", "RK44"):
-        limits.insert(0, f"{stable_step(own, frequency, rate):.4g} s ({own})")
+        limit = step_limit(own, frequency, rate)
+        limits.insert(0, f"{limit:.4g} s ({own}: a mode grows by {WEAK_GROWTH:.0%} a step)")
     return ", ".join(limits)
