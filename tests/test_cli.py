@@ -198,6 +198,17 @@ def test_ctrl_c_keeps_the_part_done(tmp_path):
     assert len(result.time) > 1
 
 
+@pytest.mark.parametrize("module", ["typer", "pydantic", "h5py", "exudyn"])
+def test_ctrl_c_at_start_up_is_clean_and_leaves_no_folder(tmp_path, module):
+    """Ctrl-C while the command, or what it needs, is being imported."""
+    (tmp_path / f"{module}.py").write_text("raise KeyboardInterrupt")
+    arguments = ["run", PLANAR, *SHORT, "--check", "--out", "results/here"]
+    done = command(*arguments, folder=tmp_path)  # whose modules come first
+    assert done.returncode in (130, -signal.SIGINT)
+    assert done.stderr == "interrupted\n"
+    assert {path.name for path in tmp_path.iterdir()} <= {f"{module}.py", "__pycache__"}
+
+
 def test_a_case_beyond_the_reference_keeps_the_result(tmp_path):
     """What the reference does not know is refused by name; the engine's own result is kept."""
     from exunet import crosscheck
