@@ -14,7 +14,7 @@ from exunet.verify.growth import VISIBLE as VISIBLE_DIFFERENCE
 from exunet.verify.horizon import after_it, sensitivity
 from exunet.verify.ladder import answers, shipped
 from exunet.verify.pair import Motion, Pair, read_pair
-from exunet.verify.separation import run_one
+from exunet.verify.separation_runs import run_one
 from exunet.verify.separation_text import PAPER, VISIBLE
 from exunet.verify.stepping import same_scheme
 

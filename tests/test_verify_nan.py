@@ -85,17 +85,17 @@ def test_a_velocity_that_is_no_number_after_one_step_fails_rung_4(monkeypatch):
 
 def test_one_mirrored_run_that_stopped_fails_rung_7(monkeypatch):
     longer = np.linspace(0.0, separation.BEYOND, 6)
-    still = np.zeros(len(longer))
+    still = np.zeros((len(longer), 4))
     curves = [
-        separation.Curve(tolerance, spread, still, still)
-        for tolerance, spread in zip(separation.MIRRORED, (still, still + NAN), strict=True)
+        separation.Curve(tolerance, speeds)
+        for tolerance, speeds in zip(separation.MIRRORED, (still, still + NAN), strict=True)
     ]
-    study = separation.Study((), separation.NUDGE, longer, longer, {}, {}, {"damped": curves})
+    study = separation.Study(longer, longer, {}, {}, {"damped": curves}, {})
     monkeypatch.setattr(separation, "study", lambda pairs: study)
     pair = read_pair(CASE)
     monkeypatch.setattr(separation, "families", lambda *of: None)
     found = []
-    for finding in separation.separation(pair, pair):
+    for finding in separation.separation(pair, pair, pair):
         found.append(finding)
         if isinstance(finding, Check):
             break

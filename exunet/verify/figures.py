@@ -61,10 +61,13 @@ def families(
     title: str,
     y_label: str,
     panels: Mapping[str, tuple[Floats, Mapping[str, Floats]]],
+    marks: Mapping[str, float],
     columns: int = 2,
-    floor: float = 1e-17,
 ) -> Figure:
-    """Panels of many curves each, from light to dark: name -> (time, label -> values)."""
+    """Panels of many curves each, from light to dark: name -> (time, label -> values); marks as in `values`.
+
+    Zeros are not drawn; a panel says how many of its curves are nothing else.
+    """
     rows = -(-len(panels) // columns)
     figure = blank(3.9 * columns, 2.7 * rows + 0.9)
     figure.suptitle(title, fontsize=10)
@@ -73,7 +76,12 @@ def families(
     names: Sequence[str] = ()
     for axes, (name, (time, lines)) in zip(grid.flat, panels.items(), strict=False):
         for (label, values), style in zip(lines.items(), _shades(len(lines)), strict=True):
-            axes.plot(time, _positive(values, floor), label=label, **style)
+            axes.plot(time, np.where(values > 0.0, values, np.nan), label=label, **style)
+        if equal := sum(not values.any() for values in lines.values()):
+            note = f"{equal} of {len(lines)} runs: zero to the last bit"
+            axes.text(0.03, 0.93, note, transform=axes.transAxes, fontsize=8, va="top")
+        for label, instant in marks.items():
+            axes.axvline(instant, color="0.45", linewidth=1.0, linestyle="--", label=label)
         axes.set_title(name, fontsize=9)
         _finish(axes, time, "")
         axes.set_yscale("log")
@@ -82,7 +90,7 @@ def families(
         axes.set_xlabel("")
     figure.supylabel(y_label, fontsize=9)
     height = figure.get_figheight()
-    figure.legend(handles, names, loc="lower center", ncols=5, frameon=False)
+    figure.legend(handles, names, loc="lower center", ncols=6, frameon=False)
     figure.subplots_adjust(
         left=0.11, right=0.98, top=1 - 0.62 / height, bottom=0.95 / height, wspace=0.12, hspace=0.22
     )
