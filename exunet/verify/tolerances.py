@@ -163,7 +163,7 @@ SAME_STATISTICS = Tolerance(
 )
 SYMMETRIC = Tolerance(0.0, "m/s", "mirrored sums are formed in mirrored order: equal to the last bit")
 
-# Of the gallery of hard cases (`exunet hard`); E0 is the energy at the start, v0 the launch speed.
+# Of the gallery of hard cases (`exunet verify --hard`); E0 is the energy at the start, v0 the launch speed.
 HARD_ADAPTIVE = Tolerance(
     1e-3,
     "of E0",
