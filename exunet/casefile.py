@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from exunet.errors import CaseError, Fault, InputError
 from exunet.scene import Scene
 from exunet.toml_lines import key_lines
+from exunet.toml_syntax import syntax_error
 from exunet.wording import explain
 
 MAX_BYTES = 10_000_000
@@ -106,18 +107,9 @@ def _parse(text: str, path: Path) -> dict[str, Any]:
     except RecursionError:
         raise CaseError([Fault(str(path), "", "values are nested too deeply")]) from None
     except ValueError as error:  # tomllib.TOMLDecodeError, and whole numbers of thousands of digits
-        message, line = _syntax_error(str(error), text)
+        message, line = syntax_error(str(error), text)
         place = f"{path}:{line}" if line else str(path)
         raise CaseError([Fault(place, "", f"not valid TOML: {message}")]) from None
-
-
-def _syntax_error(message: str, text: str) -> tuple[str, int | None]:
-    """tomllib's message without its position, and the line."""
-    found = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", message)
-    if found is None:
-        return message, None
-    last = text.rstrip().count("\n") + 1
-    return message[: found.start()], int(found[1]) if found[1] else last
 
 
 # Overrides
@@ -189,7 +181,8 @@ def _value(text: str) -> Any:
         raise ValueError("the value is nested too deeply") from None
     except ValueError as error:
         if text[0] in "[{\"'":
-            raise ValueError(f"the value is not valid TOML: {_syntax_error(str(error), text)[0]}") from None
+            words, _ = syntax_error(str(error), f"value = {text}")
+            raise ValueError(f"the value is not valid TOML: {words}") from None
     if "\n" in text:
         raise ValueError("must set one key")
     return text

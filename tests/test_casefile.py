@@ -535,6 +535,48 @@ def test_files_that_are_not_toml(tmp_path: Path, content: bytes, line: int | Non
     assert "\n" not in str(fault)
 
 
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("method = RK44", "quotes"),
+        ("method = “RK44”", "plain quotes"),
+        ("method = 'RK44", "close the text"),
+        ('method = "RK44', "close the text"),
+        ('folder = "C:\\x"', "backslash"),
+        ("force = True", "small letters"),
+        ("force = None", "leave the key out"),
+        ("force =", "a value is missing"),
+        ("force == true", "one ="),
+        ("force: true", "not :"),
+        ("force true", "key = value"),
+        ("step = 0,5", "a point, not a comma"),
+        ("step = .5", "before the point"),
+        ("step = 5.", "after the point"),
+        ("step = 05", "no zero"),
+        ("step = 1 000", "no blanks"),
+        ("step = 1e-3 m", "a unit belongs in a comment"),
+        ("step = 1e-3 // m", "a comment begins with #"),
+        ("// m", "a comment begins with #"),
+        ("step = 1/2", "no formulas"),
+        ("step = 1; retry = 2", "a line of its own"),
+        ("spin = (0, 0, 1)", "brackets"),
+        ("spin = [0 0 1]", "commas between the items"),
+        ("cable = { area = 1,}", "no comma"),
+        ("cable = { area = 1 density = 2}", "commas between the keys"),
+        ("format = 1", "keep one"),
+        ("[time", "in brackets"),
+        ("[time]]", "in brackets"),
+        ("\u00e9 = 1", "key = value"),
+        ("step = 2020-13", "no formulas"),
+    ],
+)  # fmt: skip
+def test_a_syntax_error_says_what_would_be_right(case: Any, line: str, words: str) -> None:
+    ((number, _, reason),) = case(f"format = 1\n{line}\n")
+    assert number == 2
+    assert reason.startswith("not valid TOML: ")
+    assert words in reason.partition(": ")[2]
+
+
 def test_a_file_of_comments_lacks_everything(case: Any) -> None:
     keys = [key for _, key, _ in case("# nothing\n")]
     assert keys == ["format", "title", "time", "net", "initial"]

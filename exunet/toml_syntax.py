@@ -1,0 +1,87 @@
+"""What is wrong where a text is not TOML, and on which line, as `tomllib` says, and what would be right."""
+
+from __future__ import annotations
+
+import re
+
+_POSITION = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
+_NUMBER = r"[+-]?\d[\d_]*(?:\.\d+)?(?:[eE][+-]?\d+)?"
+_HEADER = "a table begins with a line of its name in brackets, such as [time]"
+_STATEMENT = "a line is key = value, [table] or # comment"
+
+# Beginnings of tomllib's messages; those of values are looked at below.
+_ADVICE = {
+    "Expected '=' after a key": _STATEMENT,
+    "Invalid statement": _STATEMENT,
+    "Invalid initial character": "keys are of letters, digits, _ and -; any other key stands in quotes",
+    "Unterminated string": "close the text with the quote that it begins with",
+    'Expected "': "close the text with the quote that it begins with",
+    "Illegal character '\\n'": "close the text on its line with the quote that it begins with",
+    "Unclosed array": "put commas between the items and ] at the end",
+    "Unclosed inline table": "put commas between the keys and } at the end, all on one line",
+    "Expected ']": _HEADER,
+    "Cannot": "a key or table is given once: keep one of them",
+    "Duplicate": "a key is given once: keep one of them",
+    "Unescaped": "write \\\\ for a backslash, or put the text in single quotes",
+    "Invalid hex": "write \\\\ for a backslash, or put the text in single quotes",
+    "Found invalid": "remove the character, which does not show",
+    "Illegal": "remove the character, which does not show",
+}  # fmt: skip
+
+# What stands where a value should.
+_VALUES = (
+    (r"(#.*)?$", "a value is missing after ="),
+    (r"(true|false)\b", "write true or false in small letters"),
+    (r"(none|null|nil)\b", "leave the key out instead"),
+    (r"[+-]?\.\d", "put a digit before the point, such as 0.5"),
+    ("[\u201c\u201d\u2018\u2019`]", 'text stands in plain quotes, such as "RK44"'),
+    (r"[a-z_]", 'text stands in quotes, such as "RK44"'),
+    (r"\(", "a list stands in brackets, such as [0.0, 0.0, 1.0]"),
+    (r"=", "one = stands between key and value"),
+)
+# What stands after the = where something after the value is wrong.
+_REMAINDERS = (
+    (r"[+-]?\d+,\d+\s*(#.*)?$", "a number has a point, not a comma"),
+    (r"[+-]?\d+\.(?!\d)", "put a digit after the point, such as 5.0"),
+    (r"[+-]?0\d", "a number begins with no zero that could be left out"),
+    (rf"({_NUMBER})\s*(//|%|;(?!.*=))", "a comment begins with #"),
+    (rf"({_NUMBER})\s*[*/^+-]", "write the number itself: there are no formulas"),
+    (rf"({_NUMBER})\s+\d", "a number has no blanks; 1_000 is a thousand"),
+    (rf"({_NUMBER})\s*[a-z]", "a unit belongs in a comment, after #"),
+)
+
+
+def syntax_error(message: str, text: str) -> tuple[str, int | None]:
+    """Words and line (from 1; None if not known) for what `tomllib.loads(text)` raised as `message`."""
+    found = _POSITION.search(message)
+    if found is None:
+        return message, None
+    lines = text.rstrip().split("\n")
+    line = int(found[1]) if found[1] else len(lines)
+    message = message[: found.start()]
+    here = text.split("\n")[line - 1].strip()
+    rest = text.split("\n")[line - 1][int(found[2]) - 1 :].strip() if found[2] else ""
+    advice = _advice(message, here, rest)
+    return (f"{message}: {advice}" if advice else message), line
+
+
+def _advice(message: str, line: str, rest: str) -> str:
+    if rest.startswith("//"):
+        return "a comment begins with #"
+    if message.startswith("Invalid initial") and rest.startswith("}"):
+        return "no comma stands before }"
+    if message.startswith("Expected '='") and rest.startswith(":"):
+        return "= stands between key and value, not :"
+    if message == "Invalid value":
+        words = 'a value is a number, "text", true, false, a [list] or a { key = value }'
+        return _first(_VALUES, rest) or words
+    if message.startswith("Expected newline"):
+        if line.startswith("["):
+            return _HEADER
+        value = line.partition("=")[2].strip()
+        return _first(_REMAINDERS, value) or "each key = value has a line of its own; a comment begins with #"
+    return next((words for start, words in _ADVICE.items() if message.startswith(start)), "")
+
+
+def _first(rules: tuple[tuple[str, str], ...], text: str) -> str:
+    return next((words for pattern, words in rules if re.match(pattern, text, re.IGNORECASE)), "")
