@@ -43,7 +43,7 @@ class Method:
     needs_step: bool = False
 
 
-# Orders and right-hand sides a step as measured on the engine; tests/test_solvers.py measures them again.
+# Orders and right-hand sides a step as measured on the engine; tests/test_methods.py measures them again.
 METHODS: dict[str, Method] = {
     "DOPRI5": Method("adaptive", 5, 7),
     "ODE23": Method("adaptive", 3, 4),
