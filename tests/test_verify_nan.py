@@ -9,9 +9,10 @@ import reference_impl as reference
 from exunet.verify import separation, topology
 from exunet.verify.check import Check, worst_first
 from exunet.verify.forces import forces
+from exunet.verify.growth import LONE, ROUND_OFF, growth
 from exunet.verify.ladder import shipped
 from exunet.verify.pair import Pair, read_pair
-from exunet.verify.stepping import one_step
+from exunet.verify.stepping import one_step, same_scheme
 
 CASE = next(path for path in shipped() if path.stem == "planar_deployment")
 NAN = float("nan")
@@ -81,6 +82,15 @@ def test_a_velocity_that_is_no_number_after_one_step_fails_rung_4(monkeypatch):
     for check in one_step(read_pair(CASE)):
         assert not check.holds
         assert "velocity of node" in check.worst
+
+
+def test_a_growth_that_is_no_number_does_not_end_the_comparison_of_rung_4():
+    pair = read_pair(CASE)
+    grown = growth(pair, 0.02, (ROUND_OFF, LONE))
+    grown.difference[1, 300] = NAN
+    check = next(same_scheme(pair, grown))
+    assert not check.holds
+    assert check.worst.startswith(f"t = {grown.time[300]:.4g} s")
 
 
 def test_one_mirrored_run_that_stopped_fails_rung_7(monkeypatch):

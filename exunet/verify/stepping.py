@@ -53,7 +53,7 @@ def same_scheme(pair: Pair, grown: Growth) -> Iterator[Finding]:
     apart = distance(ours, theirs)
     round_off = ours.steps * np.finfo(float).eps * max(pair.size, float(np.abs(theirs.position).max()))
     bound = np.maximum.accumulate(lone) * round_off / LONE
-    kept = max(1, int(np.count_nonzero(bound < VISIBLE)))  # the bound never falls
+    kept = max(1, int(np.count_nonzero(~(bound >= VISIBLE))))  # the bound never falls; no number is no end
     share = (apart / np.where(apart > 0.0, bound, 1.0))[:kept]
     at = int(np.argmax(share))
     node = int(np.argmax(np.linalg.norm(ours.position[at] - theirs.position[at], axis=1)))
