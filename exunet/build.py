@@ -16,6 +16,7 @@ from exunet.engine.model import Model
 from exunet.errors import BeyondFloats, Fault
 from exunet.estimates import chosen
 from exunet.initial import initial_state
+from exunet.limits import refuse_start, refuse_steps, within_floats
 from exunet.net import weave
 from exunet.net.arrays import Net
 from exunet.placing import placing
@@ -48,7 +49,10 @@ def prepare(scene: Scene) -> Start:
     position, velocity = initial_state(scene, net)
     terms = total_terms(scene.effects, net, position)
     _refuse_overflow(net, terms, position, velocity)
-    plan = make_plan(scene, net, terms, velocity)
+    refuse_start(scene, net, terms, position, velocity)
+    with within_floats(net):
+        plan = make_plan(scene, net, terms, velocity)
+    refuse_steps(scene, net, plan)
     scene, plan = with_forms(scene, net, plan)
     return Start(scene, net, terms, position, velocity, replace(plan, notes=plan.notes + notes))
 

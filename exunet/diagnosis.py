@@ -54,3 +54,9 @@ LOAD_ADVICE = (
     "Likely cause: not the steps, the energy balance holds; the cables are too soft for this motion. "
     "Change youngs_modulus, the diameters, the launch speeds, the masses or the forces"
 )
+
+COLLAPSE_ADVICE = (
+    "Likely cause: a motion or a damping too fast for any step, or a tolerance below the round-off of the "
+    "numbers. Change the launch speeds, initial or the damping; or give a larger solver.accuracy (or "
+    "solver.tolerance)"
+)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet import cable, energy
-from exunet.diagnosis import LOAD_ADVICE, state_of_worst, step_advice
+from exunet.diagnosis import COLLAPSE_ADVICE, LOAD_ADVICE, state_of_worst, step_advice
 from exunet.effects.terms import Terms
 from exunet.errors import RunStopped
 from exunet.guards import OF_STEPS, STRETCH_BOUND, Guards
@@ -64,11 +64,10 @@ class Monitor:
         self._plan = plan
 
     def engine_failed(self, failure: Exception, *, step_cause: bool) -> RunStopped:
-        """The error for an engine that gave up, with its words."""
-        words = f"the engine stopped after t = {self.good_until:.6g} s: {failure}"
-        if step_cause:
-            worst = state_of_worst(self._net, self._terms, *self._last_good)
-            words += f"; {worst}. {step_advice(self._plan)}"
+        """The error for an engine that gave up, with its words and the last good state."""
+        worst = state_of_worst(self._net, self._terms, *self._last_good)
+        advice = step_advice(self._plan) if step_cause else COLLAPSE_ADVICE
+        words = f"the engine stopped after t = {self.good_until:.6g} s: {failure}; {worst}. {advice}"
         return RunStopped(words, step_cause=step_cause)
 
     def go_back(self, time: float, position: Floats, velocity: Floats, dissipated: float) -> None:

@@ -123,13 +123,21 @@ class _Attempt:
         except RunStopped as found:
             stop = found
         except EngineFailed as failure:
-            stop = monitor.engine_failed(failure, step_cause=not isinstance(failure, StepsCollapsed))
+            stop = self._gave_up(stepper, failure)
         except KeyboardInterrupt:
             stop = self._interrupted(stepper)
         if stop is not None:
             record.forget_after(monitor.good_until)
         record.integrated(stepper, clock.perf_counter() - began)
         return stop
+
+    def _gave_up(self, stepper: Stepper | Loop, failure: EngineFailed) -> RunStopped:
+        """The error for an engine that gave up: what the guards find in its last states, else its own."""
+        try:
+            stepper.hand_over()
+        except RunStopped as found:
+            return found
+        return self._monitor.engine_failed(failure, step_cause=not isinstance(failure, StepsCollapsed))
 
     def _interrupted(self, stepper: Stepper | Loop) -> Interrupted:
         """Keep all stored states that are good, those that the guards have yet to see among them."""

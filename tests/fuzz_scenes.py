@@ -201,7 +201,7 @@ def _words(stop: RunStopped) -> str:
     if re.search(r"\bnan\b|\binf\b", text):
         return f"the message has a number that is none: {text}"
     when = re.search(r"t = [\d.e+-]+ s", text)
-    what = re.search(r"element \w* ?\d+|collapsed|not started", text)
+    what = re.search(r"element is \d+ between nodes \d+ and \d+, stretch .*node is \d+|not started", text)
     return "" if when and what else f"the message lacks time or place: {text}"
 
 

@@ -155,8 +155,7 @@ class Stepper:
         if self._tiny_attempts > _TINY_ATTEMPTS:
             raise StepsCollapsed(
                 f"the steps collapsed to {end_of_attempt - self._step_start:.1g} s at "
-                f"t = {self._step_start:.6g} s: the tolerance {self._plan.tolerance:.2g} cannot be met; "
-                "give a larger solver.accuracy (or solver.tolerance)"
+                f"t = {self._step_start:.6g} s: the tolerance {self._plan.tolerance:.2g} cannot be met"
             )
 
     def _step_done(self, time: float) -> None:

@@ -81,7 +81,7 @@ class March:
             return ""
         return (
             f"the steps collapsed to {self._clock[1]:.1g} s at t = {self.time:.6g} s: the tolerance "
-            f"{self._plan.tolerance:.2g} cannot be met; give a larger solver.accuracy (or solver.tolerance)"
+            f"{self._plan.tolerance:.2g} cannot be met"
         )
 
     @property
