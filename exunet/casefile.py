@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Sequence
@@ -57,11 +58,13 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Case:
     document = _parse(text, path)
     changes = _parse_overrides(overrides)
     _apply(changes, document)
-    _refuse_huge_integers(document, text, path, changes)
+    huge = _take_huge_integers(document)
     try:
         scene = Scene.model_validate(document)
     except ValidationError as error:
         found = [explain(one, document) for one in error.errors(include_url=False)]
+        found = [one for one in found if one[0] not in huge]
+        found += [(place, "is a whole number beyond the 64 bits of TOML") for place in huge]
         raise CaseError(_located(found, text, path, changes)) from None
     return Case(scene, path, text, tuple(overrides))
 
@@ -218,20 +221,22 @@ def _apply_one(change: _Change, document: dict[str, Any]) -> None:
 # Placing faults
 
 
-def _refuse_huge_integers(document: dict[str, Any], text: str, path: Path, changes: list[_Change]) -> None:
-    """TOML's whole numbers have 64 bits, but tomllib passes on any."""
-    found: list[tuple[KeyPath, str]] = []
+def _take_huge_integers(document: dict[str, Any]) -> list[KeyPath]:
+    """Where whole numbers beyond the 64 bits of TOML stand, which tomllib passes on.
+
+    NaN, which no key takes, comes in their place.
+    """
+    found: list[KeyPath] = []
     waiting: list[tuple[KeyPath, Any]] = [((), document)]
     while waiting:
-        place, value = waiting.pop()
-        if isinstance(value, dict):
-            waiting.extend(((*place, key), inner) for key, inner in value.items())
-        elif isinstance(value, list):
-            waiting.extend(((*place, index), inner) for index, inner in enumerate(value))
-        elif isinstance(value, int) and not -(2**63) <= value < 2**63:
-            found.append((place, "is a whole number beyond the 64 bits of TOML"))
-    if found:
-        raise CaseError(_located(found, text, path, changes))
+        path, table = waiting.pop()
+        for key, value in table.items() if isinstance(table, dict) else enumerate(table):
+            if isinstance(value, dict | list):
+                waiting.append(((*path, key), value))
+            elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+                found.append((*path, key))
+                table[key] = math.nan
+    return found
 
 
 def located(found: list[tuple[KeyPath, str]], case: Case) -> list[Fault]:

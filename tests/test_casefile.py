@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import re
 import string
 import tempfile
@@ -662,6 +663,23 @@ def test_any_damaged_text_is_read_or_refused(text: str, data: st.DataObject) -> 
         path = Path(folder) / "x.toml"
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
         _reads_or_refuses(path, [])
+
+
+def test_random_pairs_of_faults_come_together(case: Any) -> None:
+    """Two faults from `test_one_fault` in different tables; without those that change what others mean."""
+    table = next(mark for mark in test_one_fault.pytestmark if mark.name == "parametrize").args[1]
+    apart = [one for one in table if one[3] not in ("net.topology", "launch", "lunch", "bodies", "initial")]
+    apart = [one for one in apart if not one[3].startswith(("effects", "initial.node"))]
+    draw, tried = random.Random(1), 0
+    while tried < 100:
+        (old, new, _, key, _), (other_old, other_new, _, other_key, _) = draw.sample(apart, 2)
+        text = GOOD.replace(old, new)
+        if key.split(".")[0] == other_key.split(".")[0] or text.count(other_old) != 1:
+            continue
+        tried += 1
+        assert sorted(key for _, key, _ in case(text.replace(other_old, other_new))) == sorted(
+            [key, other_key]
+        )
 
 
 def test_a_choice_between_keys_does_not_hide_other_faults(case: Any) -> None:
