@@ -13,6 +13,8 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from exunet.casefile import load as load
+    from exunet.ensemble import perturbed_positions as perturbed_positions
+    from exunet.ensemble import run_ensemble as run_ensemble
     from exunet.errors import CaseError as CaseError
     from exunet.errors import ExunetError as ExunetError
     from exunet.errors import InputError as InputError
@@ -32,6 +34,8 @@ _HOME = {
     "save": "exunet.result",
     "deployment": "exunet.metrics",
     "save_figures": "exunet.plot",
+    "run_ensemble": "exunet.ensemble",
+    "perturbed_positions": "exunet.ensemble",
     "CaseError": "exunet.errors",
     "InputError": "exunet.errors",
     "ExunetError": "exunet.errors",

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -47,8 +48,13 @@ class Ensemble:
 def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int) -> Floats:
     """(runs, n_nodes, 3) initial positions, each coordinate of free nodes moved by up to +-amplitude [m].
 
-    Run k gets the same perturbation however many runs there are.
+    Run k gets the same perturbation however many runs there are. Raises InputError for a number of runs, a
+    seed or an amplitude that cannot be meant.
     """
+    _whole("runs", runs, at_least=0)
+    _whole("seed", seed, at_least=0)
+    if not (isinstance(amplitude, Real) and 0.0 <= float(amplitude) < float("inf")):
+        raise InputError(f"amplitude: must be a finite number of metres, 0 or more, got {amplitude!r}")
     shifts = [
         np.random.default_rng((seed, run)).uniform(-amplitude, amplitude, start.position.shape)
         for run in range(runs)
@@ -66,18 +72,23 @@ def run_ensemble(
     position, velocity : (runs, n_nodes, 3) [m], [m/s]; velocity None: that of `start` for all
     workers            : threads (compiled code runs beside each other); None: one a core
     Raises RunStopped, naming the run, if one diverges or its steps collapse; MissingExtra without Numba;
-    InputError for a method that the compiled loop does not have, breaking, or states of another
-    shape.
+    InputError for a method that the compiled loop does not have, breaking, states of another shape or that
+    are no finite numbers, or a number of workers that cannot be meant.
     """
     if start.plan.method not in COMPILED_METHODS:
-        raise InputError(f"an ensemble runs by {', '.join(COMPILED_METHODS[1:])}, not by {start.plan.method}")
+        words = f"an ensemble runs by {', '.join(COMPILED_METHODS[1:])}, not by {start.plan.method}"
+        if start.scene.solver.method == "auto":
+            words += ', which auto chose for Exudyn: set engine.loop = "auto", or "compiled"'
+        raise InputError(words)
     if start.terms.breaking is not None:
         raise InputError("an ensemble does not look for elements that break: remove effects.breaking")
-    shape = (len(position), start.net.n_nodes, 3)
-    for given in (position, velocity):
-        if given is not None and given.shape != shape:
-            raise InputError(f"initial states must be (runs, {start.net.n_nodes}, 3), got {given.shape}")
-    speeds = np.broadcast_to(start.velocity, shape) if velocity is None else velocity
+    if workers is not None:
+        _whole("workers", workers, at_least=1)
+    position = _states("position", position, start.net.n_nodes, None)
+    if velocity is None:
+        speeds = np.broadcast_to(start.velocity, position.shape)
+    else:
+        speeds = _states("velocity", velocity, start.net.n_nodes, len(position))
     times = stored_times(start.scene.time)
     kernel = loop_kernel(start)
 
@@ -87,6 +98,27 @@ def run_ensemble(
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         found = list(pool.map(one, range(len(position))))
     return Ensemble(times, *_stacked(found))
+
+
+def _whole(name: str, given: object, at_least: int) -> None:
+    if isinstance(given, bool) or not isinstance(given, Integral) or given < at_least:
+        raise InputError(f"{name}: must be a whole number, {at_least} or more, got {given!r}")
+
+
+def _states(name: str, given: object, n_nodes: int, runs: int | None) -> Floats:
+    """(runs, n_nodes, 3) finite floats, at least one run."""
+    wanted = f"({'runs' if runs is None else runs}, {n_nodes}, 3)"
+    try:
+        states = np.asarray(given)
+    except ValueError:
+        raise InputError(f"{name}: initial states must be {wanted}, got rows of different lengths") from None
+    if states.ndim != 3 or states.shape[1:] != (n_nodes, 3) or len(states) != (runs or len(states)):
+        raise InputError(f"{name}: initial states must be {wanted}, got {states.shape}")
+    if not len(states):
+        raise InputError(f"{name}: there is no run in it")
+    if states.dtype.kind not in "iuf" or not np.isfinite(states).all():
+        raise InputError(f"{name}: initial states must be finite numbers, got an array of {states.dtype}")
+    return states.astype(np.float64)
 
 
 def _stacked(found: Sequence[tuple[Any, ...]]) -> list[Any]:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from starts import CASES, planar
 
+import exunet
+from exunet.build import prepare
 from exunet.casefile import load
 from exunet.ensemble import perturbed_positions, run_ensemble
 from exunet.errors import CaseError, InputError, Interrupted, RunStopped
@@ -172,6 +174,56 @@ def test_what_an_ensemble_cannot_do_is_refused(override: str, words: str) -> Non
         run_ensemble(start, start.position[None])
     with pytest.raises(InputError, match=r"initial states must be \(runs, 40, 3\)"):
         run_ensemble(planar(), np.zeros((1, 39, 3)))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        None, 3.0, [], [[1.0], [1.0, 2.0]], np.zeros((0, 40, 3)), np.zeros((40, 3)),
+        np.zeros((2, 40, 3), complex), np.zeros((2, 40, 3), object), np.zeros((2, 40, 3)).astype(str), np.full((2, 40, 3), np.nan),
+    ],
+    ids=["None", "scalar", "empty", "ragged", "no-runs", "one-state", "complex", "object", "text", "nan"],
+)  # fmt: skip
+def test_states_that_are_none_are_refused(given: Any) -> None:
+    start = planar(*SHORT)
+    with pytest.raises(InputError, match="position: "):
+        exunet.run_ensemble(start, given)
+    if given is not None:  # the start's velocity
+        with pytest.raises(InputError, match="velocity: "):
+            exunet.run_ensemble(start, start.position[None], given)
+
+
+@pytest.mark.parametrize("workers", [0, -1, 1.5, "2", True])
+def test_workers_that_cannot_be_meant_are_refused(workers: Any) -> None:
+    start = planar(*SHORT)
+    with pytest.raises(InputError, match="workers: must be a whole number, 1 or more"):
+        run_ensemble(start, start.position[None], workers=workers)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [((-1, 1e-9, 1), "runs"), ((2.5, 1e-9, 1), "runs"), ((1, float("nan"), 1), "amplitude"),
+     ((1, -1.0, 1), "amplitude"), ((1, 1e-9, -1), "seed")],
+)  # fmt: skip
+def test_perturbations_that_cannot_be_meant_are_refused(given: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        exunet.perturbed_positions(planar(*SHORT), *given)
+
+
+def test_states_as_lists_or_single_precision_run() -> None:
+    start = planar("time.end = 0.02", "time.output_step = 0.01")
+    wanted = run_ensemble(start, start.position[None]).bullet_speed
+    assert np.array_equal(run_ensemble(start, start.position[None].tolist()).bullet_speed, wanted)  # type: ignore[arg-type]
+    single = start.position[None].astype(np.float32)
+    np.testing.assert_allclose(run_ensemble(start, single).bullet_speed, wanted, rtol=1e-4)
+
+
+def test_the_default_case_says_what_an_ensemble_needs() -> None:
+    start = prepare(load(CASES / "planar_undamped.toml", ["solver=", "engine="]).scene)
+    with pytest.raises(
+        InputError, match=r"not by ODE23, which auto chose for Exudyn: set engine.loop = \"auto\""
+    ):
+        run_ensemble(start, start.position[None])
 
 
 def test_perturbations_belong_to_their_run() -> None:
