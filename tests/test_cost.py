@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ def subject(end: float, *overrides: str) -> Subject:
 
 
 def opened(area: float) -> Deployment:
-    return Deployment(area, 1.7, 0.1, 0.3, 1.0, area, at_end=False)
+    return Deployment(area, 1.7, 0.0, 0.3, 1.0, area, at_end=False)
 
 
 def entry(method: str, tolerance: float, seconds: float, error: float, code: Code = "fused") -> Entry:
@@ -143,6 +144,7 @@ def test_a_tighter_setting_that_fails_makes_its_method_unreliable():
 def test_beyond_the_horizon_conserving_methods_are_not_ranked():
     lost = Converged(np.array([1.0]), 0.1, 0.1, 1.6, (), (opened(0.91), opened(0.93)))
     honest, exact = entry("DOPRI5", 1e-7, 1.0, 1e-5), entry("EM", 1e-2, 0.1, 2e-13, "reference")
+    lost = replace(lost, deployments=tuple(replace(one, distance=1e-17) for one in lost.deployments))
     for one, area in ((honest, 0.92), (exact, 0.955)):
         assert one.errors is not None
         one.errors = Errors(0.1, one.errors.energy, None, opened(area))
@@ -152,7 +154,9 @@ def test_beyond_the_horizon_conserving_methods_are_not_ranked():
     rows = measure_rows(study)
     assert ("largest area", "0.91 to 0.93 of the reference area, of 2 converged solutions") in rows
     words = {name: value for name, value in rows if "EM" in value or "DOPRI5" in value}
+    assert ("distance", "0 to 0 m, of 2 converged solutions") in rows
     assert "largest area 0.92 of the reference area," in words["on the front"]
+    assert "(outside)" not in words["on the front"]  # by no more than round-off, in the distance
     assert "largest area 0.955 of the reference area (outside)" in words["not ranked"]
 
 

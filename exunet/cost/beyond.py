@@ -8,6 +8,8 @@ from exunet.cost.measure import FOUR, four
 from exunet.cost.study import Entry, Study
 from exunet.cost.table import pareto
 
+_ROUND_OFF = 1e-9  # in the units of the measures
+
 
 def spread(study: Study) -> list[tuple[float, float]]:
     """Least and largest of each measure among the converged solutions; empty without a mouth."""
@@ -22,9 +24,12 @@ def measure_rows(study: Study) -> list[tuple[str, str]]:
         return []
     number = len(study.converged.deployments)
     rows = [
-        (name, f"{low:.4g} to {high:.4g} {unit}, of {number} converged solutions")
+        (name, f"{_shown(low)} to {_shown(high)} {unit}, of {number} converged solutions")
         for (name, unit), (low, high) in zip(FOUR, bounds, strict=True)
     ]
+    # That one of n + 1 equal draws is the least or the largest.
+    words = f"not between these; of a further good run each measure is, some {2 / (number + 1):.0%} of the time"
+    rows.append(("(outside)", words))
     front = pareto(study)
     unranked = [entry for entry in study.measured if entry not in study.ranked]
     rows += [("on the front", _words(entry, bounds)) for entry in front]
@@ -42,4 +47,9 @@ def _words(entry: Entry, bounds: list[tuple[float, float]]) -> str:
 
 def _against(found: tuple[float, ...], bounds: list[tuple[float, float]]) -> Iterator[str]:
     for (name, unit), value, (low, high) in zip(FOUR, found, bounds, strict=True):
-        yield f"{name} {value:.4g} {unit}" + ("" if low <= value <= high else " (outside)")
+        inside = low - _ROUND_OFF <= value <= high + _ROUND_OFF
+        yield f"{name} {_shown(value)} {unit}" + ("" if inside else " (outside)")
+
+
+def _shown(value: float) -> str:
+    return f"{value if abs(value) > _ROUND_OFF else 0.0:.4g}"
