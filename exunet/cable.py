@@ -86,9 +86,14 @@ def spans(net: Net, nodal: Floats) -> Floats:
     return nodal[..., j, :] - nodal[..., i, :]
 
 
-def element_tension(net: Net, law: Law, position: Floats, velocity: Floats) -> Floats:
-    """Axial forces [N]; position, velocity (..., n_nodes, 3) -> (..., n_elements)."""
-    length = lengths(net, position)
+def element_tension(
+    net: Net, law: Law, position: Floats, velocity: Floats, length: Floats | None = None
+) -> Floats:
+    """Axial forces [N]; position, velocity (..., n_nodes, 3) -> (..., n_elements).
+
+    length : (..., n_elements) [m] where it is known already
+    """
+    length = lengths(net, position) if length is None else length
     if law.relaxation_time is None:
         return tension(length, law.natural_length, law.stiffness)
     along = np.einsum("...a,...a->...", spans(net, position), spans(net, velocity))

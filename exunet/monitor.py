@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from exunet import cable, energy
 from exunet.diagnosis import COLLAPSE_ADVICE, LOAD_ADVICE, state_of_worst, step_advice
 from exunet.effects.terms import Terms
+from exunet.envelope import Envelope
 from exunet.errors import RunStopped
 from exunet.guards import OF_STEPS, STRETCH_BOUND, Guards
 from exunet.net.arrays import Net
@@ -33,6 +34,7 @@ class Monitor:
     3/2 (x1 - x0)/h - (v0 + v1)/4, so the sum is of fourth order in the step.
 
     every : the guards look at one state in so many, and at the last of each batch
+    envelope : takes the energies of all good states
     ledger: times (k,) [s] of the last batch, and the energy (k,) [J] dissipated until then
     """
 
@@ -43,6 +45,7 @@ class Monitor:
         position: Floats,
         velocity: Floats,
         every: int = STATES_A_LOOK,
+        envelope: Envelope | None = None,
     ) -> None:
         self._net = net
         self._use(terms)
@@ -52,6 +55,7 @@ class Monitor:
         self.dissipated = 0.0
         self._last_good = (0.0, position, velocity)
         self.peaks = Peaks()
+        self._envelope = envelope
         self.ledger = (np.zeros(1), np.zeros(1))
 
     @property
@@ -75,7 +79,13 @@ class Monitor:
         self.dissipated = dissipated
         self.ledger = (np.array([time]), np.array([dissipated]))
         self._last_good = (time, position, velocity)
+        self.forget_after(time)
+
+    def forget_after(self, time: float) -> None:
+        """Drop the largest values after the stored time [s] at which a run ends, or goes on."""
         self.peaks.forget_after(time)
+        if self._envelope is not None:
+            self._envelope.forget_after(time)
 
     def __call__(self, time: Floats, position: Floats, velocity: Floats, taken: Floats | None = None) -> None:
         """Take a batch of states: time (k,), position and velocity (k, n_nodes, 3), first one known.
@@ -95,7 +105,7 @@ class Monitor:
                 self._stop(time, position, velocity, dissipated)
             self._guards.accept(look, -1)
             self._last_good = (float(time[-1]), position[-1], velocity[-1])
-            self.peaks.look(time, self._tension(length, position, velocity))
+            self._note(time, length, position, velocity)
         self.dissipated = float(dissipated[-1])
 
     def lose(self, energy_lost: float, terms: Terms) -> None:
@@ -114,11 +124,13 @@ class Monitor:
             return np.zeros(len(time) - 1)
         return energy.work_taken(self._net, self._terms, time, position, velocity)
 
-    def _tension(self, length: Floats, position: Floats, velocity: Floats) -> Floats:
+    def _note(self, time: Floats, length: Floats, position: Floats, velocity: Floats) -> None:
+        """Take the largest values of states that are good; length (k, n_elements) [m]."""
         law = self._terms.law(self._net)  # what broke has no stiffness in it
-        if law.relaxation_time is not None:
-            return cable.element_tension(self._net, law, position, velocity)
-        return np.asarray(cable.tension(length, law.natural_length, law.stiffness))
+        self.peaks.look(time, cable.element_tension(self._net, law, position, velocity, length))
+        if self._envelope is not None:
+            elastic = cable.elastic_energy(law, length)
+            self._envelope.look(time, elastic, energy.kinetic(self._net, velocity))
 
     def _stop(self, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> NoReturn:
         """Find the first state of a batch that is wrong, and say so."""
@@ -127,6 +139,7 @@ class Monitor:
         if bad:
             self._guards.accept(look, bad - 1)
             self._last_good = (float(time[bad - 1]), position[bad - 1], velocity[bad - 1])
+            self._note(time[:bad], cable.lengths(self._net, position[:bad]), position[:bad], velocity[:bad])
         shown = (float(time[bad]), position[bad], velocity[bad]) if look.finite[bad] else self._last_good
         advice = step_advice(self._plan) if look.of_steps(bad) else LOAD_ADVICE
         raise RunStopped(

@@ -15,11 +15,13 @@ from exunet.build import Start
 from exunet.effects import switched_on
 from exunet.engine.loading import exudyn_version
 from exunet.engine.stepper import Stepper
+from exunet.envelope import Envelope
 from exunet.guards import off_by
 from exunet.in_play import InPlay
 from exunet.peaks import Peaks
 from exunet.result import Result
 from exunet.solvers import Plan
+from exunet.times import stored_times
 
 if TYPE_CHECKING:
     from exunet.loop.loop import Loop
@@ -58,6 +60,7 @@ class Record:
         self.breaks: Breaks | None = None
         self.peaks = Peaks()
         self._in_play = InPlay(start.net, start.terms, start.position, start.velocity)
+        self.envelope = Envelope(stored_times(start.scene.time))
 
     def __len__(self) -> int:
         return len(self._time)
@@ -137,7 +140,7 @@ class Record:
         number = len(self) if until is None else self._until(until)
         position, velocity = self._arrays(number)
         length = cable.lengths(net, position)
-        tension = cable.element_tension(net, terms.law(net), position, velocity)
+        tension = cable.element_tension(net, terms.law(net), position, velocity, length)
         elastic = energy.elastic(net, terms, position)
         if self.breaks is not None:
             tension, elastic = self.breaks.corrected(self._time[:number], length, tension, elastic)
@@ -146,6 +149,8 @@ class Record:
         potential, dissipated = energy.potential(terms, position), np.array(self._dissipated[:number])
         gained = self._in_play.gained(position, velocity, potential, dissipated)[0]
         self._provenance["energy_in_play_J"] = self._in_play.start + float(gained.max())
+        kinetic = energy.kinetic(net, velocity)
+        largest_elastic, least_kinetic = self.envelope.around(elastic, kinetic)
         return Result(
             net=net,
             time=np.array(self._time[:number]),
@@ -153,7 +158,7 @@ class Record:
             velocity=velocity,
             strain=cable.green_lagrange_strain(length, net.reference_length),
             tension=tension,
-            kinetic=energy.kinetic(net, velocity),
+            kinetic=kinetic,
             elastic=elastic,
             potential=potential,
             dissipated=dissipated,
@@ -162,6 +167,8 @@ class Record:
             complete=verdict == "ok",
             verdict=verdict,
             provenance=self._provenance,
+            largest_elastic=largest_elastic,
+            least_kinetic=least_kinetic,
         )
 
     def _arrays(self, number: int) -> tuple[Floats, Floats]:

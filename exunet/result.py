@@ -44,6 +44,9 @@ class Result:
     complete         : False if the run stopped before its end
     verdict          : "ok", or why it stopped
     provenance       : case text, versions, method, counts, wall times (JSON-like)
+    largest_elastic  : (n_times,) [J], largest over all steps since the stored time before, which counts too;
+                       None in older files
+    least_kinetic    : (n_times,) [J], the same for the least kinetic energy
     """
 
     net: Net
@@ -61,6 +64,8 @@ class Result:
     complete: bool
     verdict: str
     provenance: dict[str, Any] = field(default_factory=dict)
+    largest_elastic: Floats | None = None
+    least_kinetic: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,12 @@ _STATES = {
     "dissipated": _Column("t", "J", "work done by damping since the start"),
     "momentum": _Column("t3", "kg m/s", "linear momentum"),
     "angular_momentum": _Column("t3", "kg m2/s", "angular momentum about the origin"),
+}
+
+# Of runs only, and not in older files.
+_BETWEEN = {
+    "largest_elastic": _Column("t", "J", "largest elastic energy of the steps since the stored time before"),
+    "least_kinetic": _Column("t", "J", "least kinetic energy of the steps since the stored time before"),
 }
 
 _NET = {
@@ -126,8 +137,9 @@ def save(result: Result, path: str | Path) -> None:
         file.attrs["complete"] = bool(result.complete)
         _put_text(file, "verdict", result.verdict)
         _put_text(file, "provenance", provenance)
-        for name, column in _STATES.items():
-            _put(file, name, checked[name], column.units, column.description)
+        for name, column in (_STATES | _BETWEEN).items():
+            if name in checked:
+                _put(file, name, checked[name], column.units, column.description)
         group = file.create_group("net")
         for name, column in _NET.items():
             _put(group, name, checked["net." + name], column.units, column.description)
@@ -165,6 +177,7 @@ def load_result(path: str | Path) -> Result:
 
 def _read(file: h5py.File) -> Result:
     states = {name: _get(file, name, column) for name, column in _STATES.items()}
+    states |= {name: _get(file, name, column) for name, column in _BETWEEN.items() if name in file}
     group = file["net"]
     arrays = {name: _get(group, name, column) for name, column in _NET.items()}
     for values in arrays.values():
@@ -234,6 +247,8 @@ def _checked(result: Result, where: str) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {}
     found = [("net." + name, getattr(result.net, name), column) for name, column in _NET.items()]
     found += [(name, getattr(result, name), column) for name, column in _STATES.items()]
+    between = [(name, getattr(result, name), column) for name, column in _BETWEEN.items()]
+    found += [one for one in between if one[1] is not None]
     for label, value, column in found:
         values = np.ascontiguousarray(value, dtype=column.dtype)
         fits = values.ndim == len(column.shape) and all(

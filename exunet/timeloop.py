@@ -63,7 +63,7 @@ def simulate(
     record = Record(start, provenance or {})
     record.store(0.0, (start.position, start.velocity), 0.0)
     plan, retries = start.plan, start.scene.solver.retry
-    monitor = Monitor(start.net, start.terms, start.position, start.velocity)
+    monitor = Monitor(start.net, start.terms, start.position, start.velocity, envelope=record.envelope)
     record.peaks = monitor.peaks
     if start.terms.breaking is not None:
         record.breaks = Breaks(start.net, start.terms, monitor)
@@ -80,6 +80,7 @@ def simulate(
         next_plan = finer(plan) if stop.step_cause and retries else None
         if next_plan is None:
             record.forget_off()  # what swung out between two looks of the guards, and back
+            monitor.forget_after(record.last()[0])
             stop.partial = record.result(str(stop))
             raise stop
         plan, retries = next_plan, retries - 1
@@ -118,6 +119,8 @@ class _Attempt:
                 for until in times[len(record) :].tolist():
                     stepper.advance(until)
                     record.store(until, stepper.state(), self._dissipated(stepper, until))
+                    if stepper.extremes is not None:
+                        record.envelope.look(np.array([until]), *np.array(stepper.extremes)[:, None])
                     self._keeper()
                     check_interrupt()
         except RunStopped as found:

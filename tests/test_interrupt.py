@@ -74,7 +74,7 @@ def test_all_that_was_computed_is_kept(form: str, moment: str, monkeypatch: pyte
 
 
 def test_a_block_in_another_leaves_ctrl_c_to_it() -> None:
-    reached = []
+    reached: list[object] = []
 
     def nested() -> None:
         with postponed() as outer:

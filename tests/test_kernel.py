@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from starts import planar, states
 
+from exunet.energy import elastic
 from exunet.errors import MissingExtra
 from exunet.kernel import compile as compiling
 from exunet.kernel.compile import compiled_module, require_numba
@@ -36,6 +37,17 @@ def test_the_forces_are_those_of_the_secant_stiffness() -> None:
     forces = net_kernel(net, start.terms).forces(0.0, position, velocity)
     np.testing.assert_allclose(forces, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
     assert np.abs(forces.sum(axis=0)).max() < 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("on", [(), ("material_damping",), ("thermal_strain", "gravity")])
+def test_the_forces_tell_the_elastic_energy(on: tuple[str, ...]) -> None:
+    """Eq. (19): half EA L0 E11^2 of each taut element, with the law's length and stiffness."""
+    start = planar(on=on)
+    kernel = net_kernel(start.net, start.terms)
+    for position, velocity in states(start).values():
+        x, v, force = position.ravel().copy(), velocity.ravel().copy(), np.empty(position.size)
+        held = kernel.module.forces(0.0, x, v, kernel.data, force)
+        assert held == pytest.approx(float(elastic(start.net, start.terms, position)), rel=1e-11, abs=1e-300)
 
 
 def test_the_same_bits_each_time() -> None:

@@ -106,6 +106,19 @@ def test_curves_hold_the_results_numbers():
     )  # a tenth of the size, squared
 
 
+def test_bands_reach_to_the_extremes_between_stored_times():
+    peak = THROWN.elastic + 0.25 * THROWN.kinetic[0]
+    drawn = checked(replace(THROWN, largest_elastic=peak, least_kinetic=0.5 * THROWN.kinetic))["energies"]
+    start = THROWN.kinetic[0] + THROWN.elastic[0]
+    bands = {band.get_label(): band.get_paths()[0].vertices[:, 1] for band in drawn.axes[0].collections}
+    assert bands["largest elastic of all steps"].max() == pytest.approx(peak.max() / start)
+    assert bands["least kinetic of all steps"].min() == pytest.approx(0.5 * THROWN.kinetic.min() / start)
+    assert "bands to the extremes of the steps between them" in texts(drawn)
+    older = checked(THROWN)["energies"]
+    assert "snaps between them do not show" in texts(older)
+    assert not older.axes[0].collections
+
+
 def test_energy_is_in_joule_for_a_net_that_starts_at_rest():
     at_rest = checked(ODD["at rest"][0])["energies"]
     assert at_rest.axes[0].get_ylabel() == "energy [J]"

@@ -42,6 +42,7 @@ SAMPLES = {
     "no openings, no bullets": result(net([(0, 0, 0), (1, 0, 0)], [(0, 1)]), [0], [[(0, 0, 0), (1, 0, 0)]]),
     "no elements": result(net([(0, 0, 0)], [], bullets=(0,)), [0, 1], [[(0, 0, 0)], [(0, 0, 1e-300)]]),
     "incomplete": unfolding(square_net(), complete=False, verdict="element 3 (nodes 1–2) ran away: λ = 9"),
+    "energies between": unfolding(square_net(), largest_elastic=np.arange(7.0), least_kinetic=np.zeros(7)),
     "awkward numbers": unfolding(square_net(), potential=np.array([-0.0, 5e-324, 1.7e308, 1, 1, 1, 1])),
 }
 
@@ -87,6 +88,14 @@ def test_every_dataset_has_units_and_description(stored):
             assert dataset.attrs["description"], dataset.name
         assert file["position"].attrs["units"].decode() == "m"
         assert file.attrs["format"] == FILE_FORMAT
+
+
+def test_a_result_without_energies_between_its_stored_times_is_an_older_one(stored):
+    """They came later; a file without them is as whole as ever, one with them must fit."""
+    assert load_result(stored).largest_elastic is None
+    with h5py.File(stored, "a") as file:
+        file["largest_elastic"] = np.zeros(6)
+    assert "largest_elastic has shape" in refusal(stored)
 
 
 @pytest.mark.parametrize("name", ["position", "tension", "kinetic"])

@@ -24,6 +24,8 @@ class Piece:
     work  : function work(h, x0, v0, x1, v1, x2, v2, *parameters) -> [J] in a step of length h, from the
             states at its start, middle and end
     works : the power is -force . v
+
+    elastic : the add function returns the elastic energy [J] that it finds on its way
     """
 
     add: Function
@@ -33,11 +35,13 @@ class Piece:
     work: Function | None = None
     helpers: tuple[Function, ...] = ()
     works: bool = False
+    elastic: bool = False
 
 
 def module_source(pieces: Sequence[Piece], drivers: Iterable[Function] = ()) -> str:
     """Text of the module with `forces`, `potential`, `power`, `extra_work` over all pieces, and drivers.
 
+    `forces` returns the elastic energy [J] of the pieces that tell theirs.
     The parameters of all pieces are one tuple `data`, in order. Raises ValueError if two different
     functions share a name.
     """
@@ -75,13 +79,13 @@ def _joined(pieces: Sequence[Piece]) -> str:
     potential = ["@compiled", "def potential(x, data):", "    total = 0.0"]
     power = ["@compiled", "def power(t, x, v, data, scratch):", "    total = 0.0"]
     work = ["@compiled", "def extra_work(h, x0, v0, x1, v1, x2, v2, data):", "    total = 0.0"]
-    forces += ["    for k in range(force.size):", "        force[k] = 0.0"]
+    forces += ["    for k in range(force.size):", "        force[k] = 0.0", "    held = 0.0"]
     first = 0
     for piece in pieces:
         last = first + len(piece.parameters)
         data = "".join(f", data[{k}]" for k in range(first, last))
         first = last
-        forces.append(f"    {piece.add.__name__}(t, x, v{data}, force)")
+        forces.append(f"    {'held += ' * piece.elastic}{piece.add.__name__}(t, x, v{data}, force)")
         if piece.potential is not None:
             potential.append(f"    total += {piece.potential.__name__}(x{data})")
         if piece.power is not None:
@@ -92,6 +96,7 @@ def _joined(pieces: Sequence[Piece]) -> str:
             power += ["    for k in range(scratch.size):", "        scratch[k] = 0.0"]
             power.append(f"    {piece.add.__name__}(t, x, v{data}, scratch)")
             power += ["    for k in range(scratch.size):", "        total -= scratch[k] * v[k]"]
+    forces.append("    return held")
     potential.append("    return total")
     power.append("    return total")
     work.append("    return total")

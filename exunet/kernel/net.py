@@ -76,12 +76,13 @@ def _elements(net: Net, terms: Terms) -> Piece:
     length = law.natural_length
     data = (first, second, length**2, law.stiffness / (2.0 * length**3))
     if law.relaxation_time is None:
-        return Piece(pieces.add_tension, data)
+        return Piece(pieces.add_tension, data, elastic=True)
     return Piece(
         pieces.add_viscous_tension,
         (*data, 2.0 * law.relaxation_time),
         work=pieces.viscous_work,
         helpers=(pieces.excess_and_rate,),
+        elastic=True,
     )
 
 

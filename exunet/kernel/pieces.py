@@ -13,11 +13,13 @@ from typing import Any
 
 def add_tension(
     t: float, x: Any, v: Any, first: Any, second: Any, square: Any, factor: Any, force: Any
-) -> None:
+) -> float:
     """Eqs. (3) and (6)-(8): EA / (2 L0^3) (L^2 - L0^2) d on the taut elements, d = x_j - x_i.
 
     first, second : (m,) 3 i and 3 j of the end nodes; square : (m,) L0^2 [m2]; factor : (m,) EA / (2 L0^3)
+    Returns the elastic energy [J], EA / (8 L0^3) (L^2 - L0^2)^2 of each: eq. (19).
     """
+    held = 0.0
     for e in range(factor.size):
         i = first[e]
         j = second[e]
@@ -26,6 +28,7 @@ def add_tension(
         dz = x[j + 2] - x[i + 2]
         s = dx * dx + dy * dy + dz * dz - square[e]
         if s > 0.0:
+            held += factor[e] * s * s
             s *= factor[e]
             dx *= s
             dy *= s
@@ -36,12 +39,14 @@ def add_tension(
             force[j] -= dx
             force[j + 1] -= dy
             force[j + 2] -= dz
+    return 0.25 * held
 
 
 def add_viscous_tension(
     t: float, x: Any, v: Any, first: Any, second: Any, square: Any, factor: Any, twice_time: Any, force: Any
-) -> None:
+) -> float:
     """As `add_tension`, with the viscous stress of material damping; twice_time : (m,) 2 tau [s]."""
+    held = 0.0
     for e in range(factor.size):
         i = first[e]
         j = second[e]
@@ -50,6 +55,7 @@ def add_viscous_tension(
         dz = x[j + 2] - x[i + 2]
         s = dx * dx + dy * dy + dz * dz - square[e]
         if s > 0.0:
+            held += factor[e] * s * s
             rate = dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
             s += twice_time[e] * rate
             if s > 0.0:
@@ -63,6 +69,7 @@ def add_viscous_tension(
                 force[j] -= dx
                 force[j + 1] -= dy
                 force[j + 2] -= dz
+    return 0.25 * held
 
 
 def viscous_work(

@@ -47,6 +47,7 @@ class March:
         free[start.net.fixed_nodes] = 0.0
         self._x, self._v = start.position.ravel().copy(), start.velocity.ravel().copy()
         self._taken, self._counts = np.zeros(1), np.zeros(2, dtype=np.int64)
+        self._extremes = np.array([0.0, np.inf])
         self._clock = np.array([0.0, start.plan.first_step, 0.0, 0.0])
         self._state = (
             self._x,
@@ -56,6 +57,7 @@ class March:
             np.zeros((16, len(self._x))),
             self._taken,
             self._counts,
+            (0.5 * np.repeat(start.net.mass, 3), self._extremes),
         )
         self._module.accelerate(0.0, *self._state[:4], self._state[4][0])
 
@@ -140,12 +142,18 @@ class Loop(March):
         """Energy [J] that terms without a potential have taken out so far."""
         return float(self._taken[0])
 
+    @property
+    def extremes(self) -> tuple[float, float]:
+        """Largest elastic and least kinetic energy [J] of the steps of the last `advance`."""
+        return float(self._extremes[0]), float(self._extremes[1])
+
     def watch_for(self, breaks: Breaks) -> None:
         """Look for elements that break at the end of each step from now on, so step by step."""
         self._breaks, self._limit, self._every = breaks, 1, 1
 
     def advance(self, until: float) -> None:
         """Integrate from the current time to `until` [s] exactly."""
+        self._extremes[:] = 0.0, np.inf
         with postponed() as check_interrupt:
             advance = self._advance_chosen if self._chosen else self._advance_equal
             advance(until, check_interrupt)

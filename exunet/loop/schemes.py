@@ -15,21 +15,22 @@ import numpy as np
 
 if TYPE_CHECKING:  # the generated module holds it beside the functions below
 
-    def forces(t: float, x: Any, v: Any, data: Any, force: Any) -> None: ...
+    def forces(t: float, x: Any, v: Any, data: Any, force: Any) -> float: ...
 
 
-def accelerate(t: float, x: Any, v: Any, inverse: Any, data: Any, a: Any) -> None:
-    """Accelerations a (n,) [m/s2], eq. (16)."""
-    forces(t, x, v, data, a)
+def accelerate(t: float, x: Any, v: Any, inverse: Any, data: Any, a: Any) -> float:
+    """Accelerations a (n,) [m/s2], eq. (16); returns the elastic energy [J] at x."""
+    held = forces(t, x, v, data, a)
     for c in range(a.size):
         a[c] *= inverse[c]
+    return held
 
 
-def verlet_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, work: Any) -> None:
+def verlet_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, work: Any) -> float:
     """Verlet, Phys. Rev. 159 (1967) 98, doi 10.1103/PhysRev.159.98.
 
     Forces that depend on the velocity are taken with that of the half step, as the engine does; row 0 goes
-    from step to step.
+    from step to step. Returns the elastic energy at the end [J].
     """
     a = work[0]
     x1 = work[1]
@@ -37,13 +38,17 @@ def verlet_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, wor
     for c in range(x.size):
         v1[c] = v[c] + 0.5 * h * a[c]
         x1[c] = x[c] + h * v1[c]
-    accelerate(t + h, x1, v1, inverse, data, a)
+    held = accelerate(t + h, x1, v1, inverse, data, a)
     for c in range(x.size):
         v1[c] += 0.5 * h * a[c]
+    return held
 
 
-def runge_kutta_4_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, work: Any) -> None:
-    """The classical method of order 4 on (x, v), as the engine's RK44."""
+def runge_kutta_4_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, work: Any) -> float:
+    """The classical method of order 4 on (x, v), as the engine's RK44.
+
+    Returns the elastic energy at its start [J].
+    """
     a1 = work[0]
     x1 = work[1]
     v1 = work[2]
@@ -53,7 +58,7 @@ def runge_kutta_4_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: A
     v2 = work[6]
     v3 = work[7]
     v4 = work[8]
-    accelerate(t, x, v, inverse, data, a1)
+    held = accelerate(t, x, v, inverse, data, a1)
     for c in range(x.size):
         x1[c] = x[c] + 0.5 * h * v[c]
         v2[c] = v[c] + 0.5 * h * a1[c]
@@ -70,6 +75,7 @@ def runge_kutta_4_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: A
         x1[c] = x[c] + h / 6.0 * (v[c] + 2.0 * (v2[c] + v3[c]) + v4[c])
     for c in range(x.size):
         v1[c] = v[c] + h / 6.0 * (a1[c] + 2.0 * (a2[c] + a3[c]) + a4[c])
+    return held
 
 
 def largest(first: Any, second: Any) -> float:
@@ -84,13 +90,13 @@ def largest(first: Any, second: Any) -> float:
     return worst
 
 
-def dormand_prince_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, work: Any) -> float:
+def dormand_prince_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, work: Any) -> Any:
     """Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19, doi 10.1016/0771-050X(80)90013-3: order 5(4).
 
     Written for x'' = a: the velocities of the stages are put into the positions, whose coefficients are then
     sum_k a_ik a_kj, so only accelerations are kept; the result is the same but for round-off. Row 9 gets the
     acceleration at the end, which is that of the next step's start. Returns the largest error estimate over
-    the coordinates, of the embedded method of order 4 [m or m/s].
+    the coordinates, of the embedded method of order 4 [m or m/s], and the elastic energy at the end [J].
     """
     x1 = work[1]
     v1 = work[2]
@@ -162,7 +168,7 @@ def dormand_prince_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: 
             - 2187.0 / 6784.0 * a5[c]
             + 11.0 / 84.0 * a6[c]
         )
-    accelerate(t + h, x1, v1, inverse, data, a7)
+    held = accelerate(t + h, x1, v1, inverse, data, a7)
     for c in range(n):
         of_x[c] = hh * (
             611.0 / 230400.0 * a1[c]
@@ -180,4 +186,4 @@ def dormand_prince_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: 
             + 22.0 / 525.0 * a6[c]
             - 1.0 / 40.0 * a7[c]
         )
-    return largest(of_x, of_v)
+    return largest(of_x, of_v), held

@@ -51,7 +51,8 @@ def bullet_speeds(result: Result, agreement: Agreement | None = None) -> Figure 
 def energies(result: Result) -> Figure:
     """Kinetic and elastic energy, their sum and the dissipated work, relative to the total at the start.
 
-    In joule if the net starts with (almost) no energy of its own, as one that falls from rest.
+    In joule if the net starts with (almost) no energy of its own, as one that falls from rest. Where known,
+    bands reach from kinetic and elastic energy at the stored times to their extremes over the steps between.
     """
     total = result.kinetic + result.elastic
     parts: dict[str, tuple[Floats, dict[str, Any]]] = {
@@ -66,9 +67,18 @@ def energies(result: Result) -> Figure:
     start = float(total[0])
     relative = start > 1e-3 * max(float(np.abs(values).max()) for values, _ in parts.values())
     label = "energy / total energy at the start" if relative else "energy [J]"
-    figure, axes = _curve_axes(result, "Energies", label)
+    known = result.largest_elastic is not None and result.least_kinetic is not None
+    more = "bands to the extremes of the steps between them" if known else "snaps between them do not show"
+    figure, axes = _curve_axes(result, f"Energies at the stored times; {more}", label)
+    unit = start if relative else 1.0
     for name, (values, style) in parts.items():
-        _curve(axes, result.time, values / start if relative else values, label=name, **style)
+        _curve(axes, result.time, values / unit, label=name, **style)
+    for extremes, name, color, words in (
+        (result.least_kinetic, "kinetic", BLUE, "least kinetic of all steps"),
+        (result.largest_elastic, "elastic", RED, "largest elastic of all steps"),
+    ):
+        if extremes is not None:
+            _band(axes, result.time, parts[name][0] / unit, extremes / unit, color, words)
     _legend(result, figure, axes)
     return figure
 
@@ -136,6 +146,12 @@ def _curve(axes: Axes, time: Floats, values: Floats, shift: float = 0.0, **style
     if len(time) == 1:
         style.setdefault("marker", "o")
     axes.plot(time, values, markevery=(int(shift * step), step), **style)
+
+
+def _band(axes: Axes, time: Floats, values: Floats, extremes: Floats, color: str, label: str) -> None:
+    """From a curve to the extreme value of each interval, which ends with one of its times."""
+    style: dict[str, Any] = {"color": color, "alpha": 0.5, "linewidth": 0.7, "zorder": 1.5}
+    axes.fill_between(time, values, extremes, step="pre", label=label, **style)
 
 
 def _many(axes: Axes, time: Floats, values: Floats, label: str) -> None:

@@ -1,0 +1,46 @@
+"""The energies between stored times: the largest elastic and the least kinetic one, over every accepted step.
+
+A snap may last less than the time between two stored states, which then show nothing of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class Envelope:
+    """Takes the energies of accepted steps; each belongs to the interval that ends with a stored time.
+
+    times : (n,) the stored times [s] of the whole run
+    """
+
+    def __init__(self, times: Floats) -> None:
+        self._times = times
+        self._elastic = np.zeros(len(times))
+        self._kinetic = np.full(len(times), np.inf)
+
+    def look(self, time: Floats, elastic: Floats, kinetic: Floats) -> None:
+        """Take energies (k,) [J] at times (k,) [s]: of steps, or their extremes over an interval."""
+        # Round-off may put a step behind the end.
+        interval = np.minimum(np.searchsorted(self._times, time), len(self._times) - 1)
+        np.maximum.at(self._elastic, interval, elastic)
+        np.minimum.at(self._kinetic, interval, kinetic)
+
+    def forget_after(self, time: float) -> None:
+        """Drop what was seen after the stored time [s] that a run goes back to."""
+        late = self._times > time
+        self._elastic[late], self._kinetic[late] = 0.0, np.inf
+
+    def around(self, elastic: Floats, kinetic: Floats) -> tuple[Floats, Floats]:
+        """Largest elastic and least kinetic energy of each interval, both ends included, (k,) each [J].
+
+        elastic, kinetic : (k,) energies [J] of the first k stored states
+        """
+        largest = np.maximum(self._elastic[: len(elastic)], elastic)
+        least = np.minimum(self._kinetic[: len(kinetic)], kinetic)
+        np.maximum(largest[1:], elastic[:-1], out=largest[1:])
+        np.minimum(least[1:], kinetic[:-1], out=least[1:])
+        return largest, least
