@@ -93,6 +93,7 @@ class Solver(Record):
     )
     accuracy: Positive = Field(
         1e-4,
+        le=1.0,
         description="speed error aimed at, relative to the launch speed; sets an adaptive tolerance",
     )
     tolerance: Positive | None = Field(

@@ -176,6 +176,13 @@ def test_stiff_damping_is_told():
     assert any("stiff damping" in note for note in stiff.notes)
 
 
+@pytest.mark.parametrize("accuracy", ["1.01", "10.0", "1e300"])
+def test_an_error_beyond_the_launch_speed_is_no_accuracy(accuracy):
+    with pytest.raises(CaseError, match=r"solver\.accuracy: .*1"):
+        start(f"solver.accuracy={accuracy}")
+    assert start("solver.accuracy=1.0").plan.tolerance
+
+
 def test_a_step_needs_a_method():
     with pytest.raises(CaseError, match="auto chooses its own step"):
         start("solver.step=1e-4")

@@ -180,7 +180,8 @@ def test_what_an_ensemble_cannot_do_is_refused(override: str, words: str) -> Non
     "given",
     [
         None, 3.0, [], [[1.0], [1.0, 2.0]], np.zeros((0, 40, 3)), np.zeros((40, 3)),
-        np.zeros((2, 40, 3), complex), np.zeros((2, 40, 3), object), np.zeros((2, 40, 3)).astype(str), np.full((2, 40, 3), np.nan),
+        np.zeros((2, 40, 3), complex), np.zeros((2, 40, 3), object),
+        np.zeros((2, 40, 3)).astype(str), np.full((2, 40, 3), np.nan),
     ],
     ids=["None", "scalar", "empty", "ragged", "no-runs", "one-state", "complex", "object", "text", "nan"],
 )  # fmt: skip

@@ -28,8 +28,8 @@ def measure_rows(study: Study) -> list[tuple[str, str]]:
         for (name, unit), (low, high) in zip(FOUR, bounds, strict=True)
     ]
     # That one of n + 1 equal draws is the least or the largest.
-    words = f"not between these; of a further good run each measure is, some {2 / (number + 1):.0%} of the time"
-    rows.append(("(outside)", words))
+    often = f"{2 / (number + 1):.0%}"
+    rows.append(("(outside)", f"not between these, as each measure of a further good run is in some {often}"))
     front = pareto(study)
     unranked = [entry for entry in study.measured if entry not in study.ranked]
     rows += [("on the front", _words(entry, bounds)) for entry in front]
