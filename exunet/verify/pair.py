@@ -25,6 +25,7 @@ from exunet.engine.stepper import EngineFailed, Stepper
 from exunet.errors import InputError
 from exunet.kernel.compile import numba_installed
 from exunet.loop.loop import March, loop_kernel
+from exunet.placing import placing
 from exunet.solvers import Plan
 
 Floats = NDArray[np.float64]
@@ -195,7 +196,9 @@ def read_pair(path: str | Path, overrides: Mapping[str, str] | None = None) -> P
     a case is never compared in part.
     """
     settings = [f"{key}={value}" for key, value in (overrides or {}).items()]
-    return pair_of(load(path, settings))
+    case = load(path, settings)
+    with placing(case):
+        return pair_of(case)
 
 
 def pair_of(case: Case) -> Pair:
