@@ -37,7 +37,7 @@ def work_precision(study: Study, title: str) -> Figure:
                 zorder=-1,
                 label="not resolved",
             )
-    left.set_ylim(_LEAST if _least(study) < 1e-11 else _least(study) / 5, 3.0)
+    left.set_ylim(_LEAST / 3 if _least(study) < 1e-11 else _least(study) / 5, 3.0)
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc="center left", bbox_to_anchor=(0.76, 0.5), frameon=False, fontsize=7)
     note = "" if predicts else " (beyond the horizon: speeds cannot be predicted)"
