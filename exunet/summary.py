@@ -13,8 +13,8 @@ from exunet.metrics import deployment, energy_balance, energy_in_play
 from exunet.result import Result
 
 
-def summarise(result: Result, agreement: Agreement | None = None) -> dict[str, Any]:
-    """Numbers of a result in SI units, ready for JSON."""
+def summarise(result: Result, check: Agreement | str | None = None) -> dict[str, Any]:
+    """Numbers of a result in SI units, ready for JSON; check: what it found, or why it could not be made."""
     provenance = result.provenance
     measures = deployment(result)
     summary: dict[str, Any] = {
@@ -34,19 +34,25 @@ def summarise(result: Result, agreement: Agreement | None = None) -> dict[str, A
         "deployment": asdict(measures) if measures else None,
         "engine": {k: v for k, v in provenance.items() if k not in ("text", "title")},
     }
-    if agreement:
-        summary["check"] = {
-            "agrees_until_s": agreement.agrees_until,
-            "agrees_to_the_end": agreement.agrees_until is None,
-            "apart_from_s": agreement.apart_from,
-            "compared_until_s": float(agreement.time[-1]),
-            "allowed_speed_difference_m_s": agreement.allowed,
-            "allowed_position_difference_m": agreement.allowed_position,
-            "largest_speed_difference_m_s": float(agreement.speed_difference.max()),
-            "largest_position_difference_m": float(agreement.position_difference.max()),
-            "before": _before(agreement),
-        }
+    if isinstance(check, str):
+        summary["check"] = {"refused": check}
+    elif check is not None:
+        summary["check"] = _found(check)
     return summary
+
+
+def _found(agreement: Agreement) -> dict[str, Any]:
+    return {
+        "agrees_until_s": agreement.agrees_until,
+        "agrees_to_the_end": agreement.agrees_until is None,
+        "apart_from_s": agreement.apart_from,
+        "compared_until_s": float(agreement.time[-1]),
+        "allowed_speed_difference_m_s": agreement.allowed,
+        "allowed_position_difference_m": agreement.allowed_position,
+        "largest_speed_difference_m_s": float(agreement.speed_difference.max()),
+        "largest_position_difference_m": float(agreement.position_difference.max()),
+        "before": _before(agreement),
+    }
 
 
 def _before(agreement: Agreement) -> dict[str, float]:
@@ -81,6 +87,7 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("steps", steps),
         ("right-hand sides", f"{engine['right_hand_sides']}"),
         ("wall time", f"{wall:.2f} s (build and integration)"),
+        *_part_row(summary),
         ("energy balance", f"{summary['energy_balance']:.1e} of {summary['energy_in_play_J']:.6g} J in play"),
         ("largest tension", _peak(summary)),
     ]
@@ -90,6 +97,14 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
     table += [("note", note) for note in engine.get("notes", [])]
     return table + _deployment_rows(summary["deployment"]) + _check_rows(summary.get("check"))
+
+
+def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """A head for the rows that tell of the states, of which a run that stopped has kept a part only."""
+    if summary["complete"]:
+        return []
+    until = summary["simulated_until_s"]
+    return [("of the part kept", f"until t = {until:.6g} s, before what the verdict tells:")]
 
 
 def _peak(summary: dict[str, Any]) -> str:
@@ -119,6 +134,8 @@ def _deployment_rows(measures: dict[str, Any] | None) -> list[tuple[str, str]]:
 def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:
     if not check:
         return []
+    if refused := check.get("refused"):
+        return [("check", f"refused: {refused}")]
     until = "the end" if check["agrees_to_the_end"] else f"t = {check['agrees_until_s']:.3f} s"
     before = check["before"]
     return [

@@ -172,6 +172,8 @@ def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):
     assert result.verdict.startswith("diverged")
     assert 0 < result.time[-1] < 0.6  # the strings snap at 0.57 s
     assert json.loads((tmp_path / "here/summary.json").read_text())["complete"] is False
+    names = [line.split("  ")[0] for line in done.stdout.splitlines()]
+    assert names.index("of the part kept") < names.index("energy balance") < names.index("largest tension")
 
 
 def test_a_tolerance_that_cannot_be_met_ends(tmp_path):
@@ -228,6 +230,8 @@ def test_a_check_that_cannot_be_made_keeps_the_result(tmp_path):
     done = command("run", "thrown.toml", "--check", *SHORT, "--out", "here", folder=tmp_path)
     assert done.returncode == 4, done.stdout + done.stderr
     assert "thermal_strain" in done.stderr
+    assert "refused: the reference cannot check" in done.stdout
+    assert "thermal_strain" in json.loads((tmp_path / "here/summary.json").read_text())["check"]["refused"]
     assert exunet.load_result(tmp_path / "here/result.h5").complete
 
 

@@ -89,9 +89,24 @@ def test_agreement_is_drawn_if_given(name):
 
 def test_agreement_shows_threshold_horizon_and_the_other_speeds():
     made = checked(THROWN, agreement_with(THROWN))
-    assert {"allowed 0.025 m/s", "agree until 0.5 s"} <= set(curves(made["agreement"]))
+    drawn = curves(made["agreement"])
+    assert {"allowed 0.025 m/s", "allowed 0.0001 m", "agree until 0.5 s"} <= set(drawn)
+    for limit, curve in (("allowed 0.025 m/s", "speed [m/s]"), ("allowed 0.0001 m", "position [m]")):
+        assert drawn[limit].get_color() == drawn[curve].get_color()
     assert made["agreement"].axes[0].get_yscale() == "log"
     assert "reference" in curves(made["bullet_speeds"])
+
+
+def test_the_reference_hides_no_curve():
+    """Over the broad curves of a few bullets it is thinner, below the thin ones of many broader."""
+    for name, below in (("thrown", False), ("many bullets", True)):
+        of = ODD[name][0]
+        lines = checked(of, agreement_with(of))["bullet_speeds"].axes[0].get_lines()
+        at = next(k for k, line in enumerate(lines) if line.get_label() == "reference")
+        count = len(of.net.bullet_nodes)
+        own, theirs = lines[:count], lines[at : at + count]
+        assert (max(line.get_zorder() for line in theirs) < min(line.get_zorder() for line in own)) == below
+        assert (theirs[0].get_linewidth() > max(line.get_linewidth() for line in own)) == below
 
 
 def test_curves_hold_the_results_numbers():

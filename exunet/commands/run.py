@@ -45,6 +45,7 @@ def _run(case: Case, start: Start, folder: Path, *, check: bool, estimate: bool)
     stopped: ExunetError | None = None
     unchecked: ExunetError | None = None
     agreement = error_estimate = None
+    no_check: str | None = None
     with ReferenceRun(case) if check else nullcontext() as reference:
         try:
             with _progress(case.scene.time.end) as progress:
@@ -55,10 +56,12 @@ def _run(case: Case, start: Start, folder: Path, *, check: bool, estimate: bool)
             stopped, result = error, error.partial
         _keep(result, folder)
         if reference and stopped is None:
-            agreement, unchecked = _agreement(reference, result)
+            agreement, unchecked, no_check = _agreement(reference, result)
+        elif reference:
+            no_check = "the run stopped before its end"
     if estimate and stopped is None:
         error_estimate, stopped = _estimate(case, result)
-    _describe(result, folder, agreement, error_estimate)
+    _describe(result, folder, agreement or no_check, error_estimate)
     return stopped or unchecked
 
 
@@ -70,15 +73,18 @@ def _estimate(case: Case, result: Result) -> tuple[ErrorEstimate | None, RunStop
         return None, type(error)(f"the error could not be estimated: {error}")
 
 
-def _agreement(reference: ReferenceRun, result: Result) -> tuple[Agreement | None, ExunetError | None]:
-    """What the reference says, or why it could not be asked."""
+def _agreement(
+    reference: ReferenceRun, result: Result
+) -> tuple[Agreement | None, ExunetError | None, str | None]:
+    """What the reference says; or the error that it could not be asked, and the reason for the summary."""
     try:
         with _waiting("waiting for the reference"):
-            return reference.agreement(result), None
+            return reference.agreement(result), None, None
     except InputError as error:
-        return None, UncheckedRun(f"the result is written but not checked: {error}")
+        return None, UncheckedRun(f"the result is written but not checked: {error}"), str(error)
     except KeyboardInterrupt:
-        return None, Interrupted("interrupted while waiting for the reference; the result is written", result)
+        words = "interrupted while waiting for the reference"
+        return None, Interrupted(f"{words}; the result is written", result), words
 
 
 @contextmanager
@@ -115,17 +121,17 @@ def _keep(result: Result, folder: Path) -> None:
 
 
 def _describe(
-    result: Result, folder: Path, agreement: Agreement | None, error_estimate: ErrorEstimate | None
+    result: Result, folder: Path, check: Agreement | str | None, error_estimate: ErrorEstimate | None
 ) -> None:
     from exunet.plot import save_figures
 
-    summary = summarise(result, agreement)
+    summary = summarise(result, check)
     table = rows(summary)
     if error_estimate is not None:
         summary["error_estimate"] = asdict(error_estimate)
         table += error_estimate.rows()
     write_summary(summary, folder / "summary.json")
-    save_figures(result, folder, agreement)
+    save_figures(result, folder, check if isinstance(check, Agreement) else None)
     print_table(summary["title"], [*table, ("written to", f"{folder}/")])
 
 

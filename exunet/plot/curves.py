@@ -39,9 +39,13 @@ def bullet_speeds(result: Result, agreement: Agreement | None = None) -> Figure 
     if agreement is not None:
         theirs = agreement.reference_speeds
         top = max(top, float(np.max(theirs, initial=0.0, where=np.isfinite(theirs))))
+        # Thin over the broad curves of a few bullets, broad below the thin ones of many.
+        style: dict[str, Any] = {"color": "0.45", "linewidth": 0.8, "zorder": 4}
+        if count > len(CURVES):
+            style = {"color": "0.75", "linewidth": 2.6, "zorder": 1.5}
         for k, column in enumerate(theirs.T):
             label = "reference" if k == 0 else None
-            _curve(axes, agreement.time, column, color="0.45", linewidth=0.8, zorder=4, label=label)
+            _curve(axes, agreement.time, column, label=label, **style)
         _mark_horizon(axes, agreement)
     axes.set_ylim(0, 1.05 * top or 1.0)
     _legend(result, figure, axes)
@@ -127,8 +131,11 @@ def agreement(result: Result, found: Agreement) -> Figure:
             _curve(axes, found.time, seen, label=name, **style)
         else:
             axes.plot([], [], label=f"{name}: none", **style)
-    if found.allowed > 0:
-        axes.axhline(found.allowed, color="0.4", linewidth=1.0, label=f"allowed {number(found.allowed)} m/s")
+    for level, unit, color in ((found.allowed_position, "m", BLUE), (found.allowed, "m/s", RED)):
+        if level > 0:
+            label = f"allowed {number(level)} {unit}"
+            dotted: dict[str, Any] = {"color": color, "linewidth": 1.0, "linestyle": (0, (1, 1.5))}
+            axes.plot((0, 1), (level, level), transform=axes.get_yaxis_transform(), label=label, **dotted)
     _mark_horizon(axes, found)
     _legend(result, figure, axes)
     return figure
