@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 import warnings
 from dataclasses import replace
@@ -11,14 +12,21 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from result_samples import net, result, square_net, unfolding
+from small_nets import CABLE, thrown
 
 from exunet import metrics
 from exunet.agreement import Agreement
+from exunet.build import prepare
 from exunet.errors import InputError
 from exunet.plot import figures, save_figures
 from exunet.plot.nets import snapshot_indices
 from exunet.plot.style import drawing, shortened
 
+THROWN_NET = {
+    "cable": CABLE,
+    "strings": {**CABLE, "length": 1.4},
+    "bullets": {"mass": 0.5},
+}
 ALWAYS = {"reference_net", "snapshots", "energies"}
 THROWN = unfolding(square_net(cells=3, strings=True), lift=0.2)
 SPEEDS = {"bullet_speeds"}
@@ -155,6 +163,30 @@ def test_reference_figure_names_sizes_and_nodes():
         "30",
         "35",
     } <= labels  # 36 knots first in this sample, then bullets
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"topology": "hexagonal", "mesh": 0.5, "rings": 3},
+        {"topology": "radial", "radius": 2.5, "spokes": 8, "rings": 4},
+    ],
+    ids=lambda keys: keys["topology"],
+)
+def test_words_of_the_reference_figure_touch_neither_each_other_nor_a_cable(keys):
+    start = prepare(thrown({}, net=THROWN_NET | keys))
+    made = checked(result(start.net, [0.0], start.position[None]))["reference_net"]
+    axes = made.axes[0]
+    words = [text for text in axes.texts if text.get_text()]
+    boxes = [text.get_window_extent() for text in words]
+    pairs = itertools.combinations(range(len(boxes)), 2)
+    assert not [(a, b) for a, b in pairs if boxes[a].overlaps(boxes[b])]
+    ends = axes.transData.transform(start.net.reference_position[start.net.element_nodes, :2].reshape(-1, 2))
+    for text, box in zip(words, boxes, strict=True):
+        if text.get_text().endswith(" m"):  # a length; numbers have a white rim
+            for line in ends.reshape(-1, 2, 2):
+                along = line[0] + np.linspace(0, 1, 200)[:, None] * (line[1] - line[0])
+                assert not any(box.contains(*point) for point in along), text.get_text()
 
 
 def test_snapshots_have_equal_scales_and_show_both_configurations():

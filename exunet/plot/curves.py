@@ -40,12 +40,12 @@ def bullet_speeds(result: Result, agreement: Agreement | None = None) -> Figure 
         theirs = agreement.reference_speeds
         top = max(top, float(np.max(theirs, initial=0.0, where=np.isfinite(theirs))))
         # Thin over the broad curves of a few bullets, broad below the thin ones of many.
-        style: dict[str, Any] = {"color": "0.45", "linewidth": 0.8, "zorder": 4}
+        grey: dict[str, Any] = {"color": "0.45", "linewidth": 0.8, "zorder": 4}
         if count > len(CURVES):
-            style = {"color": "0.75", "linewidth": 2.6, "zorder": 1.5}
+            grey = {"color": "0.75", "linewidth": 2.6, "zorder": 1.5}
         for k, column in enumerate(theirs.T):
             label = "reference" if k == 0 else None
-            _curve(axes, agreement.time, column, label=label, **style)
+            _curve(axes, agreement.time, column, label=label, **grey)
         _mark_horizon(axes, agreement)
     axes.set_ylim(0, 1.05 * top or 1.0)
     _legend(result, figure, axes)

@@ -37,7 +37,8 @@ def dimensions(net: Net) -> list[Dimension]:
     woven = points[np.unique(net.element_nodes[~net.is_string])]
     low, high = woven.min(axis=0), woven.max(axis=0)
     away = 0.07 * net_size(net)
-    corners = _top_face(net, points)
+    knots = _top_face(net, points)
+    corners = points[knots]
     rectangular = _is_rectangle(corners)
     same = bool(np.isclose(high[0] - low[0], high[1] - low[1], rtol=1e-9))
     names = ("", "", "")
@@ -47,7 +48,7 @@ def dimensions(net: Net) -> list[Dimension]:
     found = [_dimension(low, np.array([high[0], low[1]]), np.array([0.0, -below]), names[0])]
     if rectangular and not same:
         found.append(_dimension(low, np.array([low[0], high[1]]), np.array([-left, 0.0]), names[1]))
-    a, b = _top_side(corners)
+    a, b = points[_top_side(net, knots)]
     outward = np.array([a[1] - b[1], b[0] - a[0]]) / np.linalg.norm(b - a)
     outward *= np.sign(outward @ (a + b - 2 * corners.mean(axis=0))) or 1.0
     return [*found, _dimension(a, b, 0.7 * away * outward, names[2])]
@@ -64,17 +65,18 @@ def _clear(points: Floats, low: Floats, high: Floats, axis: int) -> float:
     return float(low[axis] - points[beside, axis].min())
 
 
-def _top_face(net: Net, points: Floats) -> Floats:
-    """Corners (n, 2) of the opening that reaches highest, of several the one nearest to the middle."""
+def _top_face(net: Net, points: Floats) -> NDArray[np.int64]:
+    """Nodes (n,) at the corners of the opening that reaches highest, of several the middle one."""
     faces = [np.array(face) for face in net.faces if len(face) > 2]
     tops = np.array([points[face, 1].max() for face in faces])
     offs = np.array([abs(points[face, 0].mean() - points[:, 0].mean()) for face in faces])
     highest = np.flatnonzero(tops >= tops.max() - 1e-9 * net_size(net))
-    loop = points[faces[highest[np.argmin(offs[highest])]]]
+    nodes = faces[highest[np.argmin(offs[highest])]]
+    loop = points[nodes]
     back, ahead = loop - np.roll(loop, 1, axis=0), np.roll(loop, -1, axis=0) - loop
     turn = back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0]
     bent = np.abs(turn) > 1e-9 * np.linalg.norm(back, axis=1) * np.linalg.norm(ahead, axis=1)
-    return loop[bent] if bent.sum() > 2 else loop
+    return nodes[bent] if bent.sum() > 2 else nodes
 
 
 def _is_rectangle(corners: Floats) -> bool:
@@ -82,10 +84,12 @@ def _is_rectangle(corners: Floats) -> bool:
     return len(corners) == 4 and bool(np.all(np.min(np.abs(sides), axis=1) < 1e-9 * np.abs(sides).max()))
 
 
-def _top_side(corners: Floats) -> tuple[Floats, Floats]:
-    ends = np.roll(corners, -1, axis=0)
-    k = int(np.argmax(corners[:, 1] + ends[:, 1]))
-    return corners[k], ends[k]
+def _top_side(net: Net, knots: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Nodes (2,) of the highest side of a face, of those on the net's edge: beyond them is room for words."""
+    sides = np.column_stack([knots, np.roll(knots, -1)])
+    inside = np.array([sum({*side} <= {*face} for face in net.faces) > 1 for side in sides.tolist()])
+    height = net.reference_position[sides, 1].sum(axis=1)
+    return np.asarray(sides[np.argmax(height if inside.all() else np.where(inside, -np.inf, height))])
 
 
 def draw_dimension(axes: Axes, shown: Dimension) -> None:

@@ -88,12 +88,20 @@ def _number_nodes(axes: Axes, net: Net, plane: tuple[int, int]) -> None:
         labelled = list(range(net.n_nodes))
     points = net.reference_position[:, plane]
     bullets = set(net.bullet_nodes.tolist())
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    to_points = 72.0 / figure.dpi
+    placed: list[tuple[Floats, int]] = []
     for node in labelled[:: max(1, -(-len(labelled) // MOST_LABELS))]:
-        away = _free_direction(net, points, node)
+        size = len(str(node))
+        at = axes.transData.transform(points[node]) * to_points
+        spots = [(8 + 2.5 * size) * away for away in _free_directions(net, points, node)]
+        spot = next((one for one in spots if not _covers(at + one, size, placed)), spots[0])
+        placed.append((at + spot, size))
         axes.annotate(
             str(node),
             points[node],
-            xytext=tuple((8 + 2.5 * len(str(node))) * away),
+            xytext=tuple(spot),
             textcoords="offset points",
             ha="center",
             va="center",
@@ -105,20 +113,28 @@ def _number_nodes(axes: Axes, net: Net, plane: tuple[int, int]) -> None:
         )
 
 
-def _free_direction(net: Net, points: Floats, node: int) -> Floats:
-    """Unit vector (2,) from a node into the innermost gap of 60 degrees or more between its elements."""
+def _covers(at: Floats, digits: int, placed: list[tuple[Floats, int]]) -> bool:
+    """True if a number there, in points of 1/72 inch, would touch one that is placed."""
+    return any(
+        abs(at[0] - other[0]) < 3.0 * (digits + count) + 2.0 and abs(at[1] - other[1]) < 11.0
+        for other, count in placed
+    )
+
+
+def _free_directions(net: Net, points: Floats, node: int) -> Floats:
+    """Unit vectors (k, 2) from a node into gaps of 60 degrees or more between elements, innermost first."""
     ends = net.element_nodes
     others = np.concatenate([ends[ends[:, 0] == node, 1], ends[ends[:, 1] == node, 0]])
     arms = points[others] - points[node]
     angles = np.sort(np.arctan2(arms[:, 1], arms[:, 0]))
     if len(angles) == 0:
-        return np.array([0.0, 1.0])
+        return np.array([[0.0, 1.0]])
     gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
     middles = angles + gaps / 2
     directions = np.column_stack([np.cos(middles), np.sin(middles)])
     inwards = directions @ (points.mean(axis=0) - points[node])
     wide = gaps >= min(np.radians(59), gaps.max())
-    return np.asarray(directions[np.argmax(np.where(wide, inwards, -np.inf))])
+    return np.asarray(directions[wide][np.argsort(-inwards[wide], kind="stable")])
 
 
 def _explain(figure: Figure, net: Net, result: Result) -> None:
