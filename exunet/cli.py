@@ -149,18 +149,21 @@ def verify_command(
     hard: Annotated[
         bool, typer.Option("--hard", help="the gallery of hard cases; with --quick in the compiled loop only")
     ] = False,
-    out: Folder = Path("results/verification"),
+    out: Folder = None,
 ) -> None:
-    """Compare Exudyn with the reference and both with known answers; write verification.md and figures."""
+    """Compare Exudyn with the reference and both with known answers; write verification.md and figures.
+
+    With --hard: run the gallery of hard cases instead and write hard.md.
+    """
     if hard:
         from exunet.commands.hard import verify_hard
 
         if cases:
             raise InputError("--hard has cases of its own: give none")
-        raise typer.Exit(verify_hard(quick=quick))
+        raise typer.Exit(verify_hard(out or Path("results/hard"), quick=quick))
     from exunet.commands.verify import verify
 
-    raise typer.Exit(verify(cases or [], out or Path(), quick=quick))
+    raise typer.Exit(verify(cases or [], out or Path("results/verification"), quick=quick))
 
 
 @app.command("cost")

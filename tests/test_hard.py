@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,11 +11,12 @@ import pytest
 import reference_impl as reference
 from exunet.build import prepare
 from exunet.casefile import load
-from exunet.errors import RunStopped
+from exunet.errors import InputError, RunStopped
 from exunet.timeloop import simulate
 from exunet.verify import hard
 from exunet.verify.check import Check
 from exunet.verify.gallery import GALLERY, ITEMS, Hard
+from exunet.verify.tolerances import Tolerance
 
 CASES = Path(__file__).parent.parent / "cases" / "hard"
 SLOW_IN_LOOP = {"long_undamped", "mesh_50x50", "every_step", "odd_times"}
@@ -138,3 +140,34 @@ def test_a_bound_that_is_broken_is_told():
     tight = replace(HARD_FIXED, value=1e-12)
     failed = [check.name for check in hard.of_form(replace(one, energy=tight), "compiled") if not check.holds]
     assert failed == ["energy balance"]
+
+
+@pytest.mark.parametrize(("measured", "code"), [(0.5, 0), (2.0, 1), (None, 130)])
+def test_the_gallery_writes_its_report(monkeypatch, tmp_path, capsys, measured, code):
+    """All hold: 0; one fails: 1; Ctrl-C: 130, and what was done is in the report."""
+    from exunet.commands import hard as command
+
+    def checks(**_: bool) -> Iterator[Check]:
+        yield Check(6, "a net", "one thing", 0.25, Tolerance(1.0, "x", "a reason"))
+        if measured is None:
+            raise KeyboardInterrupt
+        yield Check(6, "a net", "another thing", measured, Tolerance(1.0, "x", "a reason"))
+
+    monkeypatch.setattr(command, "checks", checks)
+    assert command.verify_hard(tmp_path / "deep" / "hard", quick=True) == code
+    report = (tmp_path / "deep" / "hard" / "hard.md").read_text(encoding="utf-8")
+    assert "| a net | one thing | 0.25 x | 1 x | holds |" in report
+    assert ("INCOMPLETE" in report) == (code == 130)
+    assert ("## What fails" in report) == (code == 1)
+    assert "HARD_GROWTH" in report
+    assert "SNAP" not in report
+    assert "hard.md" in capsys.readouterr().out
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_anything_runs(monkeypatch, tmp_path):
+    from exunet.commands import hard as command
+
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(command, "checks", lambda **_: pytest.fail("ran"))
+    with pytest.raises(InputError):
+        command.verify_hard(tmp_path / "file" / "hard", quick=True)

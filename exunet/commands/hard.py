@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from exunet.commands.verify import FAILED, INTERRUPTED, plain_console, show
 from exunet.verify.check import Check
 from exunet.verify.gallery import ITEMS
 from exunet.verify.hard import checks
-from exunet.verify.report import verdict
+from exunet.verify.hard_report import NAME, write_report
+from exunet.verify.report import make_folder, verdict
 
 
-def verify_hard(*, quick: bool) -> int:
-    """Run the gallery; returns the exit code: 0 if all checks hold, 1 if one fails, 130 if interrupted."""
+def verify_hard(folder: Path, *, quick: bool) -> int:
+    """Run the gallery, write hard.md into a folder; returns the exit code.
+
+    0 if all checks hold, 1 if one fails, 130 if interrupted (what was done is in the report). Raises
+    InputError before anything runs if the folder cannot be written.
+    """
+    make_folder(folder, NAME)
     done: list[Check] = []
     console = plain_console()
     interrupted = False
@@ -23,7 +31,8 @@ def verify_hard(*, quick: bool) -> int:
             show(check, console, width=28)
     except KeyboardInterrupt:
         interrupted = True
-    console.print(verdict(done, interrupted=interrupted))
+    report = write_report(folder, done, quick=quick, interrupted=interrupted)
+    console.print(f"{verdict(done, interrupted=interrupted)} Report: {report}")
     if interrupted:
         return INTERRUPTED
     return 0 if all(check.holds for check in done) else FAILED

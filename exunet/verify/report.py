@@ -30,12 +30,12 @@ def save_plate(plate: Plate, folder: Path) -> None:
         plate.figure.savefig(part, format="png")
 
 
-def make_folder(folder: Path) -> None:
-    """The folder for the report, proved writable; raises InputError."""
+def make_folder(folder: Path, name: str = "verification.md") -> None:
+    """The folder for the report of that name, proved writable; raises InputError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with replacing(folder / "verification.md") as part:
-            part.write_text("INCOMPLETE: the ladder was not climbed to its end.\n", encoding="utf-8")
+        with replacing(folder / name) as part:
+            part.write_text("INCOMPLETE: the verification did not come to its end.\n", encoding="utf-8")
     except OSError as error:
         raise cannot_write(folder, error) from error
 
@@ -75,28 +75,39 @@ def _lines(findings: Sequence[Finding], cases: Sequence[str], *, quick: bool, in
         "",
         f"**{verdict(checks, interrupted=interrupted)}**",
         "",
-        f"{'Quick' if quick else 'Full'} ladder over {', '.join(cases)}; "
-        f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, exunet {exunet.__version__}, Exudyn {exudyn_version()}, "
-        f"NumPy {np.__version__}, Python {platform.python_version()}, {platform.platform()}.",
+        f"{'Quick' if quick else 'Full'} ladder over {', '.join(cases)}; {made_with()}.",
         "",
         "Exudyn is compared with `reference_impl`, a NumPy code that shares the case files with it and no "
         "line of code, and both with known answers. A check holds if what was measured is not more than what "
         "is allowed; every allowed value stands in the table of tolerances below, with its reason.",
         "",
     ]
-    failed = [check for check in checks if not check.holds]
-    if failed:
-        lines += ["## What fails", ""]
-        lines += [
-            f"- rung {check.rung}, {check.subject}, {check.name}: {number(check.measured)} "
-            f"(allowed {number(check.allowed.value) if check.allowed else '-'}). Worst: {check.worst}"
-            for check in failed
-        ]
-        lines.append("")
+    lines += what_fails(checks)
     for rung, title in RUNGS.items():
         if any(finding.rung == rung for finding in findings):
             lines += _section(rung, title, findings)
-    return lines + _tolerances() + _planted()
+    return lines + tolerance_table() + _planted()
+
+
+def made_with() -> str:
+    """Date, versions and platform."""
+    return (
+        f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, exunet {exunet.__version__}, Exudyn {exudyn_version()}, "
+        f"NumPy {np.__version__}, Python {platform.python_version()}, {platform.platform()}"
+    )
+
+
+def what_fails(checks: Sequence[Check]) -> list[str]:
+    """Lines of a section on the checks that fail; none if all hold."""
+    failed = [check for check in checks if not check.holds]
+    if not failed:
+        return []
+    rows = [
+        f"- rung {check.rung}, {check.subject}, {check.name}: {number(check.measured)} "
+        f"(allowed {number(check.allowed.value) if check.allowed else '-'}). Worst: {check.worst}"
+        for check in failed
+    ]
+    return ["## What fails", "", *rows, ""]
 
 
 def _section(rung: int, title: str, findings: Sequence[Finding]) -> list[str]:
@@ -104,15 +115,19 @@ def _section(rung: int, title: str, findings: Sequence[Finding]) -> list[str]:
     lines = [f"## {rung}. {title}", ""]
     checks = [finding for finding in mine if isinstance(finding, Check)]
     if checks:
-        lines += ["| case | check | measured | allowed | verdict | worst |", "|---|---|---|---|---|---|"]
-        lines += [_row(check) for check in checks]
-        lines.append("")
+        lines += table(checks)
     for finding in mine:
         if isinstance(finding, Text):
             lines += [finding.words, ""]
         elif isinstance(finding, Plate):
             lines += [f"![{finding.caption}]({finding.name}.png)", "", f"*{finding.caption}*", ""]
     return lines
+
+
+def table(checks: Sequence[Check]) -> list[str]:
+    """Lines of a table of checks."""
+    head = ["| case | check | measured | allowed | verdict | worst |", "|---|---|---|---|---|---|"]
+    return [*head, *map(_row, checks), ""]
 
 
 def _row(check: Check) -> str:
@@ -129,10 +144,11 @@ def _row(check: Check) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def _tolerances() -> list[str]:
+def tolerance_table(prefix: str = "") -> list[str]:
+    """Lines of the table of the tolerances whose names begin with `prefix`."""
     lines = ["## Tolerances", "", "| name | value | reason |", "|---|---|---|"]
     for name, value in vars(tolerances).items():
-        if isinstance(value, Tolerance):
+        if isinstance(value, Tolerance) and name.startswith(prefix):
             lines.append(f"| {name} | {number(value.value, value.unit)} | {value.reason} |")
     return [*lines, ""]
 
