@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
-from exunet.build import prepare
+from exunet.build import prepare_case
 from exunet.casefile import Case
 from exunet.commands.table import print_table
 from exunet.cost.beyond import measure_rows
@@ -80,7 +80,7 @@ def _subject(case: Case, until: float | None) -> tuple[Subject, str]:
             words = f"must be in [{SHORTEST:g}, {end:g}] s, up to the case's time, got {until:g}"
             raise InputError(f"--until: {words}")
         end = until
-    start = prepare(case.scene)
+    start = prepare_case(case)
     try:
         return Subject(start, pair_of(case), (0.0, end)), ""
     except InputError as error:
