@@ -6,19 +6,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from exunet.errors import InputError
+from exunet.verify.answers import orders
 from exunet.verify.check import Check
 from exunet.verify.converged import converged
 from exunet.verify.ensemble import COMPILED, EXUDYN, RUNS, ensemble, in_parallel, our_code
 from exunet.verify.growth import LONE, ROUND_OFF, boosted, distance, grid, growth, perturbed
 from exunet.verify.growth import VISIBLE as VISIBLE_DIFFERENCE
 from exunet.verify.horizon import after_it, sensitivity
-from exunet.verify.ladder import answers, shipped
-from exunet.verify.pair import Motion, Pair, read_pair
+from exunet.verify.ladder import PAPER as PAPERS
+from exunet.verify.ladder import Ladder, answers, read_cases, shipped
+from exunet.verify.pair import Motion, Pair, pair_of_text, read_pair
+from exunet.verify.report import verdict
 from exunet.verify.separation_runs import run_one
 from exunet.verify.separation_text import PAPER, VISIBLE
 from exunet.verify.stepping import same_scheme
 
 CASES = {path.stem: path for path in shipped() + shipped("verification/trajectories")}
+
+
+CASE_FILES = CASES["planar_deployment"].parent
 
 
 def holds(findings):
@@ -124,6 +131,42 @@ def test_the_paper_s_net_loses_its_prediction_at_about_its_separation():
     holds(after_it(pair, grown, True))
 
 
+IN_REACH = ("mass_damping", "orbit", "orbit_two_body", "parabolic_flight")  # and material_damping, below
+
+
+def climbed(pair):
+    """Rungs 1 to 5 and 7 over one case, all forms; checks only."""
+    ladder = Ladder([pair], quick=False, study=False)
+    steps = [step for step in ladder._states() if step.title != "random nets"]
+    found = [finding for step in steps for finding in step.run()]
+    found += [finding for step in ladder._runs() for finding in step.run()]
+    for grown in ladder._grown.values():
+        found += sensitivity(pair, grown)
+    return holds(found)
+
+
+def test_material_damping_has_no_proportional_growth_and_says_so():
+    """Its stress jumps where the thread becomes taut: two starts part by step x jump, near or far alike."""
+    pair = read_pair(CASE_FILES / "effects" / "material_damping.toml")
+    rows = climbed(pair)
+    assert [row.rung for row in rows if row.left_out and row.name == "growth in proportion"] == [7]
+    assert {row.rung for row in rows if row.left_out and "half slack" in row.name} == {3, 4}
+
+
+def test_a_net_that_cannot_move_is_no_defect():
+    text = (CASE_FILES / "verification" / "hanging.toml").read_text()
+    pair = pair_of_text("held", text.replace("fixed = [0, 10]", f"fixed = {list(range(11))}"))
+    assert len(pair.start.net.fixed_nodes) == pair.start.net.n_nodes
+    found = holds(list(sensitivity(pair, growth(pair, 0.05))))
+    assert any(row.left_out for row in found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", IN_REACH)
+def test_effects_in_reach_hold(name):
+    climbed(read_pair(CASE_FILES / "effects" / f"{name}.toml"))
+
+
 @pytest.mark.slow
 @pytest.mark.ci
 def test_mirrored_arithmetic_keeps_the_bullets_together_and_ordinary_does_not():
@@ -156,3 +199,42 @@ def test_the_engine_and_the_compiled_loop_give_the_same_ensemble():
     loop, engine = (ensemble(pair, code, runs=3) for code in (COMPILED, EXUDYN))
     for name in ("area", "energy", "speed"):
         assert getattr(loop, name) == pytest.approx(getattr(engine, name), abs=1e-5)
+
+
+def test_two_cases_of_one_name_are_refused(tmp_path):
+    other = tmp_path / "planar_deployment.toml"
+    other.write_text(CASES["planar_deployment"].read_text())
+    with pytest.raises(InputError, match=r"two cases are called planar_deployment, .*rename one"):
+        read_cases([CASES["planar_deployment"], other])
+
+
+def test_quick_says_what_it_leaves_out(monkeypatch):
+    """One case is followed, not to its end; the verdict tells the rest together."""
+    monkeypatch.setattr("exunet.verify.ladder.QUICK_END", 0.1)
+    ladder = Ladder(read_cases([CASES[name] for name in PAPERS]), quick=True, study=True)
+    first, *others = (list(step.run()) for step in ladder._runs())
+    rows = [row for row in first if isinstance(row, Check) and row.left_out]
+    assert "whole runs from t = 0.1 s on, of 2 s" in rows[0].name
+    assert all(row.left_out for found in others for row in found)
+    told = verdict([*rows, *(row for found in others for row in found)], interrupted=False)
+    assert "planar_undamped, planar_deployment_006: whole runs and horizon" in told
+    assert any(row.left_out for step in ladder._horizons() for row in step.run() if isinstance(row, Check))
+
+
+def test_a_run_that_costs_too_much_says_from_when_on_it_is_left_out(monkeypatch):
+    monkeypatch.setattr("exunet.verify.growth.MOST_WORK", 100_000)
+    ladder = Ladder(read_cases([CASES["planar_undamped"]]), quick=False, study=False)
+    (step,) = ladder._runs()
+    row = next(finding for finding in step.run() if isinstance(finding, Check))
+    assert row.left_out
+    assert "of 2 s: rungs 4, 5 and 7" in row.name
+    (grown,) = ladder._grown.values()
+    noted = [row for row in sensitivity(read_pair(CASES["planar_undamped"]), grown) if isinstance(row, Check)]
+    assert noted[-1].worst == "followed no further"
+
+
+@pytest.mark.slow
+def test_rows_name_what_was_measured_and_the_node():
+    (order, *_) = orders.smooth(read_pair(answers()["smooth"]))
+    assert order.name.endswith(": off by")
+    assert "at node" in order.worst

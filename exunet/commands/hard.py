@@ -26,7 +26,9 @@ def verify_hard(folder: Path, *, quick: bool) -> int:
         for check in checks(quick=quick):
             if not done or done[-1].rung != check.rung:
                 console.print(f"\n{check.rung}. {ITEMS[check.rung]}")
-                console.print(f"{'case':28s} {'check':52s} {'measured':>10s} {'allowed':>8s}  verdict")
+                console.print(
+                    f"{'case':28s} {'check':52s} {'measured':>10s} {'allowed':>8s}  verdict    unit"
+                )
             done.append(check)
             show(check, console, width=28)
     except KeyboardInterrupt:

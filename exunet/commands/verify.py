@@ -59,7 +59,9 @@ def _climb(ladder: Ladder, console: Console) -> Iterator[Finding]:
                 if isinstance(finding, Check) and finding.rung != rung:
                     rung = finding.rung
                     console.print(f"\n{rung}. {RUNGS[rung]}")
-                    console.print(f"{'case':24s} {'check':52s} {'measured':>10s} {'allowed':>8s}  verdict")
+                    console.print(
+                        f"{'case':24s} {'check':52s} {'measured':>10s} {'allowed':>8s}  verdict    unit"
+                    )
                 yield finding
 
 
@@ -68,7 +70,7 @@ def show(check: Check, console: Console, width: int = 24) -> None:
     allowed = number(check.allowed.value) if check.allowed else "-"
     console.print(
         f"{check.subject:{width}s} {check.name:52s} {number(check.measured):>10s} {allowed:>8s}  "
-        f"{check.verdict}"
+        f"{check.verdict:9s}  {check.allowed.unit if check.allowed else ''}".rstrip()
     )
     if not check.holds:
         console.print(f"    worst: {check.worst}")

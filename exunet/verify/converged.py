@@ -57,28 +57,34 @@ def converged(pair: Pair, grown: Growth) -> Iterator[Finding]:
         forms = (start, start.looped()) if numba_installed() and start is pair else (start.fastest(),)
         for form in forms:
             ours = [form.engine(times, best_plan(start, start.speed * tolerance)) for tolerance in OWN]
-            own = np.maximum(distance(*ours), distance(*theirs)) / start.size
-            yield from _compared(form, own[: INSTANTS + 1], ours[-1], theirs[-1], grown.horizon)
+            own = np.maximum(_own(start, *ours), _own(start, *theirs))[:, : INSTANTS + 1]
+            yield from _compared(form, own, ours[-1], theirs[-1], grown.horizon)
             apart.setdefault(label, distance(ours[-1], theirs[-1]))
     yield _apart(pair, times, apart, grown.horizon)
 
 
+def _own(pair: Pair, a: Motion, b: Motion) -> Floats:
+    """(2, t) largest differences of a position and of a bullet's speed, of size and launch speed."""
+    speeds = np.abs(pair.bullet_speeds(a) - pair.bullet_speeds(b)).max(axis=1)
+    return np.array([distance(a, b) / pair.size, speeds / pair.speed])
+
+
 def _compared(form: Pair, own: Floats, ours: Motion, theirs: Motion, horizon: float) -> Iterator[Check]:
-    """own : (t,) the larger difference between two tolerances of one code, part of the net's size."""
-    times, end = ours.time, float(ours.time[len(own) - 1])
-    beyond = np.flatnonzero(~(own <= CONVERGED.value))
-    kept = int(beyond[0]) if len(beyond) else len(own)
-    if kept < len(own):
-        what = f"of the time to {'the horizon' if math.isfinite(horizon) else 'the end'}, t = {end:.4g} s"
-        words = f"a code's own error at t = {times[kept]:.4g} s: {own[kept]:.2g} of the net's size"
-        share = 1.0 - float(times[kept - 1]) / end
-        if share > LEFT_OUT.value:
-            yield Check(5, form.name, f"part left out {what}", share, LEFT_OUT, words)
-        else:
-            yield left_out(5, form.name, f"{share:.0%} {what}", words)
-    until = f"{kept - 1} instants to t = {times[kept - 1]:.4g} s"
-    yield _positions(form, until, ours, theirs, kept)
-    yield _speeds(form, until, ours, theirs, kept)
+    """own : (2, t) the larger of the two codes' differences between their own tolerances, as `_own`."""
+    times, end = ours.time, float(ours.time[own.shape[1] - 1])
+    for name, compare, errors in zip(("positions", "bullet speeds"), (_positions, _speeds), own, strict=True):
+        beyond = np.flatnonzero(~(errors <= CONVERGED.value))
+        kept = int(beyond[0]) if len(beyond) else len(errors)
+        if kept < len(errors):
+            what = f"of the time to {'the horizon' if math.isfinite(horizon) else 'the end'}, t = {end:.4g} s"
+            words = f"a code's own error at t = {times[kept]:.4g} s: {errors[kept]:.2g}"
+            share = 1.0 - float(times[kept - 1]) / end
+            if compare is _positions and share > LEFT_OUT.value:
+                yield Check(5, form.name, f"{name}: part left out {what}", share, LEFT_OUT, words)
+            else:
+                yield left_out(5, form.name, f"{name}: {share:.0%} {what}", words)
+        until = f"{kept - 1} instants to t = {times[kept - 1]:.4g} s"
+        yield compare(form, until, ours, theirs, kept)
 
 
 def _apart(pair: Pair, times: Floats, apart: dict[str, Floats], horizon: float) -> Plate:

@@ -38,6 +38,7 @@ class Growth:
     amplitudes : (k,) [m]
     difference : (k, t) largest distance between the two positions of a node [m]; for `ROUND_OFF` the largest
                  over `SEEDS`
+    nodes      : (k, t) the node that is so far apart
     rates      : (k,) exponential rate fitted where the difference grows from 10 to 1e7 times its amplitude,
                  but not above `LINEAR` [1/s]; NaN where it never gets so far, or is of the size of round-off
     """
@@ -45,6 +46,7 @@ class Growth:
     time: Floats
     amplitudes: Floats
     difference: Floats
+    nodes: NDArray[np.int64]
     rates: Floats
 
     @property
@@ -117,15 +119,14 @@ def growth(pair: Pair, end: float | None = None, amplitudes: tuple[float, ...] =
     times, plan = grid(pair, end)
     fast = pair.fastest()
     base = fast.engine(times, plan)
-    rows = []
-    for amplitude in amplitudes:
-        runs = [
-            distance(base, perturbed(fast, amplitude, seed).engine(times, plan))
-            for seed in (SEEDS if amplitude == ROUND_OFF else SEEDS[:1])
-        ]
-        rows.append(np.max(runs, axis=0))
-    rates = [_rate(times, row, a) for row, a in zip(rows, amplitudes, strict=True)]
-    return Growth(times, np.array(amplitudes), np.array(rows), np.array(rates))
+    apart = np.zeros((len(amplitudes), len(times), pair.start.net.n_nodes))
+    for row, amplitude in zip(apart, amplitudes, strict=True):
+        for seed in SEEDS if amplitude == ROUND_OFF else SEEDS[:1]:
+            moved = perturbed(fast, amplitude, seed).engine(times, plan)
+            np.maximum(row, np.linalg.norm(base.position - moved.position, axis=-1), out=row)
+    difference = apart.max(axis=2)
+    rates = [_rate(times, row, a) for row, a in zip(difference, amplitudes, strict=True)]
+    return Growth(times, np.array(amplitudes), difference, apart.argmax(axis=2), np.array(rates))
 
 
 def _rate(time: Floats, difference: Floats, amplitude: float) -> float:

@@ -17,6 +17,7 @@ from exunet.verify.tolerances import PROPORTIONAL, SAME_STATISTICS
 
 Floats = NDArray[np.float64]
 
+SMALL = 1e-8  # [m]: differences below are in proportion to their start, see PROPORTIONAL
 FURTHER = 1e-10  # [m]: the amplitude that is compared with `LONE`
 
 
@@ -57,13 +58,17 @@ def _in_proportion(pair: Pair, grown: Growth) -> Check:
         why = "the viscous stress jumps where a thread becomes taut: any start parts there by step x jump"
         return left_out(7, pair.name, "growth in proportion", why)
     smaller, larger = (grown.of(a) for a in (LONE, FURTHER))
-    small = larger < 1e-6
+    small = larger < SMALL
     small[int(np.argmin(small)) if not small.all() else len(small) :] = False
     if not (smaller[small] > 0.0).all() or not (larger[small] > 0.0).all():
         return left_out(7, pair.name, "growth in proportion", "a difference is zero: no free node was moved")
     ratio = np.abs(np.log10(larger[small] / (FURTHER / LONE * smaller[small])))
     at = int(np.argmax(ratio))
-    words = f"t = {grown.time[at]:.4g} s: {smaller[at]:.3e} and {larger[at]:.3e} m"
+    places = (
+        f"{apart[at]:.3e} m (node {grown.nodes[list(grown.amplitudes).index(a), at]})"
+        for apart, a in ((smaller, LONE), (larger, FURTHER))
+    )
+    words = f"t = {grown.time[at]:.4g} s: " + " and ".join(places)
     name = f"growth in proportion until t = {grown.time[small][-1]:.3g} s, decades off"
     return Check(7, pair.name, name, float(ratio[at]), PROPORTIONAL, words)
 

@@ -77,8 +77,17 @@ def answers() -> dict[str, Path]:
 
 
 def read_cases(paths: Sequence[Path]) -> list[Pair]:
-    """The cases in both codes; raises InputError for the first that the reference does not know."""
-    return [read_pair(path) for path in paths or (*shipped(), *shipped("verification/trajectories"))]
+    """The cases in both codes.
+
+    Raises InputError for the first that the reference does not know, and for two of one name: rows and
+    figures go by it.
+    """
+    paths = paths or (*shipped(), *shipped("verification/trajectories"))
+    named: dict[str, Path] = {}
+    for path in paths:
+        if (first := named.setdefault(path.stem, path)) is not path:
+            raise InputError(f"two cases are called {path.stem}, {first} and {path}: rename one")
+    return [read_pair(path) for path in paths]
 
 
 class Ladder:
@@ -148,9 +157,12 @@ class Ladder:
         return forms
 
     def _runs(self) -> Iterator[Step]:
-        pairs = self._same_nets()
-        for pair in pairs[:1] if self._quick else pairs:
-            yield Step(4, pair.name, lambda pair=pair: self._trajectories(pair))  # type: ignore[misc]
+        for number, pair in enumerate(self._same_nets()):
+            work = self._trajectories if number == 0 or not self._quick else self._not_followed
+            yield Step(4, pair.name, lambda pair=pair, work=work: work(pair))  # type: ignore[misc]
+
+    def _not_followed(self, pair: Pair) -> Iterator[Finding]:
+        yield left_out(4, pair.name, "whole runs and horizon, rungs 4, 5 and 7", "--quick follows one case")
 
     def _trajectories(self, pair: Pair) -> Iterator[Finding]:
         from exunet.verify import converged, growth, stepping
@@ -175,8 +187,11 @@ class Ladder:
         from exunet.verify.answers import ANSWERS
 
         for name, answer in ANSWERS:
-            if not (self._quick and name in LONG_ANSWERS):
-                path = self._known[name]
+            path = self._known[name]
+            if self._quick and name in LONG_ANSWERS:
+                row = left_out(6, name, "the known answers of this case", "--quick leaves out the long ones")
+                yield Step(6, name, lambda row=row: iter([row]))  # type: ignore[misc]
+            else:
                 yield Step(6, name, lambda path=path, answer=answer: answer(read_pair(path)))  # type: ignore[misc]
 
     def _horizons(self) -> Iterator[Step]:
@@ -187,6 +202,9 @@ class Ladder:
             grown = self._grown[name]
             yield Step(7, name, lambda pair=pair, grown=grown: horizon.sensitivity(pair, grown))  # type: ignore[misc]
         if self._quick:
+            why = "--quick leaves out what takes many runs"
+            rows = [left_out(7, name, "what perturbed runs have in common", why) for name in list(pairs)[:1]]
+            yield Step(7, "ensembles", lambda: iter(rows))
             return
         papers = [pairs[name] for name in PAPER if name in pairs] if self._study else []
         for pair in papers[:2] if self._study else pairs.values():

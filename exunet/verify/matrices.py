@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import reference_impl as reference
 from exunet.verify.check import Check, left_out, worst_of
 from exunet.verify.pair import Pair
-from exunet.verify.states import smooth_states
+from exunet.verify.states import HALF_SLACK, NO_HALF_SLACK, smooth_states
 from exunet.verify.tolerances import (
     DAMPING,
     DIFFERENCED,
@@ -53,7 +53,10 @@ def matrices(pair: Pair) -> Iterator[Check]:
     viscous = numerical and not pair.effects.isdisjoint(DIFFERENTIATED)
     least = RESOLVED.value * float((net.youngs_modulus * net.area).max()) if viscous else 0.0
     of_damping = STIFFNESS if viscous else DIFFERENCED if beyond else DAMPING
-    for kind, position in smooth_states(net, np.random.default_rng(SEED)).items():
+    states = smooth_states(net, np.random.default_rng(SEED))
+    if HALF_SLACK not in states:
+        yield left_out(3, pair.name, f"matrices, {HALF_SLACK}", NO_HALF_SLACK)
+    for kind, position in states.items():
         position[net.fixed_nodes] = pair.start.position[net.fixed_nodes]
         there = pair.give(position)
         tangent, damping = _differences(pair, there) if beyond else _formulas(pair, there)

@@ -65,7 +65,11 @@ def verdict(checks: Sequence[Check], *, interrupted: bool) -> str:
 
 
 def _listed(checks: Sequence[Check]) -> str:
-    return "; ".join(f"{check.subject}, {check.name} ({check.worst})" for check in checks)
+    """In words; rows that leave out the same for the same reason are told together."""
+    subjects: dict[tuple[str, str], list[str]] = {}
+    for check in checks:
+        subjects.setdefault((check.name, check.worst), []).append(check.subject)
+    return "; ".join(f"{', '.join(of)}: {name} ({why})" for (name, why), of in subjects.items())
 
 
 def _lines(findings: Sequence[Finding], cases: Sequence[str], *, quick: bool, interrupted: bool) -> list[str]:

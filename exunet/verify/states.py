@@ -13,6 +13,8 @@ from exunet.net.arrays import Net
 Floats = NDArray[np.float64]
 
 KINDS = ("packed", "slack", "taut", "overstretched", "coincident", "crumpled")
+HALF_SLACK = "half slack"
+NO_HALF_SLACK = "no stretch of this net makes some elements taut and others slack, clear of the kink"
 CLEAR_OF_THE_KINK = 1e-4  # strains below this are in neither state for a numerical derivative
 
 
@@ -67,7 +69,7 @@ def smooth_states(net: Net, random: np.random.Generator) -> dict[str, Floats]:
         length = cable.lengths(net, position)
         strain = 0.5 * ((length / net.reference_length) ** 2 - 1.0)
         if strain.min() < 0 < strain.max() and np.abs(strain).min() > CLEAR_OF_THE_KINK:
-            states["half slack"] = position
+            states[HALF_SLACK] = position
             break
     return states
 

@@ -82,14 +82,15 @@ RAN = Tolerance(0.0, "", "a run that stops leaves nothing to compare")
 CONVERGED = Tolerance(
     1e-6,
     "",
-    "of the net's size: a code counts as converged while ten times its tolerance changes no position by "
-    "more, a tenth of what the comparison of the codes allows",
+    "of the net's size and the launch speed: a code counts as converged while ten times its tolerance "
+    "changes no position and no bullet's speed by more, a tenth of what the comparison of the codes allows",
 )
 LEFT_OUT = Tolerance(
     0.5,
     "",
-    "of the time to the horizon of one round-off: where the round-off of all steps has grown beyond what "
-    "CONVERGED allows, there is nothing to compare, but that comes late",
+    "of the time to the horizon of one round-off, for positions: where the errors of all steps have grown "
+    "beyond what CONVERGED allows, there is nothing to compare and a row says so, but that comes late: more "
+    "fails",
 )
 TRAJECTORY = Tolerance(
     1e-5, "", "of the net's size and of the launch speed: ten times the error that each code has by itself"
@@ -153,7 +154,8 @@ PROPORTIONAL = Tolerance(
     0.5,
     "decades",
     "small differences obey linear equations, so a start moved 100 times further (another length of the same "
-    "move) parts 100 times as much, but for the kinks that the larger one meets at other times",
+    "move) parts 100 times as much, but for the kinks that the larger one meets at other times; small is "
+    "below 1e-8 m, since threads that tremble about their kink keep all starts some 1e-7 m apart",
 )
 SAME_STATISTICS = Tolerance(
     5.0,

@@ -35,7 +35,9 @@ def free_net(pair: Pair) -> Iterator[Check]:
             change = np.linalg.norm(values - values[0], axis=1)
             at = int(np.argmax(change))
             words = f"t = {motion.time[at]:.4g} s: {values[at]} at first: {values[0]}"
-            yield Check(6, pair.name, f"{name} kept, {code}", float(change[at]) / scale, allowed, words)
+            yield Check(
+                6, pair.name, f"{name}, {code}: relative change", float(change[at]) / scale, allowed, words
+            )
 
 
 def _size(shares: np.ndarray) -> float:

@@ -37,4 +37,5 @@ def in_steps(pair: Pair, times: Floats, part: float) -> Iterator[tuple[str, Moti
 def against(pair: Pair, name: str, found: float, known: float, allowed: Tolerance, unit: str) -> Check:
     """A measured value against a known one, relative to the latter."""
     measured = abs(found - known) / abs(known)
-    return Check(6, pair.name, name, measured, allowed, f"{found:.10g} {unit}, known: {known:.10g} {unit}")
+    words = f"{found:.10g} {unit}, known: {known:.10g} {unit}"
+    return Check(6, pair.name, f"{name}: relative error", measured, allowed, words)

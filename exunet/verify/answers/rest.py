@@ -62,4 +62,11 @@ def hanging(pair: Pair) -> Iterator[Check]:
         words = (
             f"node {node}: ({x:.10g}, {z:.10g}) m, known: ({known[node, 0]:.10g}, {known[node, 1]:.10g}) m"
         )
-        yield Check(6, pair.name, f"shape at rest, {code}", float(gap[node]) / size, HANGING, words)
+        yield Check(
+            6,
+            pair.name,
+            f"shape at rest, {code}: off by part of length",
+            float(gap[node]) / size,
+            HANGING,
+            words,
+        )

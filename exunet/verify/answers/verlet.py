@@ -36,12 +36,17 @@ def stable_steps(pair: Pair) -> Iterator[Check]:
         theirs = 2.0 / math.sqrt(_largest_eigenvalue(larger))
         name, values = f"{meshes} x {meshes} meshes", f"{step:.9g} s and {theirs:.9g} s"
         yield Check(
-            6, pair.name, f"Verlet step, {name}, both codes", abs(step / theirs - 1), EIGENVALUE, values
+            6, pair.name, f"Verlet step, {name}: codes differ by", abs(step / theirs - 1), EIGENVALUE, values
         )
         unit = net.reference_length[0] / math.sqrt(net.youngs_modulus[0] / net.density[0])
         words = f"{step / unit:.5f}, known: {known}"
         yield Check(
-            6, pair.name, f"Verlet step, {name}, known", abs(step / unit - known), FIELD_DIGITS, words
+            6,
+            pair.name,
+            f"Verlet step, {name}: off the known by",
+            abs(step / unit - known),
+            FIELD_DIGITS,
+            words,
         )
 
 
@@ -73,4 +78,7 @@ def near_the_limit(pair: Pair) -> Iterator[Check]:
             grown = float(np.abs(motion.position[1] - modes.rest)[modes.free].max()) / DISTURBED
             measured = grown if allowed is STABLE else 1.0 / grown
             words = f"in {STEPS} steps a disturbance of {DISTURBED:.0e} m grew {grown:.3g} times"
-            yield Check(6, pair.name, f"Verlet at {part} of its step, {code}", measured, allowed, words)
+            what = "growth" if allowed is STABLE else "1 / growth"
+            yield Check(
+                6, pair.name, f"Verlet at {part} of its step, {code}: {what}", measured, allowed, words
+            )
