@@ -124,6 +124,10 @@ class Record:
         for name, value in zip(_COUNTS, cost, strict=True):
             self._provenance[name] += value
 
+    def note(self, words: str) -> None:
+        """Tell something that the user should know."""
+        self._provenance["notes"].append(words)
+
     def retried(self, stopped: str, plan: Plan) -> None:
         """Tell that the run was stopped, and goes on from the last stored state with a finer plan."""
         setting = {"step": plan.step} if plan.step is not None else {"tolerance": plan.tolerance}

@@ -67,7 +67,9 @@ def simulate(
     record.peaks = monitor.peaks
     if start.terms.breaking is not None:
         record.breaks = Breaks(start.net, start.terms, monitor)
-        retries = 0  # the elements that broke stay broken
+        if retries:
+            record.note("no retries with effects.breaking: elements that broke stay broken (solver.retry = 0)")
+        retries = 0
     keeper = _Keeper(record, monitor, keep)
     while True:
         stop = _Attempt(replace(start, plan=plan), record, monitor, progress, keeper).run()

@@ -333,3 +333,9 @@ def test_all_methods_keep_the_bound_or_are_stopped():
                 assert not run.complete
             assert energy_balance(run) <= ENERGY_BOUND, (method, step)
             assert np.isfinite(run.position).all()
+
+
+@pytest.mark.parametrize(("retry", "told"), [(2, 1), (0, 0)])
+def test_a_run_with_breaking_says_that_it_does_not_retry(retry, told):
+    run = exunet.run(thrown({"retry": retry}, end=0.01, effects={"breaking": {"strain": 0.01}}))
+    assert sum("no retries" in note for note in run.provenance["notes"]) == told
