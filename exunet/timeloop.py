@@ -68,7 +68,7 @@ def simulate(
     if start.terms.breaking is not None:
         record.breaks = Breaks(start.net, start.terms, monitor)
         if retries:
-            record.note("no retries with effects.breaking: elements that broke stay broken (solver.retry = 0)")
+            record.note("no retries: elements that broke (effects.breaking) stay broken")
         retries = 0
     keeper = _Keeper(record, monitor, keep)
     while True:
