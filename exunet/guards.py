@@ -104,6 +104,15 @@ class Guards:
             gained=gained,
         )
 
+    def may_be_wrong(self, terms: Terms, strain: Floats, velocity: Floats) -> bool:
+        """True if a state is too long or too fast, by E11 (k, n_elements) and velocity (k, n_nodes, 3)."""
+        law = terms.law(self._net)
+        longest = cable.green_lagrange_strain(STRETCH_BOUND * law.natural_length, self._net.reference_length)
+        if terms.intact is not None:
+            longest = np.where(terms.intact, longest, np.inf)
+        fastest = float(np.abs(velocity).max(initial=0.0)) * np.sqrt(3.0)
+        return bool((strain > longest).any() or fastest > SPEED_BOUND * self._speeds)
+
     def accept(self, look: Look, k: int) -> None:
         """Take the state k of a look as good."""
         self._gained = look.gained[:, k]

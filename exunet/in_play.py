@@ -49,21 +49,17 @@ class InPlay:
         self._free = np.flatnonzero(np.isin(part, free))  # nodes
         self._part = np.searchsorted(free, part[self._free])
         self._mass = np.bincount(self._part, net.mass[self._free], minlength=len(free))
-        weight = net.mass[self._free] / self._mass[self._part]
-        self._mean = csr_array((weight, (self._part, self._free)), shape=(len(free), net.n_nodes))
-
-    def _centres(self, nodal: Floats) -> Floats:
-        """(k, n_parts, 3) averages by mass; nodal (k, n_nodes, 3)."""
-        k, n, _ = nodal.shape
-        flat = self._mean @ nodal.transpose(1, 0, 2).reshape(n, 3 * k)
-        return np.asarray(flat.reshape(-1, k, 3).transpose(1, 0, 2))
+        self._mean = np.zeros((len(free), net.n_nodes))  # averages over the parts, by mass
+        self._mean[self._part, self._free] = net.mass[self._free] / self._mass[self._part]
 
     def _of_centres(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
         """Kinetic and potential energy [J] of the centres of mass; states (k, n_nodes, 3) -> (k,) each."""
-        speeds = self._centres(velocity)
+        speeds = self._mean @ velocity
+        kinetic = 0.5 * np.einsum("kpa,kpa,p->k", speeds, speeds, self._mass)
+        if not self._terms.has_potential:
+            return kinetic, np.zeros(len(position))
         gathered = np.repeat(self._rest[None], len(position), axis=0)
-        gathered[:, self._free] = self._centres(position)[:, self._part]
-        kinetic = 0.5 * np.einsum("kpa,kpa->kp", speeds, speeds) @ self._mass
+        gathered[:, self._free] = (self._mean @ position)[:, self._part]
         return kinetic, energy.potential(self._terms, gathered)
 
     def gained(self, position: Floats, velocity: Floats, potential: Floats, dissipated: Floats) -> Floats:
@@ -71,6 +67,8 @@ class InPlay:
 
         position, velocity (k, n_nodes, 3); potential and dissipated energy (k,) [J] of these states
         """
+        if not (self._terms.has_potential or self._terms.dissipates):
+            return np.zeros((2, len(position)))
         kinetic, common = self._of_centres(position, velocity)
         common_change = common - self._common[1]
         change = potential - self._potential

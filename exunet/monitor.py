@@ -154,6 +154,8 @@ class Monitor:
         Between two looks of the guards, the energy of a method near its stable step may swing out and back,
         and a compiled loop hands over only some of its states.
         """
+        if off.max() <= 1.0 and not self._guards.may_be_wrong(self._terms, states.strain, states.velocity):
+            return None
         look = self._guards.look(self._terms, states.position, states.velocity, states.dissipated)
         wrong = (off > 1.0) | (look.stretch > STRETCH_BOUND) | (look.speed > look.allowed_speed)
         if not wrong.any():

@@ -105,6 +105,12 @@ class Terms:
             or any(term.potential is None for term in self.kernels)
         )
 
+    @property
+    def has_potential(self) -> bool:
+        """True if there is potential energy beside that of the elements."""
+        linear = self.load is not None or self.stiffness is not None
+        return linear or any(term.potential is not None for term in self.kernels)
+
     def largest_number(self) -> float:
         """The largest magnitude in any of the terms; NaN if one is not a number."""
         matrices = (m.data for m in (self.damping, self.gyroscopic, self.stiffness) if m is not None)
