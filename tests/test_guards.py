@@ -118,14 +118,20 @@ def test_a_stretch_beyond_the_law_is_no_matter_of_steps():
         ({"method": "RK67", "step": 0.01, "force": True}, "connectors"),
         ({"accuracy": 0.1}, "compiled"),
         ({"method": "RK44", "step": 0.01}, "compiled"),
+        ({"method": "VelocityVerlet", "step": 0.01}, "compiled"),
     ],
     ids=str,
 )
-def test_no_result_holds_a_stretch_beyond_the_law(solver, engine):
-    """As above, with so few states that the guards' look at one in 32 passes over the peak."""
+@pytest.mark.parametrize("output_step", [0.05, 0.5])
+def test_no_result_holds_a_stretch_beyond_the_law(solver, engine, output_step):
+    """As above, with so few states that the guards' look at one in 32 passes over the peak.
+
+    At the step 0.5 s no stored state has the peak, and the compiled loop does not keep each step.
+    """
     loop = {"loop": "compiled"} if engine == "compiled" else {"loop": "exudyn", "net": engine}
     initial = {"packing": 1.0, "node_velocities": [[-6, 0, 0], [6, 0, 0]]}
-    scene = pair_of_masses(solver=solver, engine=loop, initial=initial)
+    time = {"end": 0.5, "output_step": output_step}
+    scene = pair_of_masses(solver=solver, engine=loop, initial=initial, time=time)
     with pytest.raises(RunStopped, match="element is longer than 2 times") as stop:
         exunet.run(scene)
     partial = stop.value.partial

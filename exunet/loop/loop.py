@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from exunet.breaking import Breaks
 from exunet.build import Start
 from exunet.engine.stepper import Counts, StepsCollapsed
+from exunet.guards import STRETCH_BOUND
 from exunet.interrupt import postponed
 from exunet.kernel.compile import require_numba
 from exunet.kernel.net import Kernel, net_kernel, sever
@@ -47,7 +48,7 @@ class March:
         free[start.net.fixed_nodes] = 0.0
         self._x, self._v = start.position.ravel().copy(), start.velocity.ravel().copy()
         self._taken, self._counts = np.zeros(1), np.zeros(2, dtype=np.int64)
-        self._extremes = np.array([0.0, np.inf])
+        self._extremes = np.array([0.0, np.inf, np.inf])
         self._clock = np.array([0.0, start.plan.first_step, 0.0, 0.0])
         self._state = (
             self._x,
@@ -112,8 +113,9 @@ class Loop(March):
 
     The watcher gets (time (k,), position (k, n, 3), velocity (k, n, 3), energy taken out until then (k,));
     batches overlap in one state. They come later than `advance` has gone there, but before the end of the run
-    or StepsCollapsed, or when told to `hand_over`. `every` thins the states (1 = each step). `begin` is the
-    time of the start's state [s], `taken` the energy [J] taken out until then.
+    or StepsCollapsed, or when told to `hand_over`. `every` thins the states (1 = each step), but none is left
+    out in which an element may be stretched beyond the law's sense. `begin` is the time of the start's state
+    [s], `taken` the energy [J] taken out until then.
     """
 
     def __init__(
@@ -127,6 +129,7 @@ class Loop(March):
     ) -> None:
         super().__init__(start, loop_kernel(start))
         self._clock[0], self._taken[0] = begin, taken
+        self._extremes[2] = least_energy_beyond(start)
         self._module.accelerate(begin, *self._state[:4], self._state[4][0])
         self._watcher = watcher
         self._every = every
@@ -153,7 +156,7 @@ class Loop(March):
 
     def advance(self, until: float) -> None:
         """Integrate from the current time to `until` [s] exactly."""
-        self._extremes[:] = 0.0, np.inf
+        self._extremes[:2] = 0.0, np.inf
         with postponed() as check_interrupt:
             advance = self._advance_chosen if self._chosen else self._advance_equal
             advance(until, check_interrupt)
@@ -222,6 +225,13 @@ class Loop(March):
                 kept[0] = kept[rows - 1]
             self._row = 1
             self._watcher(*batch)
+
+
+def least_energy_beyond(start: Start) -> float:
+    """Elastic energy [J], eq. (19), without which no element of the net can be stretched by STRETCH_BOUND."""
+    law = start.terms.law(start.net)
+    strain = 0.5 * (STRETCH_BOUND**2 - 1.0)
+    return 0.5 * strain**2 * float((law.stiffness * law.natural_length).min(initial=math.inf))
 
 
 def _rows(rows: int, n: int) -> tuple[Floats, Floats, Floats, Floats]:

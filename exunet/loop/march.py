@@ -6,10 +6,10 @@ both, beside what is said there:
 taken   : (1,) energy [J] that terms without a potential have taken out so far, summed by Simpson's rule on
           the cubic Hermite polynomial of each step
 counts  : (2,) accepted and rejected steps so far
-seen    : half the mass of each coordinate (n,) [kg], and (2,) the largest elastic and the least kinetic
-          energy [J] of the accepted steps so far
-kept    : time (k,), x (k, n), v (k, n), taken (k,) of one step in `every` and of the last, for the guards,
-          from `row` on
+seen    : half the mass of each coordinate (n,) [kg], and (3,) the largest elastic and the least kinetic
+          energy [J] of the accepted steps so far, and the elastic energy above which each step is kept
+kept    : time (k,), x (k, n), v (k, n), taken (k,) of one step in `every`, of the last, and of those of so
+          much elastic energy that an element may be too long; for the guards, from `row` on
 Both return the number of rows of `kept` that are filled; they return when those are full, when `limit` steps
 have been tried, or at the end.
 """
@@ -127,7 +127,7 @@ def equal_steps(
         accept(x, v, work)
         see(held, v, seen)
         counts[0] += 1
-        if (step + 1) % every == 0 or step + 1 == number:
+        if (step + 1) % every == 0 or step + 1 == number or held > seen[1][2]:
             end = until if step + 1 == number else start + (step + 1) * h
             row = keep(row, end, x, v, taken, kept)
             if row == kept[0].size:
@@ -198,7 +198,7 @@ def chosen_steps(
         change = max(0.2, min(1.0 if clock[2] == 1.0 else 2.0, 0.9 * max(error, 1e-10) ** -0.2))
         clock[2] = 0.0
         clock[1] = max(least, h * change, wanted if h < wanted and error <= 1.0 else 0.0)
-        if counts[0] % every == 0 or clock[0] == until:
+        if counts[0] % every == 0 or clock[0] == until or held > seen[1][2]:
             row = keep(row, clock[0], x, v, taken, kept)
             if row == kept[0].size:
                 break
