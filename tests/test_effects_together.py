@@ -51,7 +51,7 @@ def case(on: tuple[str, ...] = (), **more: Any) -> dict[str, Any]:
         "format": 1,
         "title": "a net that stretches, bends and snaps",
         "time": {"end": 0.3, "output_step": 0.02},
-        "solver": {"method": "DOPRI5", "accuracy": 1e-6},
+        "solver": {"method": "DOPRI5", "tolerance": 2e-9},
         "net": {
             "topology": "square", "size": 2.0, "mesh": 1.0, "divisions": 2, "cable": CABLE,
             "strings": {"length": 0.5, **CABLE}, "bullets": {"mass": 0.2},
