@@ -13,9 +13,8 @@ from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
 
-# The common translation of a free part is no energy in play, but its round-off and damping are part of the
-# ledger.
-TRANSLATION_PART = 1e-5
+# The common translation of a free part is no energy in play, but its round-off is part of the ledger.
+TRANSLATION_PART = 1e-12
 
 
 class InPlay:

@@ -23,6 +23,11 @@ class Peaks:
         if largest[state] > self._found[-1][1]:
             self._found.append((float(time[state]), float(largest[state]), int(np.argmax(tension[state]))))
 
+    def take(self, time: float, tension: float, element: int) -> None:
+        """Take the largest tension [N] of steps that nobody else looks at."""
+        if tension > self._found[-1][1]:
+            self._found.append((time, tension, element))
+
     def forget_after(self, time: float) -> None:
         """Drop what was seen after `time` [s]."""
         while len(self._found) > 1 and self._found[-1][0] > time:

@@ -123,6 +123,8 @@ class _Attempt:
                     record.store(until, stepper.state(), self._dissipated(stepper, until))
                     if stepper.extremes is not None:
                         record.envelope.look(np.array([until]), *np.array(stepper.extremes)[:, None])
+                    if stepper.largest_tension is not None:
+                        monitor.peaks.take(*stepper.largest_tension)
                     self._keeper()
                     check_interrupt()
         except RunStopped as found:

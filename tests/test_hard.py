@@ -171,3 +171,16 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_runs(monkeypatc
     monkeypatch.setattr(command, "checks", lambda **_: pytest.fail("ran"))
     with pytest.raises(InputError):
         command.verify_hard(tmp_path / "file" / "hard", quick=True)
+
+
+def test_ctrl_c_is_no_finding(monkeypatch):
+    """A run's `Interrupted` is a RunStopped too: taken for one, the gallery would go on and tell a fault."""
+    from exunet.errors import Interrupted
+
+    def interrupted(_start):
+        raise Interrupted("interrupted after t = 0.1 s")
+
+    monkeypatch.setattr("exunet.verify.hard.simulate", interrupted)
+    for findings in (hard.of_form(GALLERY[0], "compiled"), hard.implicit("fused"), hard.above("compiled")):
+        with pytest.raises(KeyboardInterrupt):
+            list(findings)

@@ -57,7 +57,7 @@ class Stepper:
         self._watcher = watcher
         self.counts = Counts()
         self.time = begin
-        self.dissipated = self.extremes = None  # the watcher has to find them
+        self.dissipated = self.extremes = self.largest_tension = None  # the watcher has to find them
         self._end = end
         rows = max(16, min(_ROWS, _BUFFER_NUMBERS // max(1, model.n_coordinates)))
         self._times = np.empty(rows)

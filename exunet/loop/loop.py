@@ -48,7 +48,10 @@ class March:
         free[start.net.fixed_nodes] = 0.0
         self._x, self._v = start.position.ravel().copy(), start.velocity.ravel().copy()
         self._taken, self._counts = np.zeros(1), np.zeros(2, dtype=np.int64)
-        self._extremes = np.array([0.0, np.inf, np.inf])
+        self._seen = np.array([0.0, np.inf, np.inf, np.inf, 0.0, 0.0, -1.0])
+        law = start.terms.law(start.net)
+        relaxation = np.zeros(start.net.n_elements) if law.relaxation_time is None else law.relaxation_time
+        self._stiffness = law.stiffness.copy()
         self._clock = np.array([0.0, start.plan.first_step, 0.0, 0.0])
         self._state = (
             self._x,
@@ -58,7 +61,14 @@ class March:
             np.zeros((16, len(self._x))),
             self._taken,
             self._counts,
-            (0.5 * np.repeat(start.net.mass, 3), self._extremes),
+            (
+                0.5 * np.repeat(start.net.mass, 3),
+                self._seen,
+                start.net.element_nodes,
+                law.natural_length,
+                self._stiffness,
+                2.0 * relaxation,
+            ),
         )
         self._module.accelerate(0.0, *self._state[:4], self._state[4][0])
 
@@ -129,7 +139,7 @@ class Loop(March):
     ) -> None:
         super().__init__(start, loop_kernel(start))
         self._clock[0], self._taken[0] = begin, taken
-        self._extremes[2] = least_energy_beyond(start)
+        self._seen[2:4] = least_energy_beyond(start), 0.0  # from now on, steps are looked at
         self._module.accelerate(begin, *self._state[:4], self._state[4][0])
         self._watcher = watcher
         self._every = every
@@ -148,7 +158,12 @@ class Loop(March):
     @property
     def extremes(self) -> tuple[float, float]:
         """Largest elastic and least kinetic energy [J] of the steps of the last `advance`."""
-        return float(self._extremes[0]), float(self._extremes[1])
+        return float(self._seen[0]), float(self._seen[1])
+
+    @property
+    def largest_tension(self) -> tuple[float, float, int]:
+        """Time [s], tension [N] and element (-1: none pulled) of the largest tension of all steps so far."""
+        return float(self._seen[5]), float(self._seen[4]), int(self._seen[6])
 
     def watch_for(self, breaks: Breaks) -> None:
         """Look for elements that break at the end of each step from now on, so step by step."""
@@ -156,7 +171,7 @@ class Loop(March):
 
     def advance(self, until: float) -> None:
         """Integrate from the current time to `until` [s] exactly."""
-        self._extremes[:2] = 0.0, np.inf
+        self._seen[:2] = 0.0, np.inf
         with postponed() as check_interrupt:
             advance = self._advance_chosen if self._chosen else self._advance_equal
             advance(until, check_interrupt)
@@ -210,6 +225,7 @@ class Loop(March):
             self._taken[0] += self._breaks.book(self.time, position, broken)
             self._kept[3][0] = self._taken[0]
             sever(self._kernel, broken)
+            self._stiffness[broken] = 0.0
             self._module.accelerate(self.time, *self._state[:4], self._state[4][0])
 
     def _make_room(self) -> None:

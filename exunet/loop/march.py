@@ -6,8 +6,10 @@ both, beside what is said there:
 taken   : (1,) energy [J] that terms without a potential have taken out so far, summed by Simpson's rule on
           the cubic Hermite polynomial of each step
 counts  : (2,) accepted and rejected steps so far
-seen    : half the mass of each coordinate (n,) [kg], and (3,) the largest elastic and the least kinetic
-          energy [J] of the accepted steps so far, and the elastic energy above which each step is kept
+seen    : half the mass of each coordinate (n,) [kg]; what was seen of the accepted steps so far (7,): the
+          largest elastic and the least kinetic energy [J], the elastic energy above which each step is kept,
+          that above which a tension may be the largest, the largest tension [N], its time [s] and element;
+          end nodes (m, 2), natural lengths (m,) [m], stiffnesses (m,) [N] and 2 tau (m,) [s] of the elements
 kept    : time (k,), x (k, n), v (k, n), taken (k,) of one step in `every`, of the last, and of those of so
           much elastic energy that an element may be too long; for the guards, from `row` on
 Both return the number of rows of `kept` that are filled; they return when those are full, when `limit` steps
@@ -59,8 +61,8 @@ def accept(x: Any, v: Any, work: Any) -> None:
         v[c] = v1[c]
 
 
-def see(elastic: float, v: Any, seen: Any) -> None:
-    """Take the elastic energy [J] and the velocities of a step into `seen`."""
+def see(t: float, elastic: float, x: Any, v: Any, seen: Any) -> None:
+    """Take a step's end, whose elastic energy [J] is known, into `seen`."""
     half = seen[0]
     extremes = seen[1]
     a = 0.0  # four sums, which the processor can make side by side
@@ -80,6 +82,45 @@ def see(elastic: float, v: Any, seen: Any) -> None:
         extremes[0] = elastic
     if kinetic < extremes[1]:
         extremes[1] = kinetic
+    if elastic > extremes[3]:
+        see_tensions(t, x, v, seen)
+
+
+def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
+    """Take the largest tension into `seen`, and the least elastic energy with which there may be a larger.
+
+    N = EA E11 sqrt(1 + 2 E11) <= EA E11 (1 + E11), so an element that pulls by N has at least the energy of
+    the strain that makes the latter N. Viscous stress needs no energy: there each taut state is looked at.
+    """
+    extremes = seen[1]
+    ends = seen[2]
+    largest_before = extremes[4]
+    viscous = False
+    for e in range(ends.shape[0]):
+        i = 3 * ends[e, 0]
+        j = 3 * ends[e, 1]
+        square = 0.0
+        along = 0.0
+        for c in range(3):
+            d = x[j + c] - x[i + c]
+            square += d * d
+            along += d * (v[j + c] - v[i + c])
+        length = seen[3][e]
+        excess = square - length * length
+        if excess > 0.0:
+            viscous = viscous or seen[5][e] > 0.0
+            tension = seen[4][e] * (excess + seen[5][e] * along) * math.sqrt(square) / (2.0 * length**3)
+            if tension > extremes[4]:
+                extremes[4] = tension
+                extremes[5] = t
+                extremes[6] = e
+    if extremes[4] > largest_before and not viscous:
+        least = np.inf
+        for e in range(ends.shape[0]):
+            if seen[4][e] > 0.0:
+                strain = 0.5 * (math.sqrt(1.0 + 4.0 * extremes[4] / seen[4][e]) - 1.0)
+                least = min(least, 0.5 * seen[4][e] * seen[3][e] * strain * strain)
+        extremes[3] = least
 
 
 def keep(row: int, t: float, x: Any, v: Any, taken: Any, kept: Any) -> int:
@@ -125,7 +166,7 @@ def equal_steps(
         if TAKES_ENERGY:
             watts = work_of_step(t, h, x, v, watts, data, work, taken)
         accept(x, v, work)
-        see(held, v, seen)
+        see(t + h, held, x, v, seen)
         counts[0] += 1
         if (step + 1) % every == 0 or step + 1 == number or held > seen[1][2]:
             end = until if step + 1 == number else start + (step + 1) * h
@@ -190,7 +231,7 @@ def chosen_steps(
         if TAKES_ENERGY:
             watts = work_of_step(clock[0], h, x, v, watts, data, work, taken)
         accept(x, v, work)
-        see(held, v, seen)
+        see(clock[0] + h, held, x, v, seen)
         for c in range(x.size):
             work[0, c] = work[9, c]
         counts[0] += 1
@@ -308,6 +349,7 @@ LOOP = (
     dormand_prince_step,
     work_of_step,
     accept,
+    see_tensions,
     see,
     keep,
     equal_steps,

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 import reference_impl as reference
-from exunet.build import prepare
+from exunet.build import Start, prepare
 from exunet.casefile import load
-from exunet.errors import CaseError, RunStopped
+from exunet.errors import CaseError, Interrupted, RunStopped
 from exunet.metrics import energy_balance
 from exunet.result import Result
 from exunet.timeloop import simulate
@@ -78,7 +78,7 @@ def of_form(hard: Hard, form: str) -> Iterator[Check]:
     ran = "ran to its end" if end is None else f"ran {end:g} s of {whole.scene.time.end:g} s"
     start = prepare(case.scene)
     try:
-        result = simulate(start)
+        result = _run(start)
     except RunStopped as stop:
         yield Check(hard.item, subject, ran, math.inf, RAN, str(stop))
         return
@@ -162,7 +162,7 @@ def implicit(form: str) -> Iterator[Check]:
             subject = f"implicit, {form}"
             name = f"{method} at {1e3 * step:g} ms"
             try:
-                result = simulate(start)
+                result = _run(start)
             except RunStopped as stop:
                 yield stopped(subject, name, stop)
                 continue
@@ -204,11 +204,18 @@ def above(form: str) -> Iterator[Check]:
     yield Check(6, subject, "1.02 of the stable step: refused", refused, HARD_REFUSED)
     forced = ("solver.force=true", "solver.retry=0", f"solver.step={step!r}", *FORMS[form])
     try:
-        simulate(prepare(load(path, forced).scene))
+        _run(prepare(load(path, forced).scene))
         yield Check(6, subject, "1.02 of the stable step, forced: stopped", math.inf, HARD_CAUGHT)
     except RunStopped as stop:
         kept = 0.0 if stop.partial is not None and _sound(stop.partial) else math.inf
         yield Check(6, subject, "1.02 of the stable step, forced: stopped", kept, HARD_CAUGHT, str(stop))
+
+
+def _run(start: Start) -> Result:
+    try:
+        return simulate(start)
+    except Interrupted:  # a RunStopped too, but no finding
+        raise KeyboardInterrupt from None
 
 
 def _sound(result: Result) -> bool:

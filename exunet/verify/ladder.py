@@ -9,7 +9,7 @@ from pathlib import Path
 
 import reference_impl as reference
 from exunet.engine.stepper import EngineFailed
-from exunet.errors import ExunetError, InputError
+from exunet.errors import ExunetError, InputError, Interrupted
 from exunet.verify.check import Check, Finding, left_out
 from exunet.verify.growth import Growth
 from exunet.verify.pair import Pair, read_pair
@@ -39,6 +39,8 @@ class Step:
         """The findings of the step; a run that stops becomes a failed check."""
         try:
             yield from self.work()
+        except Interrupted:
+            raise KeyboardInterrupt from None
         except (ExunetError, EngineFailed, reference.Diverged) as stop:
             yield Check(self.rung, self.title, "ran to its end", math.inf, RAN, str(stop).split("\n")[0])
 
