@@ -162,6 +162,14 @@ def test_a_net_that_cannot_move_is_no_defect():
 
 
 @pytest.mark.slow
+def test_a_string_that_no_code_resolves_better_than_the_codes_agree_is_left_out():
+    """A plucked string of taut threads: each code changes by 5e-5 sizes with its tolerance; no horizon."""
+    pair = read_pair(CASE_FILES / "hard" / "taut_string.toml")
+    rows = holds(converged(pair, growth(pair, amplitudes=(ROUND_OFF,))))
+    assert any(row.left_out and "own errors together" in row.worst for row in rows)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", IN_REACH)
 def test_effects_in_reach_hold(name):
     climbed(read_pair(CASE_FILES / "effects" / f"{name}.toml"))

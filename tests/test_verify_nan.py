@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 import reference_impl as reference
-from exunet.verify import separation, topology
+from exunet.verify import horizon, separation, topology
 from exunet.verify.check import Check, worst_first
+from exunet.verify.converged import _compared
+from exunet.verify.ensemble import COMPILED, REFERENCE, Ensemble
 from exunet.verify.forces import forces
-from exunet.verify.growth import LONE, ROUND_OFF, growth
+from exunet.verify.growth import AMPLITUDES, LONE, ROUND_OFF, Growth, growth
+from exunet.verify.horizon import sensitivity
 from exunet.verify.ladder import shipped
-from exunet.verify.pair import Pair, read_pair
+from exunet.verify.pair import Motion, Pair, read_pair
 from exunet.verify.stepping import one_step, same_scheme
 
 CASE = next(path for path in shipped() if path.stem == "planar_deployment")
@@ -110,3 +113,113 @@ def test_one_mirrored_run_that_stopped_fails_rung_7(monkeypatch):
         if isinstance(finding, Check):
             break
     assert np.isnan(fails(found).measured)
+
+
+def grown(spoilt=False, factor=1.0):
+    """All amplitudes grow at 20/s for 2 s; `spoilt` (amplitude, time) says where that is no number."""
+    time, moved = np.linspace(0.0, 2.0, 401), np.array(AMPLITUDES)
+    difference = factor * np.outer(moved, np.exp(20.0 * time))
+    difference = np.where(spoilt and spoilt(moved[:, None], time), NAN, difference)
+    return Growth(time, moved, difference, np.zeros(difference.shape, int), np.full(len(moved), NAN))
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "count"),
+    [
+        (lambda moved, time: time >= 0.0 * moved, 4 * 401),
+        (lambda moved, time: time > 0.5 + 0.0 * moved, 4 * 300),
+        (lambda moved, time: (moved == ROUND_OFF) & (time >= 0.0), 401),
+        (lambda moved, time: (moved == 1e-6) & (time == 2.0), 1),
+    ],
+)
+def test_a_growth_that_is_no_number_fails_rung_7(spoilt, count):
+    (check,) = sensitivity(read_pair(CASE), grown(spoilt))
+    assert not check.holds
+    assert check.measured == count
+
+
+def test_differences_that_are_never_small_are_not_compared():
+    """1e-10 m times 1e3 is 1e-7 m from the start, above the 1e-8 m below which growth is in proportion."""
+    row = next(iter(sensitivity(read_pair(CASE), grown(factor=1e3))))
+    assert row.left_out
+    assert "above 1e-08 m from the start" in row.worst
+
+
+def runs(count, spoilt=None):
+    """Made-up runs of one code, scattered by 10 %; `spoilt` is one run that has a value that is no number."""
+    values = 1.0 + 0.1 * np.random.default_rng(count).normal(size=(count, 50))
+    if spoilt is not None:
+        values[spoilt, 40] = NAN
+    return Ensemble(f"code of {count}", np.linspace(0.0, 2.0, 50), values, values, values)
+
+
+@pytest.mark.parametrize(("ours", "theirs", "code"), [(3, None, 128), (None, 3, 16), (0, 15, 128)])
+def test_one_run_without_a_number_fails_the_statistics(ours, theirs, code, monkeypatch):
+    made = {COMPILED: runs(128, ours), REFERENCE: runs(16, theirs)}
+    monkeypatch.setattr(horizon, "our_code", lambda: COMPILED)
+    monkeypatch.setattr(horizon, "ensemble", lambda pair, which: made[which])
+    rows = [row for row in horizon.after_it(read_pair(CASE), grown(), True) if isinstance(row, Check)]
+    assert [row.holds for row in rows] == [False] * 3
+    assert all(f"(code of {code})" in row.name for row in rows)
+    alone = [row for row in horizon.after_it(read_pair(CASE), grown(), False) if isinstance(row, Check)]
+    assert [row.holds for row in alone] == ([] if ours is None else [False] * 3)
+
+
+def test_statistics_without_an_area_are_equal():
+    """A net without a mouth has the area 0 in all runs."""
+    ours, theirs = (dataclasses.replace(some, area=0.0 * some.area) for some in (runs(128), runs(16)))
+    assert horizon._same_mean(read_pair(CASE), "area", ours, theirs).measured == 0.0
+    assert horizon._same_mean(read_pair(CASE), "speed", ours, theirs).holds
+
+
+INSTANTS = np.linspace(0.0, 0.3, 49)
+
+
+def compared(own, apart=0.0, end=0.3):
+    """Rows of rung 5 where own (codes, what, t) are the codes' errors and `apart` (t,) parts them [sizes]."""
+    pair = read_pair(CASE)
+    place = np.broadcast_to(pair.start.position, (len(INSTANTS), *pair.start.position.shape))
+    shift = pair.size * np.broadcast_to(apart, INSTANTS.shape)[:, None, None] * np.array([1.0, 0.0, 0.0])
+    flight = [Motion(INSTANTS, where, np.zeros_like(place), 1) for where in (place, place + shift)]
+    return list(_compared(pair, own, *flight, end))
+
+
+@pytest.mark.parametrize("code", [0, 1])
+@pytest.mark.parametrize("first", [0, 20, 48])
+def test_an_own_error_that_is_no_number_fails_rung_5(code, first):
+    own = np.zeros((2, 2, 49))
+    own[code, :, first:] = NAN
+    wrong = [row for row in compared(own) if not row.holds and np.isnan(row.measured)]
+    assert [row.name for row in wrong] == [
+        f"{of}: a code's own error" for of in ("positions", "bullet speeds")
+    ]
+    assert all(row.worst == f"t = {INSTANTS[first]:.4g} s" for row in wrong)
+
+
+def test_an_own_error_at_the_start_fails_rung_5():
+    assert [row.holds for row in compared(np.ones((2, 2, 49)))] == [False, False]
+
+
+def own_errors():
+    """Both codes converge until 0.125 s, instant 20; then each changes by 5e-5 sizes with its tolerance."""
+    own = np.zeros((2, 2, 49))
+    own[:, 0, 20:] = 5e-5
+    return own
+
+
+def test_codes_that_do_not_converge_where_nothing_grows_are_left_out():
+    """0.6 of the time, but the codes differ by 8e-5 sizes, less than 5e-5 and 5e-5 together."""
+    apart = np.where(INSTANTS > 0.2, 8e-5, 0.0)
+    row = compared(own_errors(), apart, np.inf)[0]
+    assert row.left_out
+    assert "no more than their own errors together" in row.worst
+    assert "8e-05 and 0.0001" in row.worst
+
+
+@pytest.mark.parametrize(("apart", "end"), [(1.2e-4, np.inf), (NAN, np.inf), (8e-5, 0.3)])
+def test_codes_further_apart_than_their_errors_or_with_a_horizon_still_fail(apart, end):
+    rows = compared(own_errors(), np.where(INSTANTS > 0.2, apart, 0.0), end)
+    check = fails(rows)
+    assert "positions: part left out" in check.name
+    assert check.measured == pytest.approx(1.0 - 19 / 48)
+    assert ("differ by more than" in check.worst) == (end == np.inf)

@@ -13,17 +13,27 @@ from exunet.verify.ensemble import AMPLITUDE, REFERENCE, Ensemble, ensemble, our
 from exunet.verify.figures import bands, curves
 from exunet.verify.growth import LONE, ROUND_OFF, SEEDS, VISIBLE, Growth
 from exunet.verify.pair import Pair
-from exunet.verify.tolerances import PROPORTIONAL, SAME_STATISTICS
+from exunet.verify.tolerances import PROPORTIONAL, RAN, SAME_STATISTICS
 
 Floats = NDArray[np.float64]
 
 SMALL = 1e-8  # [m]: differences below are in proportion to their start, see PROPORTIONAL
+MEANS = ("area", "energy", "speed")  # of an `Ensemble`
 FURTHER = 1e-10  # [m]: the amplitude that is compared with `LONE`
 
 
 def sensitivity(pair: Pair, grown: Growth) -> Iterator[Finding]:
-    """Rate of growth and horizon of a case, and that small differences grow in proportion."""
+    """Rate of growth and horizon of a case, and that small differences grow in proportion.
+
+    A difference that is no number fails; nothing is said of such a growth then.
+    """
     horizon = grown.horizon
+    wrong = np.argwhere(~np.isfinite(grown.difference))
+    if len(wrong):
+        row, at = wrong[0]
+        words = f"first: start moved by {grown.amplitudes[row]:.0e} m, t = {grown.time[at]:.4g} s"
+        yield Check(7, pair.name, "differences of the growth that are no numbers", len(wrong), RAN, words)
+        return
     if len(grown.amplitudes) > 2:
         yield _in_proportion(pair, grown)
     words = ", ".join(
@@ -60,6 +70,9 @@ def _in_proportion(pair: Pair, grown: Growth) -> Check:
     smaller, larger = (grown.of(a) for a in (LONE, FURTHER))
     small = larger < SMALL
     small[int(np.argmin(small)) if not small.all() else len(small) :] = False
+    if not small.any():
+        why = f"differences are above {SMALL:.0e} m from the start"
+        return left_out(7, pair.name, "growth in proportion", why)
     if not (smaller[small] > 0.0).all() or not (larger[small] > 0.0).all():
         return left_out(7, pair.name, "growth in proportion", "a difference is zero: no free node was moved")
     ratio = np.abs(np.log10(larger[small] / (FURTHER / LONE * smaller[small])))
@@ -74,14 +87,19 @@ def _in_proportion(pair: Pair, grown: Growth) -> Check:
 
 
 def after_it(pair: Pair, grown: Growth, both: bool) -> Iterator[Finding]:
-    """Mean and spread of perturbed runs; with `both`, those of the two codes are compared."""
+    """Mean and spread of perturbed runs; with `both`, those of the two codes are compared.
+
+    A value that is no number fails; nothing is said of such runs then.
+    """
     ours, parted = ensemble(pair, our_code()), grown.reaches(AMPLITUDE)
+    if wrong := _no_numbers(pair, ours):
+        yield from wrong
+        return
     yield _band(pair, ours, parted)
     yield _words(pair, ours)
     if both and parted < ours.time[-1]:
         theirs = ensemble(pair, REFERENCE)
-        for name in ("area", "energy", "speed"):
-            yield _same_mean(pair, name, ours, theirs)
+        yield from _no_numbers(pair, theirs) or (_same_mean(pair, name, ours, theirs) for name in MEANS)
 
 
 def _same_mean(pair: Pair, name: str, ours: Ensemble, theirs: Ensemble) -> Check:
@@ -90,12 +108,13 @@ def _same_mean(pair: Pair, name: str, ours: Ensemble, theirs: Ensemble) -> Check
     Before that, it is the integrators' errors that differ, not the draws: rungs 4 and 5 compare those.
     """
     a, b = getattr(ours, name), getattr(theirs, name)
+    largest = float(np.abs(a).max()) or 1.0  # a net without a mouth has no area
     # One spread for both, as it is if they agree: a small sample may miss a tail and look too narrow.
     spread = np.concatenate([a, b]).std(axis=0, ddof=1)
     error = spread * np.sqrt(1.0 / len(a) + 1.0 / len(b))
-    parted = error > 1e-4 * np.abs(a).max()
+    parted = error > 1e-4 * largest
     if not parted.any():
-        gap = float(np.abs(a.mean(axis=0) - b.mean(axis=0)).max() / np.abs(a).max())
+        gap = float(np.abs(a.mean(axis=0) - b.mean(axis=0)).max() / largest)
         words = "the runs do not part: difference of the means relative to the largest value"
         return Check(7, pair.name, f"mean {name} of both codes", gap, None, words)
     # Neighbouring times are not independent: ten of them stand for all.
@@ -108,6 +127,19 @@ def _same_mean(pair: Pair, name: str, ours: Ensemble, theirs: Ensemble) -> Check
     )
     title = f"mean {name}, {len(a)} runs ({ours.code}), {len(b)} ({theirs.code})"
     return Check(7, pair.name, title, float(gap.max()), SAME_STATISTICS, words)
+
+
+def _no_numbers(pair: Pair, found: Ensemble) -> list[Check]:
+    """A check that fails for each quantity of which a run has a value that is no number."""
+    checks = []
+    for name in MEANS:
+        wrong = np.argwhere(~np.isfinite(getattr(found, name)))
+        if len(wrong):
+            title = f"values of the {name} that are no numbers ({found.code})"
+            run, at = wrong[0]
+            words = f"first: run {run}, t = {found.time[at]:.4g} s"
+            checks.append(Check(7, pair.name, title, len(wrong), RAN, words))
+    return checks
 
 
 def _band(pair: Pair, found: Ensemble, parted: float) -> Plate:
