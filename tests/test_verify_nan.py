@@ -103,7 +103,7 @@ def test_one_mirrored_run_that_stopped_fails_rung_7(monkeypatch):
         separation.Curve(tolerance, speeds)
         for tolerance, speeds in zip(separation.MIRRORED, (still, still + NAN), strict=True)
     ]
-    study = separation.Study(longer, longer, {}, {}, {"damped": curves}, {})
+    study = separation.Study(longer, longer, {}, {}, {"damped": curves}, {}, {})
     monkeypatch.setattr(separation, "study", lambda pairs: study)
     pair = read_pair(CASE)
     monkeypatch.setattr(separation, "families", lambda *of: None)

@@ -97,6 +97,9 @@ def _symmetric(found: Study, speed: float) -> Iterator[Plate]:
         kept = int(beyond[0]) if len(beyond) else len(change)
         mean = found.mirrored[name][-1].mean
         lines[name] = np.where(np.arange(len(change)) < kept, mean, np.nan)
+        if kept == 0:
+            known.append(f"{name}: not known")
+            continue
         until = f"until {found.longer[kept - 1]:.3g} s" if kept < len(change) else "for the whole run"
         known.append(f"{name}: {until}, to {change[:kept].max(initial=0.0):.1e} m/s")
     yield Plate(

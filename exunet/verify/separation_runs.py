@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 import reference_impl as reference
 from exunet.engine.stepper import EngineFailed
+from exunet.kernel.compile import numba_installed
 from exunet.verify.converged import best_plan
 from exunet.verify.ensemble import in_parallel
 from exunet.verify.growth import ROUND_OFF, SEEDS, perturbed
@@ -25,6 +26,7 @@ OFTEN = 2000  # the same where the paper's net is stored as often as its case fi
 CODES = ("Exudyn", "reference")
 MIRRORED = (1e-10, 1e-11)  # tolerances of the symmetric solution
 NUDGE = 1e-15  # [m]: a few units in the last place of the coordinates
+DRAWS, FIRST_SEED = 20, 3000  # starts moved by `NUDGE` at each of some tolerances, all in other ways
 MATLAB = 1e-3  # relative tolerance that ode45 takes if none is given; the absolute one is a thousandth
 
 
@@ -66,12 +68,14 @@ class Curve:
 
 @dataclass(frozen=True)
 class Study:
-    """All runs: as the case starts, from a start moved by `NUDGE`, mirrored, and as the paper calculates.
+    """All runs: as the case starts, from starts moved by `NUDGE`, mirrored, and as the paper calculates.
 
     time, longer  : (t,) [s], to `END` and to `BEYOND`
     plain, nudged : "code, case" -> curves over `time`
     mirrored      : case -> curves over `longer`, in mirrored arithmetic
     paper         : case -> how -> curve, evenly spaced to `END`: assembled matrices, ode45's pair at `MATLAB`
+    drawn         : case -> curves over `time` of the compiled loop, `DRAWS` moved starts at each of some
+                    tolerances; empty where Numba is not installed
     """
 
     time: Floats
@@ -80,6 +84,7 @@ class Study:
     nudged: dict[str, list[Curve]]
     mirrored: dict[str, list[Curve]]
     paper: dict[str, dict[str, Curve]]
+    drawn: dict[str, list[Curve]]
 
 
 def run_one(
@@ -87,6 +92,7 @@ def run_one(
 ) -> Curve:
     """One run: Exudyn's DOPRI5, or the reference's pair behind ode45 (symmetric: its DOP853).
 
+    pair   : if `looped`, the compiled loop stands in for Exudyn
     states : how many to store until `END`
     """
     times = np.linspace(0.0, end, round(states * end / END) + 1)
@@ -112,6 +118,7 @@ def study(pairs: dict[str, Pair]) -> Study:
     nudged: dict[str, list[Curve]] = {}
     mirrored: dict[str, list[Curve]] = {}
     paper: dict[str, list[Curve]] = {}
+    drawn: dict[str, list[Curve]] = {}
     hows = {}
     for name, pair in pairs.items():
         plan += [(mirrored, name, (pair, "reference", t, BEYOND, True)) for t in MIRRORED]
@@ -119,6 +126,12 @@ def study(pairs: dict[str, Pair]) -> Study:
         for code in CODES:
             plan += [(plain, f"{code}, {name}", (pair, code, t, END, False)) for t in TOLERANCES]
             plan += [(nudged, f"{code}, {name}", (moved, code, t, END, False)) for t in TOLERANCES[::4]]
+        if numba_installed():
+            tolerances = [t for t in TOLERANCES[::2] for _ in range(DRAWS)]
+            plan += [
+                (drawn, name, (perturbed(pair.looped(), NUDGE, FIRST_SEED + k), "Exudyn", t, END, False))
+                for k, t in enumerate(tolerances)
+            ]
         hows[name] = _as_the_paper(pair)
         plan += [
             (paper, name, (start, "reference", MATLAB, END, False, n)) for start, n in hows[name].values()
@@ -127,7 +140,7 @@ def study(pairs: dict[str, Pair]) -> Study:
         group.setdefault(name, []).append(curve)
     time, longer = (np.linspace(0.0, end, round(STATES * end / END) + 1) for end in (END, BEYOND))
     named = {name: dict(zip(hows[name], paper[name], strict=True)) for name in pairs}
-    return Study(time, longer, plain, nudged, mirrored, named)
+    return Study(time, longer, plain, nudged, mirrored, named, drawn)
 
 
 def _as_the_paper(pair: Pair) -> dict[str, tuple[Pair, int]]:
