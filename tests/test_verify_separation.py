@@ -92,7 +92,8 @@ def test_curves_that_stay_together_are_told():
     assert "too few runs separate" in text
     assert "A moved start does not separate in every run" in text
     assert (
-        "damped, 1% apart: no median before the end, 0 of 1 within 0.05 s of 1.75 s, 1 not before 2 s" in text
+        "damped, 1% apart: no median before the end, 0 of 1 within 0.05 s of 1.75 s, 1 not apart before 2 s"
+        in text
     )
     assert "no run shows any spread (damped; undamped; damped, packing 0.06)" in text
 
@@ -102,7 +103,7 @@ def test_the_paper_s_setting_is_told_by_its_median_and_not_by_its_nearest_run():
     found = study(SCATTERED.__getitem__, paper=(1.4, 1.5, 1.5, 1.72, NEVER, 1.6))
     for hows in found.paper.values():
         hows["run 5"] = stopped(hows["run 5"])
-    told = "median 1.500 s, 1 of 6 within 0.05 s of 1.75 s, 1 not before 2 s, 1 stopped"
+    told = "median 1.500 s, 1 of 6 within 0.05 s of 1.75 s, 1 not apart before 2 s, 1 stopped"
     text = answer(found, SPEED)
     assert f"damped, 1% apart: {told}" in text
     assert f"damped, packing 0.06, 2% apart: {told}" in text

@@ -209,7 +209,7 @@ def _paper(found: Study, speed: float) -> str:
             when = f"median {middle:.3f} s" if math.isfinite(middle) else "no median before the end"
             words.append(
                 f"{name}, {part:.0%} apart: {when}, {near} of {len(read)} within {NEAR:g} s of {PAPER} s, "
-                f"{never} not before {found.time[-1]:g} s, {len(read) - len(known)} stopped"
+                f"{never} not apart before {found.time[-1]:g} s, {len(read) - len(known)} stopped"
             )
     return (
         "*The paper's own setting,* over runs that differ in the storing (which bounds ode45's first step) "
