@@ -13,8 +13,10 @@ from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
 
-# The common translation of a free part is no energy in play, but its round-off is part of the ledger.
-TRANSLATION_PART = 1e-12
+# The common translation of a free part is no energy in play, but the errors of its integration are part of
+# the ledger: those of its own energy, and those of the work that is summed over the steps.
+TRANSLATION_PART = 1e-9
+WORK_PART = 1e-5
 
 
 class InPlay:
@@ -72,6 +74,6 @@ class InPlay:
         common_change = common - self._common[1]
         change = potential - self._potential
         done = -dissipated - (kinetic - self._common[0]) - common_change
-        turned = np.maximum(np.abs(common_change), np.abs(dissipated))
-        own = np.maximum(np.abs(change - common_change), done) + TRANSLATION_PART * turned
+        errors = TRANSLATION_PART * np.abs(common_change) + WORK_PART * np.abs(dissipated)
+        own = np.maximum(np.abs(change - common_change), done) + errors
         return np.array([own, np.maximum(np.abs(change), -dissipated)])
