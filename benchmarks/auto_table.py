@@ -1,7 +1,7 @@
 """Measures the table from which solver.method = "auto" chooses: python benchmarks/auto_table.py
 
-Writes exunet/auto_table.toml and benchmarks/auto_table.md. Errors are those of bullet speeds at the end
-of a run, relative to the launch speed, against the converged solution of `exunet cost`.
+Writes exunet/simulation/auto_table.toml and benchmarks/auto_table.md. Errors are those of bullet speeds at
+the end of a run, relative to the launch speed, against the converged solution of `exunet cost`.
 tests/test_auto.py checks the promise on other scenes than these.
 """
 
@@ -19,17 +19,17 @@ from pathlib import Path
 import numpy as np
 
 import exunet
-from exunet.auto import NEARLY_DEPLOYED
-from exunet.build import build, prepare
-from exunet.cost.converged import Converged, converge
-from exunet.cost.measure import launch_speed
-from exunet.cost.runners import Subject, run
-from exunet.cost.settings import Setting
-from exunet.engine.stepper import Stepper
-from exunet.files import replacing
-from exunet.scene import Engine
-from exunet.solvers import Plan
-from exunet.verify.pair import pair_of
+from exunet.backends.exudyn.stepper import Stepper
+from exunet.base.files import replacing
+from exunet.case.scene import Engine
+from exunet.methods.methods import Plan
+from exunet.simulation.auto import NEARLY_DEPLOYED
+from exunet.simulation.preparation import build, prepare
+from exunet.studies.both_codes import pair_of
+from exunet.studies.cost.converged import Converged, converge
+from exunet.studies.cost.measure import launch_speed
+from exunet.studies.cost.runners import Subject, run
+from exunet.studies.cost.settings import Setting
 
 ROOT = Path(__file__).parent.parent
 PLANAR = ROOT / "cases" / "planar_undamped.toml"
@@ -240,7 +240,7 @@ def main() -> None:
     deployed = errors(words, "nearly_deployed", DEPLOYED)
     stiff(words)
     lines = [
-        "# Measured by benchmarks/auto_table.py, read by exunet/auto.py.",
+        "# Measured by benchmarks/auto_table.py, read by exunet/simulation/auto.py.",
         f"# {STAMP}",
         "",
         "# Number of elements -> seconds of a right-hand side with connectors, and fused.",
@@ -250,7 +250,7 @@ def main() -> None:
         *rows_of("folded", folded),
         *rows_of("nearly_deployed", deployed),
     ]
-    with replacing(ROOT / "exunet" / "auto_table.toml") as part:
+    with replacing(ROOT / "exunet" / "simulation" / "auto_table.toml") as part:
         part.write_text("\n".join(lines) + "\n", encoding="utf-8")
     (ROOT / "benchmarks" / "auto_table.md").write_text("\n".join(words) + "\n", encoding="utf-8")
 

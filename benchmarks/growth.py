@@ -22,11 +22,11 @@ import numpy as np
 import peers
 
 import exunet
-from exunet.build import build, prepare
-from exunet.engine.stepper import Stepper
-from exunet.loop.loop import Loop
-from exunet.plot.style import BLACK, BLUE, RED, YELLOW, blank, drawing
-from exunet.solvers import Plan
+from exunet.backends.compiled.loop import Loop
+from exunet.backends.exudyn.stepper import Stepper
+from exunet.figures.style import BLACK, BLUE, RED, YELLOW, blank, drawing
+from exunet.methods.methods import Plan
+from exunet.simulation.preparation import build, prepare
 
 HERE = Path(__file__).parent
 CASE = HERE.parent / "cases" / "planar_undamped.toml"

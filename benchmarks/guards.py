@@ -20,11 +20,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from unittest import mock
 
-from exunet import monitor, timeloop
-from exunet.build import prepare
-from exunet.casefile import load
-from exunet.effects.terms import Terms
-from exunet.guards import Floats, Guards, Look
+from exunet.case.casefile import load
+from exunet.forces.terms import Terms
+from exunet.simulation import monitor
+from exunet.simulation import run as timeloop
+from exunet.simulation.guards import Floats, Guards, Look
+from exunet.simulation.preparation import prepare
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "cases"

@@ -25,11 +25,11 @@ import numpy as np
 import peers
 
 import exunet
-from exunet.build import prepare
-from exunet.cost.runners import Subject, run
-from exunet.cost.settings import Setting
-from exunet.ensemble import perturbed_positions, run_ensemble
-from exunet.verify.pair import pair_of
+from exunet.simulation.preparation import prepare
+from exunet.studies.both_codes import pair_of
+from exunet.studies.cost.runners import Subject, run
+from exunet.studies.cost.settings import Setting
+from exunet.studies.ensemble import perturbed_positions, run_ensemble
 
 HERE = Path(__file__).parent
 CASE = HERE.parent / "cases" / "planar_undamped.toml"
@@ -229,7 +229,7 @@ def main() -> None:
         rows.append([one.name, words_of(one.best), f"{one.error:.3e}", one.median, *span])
     lines += [
         "",
-        f"Perturbed runs (`exunet.ensemble`, compiled loop, to t = 1.75 s, accuracy 1e-4) on "
+        f"Perturbed runs (`exunet.studies.ensemble`, compiled loop, to t = 1.75 s, accuracy 1e-4) on "
         f"{os.cpu_count()} cores: {statistics.median(each[0] for each in rates):.0f} a second "
         f"({min(each[0] for each in rates):.0f} to {max(each[0] for each in rates):.0f}), "
         f"{1e3 * statistics.median(each[1] for each in rates):.1f} ms of processor time a run.",

@@ -12,34 +12,34 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from exunet.casefile import load as load
-    from exunet.ensemble import perturbed_positions as perturbed_positions
-    from exunet.ensemble import run_ensemble as run_ensemble
-    from exunet.errors import CaseError as CaseError
-    from exunet.errors import ExunetError as ExunetError
-    from exunet.errors import InputError as InputError
-    from exunet.errors import RunStopped as RunStopped
-    from exunet.metrics import deployment as deployment
-    from exunet.plot import save_figures as save_figures
-    from exunet.result import Result as Result
-    from exunet.result import load_result as load_result
-    from exunet.result import save as save
-    from exunet.timeloop import run as run
+    from exunet.base.errors import CaseError as CaseError
+    from exunet.base.errors import ExunetError as ExunetError
+    from exunet.base.errors import InputError as InputError
+    from exunet.base.errors import RunStopped as RunStopped
+    from exunet.case.casefile import load as load
+    from exunet.figures import save_figures as save_figures
+    from exunet.results.measures import deployment as deployment
+    from exunet.results.result import Result as Result
+    from exunet.results.result import load_result as load_result
+    from exunet.results.result import save as save
+    from exunet.simulation.run import run as run
+    from exunet.studies.ensemble import perturbed_positions as perturbed_positions
+    from exunet.studies.ensemble import run_ensemble as run_ensemble
 
 _HOME = {
-    "load": "exunet.casefile",
-    "run": "exunet.timeloop",
-    "Result": "exunet.result",
-    "load_result": "exunet.result",
-    "save": "exunet.result",
-    "deployment": "exunet.metrics",
-    "save_figures": "exunet.plot",
-    "run_ensemble": "exunet.ensemble",
-    "perturbed_positions": "exunet.ensemble",
-    "CaseError": "exunet.errors",
-    "InputError": "exunet.errors",
-    "ExunetError": "exunet.errors",
-    "RunStopped": "exunet.errors",
+    "load": "exunet.case.casefile",
+    "run": "exunet.simulation.run",
+    "Result": "exunet.results.result",
+    "load_result": "exunet.results.result",
+    "save": "exunet.results.result",
+    "deployment": "exunet.results.measures",
+    "save_figures": "exunet.figures",
+    "run_ensemble": "exunet.studies.ensemble",
+    "perturbed_positions": "exunet.studies.ensemble",
+    "CaseError": "exunet.base.errors",
+    "InputError": "exunet.base.errors",
+    "ExunetError": "exunet.base.errors",
+    "RunStopped": "exunet.base.errors",
 }
 __all__ = ["__version__", *_HOME]
 

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from exunet import metrics
-from exunet.build import Start, prepare
-from exunet.casefile import load
-from exunet.errors import CaseError, InputError, RunStopped
-from exunet.guards import ENERGY_BOUND
-from exunet.result import Result, load_result, save
-from exunet.summary import summarise
-from exunet.timeloop import simulate
-from exunet.times import stored_times
+from exunet.base.errors import CaseError, InputError, RunStopped
+from exunet.case.casefile import load
+from exunet.case.stored_times import stored_times
+from exunet.results import measures as metrics
+from exunet.results.result import Result, load_result, save
+from exunet.results.summary import summarise
+from exunet.simulation.guards import ENERGY_BOUND
+from exunet.simulation.preparation import Start, prepare
+from exunet.simulation.run import simulate
 
 TOPOLOGIES = ("square", "rectangular", "hexagonal", "radial", "explicit")
 EXPLICIT_METHODS = ("VelocityVerlet", "RK44", "RK33", "RK67", "ExplicitEuler", "ExplicitMidpoint")

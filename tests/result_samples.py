@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet import cable
+from exunet.forces import cable
 from exunet.net.arrays import Net
-from exunet.result import Result
+from exunet.results.result import Result
 
 Floats = NDArray[np.float64]
 

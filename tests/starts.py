@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.build import Start, prepare
-from exunet.casefile import load
+from exunet.case.casefile import load
+from exunet.simulation.preparation import Start, prepare
 
 Floats = NDArray[np.float64]
 CASES = Path(__file__).parents[1] / "cases"

@@ -13,13 +13,13 @@ import pytest
 from typer.testing import CliRunner
 
 import exunet
-from exunet import auto
-from exunet.build import Start, prepare
-from exunet.cli import app
-from exunet.error_estimate import estimate_error
-from exunet.errors import CaseError
-from exunet.metrics import bullet_speeds
-from exunet.solvers import METHODS
+from exunet.base.errors import CaseError
+from exunet.interfaces.cli import app
+from exunet.methods.methods import METHODS
+from exunet.results.measures import bullet_speeds
+from exunet.simulation import auto
+from exunet.simulation.preparation import Start, prepare
+from exunet.studies.error_estimate import estimate_error
 
 HERE = Path(__file__).parent
 CASES = HERE.parent / "cases"

@@ -16,9 +16,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exunet.casefile import MAX_BYTES, Case, load
-from exunet.errors import CaseError, Fault, InputError
-from exunet.toml_lines import key_lines
+from exunet.base.errors import CaseError, Fault, InputError
+from exunet.case.casefile import MAX_BYTES, Case, load
+from exunet.case.toml_lines import key_lines
 
 CASES = Path(__file__).parents[1] / "cases"
 PLANAR = CASES / "planar_deployment.toml"

@@ -213,7 +213,7 @@ def test_ctrl_c_at_start_up_is_clean_and_leaves_no_folder(tmp_path, module):
 
 def test_a_case_beyond_the_reference_keeps_the_result(tmp_path):
     """What the reference does not know is refused by name; the engine's own result is kept."""
-    from exunet import crosscheck
+    from exunet.verification import reference_run as crosscheck
 
     case = exunet.load(PLANAR, [SHORT[1], SHORT[3]])
     strange = tmp_path / "strange.toml"

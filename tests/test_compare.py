@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.cli import main
-from exunet.compare import compare, match_nodes, read_states
-from exunet.errors import InputError
+from exunet.base.errors import InputError
+from exunet.interfaces.cli import main
+from exunet.results.comparison import compare, match_nodes, read_states
 from reference_impl.__main__ import main as reference_main
 
 CASE = "cases/planar_undamped.toml"

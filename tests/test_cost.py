@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.build import prepare
-from exunet.commands import cost as command
-from exunet.cost import study as studies
-from exunet.cost.beyond import measure_rows
-from exunet.cost.converged import Converged, converge
-from exunet.cost.measure import Measures
-from exunet.cost.runners import Counts, Subject, Trial, run
-from exunet.cost.settings import Code, Limits, Setting, base, ladders
-from exunet.cost.study import Entry, Errors, Study, all_rungs, climb
-from exunet.cost.table import LEVELS, answer_rows, cheapest, evaluations, pareto, reliable, write_csv
-from exunet.errors import InputError
-from exunet.metrics import Deployment
-from exunet.solvers import METHODS
-from exunet.verify.pair import pair_of
+from exunet.base.errors import InputError
+from exunet.interfaces.commands import cost as command
+from exunet.methods.methods import METHODS
+from exunet.results.measures import Deployment
+from exunet.simulation.preparation import prepare
+from exunet.studies.both_codes import pair_of
+from exunet.studies.cost import study as studies
+from exunet.studies.cost.after_horizon import measure_rows
+from exunet.studies.cost.converged import Converged, converge
+from exunet.studies.cost.measure import Measures
+from exunet.studies.cost.runners import Counts, Subject, Trial, run
+from exunet.studies.cost.settings import Code, Limits, Setting, base, ladders
+from exunet.studies.cost.study import Entry, Errors, Study, all_rungs, climb
+from exunet.studies.cost.table import LEVELS, answer_rows, cheapest, evaluations, pareto, reliable, write_csv
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
 SURE = Converged(np.array([1.0]), 1e-9, 1e-9, None, ())

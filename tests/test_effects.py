@@ -12,18 +12,18 @@ import pytest
 from scipy.spatial import cKDTree
 
 import reference_impl
-from exunet import cable
-from exunet.build import build, prepare
-from exunet.casefile import load
-from exunet.effects import EFFECTS, bending, breaking, j2, launch_force
-from exunet.effects.atmosphere import LAYERS, exponential_density
-from exunet.effects.directions import EARTH_MU, EARTH_RADIUS
-from exunet.effects.surface import tumbling_areas
-from exunet.engine.probe import Probe
-from exunet.metrics import centre_of_mass, energy_balance, energy_in_play
-from exunet.result import Result
-from exunet.scene import Scene
-from exunet.timeloop import simulate
+from exunet.backends.exudyn.probe import Probe
+from exunet.case.casefile import load
+from exunet.case.scene import Scene
+from exunet.forces import cable
+from exunet.forces.atmosphere import LAYERS, exponential_density
+from exunet.forces.directions import EARTH_MU, EARTH_RADIUS
+from exunet.forces.effects import EFFECTS, bending, breaking, j2, launch_force
+from exunet.forces.surface import tumbling_areas
+from exunet.results.measures import centre_of_mass, energy_balance, energy_in_play
+from exunet.results.result import Result
+from exunet.simulation.preparation import build, prepare
+from exunet.simulation.run import simulate
 
 CASES = Path(__file__).parents[1] / "cases" / "effects"
 FORMS = {
@@ -452,7 +452,7 @@ def test_a_cable_below_its_limit_holds() -> None:
 
 
 def test_a_limit_of_force_is_that_of_the_tension() -> None:
-    from exunet.breaking import breaking_lengths
+    from exunet.simulation.breaking import breaking_lengths
 
     net = thread(1).net
     terms = breaking.terms(breaking.Keys.model_validate({"force": 123.0}), net)

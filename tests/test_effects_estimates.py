@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from exunet.ablation import Toggled, ablate
-from exunet.build import prepare
-from exunet.casefile import load
-from exunet.cli import app
-from exunet.effects import EFFECTS
-from exunet.errors import CaseError
-from exunet.estimates import finding, survey
-from exunet.summary import rows, summarise
-from exunet.timeloop import simulate
+from exunet.base.errors import CaseError
+from exunet.case.casefile import load
+from exunet.forces.effects import EFFECTS
+from exunet.interfaces.cli import app
+from exunet.results.summary import rows, summarise
+from exunet.simulation.preparation import prepare
+from exunet.simulation.run import simulate
+from exunet.studies.ablation import Toggled, ablate
+from exunet.system.effect_survey import finding, survey
 
 ROOT = Path(__file__).parents[1]
 CASES = ROOT / "cases" / "effects"

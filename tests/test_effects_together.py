@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exunet.build import Start, build, prepare
-from exunet.effects import EFFECTS, misfits
-from exunet.effects.terms import Terms
-from exunet.energy import potential
-from exunet.estimates import setting_of
-from exunet.kernel.net import net_kernel
-from exunet.metrics import energy_balance
-from exunet.scene import Scene
-from exunet.timeloop import simulate
+from exunet.case.scene import Scene
+from exunet.codegen.kernel import net_kernel
+from exunet.forces.effects import EFFECTS, misfits
+from exunet.forces.terms import Terms
+from exunet.results.measures import energy_balance
+from exunet.simulation.preparation import Start, build, prepare
+from exunet.simulation.run import simulate
+from exunet.system.effect_survey import setting_of
+from exunet.system.energy import potential
 
 CABLE = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e8}
 AXES = {"radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0]}

@@ -9,11 +9,11 @@ from small_nets import pair_of_masses, thrown
 from starts import CASES, planar
 
 import exunet
-from exunet.build import prepare
-from exunet.envelope import Envelope
-from exunet.monitor import Monitor
-from exunet.result import Result
-from exunet.timeloop import simulate
+from exunet.results.result import Result
+from exunet.simulation.envelope import Envelope
+from exunet.simulation.monitor import Monitor
+from exunet.simulation.preparation import prepare
+from exunet.simulation.run import simulate
 
 Floats = NDArray[np.float64]
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from starts import CASES, planar, states
 
-from exunet.build import Start, build, prepare
-from exunet.casefile import load
-from exunet.engine.model import Model
-from exunet.engine.probe import Probe
-from exunet.errors import MissingExtra
-from exunet.kernel import compile as compiling
-from exunet.kernel.linearised import Linearised
-from exunet.kernel.net import net_kernel
-from exunet.kernel.on_engine import apply
-from exunet.timeloop import simulate
+from exunet.backends.exudyn.applied_kernel import apply
+from exunet.backends.exudyn.model import Model
+from exunet.backends.exudyn.probe import Probe
+from exunet.base.errors import MissingExtra
+from exunet.case.casefile import load
+from exunet.codegen import compile as compiling
+from exunet.codegen.kernel import net_kernel
+from exunet.codegen.linearised import Linearised
+from exunet.simulation.preparation import Start, build, prepare
+from exunet.simulation.run import simulate
 
 # Before the first strings snap taut round-off is all that can differ; this much later it has not grown.
 TAUT = ("initial.packing = 1.0005", "time.end = 0.002", "time.output_step = 0.001")
@@ -131,7 +131,7 @@ def test_without_numba_kernel_terms_are_interpreted(monkeypatch: pytest.MonkeyPa
     start = planar('engine.net = "connectors"', on=("two-body orbit",))
     state = states(start)["mixed"]
     compiled = Probe(build(start)).accelerations(*state)
-    from exunet.kernel import net as kernels
+    from exunet.codegen import kernel as kernels
 
     kernels.term_kernel.cache_clear()
     monkeypatch.setattr(kernels, "numba_installed", lambda: False)

@@ -14,7 +14,7 @@ import pytest
 from fuzz_scenes import document, judge, judge_case
 
 import exunet
-from exunet.metrics import energy_balance
+from exunet.results.measures import energy_balance
 
 FOUND = Path(__file__).parent.parent / "cases" / "hard" / "found"
 SCENES = 2000

@@ -10,17 +10,17 @@ import pytest
 from small_nets import pair_of_masses, thrown
 
 import exunet
-from exunet import energy
-from exunet.build import Start, prepare
-from exunet.effects.terms import Terms
-from exunet.errors import CaseError, RunStopped
-from exunet.guards import ENERGY_BOUND, STRETCH_BOUND
-from exunet.in_play import TRANSLATION_PART, InPlay
-from exunet.metrics import energy_balance, energy_in_play
-from exunet.monitor import Monitor
-from exunet.solvers import Plan
-from exunet.stability import largest_frequency, stable_step
-from exunet.timeloop import simulate
+from exunet.base.errors import CaseError, RunStopped
+from exunet.forces.terms import Terms
+from exunet.methods.methods import Plan
+from exunet.results.measures import energy_balance, energy_in_play
+from exunet.simulation.guards import ENERGY_BOUND, STRETCH_BOUND
+from exunet.simulation.monitor import Monitor
+from exunet.simulation.preparation import Start, prepare
+from exunet.simulation.run import simulate
+from exunet.system import energy
+from exunet.system.energy_scale import TRANSLATION_PART, InPlay
+from exunet.system.stability import largest_frequency, stable_step
 
 WORDS = re.compile(
     r"diverged at t = [\d.e+-]+ s: .*; at t = [\d.e+-]+ s the most stretched element is \d+ between nodes "
@@ -157,7 +157,7 @@ def test_a_light_node_that_runs_away_is_seen_where_its_energy_is_small():
         "cable": {"area": 1e-9, "density": 10.0, "youngs_modulus": 1e5},
     }
     scene |= {"net": net, "initial": {"packing": 0.5, "node_velocities": [[-1, 0, 0], [0, 0, 0], [1, 0, 0]]}}
-    start = prepare(exunet.timeloop.Scene.model_validate(scene))
+    start = prepare(exunet.simulation.run.Scene.model_validate(scene))
     wrong = start.velocity.copy()
     wrong[1] = [0.0, 3e3, 0.0]  # wave speed 100 m/s; 1e-8 kg, so 0.045 J of 1000 J
     with pytest.raises(RunStopped, match=r"runs away at 3e\+03 m/s .*fastest node is 1"):
@@ -268,7 +268,7 @@ def test_potentials_of_held_nets_and_of_parts_are_in_play():
     """A mass on a held cable that falls 0.4 m brings m g 0.4 m into play; the free one falls out of it."""
     scene = pair_of_masses(effects={"gravity": {"acceleration": [-10.0, 0.0, 0.0]}}).model_dump(mode="json")
     scene["net"]["fixed"] = [0]
-    held = prepare(exunet.timeloop.Scene.model_validate(scene))
+    held = prepare(exunet.simulation.run.Scene.model_validate(scene))
     lower = held.position + np.array([[0.0, 0, 0], [-0.4, 0, 0]])
     states = (lower[None], held.velocity[None], energy.potential(held.terms, lower[None]), np.zeros(1))
     play, in_all = InPlay(held.net, held.terms, held.position, held.velocity).gained(*states)
@@ -285,7 +285,7 @@ def test_potentials_of_held_nets_and_of_parts_are_in_play():
 
 def test_newtons_failure_is_told_with_step_and_state(monkeypatch):
     """The engine's words, and what to change; the engine itself hardly ever fails at these scenes."""
-    from exunet.engine import stepper
+    from exunet.backends.exudyn import stepper
 
     def give_up(self: stepper.Stepper, until: float) -> None:
         raise stepper.EngineFailed("Newton did not converge")

@@ -7,8 +7,8 @@ import pytest
 from small_nets import CABLE, pair_of_masses, thrown
 
 import exunet
-from exunet.build import prepare
-from exunet.errors import BeyondFloats, CaseError, RunStopped
+from exunet.base.errors import BeyondFloats, CaseError, RunStopped
+from exunet.simulation.preparation import prepare
 
 FORMS = ({"loop": "compiled"}, {"loop": "exudyn", "net": "connectors"}, {"loop": "exudyn", "net": "fused"})
 

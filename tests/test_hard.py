@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 import reference_impl as reference
-from exunet.build import prepare
-from exunet.casefile import load
-from exunet.errors import InputError, RunStopped
-from exunet.timeloop import simulate
-from exunet.verify import hard
-from exunet.verify.check import Check
-from exunet.verify.gallery import GALLERY, ITEMS, Hard
-from exunet.verify.tolerances import Tolerance
+from exunet.base.errors import InputError, RunStopped
+from exunet.case.casefile import load
+from exunet.simulation.preparation import prepare
+from exunet.simulation.run import simulate
+from exunet.verification import hard
+from exunet.verification.check import Check
+from exunet.verification.gallery import GALLERY, ITEMS, Hard
+from exunet.verification.tolerances import Tolerance
 
 CASES = Path(__file__).parent.parent / "cases" / "hard"
 SLOW_IN_LOOP = {"long_undamped", "mesh_50x50", "every_step", "odd_times"}
@@ -86,7 +86,7 @@ def test_momenta_are_checked_in_the_reference():
 
 def test_the_turns_of_the_spinning_net_are_counted_in_the_reference():
     """One revolution a second (spin 2 pi): after 2 s it lacks 98 of 100."""
-    from exunet.verify.gallery import _turns
+    from exunet.verification.gallery import _turns
 
     one = next(one for one in GALLERY if one.case == "spinning")
     assert one.of_both is _turns
@@ -134,7 +134,7 @@ def test_a_bound_that_is_broken_is_told():
     """7e-8 of the energy is what one snap costs at this tolerance."""
     from dataclasses import replace
 
-    from exunet.verify.tolerances import HARD_FIXED
+    from exunet.verification.tolerances import HARD_FIXED
 
     one = next(one for one in GALLERY if one.case == "one_element")
     tight = replace(HARD_FIXED, value=1e-12)
@@ -145,7 +145,7 @@ def test_a_bound_that_is_broken_is_told():
 @pytest.mark.parametrize(("measured", "code"), [(0.5, 0), (2.0, 1), (None, 130)])
 def test_the_gallery_writes_its_report(monkeypatch, tmp_path, capsys, measured, code):
     """All hold: 0; one fails: 1; Ctrl-C: 130, and what was done is in the report."""
-    from exunet.commands import hard as command
+    from exunet.interfaces.commands import hard as command
 
     def checks(**_: bool) -> Iterator[Check]:
         yield Check(6, "a net", "one thing", 0.25, Tolerance(1.0, "x", "a reason"))
@@ -165,7 +165,7 @@ def test_the_gallery_writes_its_report(monkeypatch, tmp_path, capsys, measured, 
 
 
 def test_a_folder_that_cannot_be_written_is_told_before_anything_runs(monkeypatch, tmp_path):
-    from exunet.commands import hard as command
+    from exunet.interfaces.commands import hard as command
 
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(command, "checks", lambda **_: pytest.fail("ran"))
@@ -175,12 +175,12 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_runs(monkeypatc
 
 def test_ctrl_c_is_no_finding(monkeypatch):
     """A run's `Interrupted` is a RunStopped too: taken for one, the gallery would go on and tell a fault."""
-    from exunet.errors import Interrupted
+    from exunet.base.errors import Interrupted
 
     def interrupted(_start):
         raise Interrupted("interrupted after t = 0.1 s")
 
-    monkeypatch.setattr("exunet.verify.hard.simulate", interrupted)
+    monkeypatch.setattr("exunet.verification.hard.simulate", interrupted)
     for findings in (hard.of_form(GALLERY[0], "compiled"), hard.implicit("fused"), hard.above("compiled")):
         with pytest.raises(KeyboardInterrupt):
             list(findings)

@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from starts import planar
 
-from exunet.engine.stepper import Stepper
-from exunet.errors import Interrupted
-from exunet.interrupt import postponed
-from exunet.loop.loop import Loop
-from exunet.recording import Record
-from exunet.timeloop import simulate
+from exunet.backends.compiled.loop import Loop
+from exunet.backends.exudyn.stepper import Stepper
+from exunet.base.errors import Interrupted
+from exunet.base.interrupt import postponed
+from exunet.simulation.recorder import Recorder
+from exunet.simulation.run import simulate
 
 OUTPUT_STEP = 1e-3  # [s]; in free flight each stretch is one step, and a batch of the guards 256 of them
 PRESSED = 0.3  # [s] of simulated time; the strings snap taut at 0.57 s
@@ -27,7 +27,7 @@ FORMS = {
 }
 # Between two stretches, while a state is stored; and within the last step of a stretch.
 MOMENTS: dict[str, list[tuple[type, str, Callable[[Any], float]]]] = {
-    "storing": [(Record, "store", lambda record: record._time[-1])],
+    "storing": [(Recorder, "store", lambda record: record._time[-1])],
     "stepping": [
         (Stepper, "_before_attempt", lambda stepper: stepper.time),
         (Loop, "_look_for_breaks", lambda loop: loop.time),

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from starts import planar, states
 
-from exunet.energy import elastic
-from exunet.errors import MissingExtra
-from exunet.kernel import compile as compiling
-from exunet.kernel.compile import compiled_module, require_numba
-from exunet.kernel.net import net_kernel
+from exunet.base.errors import MissingExtra
+from exunet.codegen import compile as compiling
+from exunet.codegen.compile import compiled_module, require_numba
+from exunet.codegen.kernel import net_kernel
+from exunet.system.energy import elastic
 
 SOURCE = '"""A module."""\n\nimport numpy as np\n\n\n@compiled\ndef twice(x):\n    return {factor} * x\n'
 
@@ -121,5 +121,7 @@ def test_what_needs_numba_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_importing_exunet_does_not_import_numba() -> None:
-    code = "import sys, exunet.build, exunet.timeloop; sys.exit('numba' in sys.modules)"
+    code = (
+        "import sys, exunet.simulation.preparation, exunet.simulation.run; sys.exit('numba' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.errors import InputError
-from exunet.files import replacing, sweep
+from exunet.base.errors import InputError
+from exunet.base.files import replacing, sweep
 
 CASE = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
 KILLS = 24
 # The command, with a part written at each stored time, so that many kills hit a file half written.
 COMMAND = """
-import exunet.timeloop as loop
+import exunet.simulation.run as loop
 loop.KEEP_EVERY, loop.KEEP_PART = 0.0, 1e9
-from exunet.cli import main
+from exunet.interfaces.cli import main
 main()
 """
 ENDLESS = ("--set", "time.end=1000", "--set", "time.output_step=0.02")

@@ -10,13 +10,13 @@ import pytest
 from starts import CASES, planar
 
 import exunet
-from exunet.build import prepare
-from exunet.casefile import load
-from exunet.ensemble import perturbed_positions, run_ensemble
-from exunet.errors import CaseError, InputError, Interrupted, RunStopped
-from exunet.loop.loop import March, loop_kernel
-from exunet.solvers import Plan
-from exunet.timeloop import simulate
+from exunet.backends.compiled.loop import March, loop_kernel
+from exunet.base.errors import CaseError, InputError, Interrupted, RunStopped
+from exunet.case.casefile import load
+from exunet.methods.methods import Plan
+from exunet.simulation.preparation import prepare
+from exunet.simulation.run import simulate
+from exunet.studies.ensemble import perturbed_positions, run_ensemble
 
 TAUT = ("initial.packing = 1.0005", "time = {end = 0.002, output_times = [1e-4]}")
 COMPILED = 'engine.loop = "compiled"'

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from exunet.build import prepare
-from exunet.result import Result
-from exunet.scene import Scene
-from exunet.solvers import METHODS
-from exunet.timeloop import simulate
+from exunet.case.scene import Scene
+from exunet.methods.methods import METHODS
+from exunet.results.result import Result
+from exunet.simulation.preparation import prepare
+from exunet.simulation.run import simulate
 
 STEPS = {"ExplicitEuler": (100, 200), "RK67": (6, 12), "RK44": (10, 20), "RK33": (20, 40)}
 FIXED = [name for name, method in METHODS.items() if method.kind != "adaptive"]

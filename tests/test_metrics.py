@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from result_samples import net, result, square_net, unfolding
 from scipy.spatial.transform import Rotation
 
-from exunet import metrics
+from exunet.results import measures as metrics
 
 
 def scaled(of, factors, time=None):

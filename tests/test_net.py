@@ -19,8 +19,8 @@ from pydantic import TypeAdapter, ValidationError
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from exunet.casefile import load
-from exunet.errors import CaseError
+from exunet.base.errors import CaseError
+from exunet.case.casefile import load
 from exunet.net import TOPOLOGIES, NetKeys, weave
 from exunet.net.arrays import Net
 from exunet.net.base import MAX_ELEMENTS

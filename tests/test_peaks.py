@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.peaks import Peaks
+from exunet.simulation.peaks import Peaks
 
 CASES = Path(__file__).parent.parent / "cases"
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.build import prepare
-from exunet.compare import States, compare, match_nodes, read_states
-from exunet.metrics import bullet_speeds, energy_balance
-from exunet.result import Result
+from exunet.results.comparison import States, compare, match_nodes, read_states
+from exunet.results.measures import bullet_speeds, energy_balance
+from exunet.results.result import Result
+from exunet.simulation.preparation import prepare
 
 CASES = Path(__file__).parent.parent / "cases"
 # Bullet speeds of the undamped net: field.md, "three independent codes converge to", m/s.
@@ -134,5 +134,5 @@ def test_same_case_gives_the_same_bits():
 @pytest.mark.parametrize("name", ["planar_deployment_006.toml"])
 def test_the_other_reading_of_the_packing(name):
     run = simulated(name, "time.end=1.75")
-    corner_square = exunet.metrics.mouth_area(run.net, run.position[-1]) / 25.0
+    corner_square = exunet.results.measures.mouth_area(run.net, run.position[-1]) / 25.0
     assert corner_square == pytest.approx(0.72, abs=0.01)  # field.md: 0.72 at 1.75 s

@@ -14,13 +14,13 @@ from matplotlib.collections import LineCollection
 from result_samples import net, result, square_net, unfolding
 from small_nets import CABLE, thrown
 
-from exunet import metrics
-from exunet.agreement import Agreement
-from exunet.build import prepare
-from exunet.errors import InputError
-from exunet.plot import figures, save_figures
-from exunet.plot.nets import snapshot_indices
-from exunet.plot.style import drawing, shortened
+from exunet.base.errors import InputError
+from exunet.figures import figures, save_figures
+from exunet.figures.nets import snapshot_indices
+from exunet.figures.style import drawing, shortened
+from exunet.results import measures as metrics
+from exunet.results.agreement import Agreement
+from exunet.simulation.preparation import prepare
 
 THROWN_NET = {
     "cable": CABLE,

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from result_samples import net, result, square_net, unfolding
 
-from exunet.errors import InputError
-from exunet.result import FILE_FORMAT, load_result, save
+from exunet.base.errors import InputError
+from exunet.results.result import FILE_FORMAT, load_result, save
 
 
 def assert_same(a, b):
@@ -144,7 +144,7 @@ def test_killed_process_leaves_the_older_file(stored):
     before = stored.read_bytes()
     program = (
         "import os, sys\n"
-        "from exunet.files import replacing\n"
+        "from exunet.base.files import replacing\n"
         "with replacing(sys.argv[1]) as part:\n"
         "    part.write_bytes(b'half')\n"
         "    os._exit(9)\n"
@@ -234,8 +234,7 @@ def test_load_refuses_values_out_of_order(stored):
 
 def test_importing_the_module_is_quick():
     """h5py and matplotlib are loaded when a file or a figure is made, not before."""
-    program = (
-        "import sys, exunet.result, exunet.plot; print('h5py' in sys.modules, 'matplotlib' in sys.modules)"
-    )
+    program = "import sys, exunet.results.result, exunet.figures\n"
+    program += "print('h5py' in sys.modules, 'matplotlib' in sys.modules)"
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
     assert said.split() == ["False", "False"]

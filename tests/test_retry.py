@@ -7,15 +7,15 @@ import pytest
 from small_nets import pair_of_masses, thrown
 
 import exunet
-from exunet import timeloop
-from exunet.build import prepare
-from exunet.errors import RunStopped
-from exunet.guards import ENERGY_BOUND
-from exunet.metrics import energy_balance
-from exunet.recording import GOOD_PART
-from exunet.retry import LEAST_TOLERANCE, finer
-from exunet.solvers import Plan
-from exunet.summary import rows, summarise
+from exunet.base.errors import RunStopped
+from exunet.methods.methods import Plan
+from exunet.results.measures import energy_balance
+from exunet.results.summary import rows, summarise
+from exunet.simulation import run as timeloop
+from exunet.simulation.guards import ENERGY_BOUND
+from exunet.simulation.preparation import prepare
+from exunet.simulation.recorder import GOOD_PART
+from exunet.simulation.refinement import LEAST_TOLERANCE, finer
 
 COARSE = {"method": "RK44", "step": 2.3e-4}  # 0.9 of the stable step: loses energy at each snap
 FORMS = [{"net": "connectors"}, {"net": "fused"}, {"net": "fused", "loop": "compiled"}]
@@ -99,7 +99,7 @@ def test_restarts_change_nothing_but_round_off():
         plans.append(plan)
         return plan
 
-    from exunet.monitor import Monitor
+    from exunet.simulation.monitor import Monitor
 
     guard, calls = Monitor.__call__, []
 

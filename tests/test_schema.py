@@ -13,13 +13,13 @@ import jsonschema
 import pytest
 from pydantic import BaseModel
 
-from exunet.casefile import load
-from exunet.effects import EFFECTS
-from exunet.errors import CaseError
+from exunet.base.errors import CaseError
+from exunet.case.casefile import load
+from exunet.case.scene import Scene
+from exunet.case.schema import example, json_schema, resolve, template
+from exunet.forces.effects import EFFECTS
+from exunet.methods.methods import METHODS
 from exunet.net import TOPOLOGIES
-from exunet.scene import Scene
-from exunet.schema import example, json_schema, resolve, template
-from exunet.solvers import METHODS
 
 # The keys of cases/README.md, which is the contract between the two codes.
 CONTRACT = {

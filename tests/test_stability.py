@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from exunet.build import prepare
-from exunet.effects.terms import Terms
-from exunet.scene import Scene
-from exunet.solvers import METHODS
-from exunet.stability import _RK67_SEVENTH, largest_damping_rate, largest_frequency, stable_step, step_limit
+from exunet.case.scene import Scene
+from exunet.forces.terms import Terms
+from exunet.methods.methods import METHODS
+from exunet.simulation.preparation import prepare
+from exunet.system.stability import (
+    _RK67_SEVENTH,
+    largest_damping_rate,
+    largest_frequency,
+    stable_step,
+    step_limit,
+)
 
 E, RHO, D = 70e9, 1390.0, 0.002
 AREA = math.pi / 4 * D**2
@@ -126,7 +132,7 @@ def test_damped_verlet_limit_is_where_the_engine_starts_to_grow():
 
 def test_sixth_order_methods_last_coefficient():
     """One step of the engine on x'' = -w^2 x is R(ihw) (x, v); its 7th coefficient is read off."""
-    from exunet.timeloop import simulate
+    from exunet.simulation.run import simulate
 
     h, w = 0.1, 10.0
     scene = oscillator(

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from starts import CASES, EFFECTS, planar, states
 
-from exunet import energy
-from exunet.build import Start, build, prepare
-from exunet.cable import Law, elastic_energy, tension, viscous_tension
-from exunet.casefile import load
-from exunet.effects.terms import KernelTerm, Terms
-from exunet.engine.probe import Probe
-from exunet.kernel.compile import interpreted_module
-from exunet.kernel.net import net_kernel
-from exunet.loop.loop import March, loop_kernel
-from exunet.solvers import Plan
-from exunet.timeloop import simulate
+from exunet.backends.compiled.loop import March, loop_kernel
+from exunet.backends.exudyn.probe import Probe
+from exunet.case.casefile import load
+from exunet.codegen.compile import interpreted_module
+from exunet.codegen.kernel import net_kernel
+from exunet.forces.cable import Law, elastic_energy, tension, viscous_tension
+from exunet.forces.terms import KernelTerm, Terms
+from exunet.methods.methods import Plan
+from exunet.simulation.preparation import Start, build, prepare
+from exunet.simulation.run import simulate
+from exunet.system import energy
 
 SUBSETS = [
     (),

@@ -9,18 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exunet.commands.verify import verify
-from exunet.errors import InputError
+from exunet.base.errors import InputError
+from exunet.interfaces.commands.verify import verify
 from exunet.net import TOPOLOGIES
-from exunet.verify import random_nets, states, tolerances
-from exunet.verify.check import Check, worst_of
-from exunet.verify.forces import forces
-from exunet.verify.ladder import Ladder, Step, shipped
-from exunet.verify.matrices import matrices
-from exunet.verify.measures import measures
-from exunet.verify.pair import pair_of_text, read_pair
-from exunet.verify.stepping import one_step
-from exunet.verify.topology import random_topologies, topology
+from exunet.studies.both_codes import pair_of_text, read_pair
+from exunet.verification import random_nets, states, tolerances
+from exunet.verification.check import Check, worst_of
+from exunet.verification.forces import forces
+from exunet.verification.ladder import Ladder, Step, shipped
+from exunet.verification.matrices import matrices
+from exunet.verification.measures import measures
+from exunet.verification.stepping import one_step
+from exunet.verification.topology import random_topologies, topology
 
 CASES = shipped() + shipped("verification/trajectories")
 
@@ -152,7 +152,7 @@ def _only_states(monkeypatch):
 
 
 def test_a_failing_rung_says_where_and_ends_with_1(tmp_path, monkeypatch, capsys):
-    from exunet import cable
+    from exunet.forces import cable
 
     _only_states(monkeypatch)
     tension = cable.tension
@@ -167,7 +167,7 @@ def test_a_failing_rung_says_where_and_ends_with_1(tmp_path, monkeypatch, capsys
 
 
 def test_an_interrupted_ladder_keeps_what_was_done(tmp_path, monkeypatch):
-    from exunet.verify import forces as rung2
+    from exunet.verification import forces as rung2
 
     def interrupted(pair):
         raise KeyboardInterrupt

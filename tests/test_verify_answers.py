@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from exunet.net.arrays import Net
-from exunet.verify.answers import ANSWERS
-from exunet.verify.answers.modes import frequency
-from exunet.verify.answers.orders import Series
-from exunet.verify.answers.rest import hanging_chain
-from exunet.verify.answers.snap import known_snap
-from exunet.verify.check import Check
-from exunet.verify.ladder import shipped
-from exunet.verify.pair import read_pair
+from exunet.studies.both_codes import read_pair
+from exunet.verification.answers import ANSWERS
+from exunet.verification.answers.modes import frequency
+from exunet.verification.answers.orders import Series
+from exunet.verification.answers.rest import hanging_chain
+from exunet.verification.answers.snap import known_snap
+from exunet.verification.check import Check
+from exunet.verification.ladder import shipped
 
 PATHS = {path.stem: path for path in shipped("verification")}
 SLOW = {"free_net", "smooth", "snap_from_slack", "rotating"}
@@ -82,8 +82,8 @@ def test_both_codes_give_the_known_answer(name, answer):
 
 
 def test_each_code_tells_its_own_peak_force(monkeypatch):
-    from exunet import cable
-    from exunet.verify.answers.snap import snap
+    from exunet.forces import cable
+    from exunet.verification.answers.snap import snap
     from reference_impl import forces as formulas
 
     pair = read_pair(PATHS["snap"])
@@ -96,8 +96,8 @@ def test_each_code_tells_its_own_peak_force(monkeypatch):
 
 
 def test_a_mouth_twice_as_large_is_seen(monkeypatch):
-    from exunet import metrics
-    from exunet.verify.answers.mouth import areas
+    from exunet.results import measures as metrics
+    from exunet.verification.answers.mouth import areas
 
     right = metrics.mouth_area
     monkeypatch.setattr(metrics, "mouth_area", lambda *state: 2.0 * right(*state))

@@ -6,21 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from exunet.errors import InputError
-from exunet.verify.answers import orders
-from exunet.verify.check import Check
-from exunet.verify.converged import converged
-from exunet.verify.ensemble import COMPILED, EXUDYN, RUNS, ensemble, in_parallel, our_code
-from exunet.verify.growth import LONE, ROUND_OFF, boosted, distance, grid, growth, perturbed
-from exunet.verify.growth import VISIBLE as VISIBLE_DIFFERENCE
-from exunet.verify.horizon import after_it, sensitivity
-from exunet.verify.ladder import PAPER as PAPERS
-from exunet.verify.ladder import Ladder, answers, read_cases, shipped
-from exunet.verify.pair import Motion, Pair, pair_of_text, read_pair
-from exunet.verify.report import verdict
-from exunet.verify.separation_runs import run_one
-from exunet.verify.separation_text import PAPER, VISIBLE
-from exunet.verify.stepping import same_scheme
+from exunet.base.errors import InputError
+from exunet.studies.both_codes import Motion, Pair, pair_of_text, read_pair
+from exunet.verification.answers import orders
+from exunet.verification.check import Check
+from exunet.verification.converged import converged
+from exunet.verification.ensemble import COMPILED, EXUDYN, RUNS, ensemble, in_parallel, our_code
+from exunet.verification.growth import LONE, ROUND_OFF, boosted, distance, grid, growth, perturbed
+from exunet.verification.growth import VISIBLE as VISIBLE_DIFFERENCE
+from exunet.verification.horizon import after_it, sensitivity
+from exunet.verification.ladder import PAPER as PAPERS
+from exunet.verification.ladder import Ladder, answers, read_cases, shipped
+from exunet.verification.report import verdict
+from exunet.verification.separation_runs import run_one
+from exunet.verification.separation_text import PAPER, VISIBLE
+from exunet.verification.stepping import same_scheme
 
 CASES = {path.stem: path for path in shipped() + shipped("verification/trajectories")}
 
@@ -218,7 +218,7 @@ def test_two_cases_of_one_name_are_refused(tmp_path):
 
 def test_quick_says_what_it_leaves_out(monkeypatch):
     """One case is followed, not to its end; the verdict tells the rest together."""
-    monkeypatch.setattr("exunet.verify.ladder.QUICK_END", 0.1)
+    monkeypatch.setattr("exunet.verification.ladder.QUICK_END", 0.1)
     ladder = Ladder(read_cases([CASES[name] for name in PAPERS]), quick=True, study=True)
     first, *others = (list(step.run()) for step in ladder._runs())
     rows = [row for row in first if isinstance(row, Check) and row.left_out]
@@ -230,7 +230,7 @@ def test_quick_says_what_it_leaves_out(monkeypatch):
 
 
 def test_a_run_that_costs_too_much_says_from_when_on_it_is_left_out(monkeypatch):
-    monkeypatch.setattr("exunet.verify.growth.MOST_WORK", 100_000)
+    monkeypatch.setattr("exunet.verification.growth.MOST_WORK", 100_000)
     ladder = Ladder(read_cases([CASES["planar_undamped"]]), quick=False, study=False)
     (step,) = ladder._runs()
     row = next(finding for finding in step.run() if isinstance(finding, Check))

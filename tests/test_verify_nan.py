@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 import reference_impl as reference
-from exunet.verify import horizon, separation, topology
-from exunet.verify.check import Check, worst_first
-from exunet.verify.converged import _compared
-from exunet.verify.ensemble import COMPILED, REFERENCE, Ensemble
-from exunet.verify.forces import forces
-from exunet.verify.growth import AMPLITUDES, LONE, ROUND_OFF, Growth, growth
-from exunet.verify.horizon import sensitivity
-from exunet.verify.ladder import shipped
-from exunet.verify.pair import Motion, Pair, read_pair
-from exunet.verify.stepping import one_step, same_scheme
+from exunet.studies.both_codes import Motion, Pair, read_pair
+from exunet.verification import horizon, separation, topology
+from exunet.verification.check import Check, worst_first
+from exunet.verification.converged import _compared
+from exunet.verification.ensemble import COMPILED, REFERENCE, Ensemble
+from exunet.verification.forces import forces
+from exunet.verification.growth import AMPLITUDES, LONE, ROUND_OFF, Growth, growth
+from exunet.verification.horizon import sensitivity
+from exunet.verification.ladder import shipped
+from exunet.verification.stepping import one_step, same_scheme
 
 CASE = next(path for path in shipped() if path.stem == "planar_deployment")
 NAN = float("nan")

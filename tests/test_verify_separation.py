@@ -5,12 +5,21 @@ import dataclasses
 import numpy as np
 import pytest
 
-from exunet.verify.growth import perturbed
-from exunet.verify.ladder import shipped
-from exunet.verify.pair import read_pair
-from exunet.verify.separation import _symmetric
-from exunet.verify.separation_runs import BEYOND, CODES, END, MIRRORED, TOLERANCES, Curve, Study, run_one
-from exunet.verify.separation_text import PAPER, TWICE, VISIBLE, answer
+from exunet.studies.both_codes import read_pair
+from exunet.verification.growth import perturbed
+from exunet.verification.ladder import shipped
+from exunet.verification.separation import _symmetric
+from exunet.verification.separation_runs import (
+    BEYOND,
+    CODES,
+    END,
+    MIRRORED,
+    TOLERANCES,
+    Curve,
+    Study,
+    run_one,
+)
+from exunet.verification.separation_text import PAPER, TWICE, VISIBLE, answer
 
 CASES = {path.stem: path for path in shipped()}
 SPEED = 2.5  # [m/s]

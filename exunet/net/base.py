@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field, model_validator
 
-from exunet.checks import Wrong, refuse, refuse_with, unless_one
-from exunet.partial import Unknown
-from exunet.record import Count, Positive, Record, check, exactly_one
+from exunet.base.faults import Wrong, refuse, refuse_with, unless_one
+from exunet.base.incomplete import Unknown
+from exunet.base.table import Count, Positive, Table, check, exactly_one
 
 MAX_ELEMENTS = 1_000_000
 WHOLE = 1e-9  # how near size / mesh must be to a whole number
 
 
-class Cable(Record):
+class Cable(Table):
     """Material and cross section of a cable (reference configuration)."""
 
     model_config = exactly_one("diameter", "area")
@@ -66,13 +66,13 @@ class Strings(Cable):
     divisions: Count = Field(1, description="elements on each string")
 
 
-class Bullets(Record):
+class Bullets(Table):
     """The masses that are thrown to open the net."""
 
     mass: Positive = Field(description="mass of each bullet [kg]", examples=[0.5])
 
 
-class NetTable(Record, ABC):
+class NetTable(Table, ABC):
     """Keys of [net] that every topology has.
 
     A topology derives its `Keys` from this (or from `ThrownNetTable`), adds `topology: Literal["its name"]`,

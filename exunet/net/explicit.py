@@ -10,11 +10,11 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from exunet.checks import Wrong
+from exunet.base.faults import Wrong
+from exunet.base.incomplete import Unknown
+from exunet.base.table import FromArray, NonNegative, Vector, check
 from exunet.net.arrays import Mesh
 from exunet.net.base import NetTable, no_node, other_length
-from exunet.partial import Unknown
-from exunet.record import FromArray, NonNegative, Vector, check
 
 Pair = Annotated[tuple[int, int], FromArray]
 

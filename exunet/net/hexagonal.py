@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from exunet.checks import Wrong
+from exunet.base.faults import Wrong
+from exunet.base.table import Positive, check
 from exunet.net.arrays import Ints, Mesh
 from exunet.net.base import MAX_ELEMENTS, ThrownNetTable
-from exunet.record import Positive, check
 
 # Lattice coordinates are whole numbers: x in units of sqrt(3) a / 2, y in units of a / 2. Shared vertices of
 # neighbouring cells are then equal exactly.

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from exunet.base.table import Positive
 from exunet.net.arrays import Mesh
 from exunet.net.base import MAX_ELEMENTS, ThrownNetTable
-from exunet.record import Positive
 
 
 class Keys(ThrownNetTable):

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
+from exunet.base.table import FromArray, Positive
 from exunet.net.arrays import Mesh
 from exunet.net.base import ThrownNetTable, meshes, refuse_unfit
-from exunet.record import FromArray, Positive
 
 Pair = Annotated[tuple[Positive, Positive], FromArray]
 

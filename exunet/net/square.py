@@ -6,10 +6,10 @@ from typing import Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
+from exunet.base.table import Positive
 from exunet.net.arrays import Mesh
 from exunet.net.base import ThrownNetTable, meshes
 from exunet.net.rectangular import grid
-from exunet.record import Positive
 
 
 class Keys(ThrownNetTable):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from exunet.errors import BeyondFloats, Fault
+from exunet.base.errors import BeyondFloats, Fault
 from exunet.net.arrays import Floats, Ints, Mesh, Net
 from exunet.net.base import Bullets, Cable, NetTable, Strings, ThrownNetTable
 

@@ -12,11 +12,11 @@ import sys
 from pathlib import Path
 
 import exunet
-from exunet.build import prepare
-from exunet.cost.converged import converge
-from exunet.cost.measure import launch_speed
-from exunet.cost.runners import Subject
-from exunet.verify.pair import pair_of
+from exunet.simulation.preparation import prepare
+from exunet.studies.both_codes import pair_of
+from exunet.studies.cost.converged import converge
+from exunet.studies.cost.measure import launch_speed
+from exunet.studies.cost.runners import Subject
 
 HERE = Path(__file__).parent
 CASES = HERE.parent.parent / "cases"

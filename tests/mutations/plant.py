@@ -1,4 +1,4 @@
-"""Plants the errors of exunet.verify.planted, one at a time, with pytest's monkeypatch."""
+"""Plants the errors of exunet.verification.planted, one at a time, with pytest's monkeypatch."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import sys
 
 import numpy as np
 
-import exunet.build
-import exunet.initial
+import exunet.simulation.preparation
+import exunet.system.initial
 import reference_impl.energy as reference_energy
 import reference_impl.forces as forces
-from exunet import cable, energy, metrics
-from exunet.effects import mass_damping, orbit, rayleigh_damping
-from exunet.engine.model import Model
+from exunet.backends.exudyn.model import Model
+from exunet.forces import cable
+from exunet.forces.effects import mass_damping, orbit, rayleigh_damping
+from exunet.results import measures as metrics
+from exunet.system import energy
 
 march = sys.modules["reference_impl.march"]  # the package has a function of that name
 
@@ -43,8 +45,8 @@ def compression(patch):
 
 def _other_net(patch, change):
     """Let exunet, and only it, work on a changed net."""
-    right = exunet.build.weave
-    patch.setattr(exunet.build, "weave", lambda keys: change(right(keys)))
+    right = exunet.simulation.preparation.weave
+    patch.setattr(exunet.simulation.preparation, "weave", lambda keys: change(right(keys)))
 
 
 def string_area(patch):
@@ -99,8 +101,8 @@ def beta_lost(patch):
 
 
 def launch_inwards(patch):
-    right = exunet.initial._launch_velocity
-    patch.setattr(exunet.initial, "_launch_velocity", lambda launch, net: -right(launch, net))
+    right = exunet.system.initial._launch_velocity
+    patch.setattr(exunet.system.initial, "_launch_velocity", lambda launch, net: -right(launch, net))
 
 
 def stale_length(patch):

@@ -3,9 +3,9 @@
 import plant
 import pytest
 
-from exunet.verify.check import Check
-from exunet.verify.ladder import Ladder, read_cases, shipped
-from exunet.verify.planted import PLANTED
+from exunet.verification.check import Check
+from exunet.verification.ladder import Ladder, read_cases, shipped
+from exunet.verification.planted import PLANTED
 
 QUICK = {
     "strain_without_half",

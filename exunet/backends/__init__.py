@@ -1,0 +1,1 @@
+"""Who steps in time: Exudyn, or the compiled loop, behind one protocol."""

@@ -1,0 +1,85 @@
+"""The engine's equations of motion at given states: accelerations, and its own linearisation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+
+from exunet.backends.exudyn.loading import exudyn
+from exunet.backends.exudyn.model import Model
+
+Floats = NDArray[np.float64]
+
+
+class Probe:
+    """Evaluates an assembled model at states of the caller's choice, without a step in time.
+
+    All states are position, velocity (n, 3) [m], [m/s] of all points; fixed points keep their place.
+    Matrices are (3n, 3n) over all points, with zero rows and columns for fixed points.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._engine = exudyn()
+        self._model = model
+        self._system = model.system
+        nothing = np.zeros(model.n_coordinates)
+        self._reference, _ = model.unpack(nothing, nothing)
+        self._free = model.unpack(nothing, nothing + 1.0)[1][:, 0] != 0.0
+        settings = self._engine.SimulationSettings()
+        settings.solution.file.write = False  # else the engine writes into the working directory
+        settings.solution.sensors.active = False
+        settings.solution.solverInformationFileName = ""
+        settings.linearSolver.solverType = self._engine.LinearSolverType.EigenSparse
+        settings.timeIntegration.verboseMode = 0
+        self._solver: Any = self._engine.MainSolverImplicitSecondOrder()
+        self._solver.InitializeSolver(model.system, settings)
+        self._solver.ComputeMassMatrix(model.system)
+        self._mass = np.array(self._solver.GetSystemMassMatrix())
+        self._divide_by_mass = splu(csc_array(self._mass)).solve
+
+    def _set(self, position: Floats, velocity: Floats) -> None:
+        self._model.look_again()
+        current = self._engine.ConfigurationType.Current
+        data = self._system.systemData
+        data.SetODE2Coordinates((position - self._reference)[self._free].ravel(), current)
+        data.SetODE2Coordinates_t(velocity[self._free].ravel(), current)
+
+    def accelerations(self, position: Floats, velocity: Floats) -> Floats:
+        """(n, 3) [m/s2], eq. (16); zero for fixed points."""
+        self._set(position, velocity)
+        self._solver.ComputeODE2RHS(self._system)
+        force = np.array(self._solver.GetSystemResidual())[: len(self._mass)]
+        result = np.zeros_like(self._reference)
+        result[self._free] = self._divide_by_mass(force).reshape(-1, 3)
+        return result
+
+    def mass(self) -> Floats:
+        """M of eq. (10) [kg]."""
+        return self._of_all_points(self._mass)
+
+    def stiffness(self, position: Floats, velocity: Floats) -> Floats:
+        """Minus the derivative of the forces by the positions [N/m]: T of eq. (14) under constant loads.
+
+        The engine differentiates connectors with a force law of their own numerically.
+        """
+        return self._jacobian(position, velocity, -1.0, 0.0)
+
+    def damping(self, position: Floats, velocity: Floats) -> Floats:
+        """Minus the derivative of the forces by the velocities [N s/m]: D of eq. (13)."""
+        return self._jacobian(position, velocity, 0.0, -1.0)
+
+    def _jacobian(self, position: Floats, velocity: Floats, of_place: float, of_speed: float) -> Floats:
+        self._set(position, velocity)
+        self._solver.ComputeJacobianODE2RHS(self._system, of_place, of_speed)
+        size = len(self._mass)
+        return self._of_all_points(np.array(self._solver.GetSystemJacobian())[:size, :size])
+
+    def _of_all_points(self, matrix: Floats) -> Floats:
+        keep = np.repeat(self._free, 3)
+        whole = np.zeros((len(keep), len(keep)))
+        whole[np.ix_(keep, keep)] = matrix
+        return whole

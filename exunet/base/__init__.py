@@ -1,0 +1,1 @@
+"""What every room stands on: errors, validated tables, whole files, interrupts."""

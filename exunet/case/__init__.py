@@ -1,0 +1,1 @@
+"""Text to a checked case, every fault with file and line."""

@@ -1,0 +1,282 @@
+"""Case files: TOML text to a Scene, with every fault at once as file:line: key: reason."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from exunet.base.errors import CaseError, Fault, InputError
+from exunet.case.fault_messages import explain
+from exunet.case.scene import Scene
+from exunet.case.toml_lines import key_lines
+from exunet.case.toml_syntax import syntax_error
+
+MAX_BYTES = 10_000_000
+MAX_FAULTS = 100  # more than anyone reads
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+KeyPath = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case that was read and found valid.
+
+    scene     : what is simulated
+    path      : the file
+    text      : its text, exactly
+    overrides : the "key.path=value" that were applied to it, in order
+    """
+
+    scene: Scene
+    path: Path
+    text: str = field(repr=False)
+    overrides: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The file's name without its ending."""
+        return self.path.stem.strip(".") or "case"
+
+
+def load(path: str | Path, overrides: Sequence[str] = ()) -> Case:
+    """Read a case file, apply overrides, and validate it.
+
+    An override is "key.path=value": the value is TOML, or a bare word as a string; an empty value removes the
+    key or table. Raises InputError if the file cannot be read, and CaseError with all faults if it is not a
+    valid case.
+    """
+    path = Path(path)
+    text = _decode(_read(path), path)
+    document = _parse(text, path)
+    changes = _parse_overrides(overrides)
+    _apply(changes, document)
+    huge = _take_huge_integers(document)
+    try:
+        scene = Scene.model_validate(document)
+    except ValidationError as error:
+        found = [explain(one, document) for one in error.errors(include_url=False)]
+        found = [one for one in found if one[0] not in huge]
+        found += [(place, "is a whole number beyond the 64 bits of TOML") for place in huge]
+        raise CaseError(_located(found, text, path, changes)) from None
+    return Case(scene, path, text, tuple(overrides))
+
+
+# Reading
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder, not a case file")
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: is not an ordinary file")
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise InputError(f"{path}: has {size:,} bytes; a case file has at most {MAX_BYTES:,}")
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path}: cannot be read: {reason}") from None
+
+
+def _decode(content: bytes, path: Path) -> str:
+    if not content.strip():
+        raise CaseError([Fault(f"{path}:1", "", "the file is empty")])
+    if content.startswith(b"\xef\xbb\xbf"):
+        raise CaseError(
+            [Fault(f"{path}:1", "", "begins with a byte order mark; save it as UTF-8 without one")]
+        )
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        reason = f"byte 0x{content[error.start]:02x} is not UTF-8; save the file as UTF-8"
+        raise CaseError([Fault(f"{path}:{line}", "", reason)]) from None
+
+
+def _parse(text: str, path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise CaseError([Fault(str(path), "", "values are nested too deeply")]) from None
+    except ValueError as error:  # tomllib.TOMLDecodeError, and whole numbers of thousands of digits
+        message, line = syntax_error(str(error), text)
+        place = f"{path}:{line}" if line else str(path)
+        raise CaseError([Fault(place, "", f"not valid TOML: {message}")]) from None
+
+
+# Overrides
+
+
+@dataclass(frozen=True)
+class _Change:
+    """One override: set the key at `path` to `value`, or remove it."""
+
+    option: str
+    path: tuple[str, ...]
+    value: Any = None
+    removes: bool = False
+
+    @property
+    def place(self) -> str:
+        option = " ".join(self.option.split())
+        return "--set " + (option if len(option) <= 60 else option[:57] + "...")
+
+    def fault(self, reason: str) -> Fault:
+        return Fault(self.place, "", reason)
+
+
+def _parse_overrides(overrides: Sequence[str]) -> list[_Change]:
+    changes, faults = [], []
+    for option in overrides:
+        try:
+            changes.append(_parse_override(option))
+        except ValueError as error:
+            faults.append(_Change(option, ()).fault(str(error)))
+    if faults:
+        raise CaseError(faults)
+    return changes
+
+
+def _parse_override(option: str) -> _Change:
+    key, equals, value = option.partition("=")
+    if not equals:
+        raise ValueError("must be of the form key.path=value")
+    path = key_path(key)
+    value = value.strip()
+    if not value:
+        return _Change(option, path, removes=True)
+    return _Change(option, path, _value(value))
+
+
+def key_path(key: str) -> tuple[str, ...]:
+    """The keys of a dotted key as TOML writes it; ValueError if it is none."""
+    try:
+        node: Any = tomllib.loads(f"{key} = 0")
+    except ValueError:
+        node = None
+    path: tuple[str, ...] = ()
+    while isinstance(node, dict) and len(node) == 1:
+        ((name, node),) = node.items()
+        path += (name,)
+    if node != 0 or not path:
+        raise ValueError("must be of the form key.path=value, such as time.end=1.5")
+    return path
+
+
+def _value(text: str) -> Any:
+    """The TOML value that `text` is; any other text, unless it looks like broken TOML, is a string."""
+    try:
+        content = tomllib.loads(f"value = {text}")
+        if list(content) == ["value"]:
+            return content["value"]
+    except RecursionError:
+        raise ValueError("the value is nested too deeply") from None
+    except ValueError as error:
+        if text[0] in "[{\"'":
+            words, _ = syntax_error(str(error), f"value = {text}")
+            raise ValueError(f"the value is not valid TOML: {words}") from None
+    if "\n" in text:
+        raise ValueError("must set one key")
+    return text
+
+
+def _apply(changes: list[_Change], document: dict[str, Any]) -> None:
+    """Change `document` in place."""
+    faults = []
+    for change in changes:
+        try:
+            _apply_one(change, document)
+        except ValueError as error:
+            faults.append(change.fault(str(error)))
+    if faults:
+        raise CaseError(faults)
+
+
+def _apply_one(change: _Change, document: dict[str, Any]) -> None:
+    table: Any = document
+    for length, name in enumerate(change.path[:-1], start=1):
+        table = table.get(name, {}) if change.removes else table.setdefault(name, {})
+        if not isinstance(table, dict):
+            raise ValueError(f"{_dotted(change.path[:length])} is not a table")
+    name = change.path[-1]
+    if not change.removes:
+        table[name] = change.value
+    elif name in table:
+        del table[name]
+    else:
+        raise ValueError("there is no such key to remove")
+
+
+# Placing faults
+
+
+def _take_huge_integers(document: dict[str, Any]) -> list[KeyPath]:
+    """Where whole numbers beyond the 64 bits of TOML stand, which tomllib passes on.
+
+    NaN, which no key takes, comes in their place.
+    """
+    found: list[KeyPath] = []
+    waiting: list[tuple[KeyPath, Any]] = [((), document)]
+    while waiting:
+        path, table = waiting.pop()
+        for key, value in table.items() if isinstance(table, dict) else enumerate(table):
+            if isinstance(value, dict | list):
+                waiting.append(((*path, key), value))
+            elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+                found.append((*path, key))
+                table[key] = math.nan
+    return found
+
+
+def located(found: list[tuple[KeyPath, str]], case: Case) -> list[Fault]:
+    """Faults (path of the key, reason) of a case that was read, in the order of its file."""
+    return _located(found, case.text, case.path, _parse_overrides(case.overrides))
+
+
+def _located(found: list[tuple[KeyPath, str]], text: str, path: Path, changes: list[_Change]) -> list[Fault]:
+    """Faults in the order of the file, those from overrides last."""
+    places: dict[KeyPath, tuple[int, str]] = {
+        key: (line, f"{path}:{line}") for key, line in key_lines(text).items()
+    }
+    for number, change in enumerate(changes):
+        place = (MAX_BYTES + number, change.place)
+        for known in [known for known in places if known[: len(change.path)] == change.path]:
+            del places[known]
+        for length in range(1, len(change.path)):
+            places.setdefault(change.path[:length], place)
+        places[change.path] = place
+
+    def place_of(key: KeyPath) -> tuple[int, str]:
+        prefixes = (key[:length] for length in range(len(key), 0, -1))
+        return next((places[prefix] for prefix in prefixes if prefix in places), (1, f"{path}:1"))
+
+    ordered = sorted(
+        {(*place_of(key), _dotted(key), reason): None for key, reason in found}, key=lambda f: f[0]
+    )
+    faults = [Fault(place, key, reason) for _, place, key, reason in ordered]
+    if len(faults) > MAX_FAULTS:
+        faults[MAX_FAULTS:] = [Fault(str(path), "", f"and {len(faults) - MAX_FAULTS} more faults")]
+    return faults
+
+
+def _dotted(path: KeyPath) -> str:
+    """A path as TOML writes keys, with [index] for items of lists; cut short."""
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            name = part if _BARE_KEY.fullmatch(part) else repr(part)
+            text += ("." if text else "") + name
+    return text if len(text) <= 100 else text[:97] + "..."

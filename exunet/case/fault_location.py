@@ -1,0 +1,46 @@
+"""Faults that show only when a case is prepared, told as those of reading: with the file and the line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from exunet.base.errors import BeyondFloats, CaseError
+from exunet.case.casefile import Case, KeyPath, key_path, located
+from exunet.case.scene import Scene
+
+REAL = 1e50  # no quantity of a net is larger in SI units, or smaller than its inverse
+
+
+@contextmanager
+def placing(case: Case) -> Iterator[None]:
+    """Give the faults of a CaseError from inside the block their place in the case's file or overrides.
+
+    Where numbers overflow, the values that no real net has are to blame, if there are any.
+    """
+    try:
+        yield
+    except CaseError as error:
+        if any(fault.place for fault in error.faults):
+            raise
+        found: list[tuple[KeyPath, str]] = [(key_path(fault.key), fault.reason) for fault in error.faults]
+        if isinstance(error, BeyondFloats) and (absurd := list(_absurd(case.scene))):
+            words = "; ".join(f"{fault.key}: {fault.reason}" for fault in error.faults)
+            found = [(path, f"{value:g} is not a value of a real net ({words})") for path, value in absurd]
+        raise CaseError(located(found, case)) from None
+
+
+def _absurd(scene: Scene) -> Iterator[tuple[KeyPath, float]]:
+    """The numbers of a scene that are beyond `REAL`, each with its key."""
+    tables = ("time", "net", "initial", "launch", "effects")
+    waiting: list[tuple[KeyPath, Any]] = [((), scene.model_dump(include=set(tables)))]
+    while waiting:
+        path, value = waiting.pop()
+        if isinstance(value, dict):
+            waiting.extend(((*path, key), inner) for key, inner in value.items())
+        elif isinstance(value, tuple):
+            waiting.extend(((*path, index), inner) for index, inner in enumerate(value))
+        elif isinstance(value, float) and value and abs(math.log10(abs(value))) > math.log10(REAL):
+            yield path, value

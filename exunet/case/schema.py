@@ -1,0 +1,146 @@
+"""The case format as a JSON schema and as a commented template, both made from the records."""
+
+from __future__ import annotations
+
+import copy
+import functools
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from exunet.case.scene import Scene
+from exunet.net import TOPOLOGIES
+
+Node = dict[str, Any]
+
+# Of keys of which a case gives exactly one, those that the template uses; it leaves out other optional keys.
+_CHOSEN = ("output_step", "diameter", "altitude", "radial_speed", "axial_speed", "strain")
+
+
+def json_schema() -> Node:
+    """JSON schema (draft 2020-12) of a case: every key with its type, bounds, and meaning with units.
+
+    What a schema cannot say, such as a mesh that divides the size, is checked on loading only, and so are
+    contradictions between effects.
+    """
+    return copy.deepcopy(_schema())
+
+
+@functools.cache
+def _schema() -> Node:
+    about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "exunet case"}
+    return Scene.model_json_schema() | about
+
+
+def resolve(path: tuple[str | int, ...], topology: str | None = None) -> Node:
+    """The schema of the key at `path`, for a net of `topology`; {} if the format has no such key."""
+    node = _plain(_schema(), topology)
+    for part in path:
+        if isinstance(part, str):
+            node = node.get("properties", {}).get(part, {})
+        else:
+            fixed = node.get("prefixItems", [])
+            node = fixed[part] if part < len(fixed) else node.get("items", {})
+        node = _plain(node, topology)
+    return node
+
+
+def _plain(node: Node, topology: str | None) -> Node:
+    """`node` without its indirections: references, `null` as an alternative, the choice of a topology."""
+    about = {key: value for key, value in node.items() if key not in ("$ref", "anyOf")}
+    if "$ref" in node:
+        return _plain(_schema()["$defs"][node["$ref"].rpartition("/")[2]], topology) | about
+    if "anyOf" in node:
+        return _plain(next(one for one in node["anyOf"] if one.get("type") != "null"), topology) | about
+    if "discriminator" in node:
+        if topology in TOPOLOGIES:
+            return _plain({"$ref": node["discriminator"]["mapping"][topology]}, topology) | about
+        names = list(TOPOLOGIES)
+        choice = {"type": "string", "enum": names, "description": "one of " + ", ".join(names)}
+        properties: Node = {}
+        for one in names:
+            properties = _plain(node, one)["properties"] | properties
+        return {"type": "object", "properties": properties | {"topology": choice}} | about
+    return node
+
+
+def template(topology: str = "square") -> str:
+    """A valid case for a net of `topology` with every key of the format, the optional ones commented out.
+
+    Taking away the first "# " of all lines of a table switches that table on. Raises KeyError if there is no
+    such topology.
+    """
+    if topology not in TOPOLOGIES:
+        raise KeyError(topology)
+    lines = [
+        "# A case of exunet, in SI units. What is commented out is optional:",
+        "# remove the first '# ' of a key, or of each line of a table, to use it.",
+        *_keys((), topology),
+        *_tables((), topology),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
+    """Lines of the keys of a table that are not tables, those that it needs first."""
+    node = resolve(path, topology)
+    given = {*node.get("required", ()), *_CHOSEN}
+    keys = {name: _plain(raw, topology) for name, raw in node["properties"].items()}
+    for name in sorted(keys, key=lambda name: name not in given):
+        if keys[name].get("type") != "object":
+            yield ("" if name in given else "# ") + _assignment(name, keys[name])
+    if path == ("net",):
+        yield from _other_topologies(topology)
+
+
+def _tables(path: tuple[str, ...], topology: str) -> Iterator[str]:
+    """Lines of the tables in a table, each with its header."""
+    node = resolve(path, topology)
+    for name, raw in node["properties"].items():
+        key = _plain(raw, topology)
+        if key.get("type") != "object":
+            continue
+        inner = (*path, name)
+        if keys := list(_keys(inner, topology)):  # a table of nothing but tables needs no header
+            yield ""
+            for line in (f"[{'.'.join(inner)}]  # {key.get('description', '')}", *keys):
+                yield line if name in node.get("required", ()) else "# " + line
+        yield from _tables(inner, topology)
+
+
+def _other_topologies(chosen: str) -> Iterator[str]:
+    """The keys that nets of the other topologies have in place of those of the chosen one, as comments."""
+    common = set.intersection(*(set(module.Keys.model_fields) for module in TOPOLOGIES.values()))
+    for topology in TOPOLOGIES:
+        if topology == chosen:
+            continue
+        yield f"# Instead of these, {topology} nets have"
+        properties = resolve(("net",), topology)["properties"]
+        for name, raw in properties.items():
+            key = _plain(raw, topology)
+            if key.get("type") != "object" and (name not in common or name == "topology"):
+                yield "#     " + _assignment(name, key)
+
+
+def _assignment(name: str, key: Node) -> str:
+    about = key.get("description", "")
+    return f"{name} = {json.dumps(example(key))}" + (f"  # {about}" if about else "")
+
+
+def example(key: Node) -> Any:
+    """A valid value: the example of the field, its default, or the least one of its type."""
+    if "examples" in key:
+        return key["examples"][0]
+    if key.get("default") is not None:
+        return key["default"]
+    if "const" in key:
+        return key["const"]
+    if "enum" in key:
+        return key["enum"][0]
+    kind = key.get("type")
+    if kind == "array":
+        return [example(item) for item in key.get("prefixItems", [])]
+    if kind in ("number", "integer"):
+        least = key.get("minimum", 1 if "exclusiveMinimum" in key else 0)
+        return int(least) if kind == "integer" else float(least)
+    return {"boolean": False, "string": ""}[str(kind)]

@@ -1,0 +1,118 @@
+"""Turns the text of a kernel's module into functions: compiled and kept for the next start, or interpreted.
+
+Numba keeps machine code only for functions that stand in a file, so the text goes into the user's cache
+directory, under a name made of its own hash: a changed ingredient is another file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import platform
+import sys
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
+
+from exunet.base.errors import MissingExtra
+
+_DECORATOR = """\
+from numba import njit
+
+
+def compiled(function):
+    return njit(function, cache={cache}, nogil=True, error_model="numpy")
+"""
+
+
+def numba_installed() -> bool:
+    """True if kernels can be compiled."""
+    return importlib.util.find_spec("numba") is not None
+
+
+def require_numba(purpose: str) -> None:
+    """Raise MissingExtra, naming what needs it, if Numba is not installed."""
+    if not numba_installed():
+        raise MissingExtra(
+            f"{purpose} needs Numba, which is not installed: pip install 'exunet[fast]' "
+            '(or use engine.net = "connectors", engine.loop = "exudyn")'
+        )
+
+
+def compiled_module(source: str) -> ModuleType:
+    """The module of this text with its functions compiled when first called; needs Numba."""
+    import numba
+
+    versions = f"{numba.__version__} {platform.python_version()} {platform.machine()}"
+    name = "exunet_kernel_" + hashlib.sha256((versions + source).encode()).hexdigest()[:20]
+    if name in sys.modules:
+        return sys.modules[name]
+    path = _kept(name, _with_decorator(source, cache=True))
+    if path is None:
+        module = ModuleType(name)
+        exec(_with_decorator(source, cache=False), module.__dict__)
+    else:
+        spec = importlib.util.spec_from_file_location(name, path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    sys.modules[name] = module
+    return module
+
+
+def interpreted_module(source: str) -> ModuleType:
+    """The same module as plain Python: correct, but some hundred times slower."""
+    module = ModuleType("exunet_kernel_interpreted")
+    exec(source.replace("@compiled\n", ""), module.__dict__)
+    return module
+
+
+def _with_decorator(source: str, *, cache: bool) -> str:
+    marker = "import numpy as np\n"
+    head, rest = source.split(marker, 1)
+    return head + marker + _DECORATOR.format(cache=cache) + rest
+
+
+def _kept(name: str, text: str) -> Path | None:
+    """The file that holds `text`, written if need be; None if no directory can be written."""
+    for folder in _folders():
+        path = folder / f"{name}.py"
+        try:
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            if not _own(folder):
+                continue
+            if not (path.is_file() and path.read_text(encoding="utf-8") == text):
+                with tempfile.NamedTemporaryFile(
+                    "w", dir=folder, suffix=".part", delete=False, encoding="utf-8"
+                ) as part:
+                    part.write(text)
+                os.replace(part.name, path)  # whole or not at all, whatever other processes do
+            (folder / "__pycache__").mkdir(exist_ok=True)
+            if os.access(folder / "__pycache__", os.W_OK):
+                return path
+        except OSError:
+            continue
+    return None
+
+
+def _folders() -> list[Path]:
+    """Where kernels may be kept, best first."""
+    folders = []
+    if cache := os.environ.get("XDG_CACHE_HOME"):
+        folders.append(Path(cache))
+    else:
+        with suppress(RuntimeError):  # no home directory
+            folders.append(Path.home() / ".cache")
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    return [folder / "exunet" for folder in folders] + [Path(tempfile.gettempdir()) / f"exunet-{user}"]
+
+
+def _own(folder: Path) -> bool:
+    """False for a directory that another user could have filled: its code must not be run."""
+    if not hasattr(os, "getuid"):
+        return True
+    status = folder.stat()
+    return status.st_uid == os.getuid() and not status.st_mode & 0o022

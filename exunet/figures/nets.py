@@ -1,0 +1,155 @@
+"""Pictures of the net: the reference configuration and six snapshots (the paper's Figs. 3 and 4)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from exunet.figures.dimensions import dimensions, draw_dimension
+from exunet.figures.style import BLACK, BLUE, REFERENCE, heading, number
+from exunet.figures.views import best_view, draw_net, net_size, panels
+from exunet.net.arrays import Net
+from exunet.results.measures import centre_of_mass
+from exunet.results.result import Result
+
+Floats = NDArray[np.float64]
+
+SNAPSHOTS = 6
+MOST_LABELS = 24
+
+
+def reference_net(result: Result) -> Figure:
+    """The net in its reference configuration, with node numbers and, if it has openings, its dimensions."""
+    net = result.net
+    shown = dimensions(net)
+    arrows = [
+        np.append(end + a.offset, net.reference_position[0, 2]) for a in shown for end in (a.start, a.end)
+    ]
+    view = best_view(net, [net.reference_position, *np.reshape(arrows, (-1, 1, 3))], margin=0.08)
+    figure, (axes,) = panels(view, 1, 1, 0.6 + _verdict_room(result), 0.0, 6.5)
+    for ax, plane in zip(axes, view.planes, strict=True):
+        draw_net(ax, net, net.reference_position, plane, BLUE, 1.3)
+        for line in shown:
+            draw_dimension(ax, line)
+    _number_nodes(axes[0], net, view.planes[0])
+    heading(figure, result, f"Reference configuration: {net.n_nodes} nodes, {net.n_elements} elements")
+    _explain(figure, net, result)
+    return figure
+
+
+def snapshots(result: Result) -> Figure:
+    """Up to six configurations from the first to the last time, over the reference configuration in grey.
+
+    A net whose centre of mass travels by more than half the net's size is drawn relative to that centre.
+    """
+    net = result.net
+    chosen = snapshot_indices(result.time, SNAPSHOTS)
+    centre = centre_of_mass(result)
+    follows = bool(np.linalg.norm(centre - centre[0], axis=1).max() > 0.5 * net_size(net))
+    reference = net.reference_position
+    states = [result.position[k] for k in chosen]
+    if follows:
+        reference = reference - net.mass @ reference / net.mass.sum()
+        states = [state - centre[k] for state, k in zip(states, chosen, strict=True)]
+    view = best_view(net, [reference, *states])
+    head, title = 0.3 + _verdict_room(result), 0.42 if follows else 0.28
+    count = len(chosen)
+    figure, grid = panels(view, count, min(3, count), head, title, 9.0 if count > 1 else 6.5)
+    for k, state, panel in zip(chosen, states, grid, strict=True):
+        for ax, plane in zip(panel, view.planes, strict=True):
+            draw_net(ax, net, reference, plane, REFERENCE, 0.8)
+            draw_net(ax, net, state, plane, BLUE, 1.0)
+        text = f"t = {number(result.time[k])} s"
+        if follows:
+            text += "\ncentre ({}) m".format(", ".join(f"{c + 0.0:.3g}" for c in np.round(centre[k], 2)))
+        panel[0].set_title(text.replace("-", "\N{MINUS SIGN}"), loc="left", fontsize=9)
+    text = "Snapshots (blue) over the reference configuration (grey)"
+    heading(figure, result, text + (", seen from the centre of mass" if follows else ""))
+    return figure
+
+
+def snapshot_indices(time: Floats, count: int) -> list[int]:
+    """Indices of the stored times nearest to `count` even times from the first to the last; each once."""
+    wanted = np.linspace(time[0], time[-1], count)
+    return sorted({int(np.argmin(np.abs(time - t))) for t in wanted})
+
+
+def _number_nodes(axes: Axes, net: Net, plane: tuple[int, int]) -> None:
+    """Numbers at the bullets and corners, clear of the cables; at all nodes of small nets without any."""
+    from matplotlib.patheffects import withStroke
+
+    labelled = list(dict.fromkeys([*net.bullet_nodes.tolist(), *net.mouth]))
+    if not labelled and net.n_nodes <= MOST_LABELS:
+        labelled = list(range(net.n_nodes))
+    points = net.reference_position[:, plane]
+    bullets = set(net.bullet_nodes.tolist())
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    to_points = 72.0 / figure.dpi
+    placed: list[tuple[Floats, int]] = []
+    for node in labelled[:: max(1, -(-len(labelled) // MOST_LABELS))]:
+        size = len(str(node))
+        at = axes.transData.transform(points[node]) * to_points
+        spots = [(8 + 2.5 * size) * away for away in _free_directions(net, points, node)]
+        spot = next((one for one in spots if not _covers(at + one, size, placed)), spots[0])
+        placed.append((at + spot, size))
+        axes.annotate(
+            str(node),
+            points[node],
+            xytext=tuple(spot),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=8,
+            fontweight="bold" if node in bullets else "normal",
+            color=BLACK,
+            path_effects=[withStroke(linewidth=2, foreground="white")],
+            zorder=5,
+        )
+
+
+def _covers(at: Floats, digits: int, placed: list[tuple[Floats, int]]) -> bool:
+    """True if a number there, in points of 1/72 inch, would touch one that is placed."""
+    return any(
+        abs(at[0] - other[0]) < 3.0 * (digits + count) + 2.0 and abs(at[1] - other[1]) < 11.0
+        for other, count in placed
+    )
+
+
+def _free_directions(net: Net, points: Floats, node: int) -> Floats:
+    """Unit vectors (k, 2) from a node into gaps of 60 degrees or more between elements, innermost first."""
+    ends = net.element_nodes
+    others = np.concatenate([ends[ends[:, 0] == node, 1], ends[ends[:, 1] == node, 0]])
+    arms = points[others] - points[node]
+    angles = np.sort(np.arctan2(arms[:, 1], arms[:, 0]))
+    if len(angles) == 0:
+        return np.array([[0.0, 1.0]])
+    gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
+    middles = angles + gaps / 2
+    directions = np.column_stack([np.cos(middles), np.sin(middles)])
+    inwards = directions @ (points.mean(axis=0) - points[node])
+    wide = gaps >= min(np.radians(59), gaps.max())
+    return np.asarray(directions[wide][np.argsort(-inwards[wide], kind="stable")])
+
+
+def _explain(figure: Figure, net: Net, result: Result) -> None:
+    """The legend above the picture."""
+    entries = [Line2D([], [], color=BLUE, linewidth=1.2, label="cable")]
+    if net.is_string.any():
+        entries.append(Line2D([], [], color=BLUE, linewidth=2.6, label="corner string"))
+    if len(net.bullet_nodes):
+        entries.append(Line2D([], [], color=BLUE, linestyle="", marker="o", markersize=5, label="bullet"))
+    number_style: dict[str, Any] = {"linestyle": "", "marker": "$0$", "color": BLACK, "markersize": 5}
+    entries.append(Line2D([], [], label="node number, from 0", **number_style))
+    top = 1 - (0.27 + _verdict_room(result)) / figure.get_figheight()
+    figure.legend(handles=entries, loc="upper center", bbox_to_anchor=(0.5, top), ncols=4, frameon=False)
+
+
+def _verdict_room(result: Result) -> float:
+    """Height [inch] of the line that names an incomplete result."""
+    return 0.0 if result.complete else 0.17

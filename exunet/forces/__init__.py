@@ -1,0 +1,1 @@
+"""Every force law, once."""

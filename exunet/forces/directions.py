@@ -1,0 +1,76 @@
+"""Directions of an orbit in the scene's axes, which several effects take."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from exunet.base.faults import refuse_with, unless_one
+from exunet.base.table import Positive, Table, Vector, exactly_one
+
+EARTH_MU = 3.986004418e14  # [m3/s2], cases/README.md
+EARTH_RADIUS = 6378137.0  # [m], equatorial
+NEAR = 1e-9  # how near the directions must be to unit length and a right angle
+
+
+def refuse_other_than_unit(vector: tuple[float, float, float]) -> None:
+    """ValueError unless a direction has length 1."""
+    if not abs(math.hypot(*vector) - 1.0) <= NEAR:
+        raise ValueError(f"must have length 1 (within {NEAR:g}), got length {math.hypot(*vector):.12g}")
+
+
+class OrbitKeys(Table):
+    """A circular orbit round the Earth, and where it lies in the scene's axes."""
+
+    model_config = exactly_one("altitude", "mean_motion")
+
+    altitude: Positive | None = Field(
+        None, description="height of the orbit above Earth's equatorial radius [m]", examples=[500e3]
+    )
+    mean_motion: Positive | None = Field(
+        None, description="angular rate n of the orbit [rad/s], instead of altitude", examples=[1.1e-3]
+    )
+    radial: Vector = Field(
+        description="unit vector away from Earth's centre, in the scene's axes", examples=[[0.0, 0.0, 1.0]]
+    )
+    along_track: Vector = Field(
+        description="unit vector along the orbital velocity, in the scene's axes", examples=[[1.0, 0.0, 0.0]]
+    )
+
+    @field_validator("radial", "along_track")
+    @classmethod
+    def _of_length_one(cls, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+        refuse_other_than_unit(vector)
+        return vector
+
+    @field_validator("along_track")
+    @classmethod
+    def _at_right_angles(
+        cls, vector: tuple[float, float, float], others: ValidationInfo
+    ) -> tuple[float, float, float]:
+        radial = others.data.get("radial")
+        if radial is not None and abs(cosine := float(np.dot(radial, vector))) > NEAR:
+            raise ValueError(
+                f"must be at right angles to radial (within {NEAR:g}), got a cosine of {cosine:.3g}"
+            )
+        return vector
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _one_orbit(cls, keys: Any, handler: Any) -> Any:
+        return refuse_with(unless_one(("altitude", "mean_motion"), keys), keys, handler)
+
+    @property
+    def rate(self) -> float:
+        """Mean motion n [rad/s]."""
+        if self.mean_motion is not None:
+            return self.mean_motion
+        return math.sqrt(EARTH_MU / (EARTH_RADIUS + (self.altitude or 0.0)) ** 3)
+
+    @property
+    def radius(self) -> float:
+        """Of the orbit, (mu / n^2)^(1/3) [m]."""
+        return math.cbrt(EARTH_MU / self.rate**2)

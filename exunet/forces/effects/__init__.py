@@ -1,0 +1,159 @@
+"""Effects: one file each, listed here. A table [effects.NAME] in the case switches NAME on.
+
+A new effect is a module, and one line in `EFFECTS`. The module has
+
+- `Keys`, a Table: keys, units, bounds; no default for a physical quantity;
+- `terms(keys, net) -> Terms`, or `terms_from(keys, net, position)` where it depends on the initial position;
+- `nominal(setting) -> (Keys, assumption)`: what to assume where an estimate is asked for and the case is
+silent;
+  None if nothing can be assumed for this scene;
+- `magnitude(keys, setting) -> Estimate`: the order of magnitude of what leaving it out would change;
+- if it needs something of the rest of the case, or contradicts it, `needs(keys, around) -> Iterator[Wrong]`;
+- if it belongs to tests on the ground, `ON_THE_GROUND = True`;
+- if it brings a mass of its own, `extend(keys, net) -> Net`.
+
+Its energy is that of the terms: a potential, or work that the monitor integrates along the run.
+
+The capture scene will add, in this list and by the same contract: `contact` (of nodes with bodies and with
+each other: kernel terms with friction, states of the bodies), `tether` (elements of variable reference length
+from the chaser to the net: a `free_strain` that changes with time) and `closing` (a thread that slides
+through rings, drawn by winches). What they need of `Terms` beyond what is there is the bodies' coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import ModuleType
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field, create_model
+
+from exunet.base.errors import BeyondFloats, Fault
+from exunet.base.faults import Wrong
+from exunet.base.table import Positive, Table, check
+from exunet.forces.effects import (
+    air_drag,
+    bending,
+    breaking,
+    gravity,
+    j2,
+    launch_force,
+    mass_damping,
+    material_damping,
+    molecular_drag,
+    orbit,
+    rayleigh_damping,
+    solar_pressure,
+    thermal_strain,
+)
+from exunet.forces.requirements import Surroundings
+from exunet.forces.terms import Floats, Terms
+from exunet.net.arrays import Net
+
+EFFECTS: dict[str, ModuleType] = {
+    "gravity": gravity,
+    "mass_damping": mass_damping,
+    "material_damping": material_damping,
+    "orbit": orbit,
+    "rayleigh_damping": rayleigh_damping,
+    "air_drag": air_drag,
+    "bending": bending,
+    "breaking": breaking,
+    "j2": j2,
+    "launch_force": launch_force,
+    "molecular_drag": molecular_drag,
+    "solar_pressure": solar_pressure,
+    "thermal_strain": thermal_strain,
+}
+
+
+LARGEST = 1e100  # of a number in an effect's terms; products of three are still numbers
+
+
+class Choice(Table):
+    """The effects that are on."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "dependentRequired": {"choose": ["threshold"], "threshold": ["choose"], "j2": ["orbit"]}
+        }
+    )
+
+    choose: Literal["auto"] | None = Field(
+        None,
+        description="each table is a candidate, switched on if its estimate exceeds the threshold",
+        examples=["auto"],
+    )
+    threshold: Positive | None = Field(
+        None,
+        description="displacement over the scene that matters, as a part of the net's size (for choose)",
+        examples=[1e-3],
+    )
+
+    @check
+    def _both_or_neither(self) -> Iterator[Wrong]:
+        if self.gives("choose") and not self.gives("threshold"):
+            yield Wrong((), 'choose = "auto" needs threshold, a part of the net\'s size')
+        if self.gives("threshold") and not self.gives("choose"):
+            yield Wrong(("threshold",), 'is for choose = "auto" only')
+
+
+_fields: dict[str, Any] = {
+    name: (module.Keys | None, Field(None, description=(module.Keys.__doc__ or "").strip()))
+    for name, module in EFFECTS.items()
+}
+Effects = create_model("Effects", __base__=Choice, __doc__="The effects that are on.", **_fields)
+
+
+def switched_on(effects: Table) -> dict[str, Table]:
+    """The keys of each effect that has a table: what is on, and under "auto" what may be chosen."""
+    return {name: keys for name in EFFECTS if (keys := getattr(effects, name)) is not None}
+
+
+def misfits(scene: Any) -> Iterator[Wrong]:
+    """What the effects that are on in a Scene miss in it, and where they contradict each other."""
+    around = Surroundings(switched_on(scene.effects), scene)
+    for name, keys in around.on.items():
+        if hasattr(EFFECTS[name], "needs"):
+            for wrong in EFFECTS[name].needs(keys, around):
+                yield Wrong((name, *wrong.where), wrong.reason, wrong.value)
+
+
+def extended(effects: Table, net: Net) -> Net:
+    """The net with the nodes that effects bring."""
+    for name, keys in switched_on(effects).items():
+        if hasattr(EFFECTS[name], "extend"):
+            net = EFFECTS[name].extend(keys, net)
+    return net
+
+
+def total_terms(effects: Table, net: Net, position: Floats) -> Terms:
+    """Sum of the terms of all effects that are on; position (n_nodes, 3) at the start [m]."""
+    total = Terms()
+    for name, keys in switched_on(effects).items():
+        total = total + terms_of(name, keys, net, position)
+    return total
+
+
+def terms_of(name: str, keys: Table, net: Net, position: Floats) -> Terms:
+    """The terms of one effect; raises BeyondFloats if a number in them is beyond `LARGEST`."""
+    module = EFFECTS[name]
+    try:
+        with np.errstate(all="ignore"):  # numbers that overflow are refused below
+            if hasattr(module, "terms_from"):
+                terms: Terms = module.terms_from(keys, net, position)
+            else:
+                terms = module.terms(keys, net)
+            sound = terms.largest_number() <= LARGEST
+    except ArithmeticError:
+        sound = False
+    if not sound:
+        raise beyond_floats(name)
+    return terms
+
+
+def beyond_floats(name: str) -> BeyondFloats:
+    """The error for an effect whose numbers cannot be computed with."""
+    words = "leads to numbers beyond what floating-point can hold: give it, or the scene, real values"
+    return BeyondFloats([Fault("", f"effects.{name}", words)])

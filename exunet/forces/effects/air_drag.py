@@ -1,0 +1,141 @@
+"""Drag in still air, for tests on the ground: cross-flow on the cables, a drag coefficient on the bullets.
+
+The cross-flow (independence) principle: a long cylinder feels the component of the flow normal to its axis,
+F = rho C d L |u_n| u_n / 2 (Hoerner, "Fluid-Dynamic Drag", 1965, ch. III-8). A slack element's surface does
+not shrink with the distance of its nodes, so L is its reference length; its direction is that of its nodes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from exunet.base.faults import Wrong
+from exunet.base.table import NonNegative, Positive, Table
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.requirements import Surroundings, bullet_key, excludes
+from exunet.forces.surface import bullet_disc, widths
+from exunet.forces.terms import KernelTerm, Terms
+from exunet.net.arrays import Net
+
+NO_LENGTH = 1e-9  # of the reference length: below it the direction of an element is round-off
+ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
+
+
+class Keys(Table):
+    """Drag in still air: cross-flow on the cables, and on the bullets."""
+
+    density: Positive = Field(description="density of the air [kg/m3]", examples=[1.225])
+    drag_coefficient: NonNegative = Field(
+        description="of the cables in cross-flow, on diameter x length [-]", examples=[1.1]
+    )
+    bullet_drag_coefficient: NonNegative | None = Field(
+        None, description="of the bullets [-]; just when there are bullets", examples=[0.47]
+    )
+    bullet_area: NonNegative | None = Field(
+        None, description="frontal area of a bullet [m2]; just when there are bullets", examples=[4e-3]
+    )
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """One kernel term for the elements, one for the bullets if there are any."""
+    first, second = (3 * net.element_nodes.T).astype(np.uint32)
+    quarter = 0.25 * keys.density * keys.drag_coefficient * widths(net) * net.reference_length
+    kernels = [KernelTerm(add_cross_flow, (first, second, quarter, (NO_LENGTH * net.reference_length) ** 2))]
+    if len(net.bullet_nodes):
+        assert keys.bullet_area is not None
+        assert keys.bullet_drag_coefficient is not None
+        factor = 0.5 * keys.density * keys.bullet_drag_coefficient * keys.bullet_area
+        nodes = (3 * net.bullet_nodes).astype(np.uint32)
+        kernels.append(KernelTerm(add_bullet_drag, (nodes, factor)))
+    return Terms(kernels=tuple(kernels))
+
+
+def add_cross_flow(
+    t: float, x: Any, v: Any, first: Any, second: Any, quarter: Any, least: Any, force: Any
+) -> None:
+    """Half of -rho C d L0 |u_n| u_n / 2 on each end, u_n the normal part of the middle's velocity."""
+    for e in range(quarter.size):
+        i = first[e]
+        j = second[e]
+        dx = x[j] - x[i]
+        dy = x[j + 1] - x[i + 1]
+        dz = x[j + 2] - x[i + 2]
+        ux = 0.5 * (v[i] + v[j])
+        uy = 0.5 * (v[i + 1] + v[j + 1])
+        uz = 0.5 * (v[i + 2] + v[j + 2])
+        square = dx * dx + dy * dy + dz * dz
+        if square > least[e]:  # nodes on one spot have no direction: the whole flow counts
+            along = (ux * dx + uy * dy + uz * dz) / square
+            ux -= along * dx
+            uy -= along * dy
+            uz -= along * dz
+        factor = quarter[e] * math.sqrt(ux * ux + uy * uy + uz * uz)
+        force[i] -= factor * ux
+        force[i + 1] -= factor * uy
+        force[i + 2] -= factor * uz
+        force[j] -= factor * ux
+        force[j + 1] -= factor * uy
+        force[j + 2] -= factor * uz
+
+
+def add_bullet_drag(t: float, x: Any, v: Any, bullets: Any, factor: float, force: Any) -> None:
+    """-rho C A |v| v / 2 on each bullet; bullets : 3 x node."""
+    for b in range(bullets.size):
+        k = bullets[b]
+        speed = math.sqrt(v[k] * v[k] + v[k + 1] * v[k + 1] + v[k + 2] * v[k + 2])
+        for axis in range(3):
+            force[k + axis] -= factor * speed * v[k + axis]
+
+
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
+    """The bullets' keys with bullets; not in orbit."""
+    yield from bullet_key(around, keys, "bullet_drag_coefficient")
+    yield from bullet_key(around, keys, "bullet_area")
+    yield from excludes(
+        around, "molecular_drag", "one is for the air of the ground, one for that of an orbit"
+    )
+    yield from excludes(around, "orbit", "there is no continuous air in orbit; use molecular_drag")
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """Air at sea level, cylinders and balls below the drag crisis (Hoerner)."""
+    bullets = basis.net.bullet_nodes
+    area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
+    keys = Keys.model_validate(
+        {
+            "density": 1.225,
+            "drag_coefficient": 1.1,
+            "bullet_drag_coefficient": 0.47 if len(bullets) else None,
+            "bullet_area": area,
+        }
+    )
+    return keys, "1.225 kg/m3, C = 1.1 on cables" + (", 0.47 on balls of aluminium" if area else "")
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The force on the nominal motion, as a rate of decay.
+
+    Cables that bullets pull from rest gain their speed over the scene: with v growing as t, the double
+    integral of v^2 is T^2 / 12 instead of T^2 / 2.
+    """
+    net = basis.net
+    x, v = basis.middle.ravel(), basis.motion.ravel()
+    parts = []
+    for term in terms(keys, net).kernels:
+        force = np.zeros_like(x)
+        term.add(0.0, x, v, *term.parameters, force)
+        parts.append(basis.of_force(force.reshape(-1, 3)))
+    others = np.setdiff1d(np.arange(net.n_nodes), net.bullet_nodes)
+    at_rest = len(net.bullet_nodes) > 0 and not basis.velocity[others].any()
+    lasting = math.hypot(parts[0] / 6.0 if at_rest else parts[0], *parts[1:])
+    rate = lasting / basis.speed if basis.speed else 0.0
+    return Estimate(
+        math.hypot(*parts),
+        basis.held(basis.braked(rate)),
+        f"rho C A v^2 / 2m at the nominal motion of {basis.speed:.3g} m/s, rho = {keys.density:.3g} kg/m3",
+    )

@@ -1,0 +1,109 @@
+"""Bending stiffness of threads: a rotational spring at each node where a thread runs straight on.
+
+The spring between elements with the vectors d1, d2 and the reference lengths L1, L2 has the energy k |d2 / L2
+- d1 / L1|^2 / 2, k = E_b I / ((L1 + L2) / 2), which for taut elements is k (1 - cos angle), the discrete
+elastica (Bergou et al., ACM Trans. Graph. 27 (2008) 63, doi 10.1145/1360612.1360662, at small strain). It is
+written with reference lengths so that it is quadratic: a constant stiffness, the same in every form of the
+engine, without the infinite forces that angles have where nodes meet. A slack element, whose thread is curved
+within, is softer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from pydantic import Field
+from scipy.sparse import csr_array, kron
+
+from exunet.base.faults import Wrong
+from exunet.base.table import NonNegative, Table
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.requirements import Surroundings, excludes
+from exunet.forces.terms import Terms
+from exunet.net.arrays import Net
+
+STRAIGHT = 1e-6  # sine of the largest angle in the reference configuration over which a thread runs on
+
+
+class Keys(Table):
+    """Rotational springs along the threads of the net."""
+
+    modulus: NonNegative = Field(
+        description="E_b [Pa] with I of a solid circular section; a loose yarn has far less than E",
+        examples=[1e8],
+    )
+
+
+def joints(net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where threads run on: (nodes (k, 3) before, at and after; lengths (k, 2) [m]; elements (k, 2)).
+
+    A thread is a chain of elements of one kind (cables of the net, or strings) and section that run on within
+    `STRAIGHT` in the reference configuration; at a crossing each thread runs on by itself.
+    """
+    ends: dict[int, list[tuple[int, int]]] = {}  # node -> (element, other node)
+    for element, (i, j) in enumerate(net.element_nodes.tolist()):
+        ends.setdefault(i, []).append((element, j))
+        ends.setdefault(j, []).append((element, i))
+    place, found = net.reference_position, []
+    for node, arms in ends.items():
+        away = np.array([place[other] - place[node] for _, other in arms])
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        # |a + b| is the sine of the turn for nearly opposite unit vectors, with all digits.
+        turn = np.linalg.norm(away[:, None] + away, axis=2)
+        for one in range(len(arms)):
+            for two in range(one):
+                (e, before), (f, after) = arms[one], arms[two]
+                alike = net.is_string[e] == net.is_string[f] and net.area[e] == net.area[f]
+                if alike and turn[one, two] <= STRAIGHT:
+                    found.append((before, node, after, e, f))
+    table = np.array(found, dtype=np.int64).reshape(-1, 5)
+    return table[:, :3], net.reference_length[table[:, 3:]], table[:, 3:]
+
+
+def springs(keys: Keys, net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes (k, 3), their weights (k, 3) [1/m] in d2 / L2 - d1 / L1, and spring constants (k,) [N m]."""
+    nodes, length, elements = joints(net)
+    weight = np.stack([1.0 / length[:, 0], -(1.0 / length).sum(axis=1), 1.0 / length[:, 1]], axis=1)
+    inertia = net.area[elements[:, 0]] ** 2 / (4.0 * math.pi)  # of a solid circle
+    return nodes, weight, keys.modulus * inertia / length.mean(axis=1)
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """The constant stiffness of all springs; nothing if no thread runs on or the modulus is zero."""
+    nodes, weight, constant = springs(keys, net)
+    if not len(nodes) or not constant.any():
+        return Terms()
+    rows = np.repeat(np.arange(len(nodes)), 3)
+    turn = csr_array((weight.ravel(), (rows, nodes.ravel())), shape=(len(nodes), net.n_nodes))
+    along = csr_array(turn.T @ (turn * constant[:, None]))
+    return Terms(stiffness=csr_array(kron(along, np.eye(3))))
+
+
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
+    """Threads that do not break."""
+    yield from excludes(around, "breaking", "the springs would go on across a broken element")
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """A solid thread, the most there can be."""
+    modulus = float(basis.net.youngs_modulus.max(initial=0.0))
+    return Keys(modulus=modulus), f"a solid thread, E_b = E = {modulus:.3g} Pa (an upper bound)"
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """Threads bent by one radian at each node: the springs' forces, and the way until they are straight."""
+    net = basis.net
+    nodes, weight, constant = springs(keys, net)
+    force = np.zeros((net.n_nodes, 3))
+    square = np.zeros(net.n_nodes)
+    for column in range(3):
+        np.add.at(square, nodes[:, column], (constant * weight[:, column]) ** 2)
+    force[:, 0] = np.sqrt(square)
+    bent = np.zeros((net.n_nodes, 3))
+    bent[np.unique(nodes), 0] = 0.5 * float(net.reference_length.mean()) if len(nodes) else 0.0
+    acceleration = basis.of_force(force)
+    way = min(basis.ballistic(acceleration), basis.rms(bent))
+    torque = float(constant.max(initial=0.0))
+    return Estimate(acceleration, way, f"springs of E_b I / L = {torque:.2g} N m bent by 1 rad")

@@ -1,0 +1,47 @@
+"""Uniform gravity: force m g on every node, potential energy -m g . x."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from pydantic import Field
+
+from exunet.base.faults import Wrong
+from exunet.base.table import Table, Vector
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.requirements import Surroundings, excludes
+from exunet.forces.terms import Terms
+from exunet.net.arrays import Net
+
+ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
+
+
+class Keys(Table):
+    """Uniform gravity, as on the ground or in a parabolic flight."""
+
+    acceleration: Vector = Field(description="g [m/s2]")
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """Load m g on each node."""
+    return Terms(load=np.outer(net.mass, keys.acceleration).ravel())
+
+
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
+    """Not in orbit: there the gravity of the Earth is the orbit's own."""
+    yield from excludes(
+        around, "orbit", "in the frame of an orbit the Earth's gravity is already in it; keep one"
+    )
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """A test on the ground."""
+    return Keys(acceleration=(0.0, 0.0, -9.81)), "9.81 m/s2, a test on the ground"
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """Free fall, or the net's size where it hangs."""
+    g = math.hypot(*keys.acceleration)
+    return Estimate(g, basis.ballistic(g), f"free fall, g = {g:.3g} m/s2")

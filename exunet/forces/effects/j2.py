@@ -1,0 +1,97 @@
+"""The Earth's oblateness as a difference along the net: the gradient of the J2 gravity at the scene's origin.
+
+With s = k.r, k the Earth's axis, the J2 part of the gravitational potential is -c (3 s^2 / r^5 - 1 / r^3), c
+= mu J2 Re^2 / 2 (Vallado, "Fundamentals of Astrodynamics and Applications", sec. 8.6.1); its second
+derivatives times the distance from the origin are what nodes feel against each other. The part common to all
+nodes moves the origin too and is left out. The gradient is that of one place of the orbit: the scene must be
+short.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from exunet.base.faults import Wrong
+from exunet.base.incomplete import Unknown
+from exunet.forces.directions import EARTH_MU, EARTH_RADIUS, OrbitKeys
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.lumped import each_node
+from exunet.forces.requirements import Surroundings
+from exunet.forces.terms import Terms
+from exunet.net.arrays import Net
+
+J2 = 1.08262668e-3  # EGM-96, Vallado table D-1
+LONGEST = 0.05  # of an orbit, during which the gradient is taken as constant
+
+
+class Keys(OrbitKeys):
+    """Difference of the J2 gravity along the net, linear and at one place of the orbit."""
+
+    inclination: float = Field(ge=0.0, le=math.pi, description="of the orbit [rad]", examples=[1.7])
+    argument_of_latitude: float = Field(
+        description="angle along the orbit from the ascending node [rad]", examples=[0.8]
+    )
+
+
+def gradient(keys: Keys) -> NDArray[np.float64]:
+    """(3, 3) second derivatives of the J2 potential at the origin, in the scene's axes [1/s2]."""
+    radial, along = np.array(keys.radial), np.array(keys.along_track)
+    tilt, angle = keys.inclination, keys.argument_of_latitude
+    axis = math.sin(tilt) * (math.sin(angle) * radial + math.cos(angle) * along)
+    axis += math.cos(tilt) * np.cross(radial, along)
+    s = float(axis @ radial)
+    kk, rr = np.outer(axis, axis), np.outer(radial, radial)
+    kr = np.outer(axis, radial) + np.outer(radial, axis)
+    shape = 6.0 * kk - 30.0 * s * kr + (105.0 * s * s - 15.0) * rr + (3.0 - 15.0 * s * s) * np.eye(3)
+    return np.asarray(-0.5 * EARTH_MU * J2 * EARTH_RADIUS**2 / keys.radius**5 * shape)
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """A constant stiffness -m G on each node."""
+    return Terms(stiffness=each_node(net.mass, -gradient(keys)))
+
+
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
+    """The same orbit as effects.orbit, which must be on, and a scene that is short against it."""
+    orbit = around.on.get("orbit")
+    if not isinstance(orbit, OrbitKeys):
+        yield Wrong((), "needs [effects.orbit], of which it is a correction")
+        return
+    for key in ("altitude", "mean_motion", "radial", "along_track"):
+        with suppress(Unknown):
+            if getattr(keys, key) != getattr(orbit, key):
+                yield Wrong(
+                    (key,), f"is not that of effects.orbit, {getattr(orbit, key)}", getattr(keys, key)
+                )
+    with suppress(Unknown):
+        longest = LONGEST * 2.0 * math.pi / keys.rate
+        if around.duration > longest:
+            lasts = f"the scene lasts {around.duration:g} s"
+            yield Wrong((), f"is constant, which holds for {longest:.0f} s of this orbit; {lasts}")
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """A sun-synchronous orbit at 700 km, half-way between node and highest latitude."""
+    keys = Keys.model_validate(
+        {
+            "altitude": 700e3,
+            "radial": (0.0, 0.0, 1.0),
+            "along_track": (1.0, 0.0, 0.0),
+            "inclination": math.radians(98.2),
+            "argument_of_latitude": math.radians(45.0),
+        }
+    )
+    return keys, "an orbit at 700 km, inclined 98 degrees, at latitude argument 45 degrees"
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The gradient times the places of the nominal motion."""
+    acceleration = basis.rms(basis.middle @ gradient(keys))
+    norm = float(np.linalg.norm(gradient(keys), 2))
+    return Estimate(acceleration, basis.ballistic(acceleration), f"J2 gradient {norm:.2g} 1/s2 x distance")

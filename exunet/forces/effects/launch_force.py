@@ -1,0 +1,247 @@
+"""Launch by force over a stroke, by springs or gas, with the reaction on the chaser.
+
+Each bullet b is pushed along its barrel's axis a_b with the force F(s), s = (x_b - x_c) . a_b - s_0 the way
+along the barrel since the start, until s exceeds the stroke; the chaser, a point mass at the origin, gets
+-F(s) a_b. The force is that of a potential, so energy and linear momentum are kept. A spring that is F0 at
+the start pushes with F0 (1 - s / stroke); gas that expands adiabatically with F0 (V / (V + s))^gamma, V its
+dead volume over the bore's area.
+
+The forces on bullet and chaser do not lie on one line: their torque is for the attitude of a body, which a
+point mass does not have, so the angular momentum about the origin is not kept while the bullets are in the
+barrels. The barrels do not hold the bullets sideways.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from exunet.base.faults import Wrong
+from exunet.base.incomplete import Unknown
+from exunet.base.table import Positive, Table, check
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.requirements import Surroundings
+from exunet.forces.terms import KernelTerm, Terms
+from exunet.net.arrays import Net
+
+
+class Keys(Table):
+    """Springs or gas push the bullets out of barrels; a chaser at the origin takes the reaction."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [
+                {"properties": {"kind": {"const": "spring"}, "dead_length": False, "exponent": False}},
+                {"properties": {"kind": {"const": "gas"}}, "required": ["dead_length", "exponent"]},
+            ]
+        }
+    )
+
+    kind: Literal["spring", "gas"] = Field(description="what pushes: F0 (1 - s / stroke), or adiabatic gas")
+    force: Positive = Field(description="on each bullet at the start, F0 [N]", examples=[60.0])
+    stroke: Positive = Field(description="way along the barrel over which it pushes [m]", examples=[0.1])
+    spread_angle: float = Field(
+        ge=0.0,
+        le=math.pi / 2,
+        description="between barrels and +z, the direction of the throw [rad]",
+        examples=[0.6],
+    )
+    chaser_mass: Positive = Field(description="point mass at the origin [kg]", examples=[500.0])
+    dead_length: Positive | None = Field(
+        None, description='V, gas volume at the start over the bore\'s area [m]; just for "gas"'
+    )
+    exponent: float | None = Field(
+        None, gt=1.0, description='gamma of the adiabatic expansion [-]; just for "gas"', examples=[1.4]
+    )
+
+    @check
+    def _gas_has_its_keys(self) -> Iterator[Wrong]:
+        for name in ("dead_length", "exponent"):
+            if self.kind == "gas" and not self.gives(name):
+                yield Wrong((), f'needs {name} for kind = "gas"')
+            if self.kind == "spring" and self.gives(name):
+                yield Wrong((name,), 'is for kind = "gas" only')
+
+    @property
+    def work(self) -> float:
+        """Done on one bullet and the chaser over the whole stroke [J]."""
+        if self.kind == "spring":
+            return 0.5 * self.force * self.stroke
+        assert self.dead_length is not None
+        assert self.exponent is not None
+        less = self.exponent - 1.0
+        return self.force * self.dead_length / less * (1.0 - (1.0 + self.stroke / self.dead_length) ** -less)
+
+
+def extend(keys: Keys, net: Net) -> Net:
+    """The net with the chaser as its last node, at the origin."""
+    position = np.concatenate([net.reference_position, np.zeros((1, 3))])
+    mass = np.append(net.mass, keys.chaser_mass)
+    for array in (position, mass):
+        array.flags.writeable = False
+    return replace(net, reference_position=position, mass=mass)
+
+
+def terms_from(keys: Keys, net: Net, position: np.ndarray) -> Terms:
+    """One conservative kernel term over the bullets; net as `extend` made it.
+
+    position : (n_nodes, 3) at the start [m], from which the stroke counts
+    """
+    nodes = (3 * net.bullet_nodes).astype(np.uint32)
+    chaser = 3 * (net.n_nodes - 1)
+    axes = barrels(keys, net)
+    start = np.einsum("ba,ba->b", position[net.bullet_nodes] - position[-1], axes)
+    common = (nodes, chaser, axes, start, keys.force, keys.stroke)
+    if keys.kind == "spring":
+        return Terms(kernels=(KernelTerm(add_spring_launch, common, spring_launch_potential),))
+    gas = (*common, keys.dead_length, keys.exponent)
+    return Terms(kernels=(KernelTerm(add_gas_launch, gas, gas_launch_potential),))
+
+
+def barrels(keys: Keys, net: Net) -> np.ndarray:
+    """(n_bullets, 3) unit vectors: spread_angle from +z towards each bullet's reference position."""
+    outward = net.reference_position[net.bullet_nodes]
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    return math.sin(keys.spread_angle) * outward + math.cos(keys.spread_angle) * np.array([0.0, 0.0, 1.0])
+
+
+def add_spring_launch(
+    t: float,
+    x: Any,
+    v: Any,
+    bullets: Any,
+    c: int,
+    axes: Any,
+    start: Any,
+    first: float,
+    stroke: float,
+    force: Any,
+) -> None:
+    """F0 (1 - s / stroke) along each barrel while s < stroke, and its reaction on the chaser."""
+    for b in range(bullets.size):
+        k = bullets[b]
+        s = -start[b]
+        for axis in range(3):
+            s += (x[k + axis] - x[c + axis]) * axes[b, axis]
+        if s < stroke:
+            push = first * (1.0 - s / stroke)
+            for axis in range(3):
+                force[k + axis] += push * axes[b, axis]
+                force[c + axis] -= push * axes[b, axis]
+
+
+def spring_launch_potential(
+    x: Any, bullets: Any, c: int, axes: Any, start: Any, first: float, stroke: float
+) -> float:
+    """F0 (stroke - s)^2 / (2 stroke) of each bullet in its barrel."""
+    total = 0.0
+    for b in range(bullets.size):
+        k = bullets[b]
+        s = -start[b]
+        for axis in range(3):
+            s += (x[k + axis] - x[c + axis]) * axes[b, axis]
+        if s < stroke:
+            total += first * (stroke - s) * (stroke - s) / (2.0 * stroke)
+    return total
+
+
+def add_gas_launch(
+    t: float, x: Any, v: Any, bullets: Any, c: int, axes: Any, start: Any, first: float, stroke: float,
+    dead: float, exponent: float, force: Any,
+) -> None:  # fmt: skip
+    """F0 (V / (V + s))^gamma along each barrel while s < stroke (F0 behind the start), and its reaction."""
+    for b in range(bullets.size):
+        k = bullets[b]
+        s = -start[b]
+        for axis in range(3):
+            s += (x[k + axis] - x[c + axis]) * axes[b, axis]
+        if s < stroke:
+            push = first * (dead / (dead + max(s, 0.0))) ** exponent
+            for axis in range(3):
+                force[k + axis] += push * axes[b, axis]
+                force[c + axis] -= push * axes[b, axis]
+
+
+def gas_launch_potential(
+    x: Any,
+    bullets: Any,
+    c: int,
+    axes: Any,
+    start: Any,
+    first: float,
+    stroke: float,
+    dead: float,
+    exponent: float,
+) -> float:
+    """The work that the gas has still to do on each bullet in its barrel."""
+    total = 0.0
+    less = exponent - 1.0
+    for b in range(bullets.size):
+        k = bullets[b]
+        s = -start[b]
+        for axis in range(3):
+            s += (x[k + axis] - x[c + axis]) * axes[b, axis]
+        if s < stroke:
+            inside = (dead / (dead + max(s, 0.0))) ** less - (dead / (dead + stroke)) ** less
+            total += first * (dead / less * inside - min(s, 0.0))
+    return total
+
+
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
+    """Bullets, and no other launch."""
+    with suppress(Unknown):
+        if not around.has_bullets:
+            yield Wrong((), "there are no bullets to launch: add [net.bullets] or remove this table")
+    with suppress(Unknown):
+        if around.has_launch:
+            yield Wrong((), "contradicts [launch], which gives the bullets their speed already; keep one")
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str] | None:
+    """Springs that give the bullets the speed they have, over 0.05 m, from a chaser of 500 kg."""
+    bullets = basis.net.bullet_nodes
+    if not len(bullets):
+        return None
+    velocity = basis.velocity[bullets[0]]
+    speed = float(np.linalg.norm(velocity))
+    if speed == 0.0:
+        return None
+    stroke = 0.05
+    keys = Keys.model_validate(
+        {
+            "kind": "spring",
+            "force": float(basis.net.mass[bullets[0]]) * speed**2 / stroke,
+            "stroke": stroke,
+            "spread_angle": math.acos(min(1.0, max(0.0, float(velocity[2]) / speed))),
+            "chaser_mass": 500.0,
+        }
+    )
+    return keys, f"springs of 0.05 m that give {speed:.3g} m/s, a chaser of 500 kg"
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The bullets' flight at the speed that the work gives them; as fast already: the way they lag behind.
+
+    Without the stroke they would start at full speed; with constant force they lag behind by one stroke.
+    """
+    net = basis.net
+    bullets = net.bullet_nodes
+    mass = float(net.mass[bullets].mean())
+    speed = math.sqrt(2.0 * keys.work / mass)
+    thrown = np.zeros((net.n_nodes, 3))
+    thrown[bullets, 0] = 1.0
+    part = basis.rms(thrown)
+    moves = float(np.linalg.norm(basis.velocity[bullets], axis=1).mean()) > 0.0
+    way = keys.stroke if moves else speed * basis.duration
+    words = "lag of a stroke behind an instant launch" if moves else "flight of the bullets"
+    return Estimate(
+        keys.force / mass * part,
+        way * part,
+        f"{words} at sqrt(2 W / m) = {speed:.3g} m/s",
+    )

@@ -1,0 +1,39 @@
+"""Damping by the mass: a force -alpha m v on every node, the first part of eq. (13) alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+from scipy.sparse import csr_array, diags_array
+
+from exunet.base.table import NonNegative, Table
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.terms import Terms
+from exunet.net.arrays import Net
+
+
+class Keys(Table):
+    """A force -alpha m v on every node."""
+
+    alpha: NonNegative = Field(description="decay rate of the velocity [1/s]")
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """The diagonal damping matrix alpha M; nothing if alpha is zero."""
+    if keys.alpha == 0.0:
+        return Terms()
+    return Terms(damping=csr_array(diags_array(np.repeat(keys.alpha * net.mass, 3))))
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """The paper's coefficient."""
+    return Keys(alpha=1e-3), "alpha = 1e-3 1/s (paper, sec. 3.3)"
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The way lost by a speed that decays as exp(-alpha t)."""
+    return Estimate(
+        keys.alpha * basis.speed,
+        basis.held(basis.braked(keys.alpha)),
+        f"decay at alpha = {keys.alpha:.3g} 1/s of a speed of {basis.speed:.3g} m/s",
+    )

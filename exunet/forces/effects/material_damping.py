@@ -1,0 +1,47 @@
+"""Viscous stress along the current direction while taut, S11 = max(E (E11 + tau dE11/dt), 0): objective.
+
+A Kelvin-Voigt material in Green-Lagrange strain and second Piola-Kirchhoff stress that cannot push; a rigid
+motion of the net is not braked, unlike by eq. (13).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydantic import Field
+
+from exunet.base.table import NonNegative, Table
+from exunet.forces.estimate import Estimate, EstimateBasis, snap_of
+from exunet.forces.terms import Terms
+from exunet.net.arrays import Net
+
+
+class Keys(Table):
+    """Viscous stress along the current direction, only while taut."""
+
+    relaxation_time: NonNegative = Field(description="tau, viscosity over Young's modulus [s]")
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """The same relaxation time for every element; nothing if it is zero."""
+    if keys.relaxation_time == 0.0:
+        return Terms()
+    return Terms(relaxation_time=np.full(net.n_elements, keys.relaxation_time))
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """As the paper's beta, which damps the same modes alike while taut."""
+    return Keys(relaxation_time=1e-8), "tau = 1e-8 s, as the paper's beta"
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """Speed lost in the hardest snap, v (1 - exp(-pi tau omega / 2)), over half of the time."""
+    snap = snap_of(basis)
+    ratio = 0.5 * keys.relaxation_time * snap.frequency
+    lost = -math.expm1(-math.pi * ratio) if ratio < 1.0 else 1.0
+    return Estimate(
+        2.0 * ratio * snap.frequency * snap.speed * (basis.speed / snap.speed if snap.speed else 0.0),
+        basis.held(0.5 * lost * basis.speed * basis.duration),
+        f"damping ratio tau omega / 2 = {ratio:.2g} of the first snap, omega = {snap.frequency:.3g} rad/s",
+    )

@@ -1,0 +1,116 @@
+"""Drag in free-molecular flow: along the flow, on the mean area of tumbling cables, and on the bullets.
+
+F = rho C A |u| u / 2 with u the velocity of the gas against the node; in free-molecular flow C is about 2 to
+2.4 (Vallado, "Fundamentals of Astrodynamics and Applications", sec. 8.6.2). The cables tumble, so A is the
+mean over all orientations, pi d L0 / 4, lumped to the nodes as their mass is; nodes do not shade each other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from exunet.base.faults import Wrong, refuse_with, unless_one
+from exunet.base.incomplete import Unknown
+from exunet.base.table import NonNegative, Positive, Table, Vector, exactly_one
+from exunet.forces.atmosphere import HIGHEST, LOWEST, exponential_density
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.requirements import Surroundings, bullet_key, excludes
+from exunet.forces.surface import bullet_disc, tumbling_areas
+from exunet.forces.terms import KernelTerm, Terms
+from exunet.net.arrays import Net
+
+
+class Keys(Table):
+    """Drag of the thin gas in orbit on tumbling cables and on bullets."""
+
+    model_config = exactly_one("density", "altitude")
+
+    density: Positive | None = Field(None, description="density of the gas [kg/m3]", examples=[1e-12])
+    altitude: float | None = Field(
+        None,
+        ge=LOWEST,
+        le=HIGHEST,
+        description="height [m] for the exponential model of the atmosphere, instead of density",
+        examples=[400e3],
+    )
+    flow: Vector = Field(
+        description="velocity of the gas in the scene's axes [m/s]", examples=[[-7500.0, 0.0, 0.0]]
+    )
+    drag_coefficient: NonNegative = Field(description="C [-], about 2 to 2.4", examples=[2.2])
+    bullet_area: NonNegative | None = Field(
+        None,
+        description="area of a bullet across the flow [m2]; just when there are bullets",
+        examples=[4e-3],
+    )
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _one_density(cls, keys: Any, handler: Any) -> Any:
+        return refuse_with(unless_one(("density", "altitude"), keys), keys, handler)
+
+    @property
+    def gas_density(self) -> float:
+        """Density [kg/m3], given or of the exponential model."""
+        return self.density if self.density is not None else exponential_density(self.altitude or 0.0)
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """One kernel term over all nodes."""
+    factor = 0.5 * keys.gas_density * keys.drag_coefficient * tumbling_areas(net, keys.bullet_area)
+    flow = np.array(keys.flow)
+    rate = 2.0 * float(np.max(factor / net.mass, initial=0.0)) * math.hypot(*keys.flow)
+    return Terms(kernels=(KernelTerm(add_molecular_drag, (factor, flow), damping_rate=rate),))
+
+
+def add_molecular_drag(t: float, x: Any, v: Any, factor: Any, flow: Any, force: Any) -> None:
+    """rho C A |u| u / 2 on every node, u = flow - v."""
+    for node in range(factor.size):
+        k = 3 * node
+        ux = flow[0] - v[k]
+        uy = flow[1] - v[k + 1]
+        uz = flow[2] - v[k + 2]
+        scale = factor[node] * math.sqrt(ux * ux + uy * uy + uz * uz)
+        force[k] += scale * ux
+        force[k + 1] += scale * uy
+        force[k + 2] += scale * uz
+
+
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
+    """The bullets' area with bullets; the height of the orbit, if there is one; not on the ground."""
+    yield from bullet_key(around, keys, "bullet_area")
+    yield from excludes(
+        around, "gravity", "uniform gravity is for the ground, free-molecular flow for orbits"
+    )
+    with suppress(Unknown):
+        orbit = getattr(around.on.get("orbit"), "altitude", None)
+        if keys.altitude is not None and orbit is not None and orbit != keys.altitude:
+            yield Wrong(("altitude",), f"is not that of effects.orbit, {orbit:g} m", keys.altitude)
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """An orbit at 700 km, bullets as balls of aluminium."""
+    bullets = basis.net.bullet_nodes
+    area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
+    keys = Keys.model_validate(
+        {"altitude": 700e3, "flow": (-7504.0, 0.0, 0.0), "drag_coefficient": 2.2, "bullet_area": area}
+    )
+    return keys, "an orbit at 700 km, 7.5 km/s, C = 2.2" + (", balls of aluminium" if area else "")
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The force on nodes at rest."""
+    term = terms(keys, basis.net).kernels[0]
+    force = np.zeros(3 * basis.net.n_nodes)
+    term.add(0.0, force, np.zeros_like(force), *term.parameters, force)
+    acceleration = basis.of_force(force.reshape(-1, 3))
+    return Estimate(
+        acceleration,
+        basis.ballistic(acceleration),
+        f"rho C A u^2 / 2m, rho = {keys.gas_density:.3g} kg/m3, u = {math.hypot(*keys.flow):.4g} m/s",
+    )

@@ -1,0 +1,105 @@
+"""Hill's frame, which turns with a circular orbit: gravity gradient, centrifugal and Coriolis forces.
+
+Linear: Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous", J. Aerospace Sci. 27
+(1960) 653-658, doi 10.2514/8.8704. Two-body: the exact relative motion in the same frame, written after Encke
+so that no difference of large numbers is taken (Battin, "An Introduction to the Mathematics and Methods of
+Astrodynamics", sec. 8.3).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from exunet.forces.directions import OrbitKeys
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.lumped import each_node
+from exunet.forces.terms import KernelTerm, Terms
+from exunet.net.arrays import Net
+
+
+class Keys(OrbitKeys):
+    """The scene's axes turn with a circular orbit round the Earth (Hill's frame)."""
+
+    model: Literal["linear", "two_body"] = Field(
+        description="equations of Clohessy and Wiltshire, or the full relative two-body motion"
+    )
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """Coriolis force as a constant matrix; the rest as one too (linear), or as a kernel term (two_body)."""
+    radial, normal = np.array(keys.radial), np.cross(keys.radial, keys.along_track)
+    rate = keys.rate
+    turning = 2.0 * rate * np.cross(normal, np.eye(3)).T  # turning @ v = 2 n h x v
+    gyroscopic = each_node(net.mass, turning)
+    if keys.model == "linear":
+        gradient = rate**2 * (np.outer(normal, normal) - 3.0 * np.outer(radial, radial))
+        return Terms(gyroscopic=gyroscopic, stiffness=each_node(net.mass, gradient))
+    term = KernelTerm(add_two_body, (net.mass, rate, keys.radius, radial, normal), two_body_potential)
+    return Terms(gyroscopic=gyroscopic, kernels=(term,))
+
+
+def add_two_body(
+    t: float, x: Any, v: Any, mass: Any, rate: float, radius: float, radial: Any, normal: Any, force: Any
+) -> None:
+    """m n^2 [P x - x / c + (1 - 1 / c) R r], c = (|R r + x| / R)^3 = (1 + q)^(3/2), without cancellation."""
+    for node in range(mass.size):
+        k = 3 * node
+        height = x[k] * radial[0] + x[k + 1] * radial[1] + x[k + 2] * radial[2]
+        across = x[k] * normal[0] + x[k + 1] * normal[1] + x[k + 2] * normal[2]
+        square = x[k] * x[k] + x[k + 1] * x[k + 1] + x[k + 2] * x[k + 2]
+        q = (2.0 * height + square / radius) / radius
+        c = (1.0 + q) * math.sqrt(1.0 + q)
+        missing = q * (3.0 + q * (3.0 + q)) / ((1.0 + c) * c)  # 1 - 1 / c
+        scale = mass[node] * rate * rate
+        for axis in range(3):
+            force[k + axis] += scale * (
+                missing * (x[k + axis] + radius * radial[axis]) - across * normal[axis]
+            )
+
+
+def two_body_potential(x: Any, mass: Any, rate: float, radius: float, radial: Any, normal: Any) -> float:
+    """m n^2 [(x . h)^2 - R^2 q^2 (u + 2) / (u (1 + u)^2)] / 2, u^2 = 1 + q; zero at the origin."""
+    total = 0.0
+    for node in range(mass.size):
+        k = 3 * node
+        height = x[k] * radial[0] + x[k + 1] * radial[1] + x[k + 2] * radial[2]
+        across = x[k] * normal[0] + x[k + 1] * normal[1] + x[k + 2] * normal[2]
+        square = x[k] * x[k] + x[k + 1] * x[k + 1] + x[k + 2] * x[k + 2]
+        q = (2.0 * height + square / radius) / radius
+        u = math.sqrt(1.0 + q)
+        inward = radius * radius * q * q * (u + 2.0) / (u * (1.0 + u) * (1.0 + u))
+        total += 0.5 * mass[node] * rate * rate * (across * across - inward)
+    return total
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """An orbit at 700 km; the throw along the radial, the net's plane in the local horizon."""
+    keys = Keys.model_validate(
+        {"altitude": 700e3, "radial": (0.0, 0.0, 1.0), "along_track": (1.0, 0.0, 0.0), "model": "linear"}
+    )
+    return keys, "an orbit at 700 km, the radial along z"
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """Coriolis, gradient and centrifugal acceleration of the nominal motion, of the linear model."""
+    rate, normal = keys.rate, np.cross(keys.radial, keys.along_track)
+    radial = basis.middle @ np.array(keys.radial)
+    across = basis.middle @ normal
+    coriolis = -2.0 * rate * np.cross(normal, basis.motion)
+    tidal = rate**2 * (3.0 * np.outer(radial, keys.radial) - np.outer(across, normal))
+    total = basis.rms(coriolis + tidal)
+
+    def part(acceleration: float) -> str:
+        moves = basis.ballistic(acceleration) / basis.size
+        return f"{acceleration:.2g} m/s2 moves {moves:.1g} of the size"
+
+    return Estimate(
+        total,
+        basis.ballistic(total),
+        f"n = {rate:.3g} rad/s: Coriolis 2 n v = {part(basis.rms(coriolis))}, "
+        f"gradient n^2 |3 r - h| = {part(basis.rms(tidal))}",
+    )

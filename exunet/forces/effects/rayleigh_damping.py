@@ -1,0 +1,51 @@
+"""Rayleigh damping with the tangent stiffness of the reference configuration: paper, eqs. (13), (14).
+
+It is not objective: beta T brakes a rigid rotation of the net too, and damps slack elements along their
+reference direction. That is the paper's model; it is kept exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+from scipy.sparse import csr_array, diags_array
+
+from exunet.base.table import NonNegative, Table
+from exunet.forces.cable import reference_tangent_stiffness
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.terms import Terms
+from exunet.net.arrays import Net
+
+
+class Keys(Table):
+    """D = alpha M + beta T(reference), eq. (13)."""
+
+    alpha: NonNegative = Field(description="factor of the mass matrix [1/s]")
+    beta: NonNegative = Field(description="factor of the tangent stiffness matrix [s]")
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """The constant damping matrix of eq. (13)."""
+    damping = diags_array(np.repeat(keys.alpha * net.mass, 3)) + keys.beta * reference_tangent_stiffness(net)
+    damping = csr_array(damping)
+    damping.eliminate_zeros()
+    return Terms(damping=damping) if damping.nnz else Terms()
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """The paper's coefficients."""
+    return Keys(alpha=1e-3, beta=1e-8), "alpha = 1e-3 1/s, beta = 1e-8 s (paper, sec. 3.3)"
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The way lost by a speed that changes at the rate |M^-1 D v| / |v| of the start."""
+    damping = terms(keys, basis.net).damping
+    speed = basis.rms(basis.velocity)
+    rate = 0.0
+    if damping is not None and speed > 0.0:
+        rate = basis.of_force((damping @ basis.velocity.ravel()).reshape(-1, 3)) / speed
+    return Estimate(
+        rate * basis.speed,
+        basis.held(basis.braked(rate)),
+        f"|Dv| / |Mv| = {rate:.3g} 1/s at the start, a speed of {basis.speed:.3g} m/s",
+    )

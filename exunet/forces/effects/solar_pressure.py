@@ -1,0 +1,83 @@
+"""Solar radiation pressure: a constant force away from the Sun on tumbling cables and on bullets.
+
+F = C (flux / c) A along the light (Montenbruck and Gill, "Satellite Orbits", sec. 3.4). The cables tumble: A
+is the mean over all orientations, pi d L0 / 4; nodes do not shade each other, and the Earth casts no shadow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from exunet.base.faults import Wrong
+from exunet.base.table import NonNegative, Positive, Table, Vector
+from exunet.forces.directions import refuse_other_than_unit
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.requirements import Surroundings, bullet_key, excludes
+from exunet.forces.surface import bullet_disc, tumbling_areas
+from exunet.forces.terms import Terms
+from exunet.net.arrays import Net
+
+LIGHT = 299792458.0  # [m/s]
+
+
+class Keys(Table):
+    """Pressure of sunlight on tumbling cables and on bullets."""
+
+    flux: Positive = Field(description="of sunlight [W/m2], 1361 at the Earth", examples=[1361.0])
+    direction: Vector = Field(
+        description="unit vector of the light, away from the Sun, in the scene's axes",
+        examples=[[1.0, 0.0, 0.0]],
+    )
+    pressure_coefficient: NonNegative = Field(
+        le=2.0, description="C [-]: 1 absorbs all light, 2 sends all back", examples=[1.3]
+    )
+    bullet_area: NonNegative | None = Field(
+        None,
+        description="area of a bullet across the light [m2]; just when there are bullets",
+        examples=[4e-3],
+    )
+
+    @field_validator("direction")
+    @classmethod
+    def _of_length_one(cls, vector: Vector) -> Vector:
+        refuse_other_than_unit(vector)
+        return vector
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """A constant load on each node."""
+    pressure = keys.pressure_coefficient * keys.flux / LIGHT
+    return Terms(load=np.outer(pressure * tumbling_areas(net, keys.bullet_area), keys.direction).ravel())
+
+
+def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
+    """The bullets' area with bullets; not on the ground."""
+    yield from bullet_key(around, keys, "bullet_area")
+    yield from excludes(around, "gravity", "uniform gravity is for the ground, sunlight in vacuum for orbits")
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """Near the Earth, bullets as balls of aluminium."""
+    bullets = basis.net.bullet_nodes
+    area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
+    keys = Keys.model_validate(
+        {"flux": 1361.0, "direction": (1.0, 0.0, 0.0), "pressure_coefficient": 1.3, "bullet_area": area}
+    )
+    return keys, "1361 W/m2, C = 1.3" + (", balls of aluminium" if area else "")
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The load on each node."""
+    load = terms(keys, basis.net).load
+    assert load is not None
+    acceleration = basis.of_force(load.reshape(-1, 3))
+    pressure = keys.pressure_coefficient * keys.flux / LIGHT
+    return Estimate(
+        acceleration,
+        basis.ballistic(acceleration),
+        f"C flux / c = {pressure:.3g} Pa on {math.pi / 4:.3f} d L of each cable",
+    )

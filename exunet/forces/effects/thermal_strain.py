@@ -1,0 +1,80 @@
+"""Thermal strain: cables warmer or colder than in the reference configuration are free at another length.
+
+The free stretch is 1 + alpha dT, so the free Green-Lagrange strain is alpha dT + (alpha dT)^2 / 2.
+"""
+
+from __future__ import annotations
+
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from exunet.base.table import Table
+from exunet.forces import cable
+from exunet.forces.cable import Law
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.terms import Terms
+from exunet.net.arrays import Net
+
+
+class Keys(Table):
+    """All cables at another temperature than in the reference configuration."""
+
+    temperature_change: float = Field(description="against the reference configuration [K]", examples=[-80.0])
+    expansion_coefficient: float = Field(
+        description="alpha, along the cable [1/K]; negative for aramids", examples=[-2.4e-6]
+    )
+
+    @model_validator(mode="after")
+    def _some_length_left(self) -> Self:
+        if not abs(self.stretch - 1.0) <= 0.1:
+            raise ValueError(
+                f"the thermal strain alpha dT must be between -0.1 and 0.1, got {self.stretch - 1.0:.3g}"
+            )
+        return self
+
+    @property
+    def stretch(self) -> float:
+        """Free length over reference length."""
+        return 1.0 + self.expansion_coefficient * self.temperature_change
+
+
+def terms(keys: Keys, net: Net) -> Terms:
+    """The same free strain for every element; nothing if it is zero."""
+    if keys.stretch == 1.0:
+        return Terms()
+    return Terms(free_strain=np.full(net.n_elements, 0.5 * (keys.stretch**2 - 1.0)))
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """From a workshop into the shade of an orbit."""
+    keys = Keys(temperature_change=-100.0, expansion_coefficient=5e-6)
+    return keys, "100 K colder, alpha = 5e-6 1/K"
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The change of the open net's distances; of a net that starts taut, the flight on its elastic energy.
+
+    Cold cables stretch a net that was just taut; it pulls itself together, goes slack, and flies on.
+    """
+    net = basis.net
+    law = terms(keys, net).law(net)
+    length = cable.lengths(net, basis.position)
+    pull = cable.tension(length, law.natural_length, law.stiffness)
+    change = pull - cable.tension(length, net.reference_length, net.axial_stiffness)
+    along = cable.spans(net, basis.position) * (change / np.where(length > 0.0, length, 1.0))[:, None]
+    force = np.zeros((net.n_nodes, 3))
+    np.add.at(force, net.element_nodes[:, 0], along)
+    np.subtract.at(force, net.element_nodes[:, 1], along)
+    acceleration = basis.of_force(force)
+    stored = cable.elastic_energy(law, length) - cable.elastic_energy(Law.of(net), length)
+    speed = float(np.sqrt(2.0 * max(float(stored), 0.0) / net.mass[basis.free].sum()))
+    flight = min(basis.ballistic(acceleration), basis.held(speed * basis.duration))
+    static = abs(keys.stretch - 1.0) * basis.rms(net.reference_position)
+    return Estimate(
+        acceleration,
+        max(static, flight),
+        f"strain alpha dT = {keys.stretch - 1.0:.2g} of the open net"
+        + (f"; sets free {stored:.2g} J of a taut net" if flight > static else ""),
+    )

@@ -1,0 +1,155 @@
+"""The forces as scalar loops, in the subset of Python that Numba compiles.
+
+Each function adds its force to `force`; x, v, force are flat (3 n_nodes,) arrays [m], [m/s], [N]. The text of
+those that a scene needs is copied into its specialised module (see `generate`), so they use no global name.
+They state the element law apart from `exunet.forces.cable` on purpose: without square roots, for speed; the
+tests hold the two forms against each other.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def add_tension(
+    t: float, x: Any, v: Any, first: Any, second: Any, square: Any, factor: Any, force: Any
+) -> float:
+    """Eqs. (3) and (6)-(8): EA / (2 L0^3) (L^2 - L0^2) d on the taut elements, d = x_j - x_i.
+
+    first, second : (m,) 3 i and 3 j of the end nodes; square : (m,) L0^2 [m2]; factor : (m,) EA / (2 L0^3)
+    Returns the elastic energy [J], EA / (8 L0^3) (L^2 - L0^2)^2 of each: eq. (19).
+    """
+    held = 0.0
+    for e in range(factor.size):
+        i = first[e]
+        j = second[e]
+        dx = x[j] - x[i]
+        dy = x[j + 1] - x[i + 1]
+        dz = x[j + 2] - x[i + 2]
+        s = dx * dx + dy * dy + dz * dz - square[e]
+        if s > 0.0:
+            held += factor[e] * s * s
+            s *= factor[e]
+            dx *= s
+            dy *= s
+            dz *= s
+            force[i] += dx
+            force[i + 1] += dy
+            force[i + 2] += dz
+            force[j] -= dx
+            force[j + 1] -= dy
+            force[j + 2] -= dz
+    return 0.25 * held
+
+
+def add_viscous_tension(
+    t: float, x: Any, v: Any, first: Any, second: Any, square: Any, factor: Any, twice_time: Any, force: Any
+) -> float:
+    """As `add_tension`, with the viscous stress of material damping; twice_time : (m,) 2 tau [s]."""
+    held = 0.0
+    for e in range(factor.size):
+        i = first[e]
+        j = second[e]
+        dx = x[j] - x[i]
+        dy = x[j + 1] - x[i + 1]
+        dz = x[j + 2] - x[i + 2]
+        s = dx * dx + dy * dy + dz * dz - square[e]
+        if s > 0.0:
+            held += factor[e] * s * s
+            rate = dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
+            s += twice_time[e] * rate
+            if s > 0.0:
+                s *= factor[e]
+                dx *= s
+                dy *= s
+                dz *= s
+                force[i] += dx
+                force[i + 1] += dy
+                force[i + 2] += dz
+                force[j] -= dx
+                force[j + 1] -= dy
+                force[j + 2] -= dz
+    return 0.25 * held
+
+
+def viscous_work(
+    h: float,
+    x0: Any,
+    v0: Any,
+    x1: Any,
+    v1: Any,
+    x2: Any,
+    v2: Any,
+    first: Any,
+    second: Any,
+    square: Any,
+    factor: Any,
+    twice_time: Any,
+) -> float:
+    """Energy [J] that the viscous part of `add_viscous_tension` takes out in a step of length h [s].
+
+    From the states 0, 1, 2 at its start, middle and end, by the rule of `exunet.forces.cable.viscous_work`.
+    """
+    total = 0.0
+    for e in range(factor.size):
+        i = first[e]
+        j = second[e]
+        s0, r0 = excess_and_rate(x0, v0, i, j, square[e])
+        s1, r1 = excess_and_rate(x1, v1, i, j, square[e])
+        s2, r2 = excess_and_rate(x2, v2, i, j, square[e])
+        if s0 <= 0.0 and s1 <= 0.0 and s2 <= 0.0:
+            continue
+        q0 = max(s0 + twice_time[e] * r0, 0.0) if s0 > 0.0 else 0.0
+        q1 = max(s1 + twice_time[e] * r1, 0.0) if s1 > 0.0 else 0.0
+        q2 = max(s2 + twice_time[e] * r2, 0.0) if s2 > 0.0 else 0.0
+        if q0 > 0.0 and q1 > 0.0 and q2 > 0.0:
+            work = h / 6.0 * ((q0 - s0) * r0 + 4.0 * (q1 - s1) * r1 + (q2 - s2) * r2)
+        else:
+            stored = 0.25 * (max(s2, 0.0) ** 2 - max(s0, 0.0) ** 2)
+            work = h / 6.0 * (q0 * r0 + 4.0 * q1 * r1 + q2 * r2) - stored
+        total += factor[e] * work
+    return total
+
+
+def excess_and_rate(x: Any, v: Any, i: int, j: int, square: float) -> Any:
+    """d . d - square [m2] and d . dv [m2/s] of the nodes whose coordinates begin at i and j."""
+    dx = x[j] - x[i]
+    dy = x[j + 1] - x[i + 1]
+    dz = x[j + 2] - x[i + 2]
+    rate = dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
+    return dx * dx + dy * dy + dz * dz - square, rate
+
+
+def add_velocity_product(t: float, x: Any, v: Any, start: Any, column: Any, value: Any, force: Any) -> None:
+    """-D v, D a sparse matrix by rows."""
+    for row in range(start.size - 1):
+        total = 0.0
+        for k in range(start[row], start[row + 1]):
+            total += value[k] * v[column[k]]
+        force[row] -= total
+
+
+def velocity_product_power(t: float, x: Any, v: Any, start: Any, column: Any, value: Any) -> float:
+    """Power v . D v [W] that is taken out; the antisymmetric part of D does no work."""
+    power = 0.0
+    for row in range(start.size - 1):
+        total = 0.0
+        for k in range(start[row], start[row + 1]):
+            total += value[k] * v[column[k]]
+        power += total * v[row]
+    return power
+
+
+def add_position_product(t: float, x: Any, v: Any, start: Any, column: Any, value: Any, force: Any) -> None:
+    """-K x, K a sparse matrix by rows."""
+    for row in range(start.size - 1):
+        total = 0.0
+        for k in range(start[row], start[row + 1]):
+            total += value[k] * x[column[k]]
+        force[row] -= total
+
+
+def add_load(t: float, x: Any, v: Any, load: Any, force: Any) -> None:
+    """A constant force."""
+    for k in range(load.size):
+        force[k] += load[k]

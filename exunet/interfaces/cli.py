@@ -1,0 +1,213 @@
+"""The `exunet` command: thin wrappers that read arguments, call the rooms, print, and set exit codes.
+
+Exit codes: 0 done, 1 a check of `verify` failed (or a defect of exunet), 2 bad input (nothing written), 3 a
+run that stopped (what was computed is kept), 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+from exunet.base.errors import ExunetError, InputError
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Simulates deployable nets.",
+)
+
+
+def _path(text: str | Path) -> Path:
+    """A path as given; exunet's own readers say what is wrong with a file, in one line."""
+    if text == "":  # which Path takes for the working directory
+        raise InputError("the name of a file or folder is empty: give a path ('.' is the working directory)")
+    return Path(text)
+
+
+CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE", parser=_path)]
+Overrides = Annotated[
+    list[str],
+    typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the case (empty: remove it)"),
+]
+Folder = Annotated[Path | None, typer.Option(help="folder for what is written", metavar="DIR", parser=_path)]
+
+
+def main() -> None:
+    """Entry point: errors become one line each on stderr and an exit code, never a traceback."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a title may hold what the terminal cannot show
+    try:
+        app()
+    except ExunetError as error:
+        _leave(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        _leave("interrupted", 130)
+    except SystemExit as done:
+        if done.code == 130:  # typer's way to end on Ctrl-C says nothing
+            _leave("interrupted", 130)
+        raise
+    except OSError as error:  # each file has its own words; what is left is the terminal or a pipe
+        sys.stdout = None  # nothing more to flush at the interpreter's end
+        _leave(f"cannot print: {error.strerror or error}", 2)
+
+
+def _leave(words: str, code: int) -> NoReturn:
+    sys.stderr.write(f"{words}\n")
+    sys.exit(code)
+
+
+@app.command("run")
+def run_command(
+    case: CasePath,
+    out: Folder = None,
+    overrides: Overrides = [],  # noqa: B006 - typer reads the default and makes its own list
+    check: Annotated[bool, typer.Option("--check", help="also run reference_impl and compare")] = False,
+    estimate: Annotated[
+        bool, typer.Option("--estimate-error", help="also run twice more and tell the error")
+    ] = False,
+) -> None:
+    """Simulate a case; write result.h5, figures and summary.json into results/CASE/."""
+    from exunet.case.casefile import load
+    from exunet.interfaces.commands.run import run_case
+
+    loaded = load(case, overrides)
+    stopped = run_case(loaded, out or Path("results") / loaded.name, check=check, estimate=estimate)
+    if stopped:
+        raise stopped
+
+
+@app.command("check")
+def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B006
+    """Validate a case and say what would be simulated."""
+    from exunet.case.casefile import load
+    from exunet.interfaces.commands.check import describe
+    from exunet.interfaces.commands.table import print_table
+
+    loaded = load(case, overrides)
+    print_table(loaded.scene.title, describe(loaded))
+
+
+@app.command("effects")
+def effects_command(
+    case: CasePath,
+    accuracy: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="displacement that matters, as a part of the net's size (0.01, or effects.threshold)",
+        ),
+    ] = None,
+    measure: Annotated[
+        bool, typer.Option("--ablate", help="also run the case with each effect toggled")
+    ] = False,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Print what every known effect would do to a case: on or off, size, cost, advice."""
+    from exunet.case.casefile import load
+    from exunet.case.fault_location import placing
+    from exunet.interfaces.commands.effects import show_effects
+
+    loaded = load(case, overrides)
+    with placing(loaded):
+        show_effects(loaded, asked=accuracy, measure=measure)
+
+
+@app.command("schema")
+def schema_command(
+    as_json: Annotated[bool, typer.Option("--json", help="only the JSON Schema")] = False,
+    template: Annotated[bool, typer.Option("--template", help="only the commented template case")] = False,
+) -> None:
+    """Print the case format: a commented template case, and its JSON Schema."""
+    from exunet.case import schema
+
+    if as_json and template:
+        raise InputError("--json, --template: give one of them, or neither for both")
+    if not as_json:
+        typer.echo(schema.template().rstrip())
+    if not (as_json or template):
+        typer.echo("\n# JSON Schema of this format (exunet schema --json prints it alone):")
+    if not template:
+        text = json.dumps(schema.json_schema(), indent=2)
+        typer.echo(text if as_json else "\n".join(f"# {line}" for line in text.splitlines()))
+
+
+@app.command("verify")
+def verify_command(
+    cases: Annotated[
+        list[Path] | None,
+        typer.Argument(help="case files; none: the shipped ones", metavar="[CASE]...", parser=_path),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="whole runs of one case only")] = False,
+    hard: Annotated[
+        bool, typer.Option("--hard", help="the gallery of hard cases; with --quick in the compiled loop only")
+    ] = False,
+    out: Folder = None,
+) -> None:
+    """Compare Exudyn with the reference and both with known answers; write verification.md and figures.
+
+    With --hard: run the gallery of hard cases instead and write hard.md.
+    """
+    if hard:
+        from exunet.interfaces.commands.hard import verify_hard
+
+        if cases:
+            raise InputError("--hard has cases of its own: give none")
+        raise typer.Exit(verify_hard(out or Path("results/hard"), quick=quick))
+    from exunet.interfaces.commands.verify import verify
+
+    raise typer.Exit(verify(cases or [], out or Path("results/verification"), quick=quick))
+
+
+@app.command("cost")
+def cost_command(
+    case: CasePath,
+    until: Annotated[float | None, typer.Option(help="end of the runs [s]", metavar="T")] = None,
+    budget: Annotated[float, typer.Option(help="wall time", metavar="SECONDS", min=0.0)] = 120.0,
+    out: Folder = None,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Measure what accuracy costs on a case, method by method; write the work-precision diagram."""
+    from exunet.case.casefile import load
+    from exunet.case.fault_location import placing
+    from exunet.interfaces.commands.cost import cost
+
+    loaded = load(case, overrides)
+    with placing(loaded):
+        code = cost(loaded, out or Path("results") / loaded.name, until, budget)
+    raise typer.Exit(code)
+
+
+@app.command("compare")
+def compare_command(
+    a: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="A", parser=_path)],
+    b: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="B", parser=_path)],
+) -> None:
+    """Print the differences of two runs of the same net at the times that both have stored."""
+    from exunet.interfaces.commands.compare import compare_runs
+
+    compare_runs(a, b)
+
+
+@app.command("plot")
+def plot_command(
+    result: Annotated[Path, typer.Argument(help="result.h5 of a run", metavar="RESULT", parser=_path)],
+    out: Folder = None,
+) -> None:
+    """Draw the figures of a result, beside it or into --out."""
+    from exunet.figures import save_figures
+    from exunet.results.result import load_result
+
+    for path in save_figures(load_result(result), out or result.parent):
+        typer.echo(path)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""`exunet check`: what a case would simulate, before it runs."""
+
+from __future__ import annotations
+
+from exunet.case.casefile import Case
+from exunet.case.stored_times import stored_times
+from exunet.forces.effects import EFFECTS, switched_on
+from exunet.methods.methods import METHODS
+from exunet.simulation.preparation import Start, build, prepare_case
+from exunet.system.stability import (
+    WEAK_GROWTH,
+    largest_damping_rate,
+    largest_frequency,
+    stable_step,
+    step_limit,
+)
+
+
+def describe(case: Case) -> list[tuple[str, str]]:
+    """Rows (name, value): counts, mass, effects, stable steps and the items the engine would hold."""
+    start = prepare_case(case)
+    net, plan = start.net, start.plan
+    on = switched_on(case.scene.effects)
+    off = [name for name in EFFECTS if name not in on]
+    compiled = case.scene.engine.loop == "compiled"
+    items = "none: compiled loop" if compiled else _items(start)
+    setting = f"tolerance {plan.tolerance:.3g}" if plan.tolerance is not None else f"step {plan.step:.4g} s"
+    times = stored_times(case.scene.time)
+    return [
+        ("topology", str(case.scene.net.topology)),
+        ("nodes, elements", f"{net.n_nodes}, {net.n_elements} ({int(net.is_string.sum())} of strings)"),
+        ("bullets, fixed nodes", f"{len(net.bullet_nodes)}, {len(net.fixed_nodes)}"),
+        ("mass", f"{net.mass.sum():.6f} kg"),
+        ("simulated time", f"{case.scene.time.end:g} s, {len(times)} stored states"),
+        ("effects on", ", ".join(on) or "none"),
+        ("effects off", ", ".join(off) or "none"),
+        ("method", f"{plan.method}, {setting}"),
+        *[("note", note) for note in plan.notes],
+        ("stable step", _stable_steps(start)),
+        ("engine items", items),
+    ]
+
+
+def _items(start: Start) -> str:
+    return ", ".join(f"{number} {kind}" for kind, number in build(start).items().items())
+
+
+def _stable_steps(start: Start) -> str:
+    frequency = largest_frequency(start.net, start.terms)
+    rate = largest_damping_rate(start.net, start.terms)
+    limits = []
+    for name in ("VelocityVerlet", "RK33", "RK44"):
+        limit = stable_step(name, frequency, rate)
+        limits.append(f"{limit:.4g} s ({name})")
+    own = start.plan.method
+    if METHODS[own].kind == "explicit" and own not in ("VelocityVerlet", "RK33", "RK44"):
+        limit = step_limit(own, frequency, rate)
+        limits.insert(0, f"{limit:.4g} s ({own}: a mode grows by {WEAK_GROWTH:.0%} a step)")
+    return ", ".join(limits)

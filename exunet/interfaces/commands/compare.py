@@ -1,0 +1,48 @@
+"""`exunet compare`: the differences of two runs at the times that both have stored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.interfaces.commands.table import print_table
+from exunet.results.comparison import compare, read_states
+
+Floats = NDArray[np.float64]
+
+SHOWN = 20  # times in the table, evenly chosen, the last among them
+
+
+def compare_runs(a: Path, b: Path) -> None:
+    """Print how far run `b` is from run `a`; raises InputError if they are not of the same net."""
+    first, second = read_states(a), read_states(b)
+    found = compare(first, second)
+    rows = [("times in common", f"{len(found.time)}, {found.time[0]:g} s to {found.time[-1]:g} s")]
+    rows += [(f"run {name}", "incomplete") for name, run in ((a, first), (b, second)) if not run.complete]
+    shown = np.unique(np.linspace(0, len(found.time) - 1, SHOWN).round().astype(int))
+    rows += [
+        (
+            f"t = {found.time[k]:.6g} s",
+            f"positions {found.position_difference[k]:.3e} m, speeds {found.speed_difference[k]:.3e} m/s",
+        )
+        for k in shown
+    ]
+    rows += [
+        ("largest", f"positions {_largest(found.position_difference, found.time, 'm')}"),
+        ("", f"speeds {_largest(found.speed_difference, found.time, 'm/s')}"),
+        ("allowed", f"positions {found.allowed_position:.3e} m, speeds {found.allowed:.3e} m/s"),
+        ("first beyond that", _instant(found.agrees_until)),
+        ("beyond it for good", _instant(found.apart_from)),
+    ]
+    print_table(f"{b} against {a}", rows)
+
+
+def _largest(difference: Floats, time: Floats, unit: str) -> str:
+    at = int(np.argmax(difference))
+    return f"{difference[at]:.3e} {unit} at t = {time[at]:.6g} s"
+
+
+def _instant(time: float | None) -> str:
+    return "never" if time is None else f"t = {time:.6g} s"

@@ -1,0 +1,183 @@
+"""`exunet cost`: climbs the ladder of methods on a case, prints the answer, writes figure and tables."""
+
+from __future__ import annotations
+
+import sys
+import time as clock
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryFile
+
+import numpy as np
+
+from exunet.base.errors import InputError
+from exunet.base.files import cannot_write, replacing
+from exunet.case.casefile import Case
+from exunet.case.scene import SHORTEST
+from exunet.codegen.compile import numba_installed
+from exunet.figures.style import drawing
+from exunet.interfaces.commands.table import print_table
+from exunet.simulation.preparation import prepare_case
+from exunet.studies.both_codes import pair_of
+from exunet.studies.cost.after_horizon import measure_rows
+from exunet.studies.cost.converged import INSTANTS, Converged, converge
+from exunet.studies.cost.figure import work_precision
+from exunet.studies.cost.runners import Subject
+from exunet.studies.cost.settings import base
+from exunet.studies.cost.study import Say, Study, all_rungs, climb
+from exunet.studies.cost.table import answer_rows, write_csv
+
+INTERRUPTED = 130
+FILES = TABLE, FIGURE, WORDS = "cost.csv", "work_precision.png", "cost.md"
+
+
+def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
+    """Study a case and write work_precision.png, cost.csv and cost.md into `folder`; returns the exit code.
+
+    until  : end of the runs [s], at most the case's; None: the case's
+    budget : wall time [s] of all of it; at least the converged solution is computed
+    Raises InputError for an `until` or a folder that cannot be used, RunStopped if not even the converged
+    solution can be computed.
+    """
+    began = clock.perf_counter()
+
+    def left() -> float:
+        return budget - (clock.perf_counter() - began)
+
+    subject, refusal = _subject(case, until)
+    _ready(folder)
+    compiled = numba_installed()
+    with _status() as say:
+        say("converged solution")
+        converged = converge(subject, compiled=compiled)
+        if not converged.predicts:
+            subject = subject.at(tuple(np.linspace(0.0, subject.end, INSTANTS + 1).tolist()))
+        study = Study(converged)
+        climb(study, subject, all_rungs(subject, compiled=compiled), left, say, base(compiled=compiled))
+    title = f"{case.scene.title}, to t = {subject.end:g} s"
+    _write(study, folder, title)
+    notes = [("note", refusal)] if refusal else []
+    if not compiled:
+        notes.append(
+            ("note", "without Numba (pip install 'exunet[fast]') there is no fused net, no compiled loop")
+        )
+    rows = [*_head(converged, subject), *answer_rows(study)]
+    if not converged.predicts:
+        rows += measure_rows(study)
+    rows += [*_failures(study), *_left_out(study, budget), *notes]
+    if study.interrupted:
+        rows.insert(0, ("INCOMPLETE", "interrupted; what was measured until then is kept"))
+    print_table(title, [*map(_brief, rows), ("written to", f"{folder}/")])
+    _write_words(folder, title, study, rows)
+    return INTERRUPTED if study.interrupted else 0
+
+
+def _subject(case: Case, until: float | None) -> tuple[Subject, str]:
+    end = case.scene.time.end
+    if until is not None:
+        if not SHORTEST <= until <= end:
+            words = f"must be in [{SHORTEST:g}, {end:g}] s, up to the case's time, got {until:g}"
+            raise InputError(f"--until: {words}")
+        end = until
+    start = prepare_case(case)
+    try:
+        return Subject(start, pair_of(case), (0.0, end)), ""
+    except InputError as error:
+        return Subject(start, None, (0.0, end)), f"without the reference: {error}"
+
+
+def _head(converged: Converged, subject: Subject) -> list[tuple[str, str]]:
+    rows = [("converged solution", words) for words in converged.words]
+    rows.append(("converged solution", f"took {converged.seconds:.3g} s"))
+    if not converged.predicts:
+        rows.append(
+            (
+                "beyond the horizon",
+                f"from about t = {converged.horizon:.3g} s on no speed is predictable here: errors below are "
+                "those of the energy balance, the measures of deployment stand beside. For speeds give a "
+                "shorter --until",
+            )
+        )
+    elif converged.sensitivity > max(1e-2, 1e3 * converged.uncertainty):
+        rows.append(
+            (
+                "sensitive start",
+                f"the speeds at t = {subject.end:g} s hold for exactly this start only: what is symmetric in "
+                "it stays so; a real start, moved a little, has no predictable speeds there",
+            )
+        )
+    return rows
+
+
+def _failures(study: Study) -> list[tuple[str, str]]:
+    return [
+        ("failed", f"{entry.setting.name}, {entry.setting.value}: {entry.reason}")
+        for entry in study.entries
+        if entry.failed
+    ]
+
+
+def _left_out(study: Study, budget: float) -> list[tuple[str, str]]:
+    left_out = [entry for entry in study.entries if entry.reason and not entry.failed]
+    if not left_out:
+        return []
+    ran = {entry.setting.name for entry in study.entries if entry not in left_out}
+    never = list(dict.fromkeys(entry.setting.name for entry in left_out if entry.setting.name not in ran))
+    words = (
+        f"{len(left_out)} settings, for the budget of {budget:g} s, of which the converged solution took "
+        f"{study.converged.seconds:.3g} s; give a larger --budget"
+    )
+    rows = [("left out", words)]
+    return rows + ([("never run", ", ".join(never))] if never else [])
+
+
+def _brief(row: tuple[str, str]) -> tuple[str, str]:
+    """For the terminal; cost.md has reasons in full."""
+    name, words = row
+    return (name, words[:107] + "...") if name == "failed" and len(words) > 110 else row
+
+
+def _ready(folder: Path) -> None:
+    """Refuse a folder that cannot be written before hours are spent; what is in it stays."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+        for name in FILES:
+            if (folder / name).exists() and not (folder / name).is_file():
+                raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+
+
+def _write(study: Study, folder: Path, title: str) -> None:
+    write_csv(study, folder / TABLE)
+    with drawing():
+        figure = work_precision(study, title)
+        with replacing(folder / FIGURE) as part:
+            figure.savefig(part, format="png")
+
+
+def _write_words(folder: Path, title: str, study: Study, rows: list[tuple[str, str]]) -> None:
+    what = "Errors are those of speeds at the end, relative to the launch speed."
+    if not study.converged.predicts:
+        what = "Errors are those of the energy balance, relative to the energy in play."
+    lines = [f"# {title}", "", what, "", "| | |", "|---|---|"]
+    lines += [f"| {name} | {words} |" for name, words in rows]
+    lines += ["", "![work-precision diagram](work_precision.png)"]
+    with replacing(folder / WORDS) as part:
+        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def _status() -> Iterator[Say]:
+    """A function that names the run at work on stderr; it says nothing when that is not a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda words: None
+        return
+    from rich.console import Console
+
+    console = Console(stderr=True, markup=False, emoji=False, highlight=False)
+    with console.status("") as status:
+        yield lambda words: status.update(words)

@@ -1,0 +1,167 @@
+"""`exunet run`: folder, progress, reference beside, files and table."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryFile
+
+from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
+from exunet.base.files import cannot_write, sweep
+from exunet.case.casefile import Case
+from exunet.interfaces.commands.table import print_table
+from exunet.results.agreement import Agreement
+from exunet.results.result import Result, save
+from exunet.results.summary import rows, summarise, write_summary
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.run import Progress, provenance, simulate
+from exunet.studies.error_estimate import ErrorEstimate, estimate_error
+from exunet.verification.reference_run import ReferenceRun
+
+FIGURES = ("reference_net", "snapshots", "bullet_speeds", "energies", "area", "agreement")
+DESCRIPTIONS = ("summary.json", *(f"{figure}.png" for figure in FIGURES))
+
+
+def run_case(case: Case, folder: Path, *, check: bool, estimate: bool = False) -> ExunetError | None:
+    """Simulate, write result.h5, figures and summary.json into `folder`, print the table.
+
+    check    : also run the reference and compare
+    estimate : also estimate the error, from two more runs
+
+    Returns the error of a run that stopped (its part is written, marked as incomplete), or of a check or an
+    estimate that could not be made (the result is written), else None. Raises InputError, before the run
+    starts, if the folder cannot be written.
+    """
+    start = prepare_case(case)  # whose faults come before any folder is made
+    with _made(folder):
+        return _run(case, start, folder, check=check, estimate=estimate)
+
+
+def _run(case: Case, start: Start, folder: Path, *, check: bool, estimate: bool) -> ExunetError | None:
+    _ready(folder)
+    stopped: ExunetError | None = None
+    unchecked: ExunetError | None = None
+    agreement = error_estimate = None
+    no_check: str | None = None
+    with ReferenceRun(case) if check else nullcontext() as reference:
+        try:
+            with _progress(case.scene.time.end) as progress:
+                result = simulate(start, provenance(case), progress, lambda part: _keep(part, folder))
+        except RunStopped as error:
+            if error.partial is None:
+                raise
+            stopped, result = error, error.partial
+        _keep(result, folder)
+        if reference and stopped is None:
+            agreement, unchecked, no_check = _agreement(reference, result)
+        elif reference:
+            no_check = "the run stopped before its end"
+    if estimate and stopped is None:
+        error_estimate, stopped = _estimate(case, result)
+    _describe(result, folder, agreement or no_check, error_estimate)
+    return stopped or unchecked
+
+
+def _estimate(case: Case, result: Result) -> tuple[ErrorEstimate | None, RunStopped | None]:
+    """The error, or what stopped its runs; neither must cost the result that is already computed."""
+    try:
+        return estimate_error(case.scene, result), None
+    except RunStopped as error:
+        return None, type(error)(f"the error could not be estimated: {error}")
+
+
+def _agreement(
+    reference: ReferenceRun, result: Result
+) -> tuple[Agreement | None, ExunetError | None, str | None]:
+    """What the reference says; or the error that it could not be asked, and the reason for the summary."""
+    try:
+        with _waiting("waiting for the reference"):
+            return reference.agreement(result), None, None
+    except InputError as error:
+        return None, UncheckedRun(f"the result is written but not checked: {error}"), str(error)
+    except KeyboardInterrupt:
+        words = "interrupted while waiting for the reference"
+        return None, Interrupted(f"{words}; the result is written", result), words
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Takes away again the folders that were made for a run, if it ended with nothing in them."""
+    new = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        yield
+    finally:
+        for one in new:
+            with suppress(OSError):  # not empty: a part of the run is kept
+                one.rmdir()
+
+
+def _ready(folder: Path) -> None:
+    """Make the folder and prove that it can be written; what an earlier run left there stays as it is."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        sweep(folder)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    for name in ("result.h5", *DESCRIPTIONS):
+        if (folder / name).exists() and not (folder / name).is_file():
+            raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
+
+
+def _keep(result: Result, folder: Path) -> None:
+    """Put result.h5 in place of an earlier one, whose summary and figures go."""
+    for name in DESCRIPTIONS:
+        (folder / name).unlink(missing_ok=True)
+    save(result, folder / "result.h5")
+
+
+def _describe(
+    result: Result, folder: Path, check: Agreement | str | None, error_estimate: ErrorEstimate | None
+) -> None:
+    from exunet.figures import save_figures
+
+    summary = summarise(result, check)
+    table = rows(summary)
+    if error_estimate is not None:
+        summary["error_estimate"] = asdict(error_estimate)
+        table += error_estimate.rows()
+    write_summary(summary, folder / "summary.json")
+    save_figures(result, folder, check if isinstance(check, Agreement) else None)
+    print_table(summary["title"], [*table, ("written to", f"{folder}/")])
+
+
+@contextmanager
+def _progress(end: float) -> Iterator[Progress | None]:
+    """A bar in simulated time on stderr; nothing when that is not a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("simulated"),
+        BarColumn(),
+        TextColumn("{task.completed:.3f} of {task.total:g} s"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=end)
+        yield lambda time: bar.update(task, completed=time)
+
+
+@contextmanager
+def _waiting(words: str) -> Iterator[None]:
+    """Words and a moving sign on stderr while something lasts; nothing when that is not a terminal."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(words):
+        yield

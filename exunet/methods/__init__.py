@@ -1,0 +1,1 @@
+"""The integration methods: their names and all facts about them."""

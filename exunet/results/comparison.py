@@ -1,0 +1,209 @@
+"""Compares the states of two runs, whichever code wrote them: nodes matched by place, times by value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from exunet.base.errors import InputError
+from exunet.results.agreement import Agreement
+from exunet.results.reference_file import read_arrays
+from exunet.results.result import Result, load_result
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Position difference up to which two runs count as agreeing, as a part of the diagonal of the box around
+# the reference configuration: 2.0e-4 m in the paper's net.
+ALLOWED_PER_SIZE = 2e-5
+
+# Speed difference up to which two runs count as agreeing, as a part of the largest initial speed:
+# 1e-4 m/s at the paper's launch speed of 2.5 m/s.
+ALLOWED_PER_SPEED = 4e-5
+
+# Difference up to which masses, lengths and stiffnesses of two nets count as the same, as a part of each:
+# the codes weave a net in different arithmetic, and agree to about 1e-15.
+SAME_NET = 1e-9
+
+
+class AnyNet(Protocol):
+    """What exunet's nets and those of reference_impl have in common; shapes as in `Net`."""
+
+    @property
+    def reference_position(self) -> Floats: ...
+    @property
+    def element_nodes(self) -> NDArray[np.integer]: ...
+    @property
+    def reference_length(self) -> Floats: ...
+    @property
+    def area(self) -> Floats: ...
+    @property
+    def youngs_modulus(self) -> Floats: ...
+    @property
+    def mass(self) -> Floats: ...
+    @property
+    def bullet_nodes(self) -> NDArray[np.integer]: ...
+    @property
+    def fixed_nodes(self) -> NDArray[np.integer]: ...
+
+
+@dataclass(frozen=True)
+class States:
+    """What two runs are compared by; shapes as in `Result`, axial_stiffness E A (n_elements,) [N]."""
+
+    time: Floats
+    position: Floats
+    velocity: Floats
+    complete: bool
+    reference_position: Floats
+    element_nodes: Ints
+    bullet_nodes: Ints
+    fixed_nodes: Ints
+    mass: Floats
+    reference_length: Floats
+    axial_stiffness: Floats
+
+    @classmethod
+    def of_net(
+        cls, net: AnyNet, time: Floats, position: Floats, velocity: Floats, complete: bool = True
+    ) -> States:
+        """States of a net of either code."""
+        return cls(
+            time,
+            position,
+            velocity,
+            complete,
+            net.reference_position,
+            net.element_nodes.astype(np.int64),
+            net.bullet_nodes.astype(np.int64),
+            net.fixed_nodes.astype(np.int64),
+            net.mass,
+            net.reference_length,
+            net.youngs_modulus * net.area,
+        )
+
+    @classmethod
+    def of(cls, result: Result) -> States:
+        """The states of one of exunet's results."""
+        return cls.of_net(result.net, result.time, result.position, result.velocity, result.complete)
+
+
+def read_states(path: str | Path) -> States:
+    """States of a result.h5 of exunet or an .npz of reference_impl; raises InputError if it is neither."""
+    if Path(path).suffix.lower() != ".npz":
+        return States.of(load_result(path))
+    file = read_arrays(path)
+    return States(
+        file["t"],
+        file["position"],
+        file["velocity"],
+        bool(file["complete"]),
+        file["reference_position"],
+        file["element_nodes"],
+        file["bullet_nodes"],
+        file["fixed_nodes"],
+        file["mass"],
+        file["reference_length"],
+        file["youngs_modulus"] * file["area"],
+    )
+
+
+def match_nodes(a: States, b: States) -> Ints:
+    """(n_nodes,) for each node of a, the node of b at the same reference position.
+
+    Nets that list their nodes alike are matched by number, others by place. Raises InputError if the nets
+    differ in nodes, elements or bullets.
+    """
+    if len(a.reference_position) != len(b.reference_position):
+        raise InputError(
+            f"not the same net: {len(a.reference_position)} nodes and {len(b.reference_position)} nodes"
+        )
+    near = 1e-9 * (float(np.ptp(a.reference_position, axis=0).max(initial=0.0)) or 1.0)
+    match = np.arange(len(a.reference_position))
+    if np.abs(a.reference_position - b.reference_position).max(initial=0.0) > near:
+        gap, match = cKDTree(b.reference_position).query(a.reference_position)
+        worst = int(np.argmax(gap))
+        if gap[worst] > near:
+            where = ", ".join(f"{c:.6g}" for c in a.reference_position[worst])
+            raise InputError(f"not the same net: no counterpart of node {worst} at ({where}) m")
+        if len(np.unique(match)) < len(match):
+            raise InputError("cannot match the nodes: some share their reference position")
+    if _undirected(match[a.element_nodes]) != _undirected(b.element_nodes):
+        raise InputError("not the same net: the elements join different nodes")
+    if set(match[a.bullet_nodes]) != set(b.bullet_nodes):
+        raise InputError("not the same net: the bullets are different nodes")
+    return match
+
+
+def _undirected(elements: Ints) -> list[tuple[int, ...]]:
+    return sorted(map(tuple, np.sort(elements, axis=1).tolist()))
+
+
+def _refuse_other_properties(a: States, b: States, match: Ints) -> None:
+    """Raises InputError if matched nodes or elements differ in what moves them."""
+    if set(match[a.fixed_nodes]) != set(b.fixed_nodes):
+        raise InputError("not the same net: different nodes are fixed")
+    of_a, of_b = _in_order(match[a.element_nodes], a), _in_order(b.element_nodes, b)
+    for what, unit, item, ours, theirs in (
+        ("mass", "kg", "node", a.mass, b.mass[match]),
+        ("reference length", "m", "element", a.reference_length[of_a], b.reference_length[of_b]),
+        ("axial stiffness", "N", "element", a.axial_stiffness[of_a], b.axial_stiffness[of_b]),
+    ):
+        apart = ~(np.abs(ours - theirs) <= SAME_NET * np.abs(ours))
+        if apart.any():
+            k = int(np.argmax(apart))
+            number = k if item == "node" else int(of_a[k])
+            values = f"{ours[k]:.6g} {unit} and {theirs[k]:.6g} {unit}"
+            raise InputError(f"not the same net: {what} of {item} {number} is {values}")
+
+
+def _in_order(nodes: Ints, states: States) -> Ints:
+    """Order of the elements by their nodes (n_elements, 2), and among those between the same by stiffness."""
+    low, high = np.sort(nodes, axis=1).T
+    return np.lexsort((states.axial_stiffness, high, low))
+
+
+def compare(a: States, b: States) -> Agreement:
+    """How far b is from a at the times that both have stored.
+
+    Raises InputError if there are none, or the nets are not the same.
+    """
+    match = match_nodes(a, b)
+    _refuse_other_properties(a, b, match)
+    at_a, at_b = _common_times(a.time, b.time)
+    if len(at_a) == 0:
+        raise InputError("the two runs have no stored time in common")
+    velocity_a, velocity_b = a.velocity[at_a], b.velocity[at_b][:, match]
+    position = np.linalg.norm(a.position[at_a] - b.position[at_b][:, match], axis=-1)
+    shown = a.bullet_nodes if len(a.bullet_nodes) else np.arange(len(a.reference_position))
+    speeds_a, speeds_b = (np.linalg.norm(v[:, shown], axis=-1) for v in (velocity_a, velocity_b))
+    speed = np.abs(speeds_a - speeds_b).max(axis=1)
+    scale = float(np.linalg.norm(a.velocity[0], axis=-1).max()) or 1.0
+    allowed = ALLOWED_PER_SPEED * scale
+    allowed_position = ALLOWED_PER_SIZE * float(np.linalg.norm(np.ptp(a.reference_position, axis=0)))
+    time = a.time[at_a]
+    apart = ~((speed <= allowed) & (position.max(axis=1) <= allowed_position))  # what is no number is apart
+    first = int(np.argmax(apart)) if apart.any() else len(time)
+    last_within = int(np.flatnonzero(~apart)[-1]) if not apart.all() else -1
+    return Agreement(
+        time=time,
+        position_difference=position.max(axis=1),
+        speed_difference=speed,
+        allowed=allowed,
+        allowed_position=allowed_position,
+        agrees_until=float(time[first]) if first < len(time) else None,
+        apart_from=float(time[last_within + 1]) if last_within + 1 < len(time) else None,
+        reference_speeds=np.linalg.norm(velocity_b[:, a.bullet_nodes], axis=-1),
+    )
+
+
+def _common_times(a: Floats, b: Floats) -> tuple[Ints, Ints]:
+    near = 1e-9 * max(a[-1], b[-1], 1e-300)
+    at_b = np.clip(np.searchsorted(b, a - near), 0, len(b) - 1)
+    at_a = np.flatnonzero(np.abs(b[at_b] - a) <= near)
+    return at_a, at_b[at_a]

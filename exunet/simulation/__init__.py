@@ -1,0 +1,1 @@
+"""A run: plan, step control, guards, record, snapshots."""

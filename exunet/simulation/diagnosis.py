@@ -1,0 +1,62 @@
+"""The words for a run that went wrong: which element and node, in what state, why, and what to change."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.forces import cable
+from exunet.forces.terms import Terms
+from exunet.methods.methods import METHODS, Plan
+from exunet.net.arrays import Net
+
+Floats = NDArray[np.float64]
+
+
+def state_of_worst(net: Net, terms: Terms, time: float, position: Floats, velocity: Floats) -> str:
+    """The most stretched element and the fastest node at `time` [s]; finite states (n_nodes, 3)."""
+    law = terms.law(net)
+    length = cable.lengths(net, position)
+    element = int(np.argmax(length / law.natural_length))
+    i, j = net.element_nodes[element]
+    with np.errstate(over="ignore"):  # the largest finite numbers have no square
+        force = cable.element_tension(net, law, position, velocity)[element]
+    speed = np.abs(velocity).max(axis=1)
+    node = int(np.argmax(speed))
+    place = ", ".join(f"{x:.3g}" for x in position[node])
+    stretch = length[element] / law.natural_length[element]
+    return (
+        f"at t = {time:.6g} s the most stretched element is {element} between nodes {i} and {j}, "
+        f"stretch {stretch:.6g}, force {force:.3g} N; the fastest node is {node} at ({place}) m, "
+        f"{math.hypot(*velocity[node]):.3g} m/s"
+    )
+
+
+def step_advice(plan: Plan | None) -> str:
+    """Likely cause and remedy where the steps are to blame."""
+    if plan is None:
+        return "Likely cause: too long steps. Give a smaller solver.step or an adaptive method (DOPRI5)"
+    if plan.tolerance is not None:
+        return (
+            f"Likely cause: the tolerance {plan.tolerance:.2g} lets steps pass that jump over a snap. "
+            "Give a smaller solver.accuracy (or solver.tolerance)"
+        )
+    kind = "an adaptive method" if METHODS[plan.method].kind == "explicit" else "an explicit method"
+    return (
+        f"Likely cause: the step {plan.step:.3g} s is too long for {plan.method} where cables snap taut. "
+        f"Give a smaller solver.step (`exunet check` tells the stable one) or {kind} (solver.method = DOPRI5)"
+    )
+
+
+LOAD_ADVICE = (
+    "Likely cause: not the steps, the energy balance holds; the cables are too soft for this motion. "
+    "Change youngs_modulus, the diameters, the launch speeds, the masses or the forces"
+)
+
+COLLAPSE_ADVICE = (
+    "Likely cause: a motion or a damping too fast for any step, or a tolerance below the round-off of the "
+    "numbers. Change the launch speeds, initial or the damping; or give a larger solver.accuracy (or "
+    "solver.tolerance)"
+)

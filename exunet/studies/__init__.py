@@ -1,0 +1,1 @@
+"""Many runs: cost, effects, ensembles, errors."""

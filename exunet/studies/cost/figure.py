@@ -1,0 +1,80 @@
+"""The work-precision diagram: error against wall time and against right-hand sides, Pareto front marked."""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from exunet.figures.style import BLACK, BLUE, RED, REFERENCE, YELLOW, blank
+from exunet.studies.cost.study import Entry, Study
+from exunet.studies.cost.table import Work, evaluations, pareto, wall_time
+
+_COLOURS = {"connectors": BLUE, "fused": RED, "compiled loop": BLACK, "reference": YELLOW}
+# One marker for a kind of method, the same in all codes.
+_MARKERS = {
+    "DOPRI5": "o", "RK45": "o", "DOP853": "D", "ODE23": "v", "RK44": "s", "RK4": "s", "RK33": "<",
+    "RK67": ">", "VelocityVerlet": "^", "Verlet": "^", "ExplicitEuler": "1", "ExplicitMidpoint": "2",
+    "GeneralizedAlpha": "x", "TrapezoidalIndex2": "+", "EM": "*",
+}  # fmt: skip
+_LEAST = 1e-13  # errors below this are drawn here
+
+
+def work_precision(study: Study, title: str) -> Figure:
+    """Two panels that share the error axis; failed settings are not drawn, the table has them."""
+    figure = blank(10.5, 5.4)
+    left, right = figure.subplots(1, 2, sharey=True)
+    _panel(left, study, "wall time of the stepping, median [s]", wall_time)
+    _panel(right, study, "evaluations of the forces", evaluations)
+    predicts = study.converged.predicts
+    what = "speed error / launch speed" if predicts else "error of the energy balance"
+    left.set_ylabel(what)
+    if predicts:
+        for axes in (left, right):
+            axes.axhspan(
+                _LEAST,
+                max(study.converged.uncertainty, _LEAST),
+                color="0.92",
+                zorder=-1,
+                label="not resolved",
+            )
+    left.set_ylim(_LEAST / 3 if _least(study) < 1e-11 else _least(study) / 5, 3.0)
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="center left", bbox_to_anchor=(0.76, 0.5), frameon=False, fontsize=7)
+    note = "" if predicts else " (beyond the horizon: speeds cannot be predicted)"
+    stopped = "\nINCOMPLETE: interrupted" if study.interrupted else ""
+    figure.suptitle(title + note + stopped, fontsize=10, parse_math=False)
+    figure.subplots_adjust(left=0.075, right=0.75, bottom=0.1, top=0.9, wspace=0.06)
+    return figure
+
+
+def _least(study: Study) -> float:
+    return min((max(study.error(entry), _LEAST) for entry in study.measured), default=_LEAST)
+
+
+def _drawn(study: Study, entry: Entry) -> float:
+    return max(study.error(entry), _LEAST)
+
+
+def _panel(axes: Axes, study: Study, label: str, work: Work) -> None:
+    ranked = study.ranked
+    names = sorted({entry.setting.name: entry.setting for entry in study.measured}.items())
+    for name, setting in sorted(names, key=lambda one: (list(_COLOURS).index(one[1].code), one[0])):
+        ladder = sorted(
+            (entry for entry in study.measured if entry.setting.name == name),
+            key=lambda entry: -(entry.setting.tolerance or entry.setting.step or 0.0),
+        )
+        axes.plot(
+            [work(entry) for entry in ladder], [_drawn(study, entry) for entry in ladder],
+            color=_COLOURS[setting.code], marker=_MARKERS.get(setting.method, "."), markersize=4.5,
+            linewidth=0.9, label=name if ladder[0] in ranked else f"{name}: not ranked",
+            linestyle="-" if ladder[0] in ranked else ":",
+        )  # fmt: skip
+    front = pareto(study, work)
+    axes.plot(
+        [work(entry) for entry in front], [_drawn(study, entry) for entry in front],
+        color=REFERENCE, linewidth=6, zorder=0, solid_joinstyle="round", label="Pareto front",
+    )  # fmt: skip
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel(label)
+    axes.grid(visible=True, which="major", color="0.9", linewidth=0.6)

@@ -1,0 +1,84 @@
+"""What is measured on a run: speeds at its end, energy, momentum, the four measures of deployment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.results.measures import Deployment, deployment_of
+from exunet.simulation.preparation import Start
+from exunet.system import energy
+
+Floats = NDArray[np.float64]
+
+# The four measures of deployment: name, unit.
+FOUR = (
+    ("largest area", "of the reference area"),
+    ("time of largest area", "s"),
+    ("distance", "m"),
+    ("time above 80 %", "s"),
+)
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Numbers of one run.
+
+    speeds   : (k,) speeds at the end [m/s], of the bullets, or of all nodes if there are none
+    energy   : largest error of the energy balance over the stored times, relative to the energy in play
+    momentum : largest change of the linear momentum, relative to the sum of m |v| at the start; None where
+               forces from outside change it
+    deployment : over the stored times; None for a net without a mouth
+    """
+
+    speeds: Floats
+    energy: float
+    momentum: float | None
+    deployment: Deployment | None
+
+
+def four(found: Deployment) -> tuple[float, ...]:
+    """The measures of deployment in the order and units of FOUR."""
+    return found.relative_area, found.time_of_largest, found.distance, found.time_open
+
+
+def shown_nodes(start: Start) -> NDArray[np.int64]:
+    """The nodes whose speeds count."""
+    bullets = start.net.bullet_nodes
+    return bullets if len(bullets) else np.arange(start.net.n_nodes)
+
+
+def launch_speed(start: Start) -> float:
+    """Largest initial speed of a node [m/s], the unit of all speed errors; 1 for a net at rest."""
+    return float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0)) or 1.0
+
+
+def measures(start: Start, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> Measures:
+    """Measures of a trajectory; time (t,) [s], position, velocity (t, n_nodes, 3), dissipated (t,) [J]."""
+    net, terms = start.net, start.terms
+    kinetic = energy.kinetic(net, velocity)
+    elastic = energy.elastic(net, terms, position)
+    change = energy.potential(terms, position)
+    change = change - change[0]
+    total = kinetic + elastic + change + dissipated
+    scale = float(kinetic[0] + elastic[0] + np.abs(change).max()) or float(kinetic.max()) or 1.0
+    return Measures(
+        speeds=np.linalg.norm(velocity[-1, shown_nodes(start)], axis=-1),
+        energy=float(np.abs(total - total[0]).max()) / scale,
+        momentum=_momentum(start, velocity),
+        deployment=deployment_of(net, time, position),
+    )
+
+
+def _momentum(start: Start, velocity: Floats) -> float | None:
+    net, terms = start.net, start.terms
+    moved = energy.momentum(net, velocity)
+    scale = float(net.mass @ np.linalg.norm(velocity[0], axis=-1))
+    outside = (terms.load, terms.stiffness, terms.gyroscopic)
+    if any(term is not None for term in outside) or terms.kernels or len(net.fixed_nodes) or not scale:
+        return None
+    if terms.damping is not None and np.linalg.norm(moved[0]) > 1e-12 * scale:
+        return None  # damping of the motion as a whole
+    return float(np.linalg.norm(moved - moved[0], axis=-1).max()) / scale

@@ -1,0 +1,229 @@
+"""The study of one scene: ladders climbed cheap settings first, within a budget, repeats interleaved."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import get_args
+
+import numpy as np
+
+from exunet.methods.methods import METHODS
+from exunet.results.measures import Deployment
+from exunet.simulation.preparation import Start
+from exunet.studies.cost.converged import Converged
+from exunet.studies.cost.measure import launch_speed
+from exunet.studies.cost.runners import Counts, Subject, Trial, run
+from exunet.studies.cost.settings import Code, Limits, Setting, ladders
+from exunet.system.stability import largest_damping_rate, largest_frequency, step_limit
+
+REPEATS = 3
+_WARM_UP = 1e-3  # of the run: compiles what is to be compiled
+_FIRST_GUESS = 1e-5  # [s] a right-hand side, before any is measured
+_ADAPTIVE = 5000.0  # right-hand sides
+_NEXT = 1.6  # an adaptive run at the next decade of tolerance costs at most this much more
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one setting; the first relative to the launch speed, the others as in `Measures`.
+
+    speed : largest difference of a speed at the end from the converged solution's
+    """
+
+    speed: float
+    energy: float
+    momentum: float | None
+    deployment: Deployment | None
+
+
+@dataclass
+class Entry:
+    """A setting, its runs so far, and what they showed.
+
+    seconds : wall times of the repeats [s]
+    reason  : why there are no errors: it failed, or was left out
+    failed  : it ran and failed
+    """
+
+    setting: Setting
+    seconds: list[float] = field(default_factory=list)
+    counts: Counts | None = None
+    errors: Errors | None = None
+    reason: str = ""
+    failed: bool = False
+
+    @property
+    def median(self) -> float:
+        """Median wall time of the stepping [s]."""
+        return statistics.median(self.seconds)
+
+    @property
+    def noise(self) -> float | None:
+        """Half the range of the repeats relative to the median; None of a single run."""
+        if len(self.seconds) < 2:
+            return None
+        return 0.5 * (max(self.seconds) - min(self.seconds)) / self.median
+
+
+@dataclass
+class Study:
+    """All entries of a scene, in the order they were run, and the solution they are measured against."""
+
+    converged: Converged
+    entries: list[Entry] = field(default_factory=list)
+    interrupted: bool = False
+
+    @property
+    def measured(self) -> list[Entry]:
+        """The entries that have errors."""
+        return [entry for entry in self.entries if entry.errors is not None]
+
+    @property
+    def ranked(self) -> list[Entry]:
+        """Those whose error tells how good they are: not beyond the horizon, if they conserve energy."""
+        return [entry for entry in self.measured if self.converged.predicts or not entry.setting.conserves]
+
+    def error(self, entry: Entry) -> float:
+        """The error that counts: of the speed, or beyond the horizon that of the energy balance.
+
+        A speed cannot be told closer than the converged solution knows it; some settings are part of that.
+        """
+        assert entry.errors is not None
+        if self.converged.predicts:
+            return max(entry.errors.speed, self.converged.uncertainty)
+        return entry.errors.energy
+
+
+def limits(start: Start, end: float) -> Limits:
+    """Stable steps of the fixed-step methods on this scene."""
+    frequency = largest_frequency(start.net, start.terms)
+    rate = largest_damping_rate(start.net, start.terms)
+    explicit = [name for name, method in METHODS.items() if method.kind == "explicit"]
+    return Limits({name: step_limit(name, frequency, rate) for name in explicit}, end)
+
+
+def climb(
+    study: Study,
+    subject: Subject,
+    rungs: Sequence[Sequence[Setting]],
+    left: Callable[[], float],
+    say: Say,
+    base: Sequence[Setting] = (),
+) -> None:
+    """Run the ladders into `study` until all is done or nothing is `left()` of the budget of wall time [s].
+
+    The settings of `base` are run first and whatever is left. Then the cheapest run that is next on its
+    ladder comes first; a run whose expected time exceeds what is left is left out with all that follow on its
+    ladder, and says so. What remains of the budget repeats all successful runs, interleaved. Ctrl-C ends the
+    study and marks it.
+    """
+    try:
+        for setting in base:
+            _try(study, subject, setting, say)
+        _first_round(study, subject, [rest for rest in rungs if list(rest) != list(base)], left, say)
+        _repeats(study, subject, left, say)
+    except KeyboardInterrupt:
+        study.interrupted = True
+
+
+def _try(study: Study, subject: Subject, setting: Setting, say: Say) -> Entry:
+    say(f"{setting.name}, {setting.value}")
+    if _unknown(study, setting):
+        run(subject, setting, subject.end * _WARM_UP)
+    entry = _entry(setting, run(subject, setting), study.converged, subject)
+    study.entries.append(entry)
+    return entry
+
+
+def _first_round(
+    study: Study, subject: Subject, rungs: Sequence[Sequence[Setting]], left: Callable[[], float], say: Say
+) -> None:
+    rate: dict[Code, float] = dict.fromkeys(get_args(Code), _FIRST_GUESS)
+    for entry in study.measured:
+        _learn(rate, entry)
+    waiting = [(_work(rest[0], subject.end) * rate[rest[0].code], list(rest)) for rest in rungs if rest]
+    while waiting:
+        waiting.sort(key=lambda one: one[0])
+        expected, ladder = waiting.pop(0)
+        if expected > left() or left() <= 0.0:
+            study.entries += _left_out(ladder, expected, max(left(), 0.0))
+            continue
+        entry = _try(study, subject, ladder.pop(0), say)
+        if _learn(rate, entry):
+            waiting = [
+                (_work(rest[0], subject.end) * rate[rest[0].code] if _unknown(study, rest[0]) else time, rest)
+                for time, rest in waiting
+            ]
+        if ladder:
+            waiting.append((entry.median * _growth(entry.setting, ladder[0]), ladder))
+
+
+def _learn(rate: dict[Code, float], entry: Entry) -> bool:
+    """Note what a right-hand side costs [s]; False if the entry does not tell."""
+    if entry.counts is None or not entry.counts.right_hand_sides:
+        return False
+    rate[entry.setting.code] = entry.median / entry.counts.right_hand_sides
+    return True
+
+
+def _left_out(ladder: Sequence[Setting], expected: float, left: float) -> Iterator[Entry]:
+    """Entries of what is left out; `expected` is the time of the first [s]."""
+    before = ladder[0]
+    for setting in ladder:
+        expected *= _growth(before, setting) if setting is not before else 1.0
+        words = f"left out: some {expected:.2g} s expected, {left:.2g} s of the budget left"
+        yield Entry(setting, reason=words)
+        before = setting
+
+
+def _unknown(study: Study, setting: Setting) -> bool:
+    """True if no setting of this method and code has run."""
+    return not any(entry.setting.name == setting.name for entry in study.entries)
+
+
+def _work(setting: Setting, end: float) -> float:
+    """Right-hand sides to expect of a first rung; of an adaptive method, a few thousand."""
+    if setting.step is None:
+        return _ADAPTIVE
+    stages = METHODS[setting.method].stages if setting.method in METHODS else 4
+    return stages * end / setting.step
+
+
+def _entry(setting: Setting, trial: Trial, converged: Converged, subject: Subject) -> Entry:
+    entry = Entry(setting, [trial.seconds], trial.counts, reason=trial.reason, failed=bool(trial.reason))
+    found = trial.measures
+    if found is not None:
+        off = float(np.abs(found.speeds - converged.speeds).max()) / launch_speed(subject.start)
+        entry.errors = Errors(off, found.energy, found.momentum, found.deployment)
+    return entry
+
+
+def _growth(setting: Setting, following: Setting) -> float:
+    """Expected time of the next rung over that of this one."""
+    if following.step is not None and setting.step is not None:
+        return setting.step / following.step
+    return _NEXT
+
+
+def _repeats(study: Study, subject: Subject, left: Callable[[], float], say: Say) -> None:
+    for number in range(2, REPEATS + 1):
+        for entry in study.measured:
+            if entry.median > left():
+                continue
+            say(f"repeat {number} of {entry.setting.name}, {entry.setting.value}")
+            entry.seconds.append(run(subject, entry.setting).seconds)
+
+
+def all_rungs(subject: Subject, *, compiled: bool) -> list[list[Setting]]:
+    """The ladders of every method and code that can run the scene."""
+    methods: tuple[str, ...] = ()
+    if subject.pair is not None:
+        from reference_impl.march import METHODS as THEIRS
+        from reference_impl.march import unsupported
+
+        methods = tuple(m for m in THEIRS if m != "EM" or not unsupported(subject.pair.system))
+    return ladders(limits(subject.start, subject.end), compiled=compiled, reference=methods)

@@ -1,0 +1,1 @@
+"""What is simulated, as one system: blocks and layout, energy and momentum books, stable step."""

@@ -1,0 +1,179 @@
+"""Which effects matter in a scene: every known effect's estimate, its cost, and advice.
+
+The estimates are those of the effects' own `magnitude`; what is off in the case is estimated with the stated
+assumptions of its `nominal`. Under `effects.choose = "auto"` the same estimates switch effects on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from exunet.base.table import Table
+from exunet.case.scene import Scene
+from exunet.forces.effects import EFFECTS, beyond_floats, launch_force, switched_on, terms_of
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.terms import Terms
+from exunet.net import weave
+from exunet.net.arrays import Net
+from exunet.system.initial import initial_state
+
+ASKED = 0.01  # of the net's size: the accuracy that the advice is for, where the case states none
+
+# Nanoseconds of one right-hand side, measured on the paper's net on a noisy machine: to be read as ratios.
+# Of the bare net: the step itself, and of the fused net the call from the engine.
+_FIXED = {"connectors": 1_000.0, "fused": 8_000.0, "compiled": 0.0}
+_ELEMENT = {"connectors": 250.0, "fused": 50.0, "compiled": 7.0}
+_OBJECT = {"connectors": 80.0, "fused": 0.0, "compiled": 0.0}  # a node, if there are constant terms
+_CALL = {"connectors": 3_500.0, "fused": 0.0, "compiled": 0.0}  # if there are kernel terms
+_ENTRY, _NODE_OF_KERNEL, _VISCOUS = 1.0, 6.0, 3.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect in one scene.
+
+    on         : it is on in the case (under "auto": it has a table, and its estimate reaches the threshold)
+    keys       : those of the case, or the assumed ones; None if nothing can be assumed for this scene
+    assumption : what was assumed where the case is silent; "" if it has a table
+    estimate   : None without keys
+    relative   : estimated displacement over the size of the net
+    cost       : estimated change of the time of one right-hand side, as a part of the bare net's
+    """
+
+    name: str
+    on: bool
+    keys: Table | None
+    assumption: str
+    estimate: Estimate | None
+    relative: float
+    cost: float
+
+    def advice(self, asked: float) -> str:
+        """What to do at an accuracy of `asked`, as a part of the net's size."""
+        if self.estimate is None:
+            return "off: nothing to assume for this scene"
+        if not self.on and not self.assumption:
+            return "a candidate below effects.threshold: left off"
+        if self.on:
+            return "on, and it matters" if self.relative >= asked else "on, but below the asked accuracy"
+        if getattr(EFFECTS[self.name], "ON_THE_GROUND", False):
+            return f"off; on the ground it would move the net by {self.relative:.0e} of its size"
+        if self.relative >= asked:
+            return "off, and above it: switch on"
+        return f"would move the net by {self.relative:.0e} of its size: leave out"
+
+
+def setting_of(scene: Scene, without: str = "", duration: float | None = None) -> EstimateBasis:
+    """What the estimates of a scene start from; bullets that a force launches have their final speed.
+
+    without : an effect that is taken as off
+    """
+    net = weave(scene.net)
+    position, velocity = initial_state(scene, net)
+    launch = switched_on(scene.effects).get("launch_force")
+    if isinstance(launch, launch_force.Keys) and without != "launch_force":
+        mass = net.mass[net.bullet_nodes]
+        speed = np.sqrt(2.0 * launch.work / mass)
+        velocity[net.bullet_nodes] += speed[:, None] * launch_force.barrels(launch, net)
+    return EstimateBasis(net, scene.time.end if duration is None else duration, position, velocity)
+
+
+def survey(scene: Scene, duration: float | None = None) -> list[Finding]:
+    """A finding for every known effect; those that are on first, each kind by falling displacement.
+
+    duration : [s] over which to estimate; None: the scene's
+    """
+    found = [finding(scene, name, duration) for name in EFFECTS]
+    return sorted(found, key=lambda one: (not one.on, -one.relative))
+
+
+def finding(scene: Scene, name: str, duration: float | None = None) -> Finding:
+    """The finding of one effect; raises CaseError if its numbers, or the scene's, overflow."""
+    try:
+        with np.errstate(all="ignore"):  # numbers that are not finite are refused
+            return _finding(scene, name, duration)
+    except ArithmeticError:
+        raise beyond_floats(name) from None
+
+
+def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
+    basis = setting_of(scene, name, duration)
+    keys, assumption = switched_on(scene.effects).get(name), ""
+    has_table = keys is not None
+    if keys is None:
+        assumed = EFFECTS[name].nominal(basis)
+        if assumed is None:
+            return Finding(name, False, None, "", None, 0.0, 0.0)
+        keys, assumption = assumed
+    cost = cost_of(terms_of_alone(name, keys, basis), basis.net, _form(scene))
+    estimate: Estimate = EFFECTS[name].magnitude(keys, basis)
+    if not np.isfinite([estimate.acceleration, estimate.displacement]).all():
+        raise beyond_floats(name)
+    relative = estimate.displacement / basis.size
+    choice: Any = scene.effects
+    on = has_table and (choice.choose is None or relative >= choice.threshold)
+    return Finding(name, on, keys, assumption, estimate, relative, cost)
+
+
+def terms_of_alone(name: str, keys: Table, basis: EstimateBasis) -> Terms:
+    """The terms that an effect alone adds, with the nodes that it brings."""
+    net, position = basis.net, basis.position
+    if hasattr(EFFECTS[name], "extend"):
+        net = EFFECTS[name].extend(keys, net)
+        position = np.concatenate([position, np.zeros((net.n_nodes - len(position), 3))])
+    return terms_of(name, keys, net, position)
+
+
+def cost_of(terms: Terms, net: Net, form: str) -> float:
+    """Estimated time that terms add to a right-hand side, as a part of the bare net's.
+
+    form : "connectors", "fused" or "compiled" (the loop)
+    """
+    matrices = [matrix for matrix in (terms.on_velocity, terms.stiffness) if matrix is not None]
+    added = _ENTRY * sum(matrix.nnz for matrix in matrices)
+    added += _ENTRY * 3 * net.n_nodes if terms.load is not None else 0.0
+    added += _OBJECT[form] * net.n_nodes if matrices or terms.load is not None else 0.0
+    added += _VISCOUS * net.n_elements if terms.relaxation_time is not None else 0.0
+    for term in terms.kernels:
+        longest = max((len(p) for p in term.parameters if isinstance(p, np.ndarray)), default=0)
+        added += _NODE_OF_KERNEL * longest
+    added += _CALL[form] if terms.kernels else 0.0
+    return added / (_FIXED[form] + _ELEMENT[form] * max(net.n_elements, 1))
+
+
+def _form(scene: Scene) -> str:
+    if scene.engine.loop == "compiled":
+        return "compiled"
+    return "fused" if scene.engine.net == "fused" else "connectors"
+
+
+def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
+    """The scene with the effects that matter, and why each candidate is on or off, under "auto".
+
+    Any other scene comes back as it is.
+    """
+    choice: Any = scene.effects
+    if choice.choose is None:
+        return scene, ()
+    off: dict[str, None] = {}
+    notes = []
+    for name in switched_on(choice):
+        one = finding(scene, name)
+        assert one.estimate is not None
+        if not one.on:
+            off[name] = None
+        word, sign = ("on", ">=") if one.on else ("off", "<")
+        notes.append(
+            f"auto: {name} {word}: {one.relative:.1e} of the net's size {sign} {choice.threshold:g} "
+            f"({one.estimate.source})"
+        )
+    return scene.model_copy(update={"effects": choice.model_copy(update=off)}), tuple(notes)
+
+
+def with_effect(scene: Scene, name: str, keys: Table | None) -> Scene:
+    """The scene with one effect switched on with `keys`, or off."""
+    effects: Any = scene.effects
+    return scene.model_copy(update={"effects": effects.model_copy(update={name: keys})})

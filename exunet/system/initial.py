@@ -1,0 +1,53 @@
+"""The state of a net at time 0."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from exunet.case.scene import Initial, Launch, Scene
+from exunet.net import explicit
+from exunet.net.arrays import Floats, Ints, Net
+from exunet.net.weave import between
+
+
+def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
+    """Positions (n_nodes, 3) [m] and velocities (n_nodes, 3) [m/s] at time 0; fixed nodes are at rest.
+
+    `net` is what `weave(scene.net)` gives.
+    """
+    initial = scene.initial
+    position = initial.packing * net.reference_position
+    if isinstance(scene.net, explicit.Keys) and initial.node_positions is not None:
+        position = _of_all_nodes(initial.node_positions, scene.net)
+    velocity = _common_velocity(initial, position)
+    if isinstance(scene.net, explicit.Keys) and initial.node_velocities is not None:
+        velocity += _of_all_nodes(initial.node_velocities, scene.net)
+    if scene.launch:
+        velocity[net.bullet_nodes] += _launch_velocity(scene.launch, net)
+    velocity[net.fixed_nodes] = 0.0
+    return position, velocity
+
+
+def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.Keys) -> Floats:
+    """Values of the listed nodes, and of the inner nodes of the divided elements between them."""
+    values = np.array(listed, dtype=float)
+    ends: Ints = np.array(keys.elements, dtype=np.int64).reshape(-1, 2)
+    return np.concatenate([values, between(values, ends, keys.divisions)])
+
+
+def _common_velocity(initial: Initial, position: Floats) -> Floats:
+    """(n_nodes, 3) initial.velocity + initial.spin x position [m/s]."""
+    velocity = np.zeros_like(position)
+    if initial.velocity:
+        velocity += initial.velocity
+    if initial.spin:
+        velocity += np.cross(initial.spin, position)
+    return velocity
+
+
+def _launch_velocity(launch: Launch, net: Net) -> Floats:
+    """(n_bullets, 3) [m/s]: radially away from the origin, and along +z."""
+    outward = net.reference_position[net.bullet_nodes]
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    radial, axial = launch.radial_and_axial
+    return radial * outward + np.array([0.0, 0.0, axial])

@@ -1,0 +1,44 @@
+"""What a free, undamped net keeps: momentum, angular momentum, energy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from exunet.case.stored_times import stored_times
+from exunet.studies.both_codes import Pair
+from exunet.system import energy
+from exunet.verification.answers.both import best
+from exunet.verification.check import Check
+from exunet.verification.tolerances import ANGULAR, ENERGY, MOMENTUM, Tolerance
+
+
+def free_net(pair: Pair) -> Iterator[Check]:
+    """Largest change of each over the stored times."""
+    net = pair.start.net
+    shares = net.mass[:, None] * pair.start.velocity
+    turning = np.cross(pair.start.position, shares)
+    for code, motion in best(pair, stored_times(pair.start.scene.time)):
+        total = energy.kinetic(net, motion.velocity) + energy.elastic(net, pair.start.terms, motion.position)
+        kept: tuple[tuple[str, np.ndarray, float, Tolerance], ...] = (
+            ("momentum", energy.momentum(net, motion.velocity), _size(shares), MOMENTUM),
+            (
+                "angular momentum",
+                energy.angular_momentum(net, motion.position, motion.velocity),
+                _size(turning),
+                ANGULAR,
+            ),
+            ("energy", total[:, None], float(total[0]), ENERGY),
+        )
+        for name, values, scale, allowed in kept:
+            change = np.linalg.norm(values - values[0], axis=1)
+            at = int(np.argmax(change))
+            words = f"t = {motion.time[at]:.4g} s: {values[at]} at first: {values[0]}"
+            yield Check(
+                6, pair.name, f"{name}, {code}: relative change", float(change[at]) / scale, allowed, words
+            )
+
+
+def _size(shares: np.ndarray) -> float:
+    return float(np.linalg.norm(shares, axis=1).sum())

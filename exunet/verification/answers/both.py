@@ -1,0 +1,41 @@
+"""Runs of both codes for the known answers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.studies.both_codes import Motion, Pair
+from exunet.verification.check import Check
+from exunet.verification.converged import best_plan
+from exunet.verification.growth import fixed_plan
+from exunet.verification.tolerances import Tolerance
+
+Floats = NDArray[np.float64]
+
+CODES = ("Exudyn", "reference")
+
+
+def best(pair: Pair, times: Floats, tolerance: float = 1e-11) -> Iterator[tuple[str, Motion]]:
+    """(code, motion at `times`) with the best adaptive method of each code."""
+    yield CODES[0], pair.engine(times, best_plan(pair, tolerance))
+    yield CODES[1], pair.march(times, rtol=1e-11, atol=1e-13)
+
+
+def in_steps(pair: Pair, times: Floats, part: float) -> Iterator[tuple[str, Motion]]:
+    """(code, motion at `times`) with the classical Runge-Kutta method at a part of its stable step.
+
+    Its errors are in proportion to the motion, however small that is.
+    """
+    plan = fixed_plan(pair, float(np.diff(times).min()), part)
+    yield CODES[0], pair.engine(times, plan)
+    yield CODES[1], pair.march(times, method="RK4", step=plan.step)
+
+
+def against(pair: Pair, name: str, found: float, known: float, allowed: Tolerance, unit: str) -> Check:
+    """A measured value against a known one, relative to the latter."""
+    measured = abs(found - known) / abs(known)
+    words = f"{found:.10g} {unit}, known: {known:.10g} {unit}"
+    return Check(6, pair.name, f"{name}: relative error", measured, allowed, words)

@@ -1,0 +1,116 @@
+"""Small motions of taut nets: wave speeds of a chain, and frequencies from the tangent stiffness."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.studies.both_codes import Pair
+from exunet.verification.answers.both import against, in_steps
+from exunet.verification.check import Check
+from exunet.verification.tolerances import FREQUENCY
+from reference_impl import forces as formulas
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SHARE = 0.1  # of the largest amplitude: modes below it are not looked at
+
+
+def frequency(amplitude: float, rate: float, start: float, time: float, expected: float) -> float:
+    """Angular frequency [rad/s] of a free vibration from its state at `time`; it began at rest at `start`.
+
+    The phase is atan2(-rate / w, amplitude), and the expected frequency tells how many turns it has made.
+    """
+    phase = math.atan2(-rate / expected * math.copysign(1.0, start), amplitude * math.copysign(1.0, start))
+    turns = round((expected * time - phase) / (2 * math.pi))
+    return (2 * math.pi * turns + phase) / time
+
+
+def waves(pair: Pair) -> Iterator[Check]:
+    """Wave speeds in the reference frame: sqrt(E/rho (3 lambda^2 - 1)/2) and, transverse, sqrt(E E11/rho).
+
+    The chain of N elements of length l is displaced in its first mode; a standing wave of wave number k has
+    the frequency 2 c / l sin(k l / 2), which tells c.
+    """
+    net = pair.start.net
+    count, element = net.n_elements, float(net.reference_length[0])
+    ends = net.fixed_nodes
+    total = float(np.ptp(net.reference_position[:, 0]))
+    stretch = float(np.ptp(pair.start.position[ends, 0])) / total
+    modulus = float(net.youngs_modulus[0] / net.density[0])
+    shape = np.sin(np.pi * net.reference_position[:, 0] / total)
+    rest = stretch * net.reference_position
+    factor = 2.0 / element * math.sin(math.pi / (2 * count))
+    known = {
+        "longitudinal": (0, math.sqrt(modulus * (3 * stretch**2 - 1) / 2)),
+        "transverse": (1, math.sqrt(modulus * 0.5 * (stretch**2 - 1))),
+    }
+    end = pair.start.scene.time.end
+    for code, motion in in_steps(pair, np.array([0.0, end]), 1 / 8):
+        for name, (axis, speed) in known.items():
+            start, now = ((motion.position[k] - rest)[:, axis] @ shape for k in (0, 1))
+            rate = motion.velocity[1][:, axis] @ shape
+            found = frequency(now, rate, start, end, factor * speed) / factor
+            text = f"{name} wave speed, stretch {stretch:g}, {code}"
+            yield against(pair, text, found, speed, FREQUENCY, "m/s")
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Small motions of a taut net about its rest.
+
+    rest    : (n, 3) position at rest [m]
+    free    : nodes that move
+    root    : (3 n_free,) square roots of their masses
+    squares : (3 n_free,) squares of the angular frequencies, increasing [1/s2]
+    shapes  : (3 n_free, 3 n_free) their shapes as columns, orthonormal in sqrt(m) x
+    """
+
+    rest: Floats
+    free: Ints
+    root: Floats
+    squares: Floats
+    shapes: Floats
+
+    def amplitudes(self, position: Floats) -> Floats:
+        """Of each mode in the position (n, 3) [m]."""
+        return self.shapes.T @ (self.root * (position - self.rest)[self.free].ravel())
+
+    def rates(self, velocity: Floats) -> Floats:
+        """Of each mode in the velocity (n, 3) [m/s]."""
+        return self.shapes.T @ (self.root * velocity[self.free].ravel())
+
+
+def modes_of(pair: Pair) -> Modes:
+    """Eigenvalues of M^-1 T, eq. (14) of the reference, of a net that its supports stretch evenly."""
+    net = pair.start.net
+    fixed = net.fixed_nodes
+    stretch = float(
+        np.linalg.norm(pair.start.position[fixed[0]]) / np.linalg.norm(net.reference_position[fixed[0]])
+    )
+    rest = stretch * net.reference_position
+    free = np.setdiff1d(np.arange(net.n_nodes), fixed)
+    place = (3 * pair.to_theirs[free][:, None] + np.arange(3)).ravel()
+    stiffness = formulas.tangent(pair.system, pair.give(rest)).toarray()[np.ix_(place, place)]
+    root = np.sqrt(np.repeat(net.mass[free], 3))
+    squares, shapes = np.linalg.eigh(stiffness / np.outer(root, root))
+    return Modes(rest, free, root, squares, shapes)
+
+
+def vibration(pair: Pair) -> Iterator[Check]:
+    """Frequencies of the modes that the start contains, against the eigenvalues."""
+    modes = modes_of(pair)
+    end = pair.start.scene.time.end
+    begin = modes.amplitudes(pair.start.position)
+    shown = np.flatnonzero(np.abs(begin) > SHARE * np.abs(begin).max())
+    for code, motion in in_steps(pair, np.array([0.0, end]), 1 / 32):
+        now, rate = modes.amplitudes(motion.position[1]), modes.rates(motion.velocity[1])
+        for k in shown:
+            known = math.sqrt(modes.squares[k])
+            found = frequency(now[k], rate[k], begin[k], end, known)
+            yield against(pair, f"frequency of mode {k + 1}, {code}", found, known, FREQUENCY, "rad/s")

@@ -1,0 +1,70 @@
+"""Area of the mouth and of the openings: of flat polygons from their sides, and of a folded square."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import InputError
+from exunet.net import radial, square
+from exunet.results import measures as metrics
+from exunet.studies.both_codes import Pair
+from exunet.verification.check import Check, worst_of
+from exunet.verification.tolerances import AREA
+
+Floats = NDArray[np.float64]
+
+SEED = 20210621
+SHAPES = 10
+
+
+def areas(pair: Pair) -> Iterator[Check]:
+    """The net stretched, sheared and turned by linear maps; mouth and openings then cover the same plane.
+
+    A map A takes an area S in the plane of x and y to S |A e_x x A e_y|. A square of side s has S = s^2, a
+    polygon of n corners at the distance r has S = n r^2 sin(2 pi / n) / 2.
+    """
+    net, flat = pair.start.net, _flat(pair)
+    maps = [np.eye(3), *np.random.default_rng(SEED).normal(size=(SHAPES, 3, 3))]
+    shapes = [(f"shape {k}", net.reference_position @ a.T, flat * _stretch(a)) for k, a in enumerate(maps)]
+    of_mouth = [_against(pair, name, metrics.mouth_area(net, x), known) for name, x, known in shapes]
+    of_openings = [_against(pair, name, metrics.mesh_area(net, x), known) for name, x, known in shapes]
+    yield worst_of(f"area of the mouth, {len(maps)} flat shapes", of_mouth)
+    yield worst_of(f"area of all openings, {len(maps)} flat shapes", of_openings)
+    if isinstance(pair.start.scene.net, square.Keys):
+        folded = metrics.mouth_area(net, _folded(net.reference_position))
+        yield _against(pair, "area of the mouth, folded by a right angle", folded, flat * FOLDED)
+
+
+# Of a unit square folded by a right angle about a diagonal, as a fan from the mean of its corners: with
+# h = sqrt(1/2) the corners are (h, 0, 0), (0, h, 0), (0, 0, h), (0, -h, 0), their mean is (h, 0, h) / 4, and
+# each of the four triangles has the area h^2 sqrt(11) / 8.
+FOLDED = math.sqrt(11.0) / 4.0
+
+
+def _flat(pair: Pair) -> float:
+    """Area [m2] in the reference configuration."""
+    match pair.start.scene.net:
+        case square.Keys(size=side):
+            return side**2
+        case radial.Keys(spokes=corners, radius=distance):
+            return 0.5 * corners * distance**2 * math.sin(2.0 * math.pi / corners)
+    raise InputError(f"{pair.name}: the area of the mouth is known of square and radial nets only")
+
+
+def _folded(place: Floats) -> Floats:
+    """The half beyond the diagonal x + y = 0 turned out of the plane."""
+    along, across = (place[:, 1] - place[:, 0]) / math.sqrt(2.0), (place[:, 0] + place[:, 1]) / math.sqrt(2.0)
+    return np.column_stack([np.maximum(across, 0.0), along, np.maximum(-across, 0.0)])
+
+
+def _stretch(a: Floats) -> float:
+    return float(np.linalg.norm(np.cross(a[:, 0], a[:, 1])))
+
+
+def _against(pair: Pair, name: str, found: Floats | float, known: float) -> Check:
+    words = f"{float(found):.16g} m2, known: {known:.16g} m2"
+    return Check(6, pair.name, name, abs(float(found) - known) / known, AREA, words)

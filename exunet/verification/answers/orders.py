@@ -1,0 +1,166 @@
+"""Observed orders of all integrators of both codes, on smooth motion and across the kink of the force law."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.methods.methods import METHODS, Plan, Solver
+from exunet.simulation.planning import make_plan
+from exunet.studies.both_codes import Motion, Pair
+from exunet.verification.check import Check, Finding, Plate
+from exunet.verification.figures import convergence
+from exunet.verification.tolerances import ADAPTIVE_ORDER, KINK, ORDER
+
+Floats = NDArray[np.float64]
+
+# Declared orders of the reference's methods (its README).
+REFERENCE: dict[str, int] = {"RK4": 4, "Verlet": 2, "EM": 2, "RK45": 5, "DOP853": 8}
+ADAPTIVE = ("RK45", "DOP853")
+STEPS = (100, 141, 200, 283, 400, 566, 800)
+TOLERANCES = tuple(10.0**-k for k in range(4, 12))
+SMALLEST, LARGEST = 3e-13, 1e-2  # [m]: errors outside are round-off, or far from the limit of small steps
+FITTED = 4  # the errors of that many smallest steps tell the order
+KINK_ORDER = 2
+STARTS = 8
+SEED = 20210619
+
+
+@dataclass(frozen=True)
+class Series:
+    """Errors of one method.
+
+    order  : declared
+    steps  : (k,) how many
+    errors : (k,) largest error of a position at the end [m]
+    nodes  : (k,) the node that errs most
+    """
+
+    label: str
+    order: int
+    adaptive: bool
+    steps: Floats
+    errors: Floats
+    nodes: list[int]
+
+    def observed(self, fitted: int) -> float:
+        """Slope of the error over the number of steps, over the last `fitted` of the usable errors."""
+        good = np.flatnonzero((self.errors > SMALLEST) & (self.errors < LARGEST))[-fitted:]
+        if len(good) < 2:
+            return float("nan")
+        return -float(np.polyfit(np.log(self.steps[good]), np.log(self.errors[good]), 1)[0])
+
+    def ends(self) -> str:
+        """The errors with the fewest and the most steps, in words."""
+        return " and ".join(
+            f"{self.errors[k]:.3g} m at node {self.nodes[k]} with {self.steps[k]:.0f} steps" for k in (0, -1)
+        )
+
+
+def all_series(pairs: Sequence[Pair]) -> list[Series]:
+    """Every integrator of both codes over the whole case, against the reference's finest motion.
+
+    The error is the root mean square over `pairs`: the same case with different starts.
+    """
+    end = pairs[0].start.scene.time.end
+    times = np.array([0.0, end])
+    exact = [pair.march(times, rtol=3e-14, atol=1e-15) for pair in pairs]
+    found = []
+    for method, facts in METHODS.items():
+        plans = _plans(pairs[0], method, end)
+        runs = [[pair.engine(times, plan) for pair in pairs] for plan in plans]
+        found.append(_series(f"Exudyn {method}", facts.order, facts.kind == "adaptive", runs, exact))
+    for method, order in REFERENCE.items():
+        settings: list[dict[str, Any]] = [{"step": end / n} for n in STEPS]
+        if method in ADAPTIVE:
+            settings = [{"rtol": t, "atol": t} for t in TOLERANCES]
+        runs = [[pair.march(times, method=method, **how) for pair in pairs] for how in settings]
+        found.append(_series(f"reference {method}", order, method in ADAPTIVE, runs, exact))
+    return found
+
+
+def _plans(pair: Pair, method: str, end: float) -> list[Plan]:
+    if METHODS[method].kind != "adaptive":
+        return [Plan(method, step=end / n) for n in STEPS]
+    start = pair.start
+    plans = []
+    for tolerance in TOLERANCES:
+        solver = Solver.model_validate({"method": method, "tolerance": tolerance})
+        scene = start.scene.model_copy(update={"solver": solver})
+        plans.append(make_plan(scene, start.net, start.terms, start.velocity))
+    return plans
+
+
+def _series(
+    label: str, order: int, adaptive: bool, runs: Sequence[Sequence[Motion]], exact: Sequence[Motion]
+) -> Series:
+    apart = np.array(  # (settings, starts, nodes)
+        [
+            [
+                np.abs(run.position[-1] - true.position[-1]).max(axis=1)
+                for run, true in zip(row, exact, strict=True)
+            ]
+            for row in runs
+        ]
+    )
+    steps = np.array([np.mean([run.steps for run in row]) for row in runs])
+    errors = np.sqrt(np.mean(apart.max(axis=2) ** 2, axis=1))
+    return Series(label, order, adaptive, steps, errors, apart.max(axis=1).argmax(axis=1).tolist())
+
+
+def smooth(pair: Pair) -> Iterator[Finding]:
+    """Where no element ever goes slack, every method must show its declared order."""
+    found = all_series([pair])
+    for series in found:
+        observed = series.observed(FITTED)
+        words = f"observed {observed:.2f}, declared {series.order}; {series.ends()}"
+        allowed = ADAPTIVE_ORDER if series.adaptive else ORDER
+        yield Check(
+            6, pair.name, f"order of {series.label}: off by", abs(observed - series.order), allowed, words
+        )
+    yield _plate(pair, found, "always taut", "Every method shows its declared order.")
+
+
+def with_kink(pair: Pair) -> Iterator[Finding]:
+    """Where a cable becomes taut and slack again: second order is left of any higher one with equal steps."""
+    found = all_series(_shifted(pair))
+    for series in found:
+        observed = series.observed(len(series.steps))
+        words = f"observed {observed:.2f}, declared {series.order}; {series.ends()}"
+        if series.adaptive or series.order < KINK_ORDER:
+            yield Check(6, pair.name, f"order of {series.label}: observed", observed, None, words)
+        else:
+            gap = abs(observed - KINK_ORDER)
+            yield Check(6, pair.name, f"order of {series.label}: off 2 by", gap, KINK, words)
+    caption = (
+        "Equal steps keep second order, whatever the order of the method on smooth motion, because the kink "
+        "lies somewhere inside a step (root mean square over eight starts); adaptive methods cut their steps "
+        "at the kink and keep their advantage."
+    )
+    yield _plate(pair, found, "a snap inside the run", caption)
+
+
+def _shifted(pair: Pair) -> list[Pair]:
+    """The case with its nodes moved apart by up to what they travel in the longest step."""
+    random = np.random.default_rng(SEED)
+    start = pair.start
+    step = start.scene.time.end / STEPS[0]
+    return [
+        pair.from_state(start.position + share * step * start.velocity, start.velocity)
+        for share in random.random(STARTS)
+    ]
+
+
+def _plate(pair: Pair, found: list[Series], what: str, caption: str) -> Plate:
+    lines = {series.label: (series.steps, np.maximum(series.errors, 1e-17)) for series in found}
+    ours = [label for label in lines if label.startswith("Exudyn")]
+    panels = {
+        "Exudyn, explicit": ours[:8],
+        "Exudyn, implicit; reference": ours[8:] + [label for label in lines if label not in ours],
+    }
+    figure = convergence(f"Errors against the number of steps: {what}", "steps", lines, panels)
+    return Plate(6, f"orders_{pair.name}", figure, f"{pair.name}: {what}. {caption}")

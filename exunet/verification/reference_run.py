@@ -1,0 +1,87 @@
+"""Runs reference_impl on the same case, in a process of its own, and compares."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from exunet.base.errors import InputError
+from exunet.case.casefile import Case
+from exunet.results.agreement import Agreement
+from exunet.results.comparison import States, compare, read_states
+from exunet.results.result import Result
+
+
+class ReferenceRun:
+    """The reference on one case, started at once so that it runs beside the engine.
+
+    A context manager: leaving it ends the process and removes its files. The reference is never imported.
+    """
+
+    def __init__(self, case: Case) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="exunet-check-")
+        self._output = Path(self._folder.name) / "reference.npz"
+        # -P: what lies in the working directory must not stand in for a module.
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "reference_impl",
+            str(case.path.absolute()),
+            "-o",
+            str(self._output),
+        ]
+        for override in case.overrides:
+            command += ["--set", override]
+        self._process = subprocess.Popen(
+            command,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join([_home(), *_python_path()])},
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        if self._process.stderr:
+            self._process.stderr.close()
+        self._folder.cleanup()
+
+    def agreement(self, result: Result) -> Agreement:
+        """Wait for the reference and compare; raises InputError with its words if it refused or failed."""
+        words = self._process.communicate()[1]
+        if self._process.returncode not in (0, 3):
+            raise InputError(f"the reference cannot check this case: {_brief(words)}")
+        states = read_states(self._output)
+        return compare(States.of(result), states)
+
+
+def _home() -> str:
+    """The folder that holds the package reference_impl, found without importing it."""
+    found = importlib.util.find_spec("reference_impl")
+    if found is None or found.origin is None:
+        raise InputError("--check: the package reference_impl is not installed")
+    return str(Path(found.origin).parent.parent)
+
+
+def _python_path() -> list[str]:
+    return [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
+
+
+def _brief(words: str) -> str:
+    lines = [line for line in words.splitlines() if line.strip()]
+    return "; ".join(lines[:5]) if lines else "it ended without a word"

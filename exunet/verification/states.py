@@ -1,0 +1,86 @@
+"""Random states of a net, of the kinds that a deployment passes through."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.forces import cable
+from exunet.net.arrays import Net
+
+Floats = NDArray[np.float64]
+
+KINDS = ("packed", "slack", "taut", "overstretched", "coincident", "crumpled")
+HALF_SLACK = "half slack"
+NO_HALF_SLACK = "no stretch of this net makes some elements taut and others slack, clear of the kink"
+CLEAR_OF_THE_KINK = 1e-4  # strains below this are in neither state for a numerical derivative
+
+
+def random_states(
+    net: Net, kind: str, count: int, random: np.random.Generator
+) -> Iterator[tuple[Floats, Floats]]:
+    """`count` states (position, velocity), (n, 3) each [m], [m/s], fixed nodes included.
+
+    packed        : 2 to 30 % of the reference configuration, strewn about
+    slack         : 80 to 99.9 %, so nothing pulls but what the scatter of the nodes stretches
+    taut          : strains between 1e-3 and 0.03
+    overstretched : 1.1 to 3 times the reference configuration
+    coincident    : crumpled, with a third of the nodes on one spot: elements of no length
+    crumpled      : nodes anywhere in a ball, slack and taut elements mixed
+    """
+    x, n = net.reference_position, net.n_nodes
+    size = float(np.ptp(x, axis=0).max()) or 1.0
+    mesh = float(net.reference_length.min(initial=size))
+    for _ in range(count):
+        turn = _rotation(random)
+        match kind:
+            case "packed":
+                position = x * random.uniform(0.02, 0.3) + _ball(random, n, 0.1 * mesh)
+            case "slack":
+                position = x * random.uniform(0.8, 0.999) + _ball(random, n, 0.01 * mesh)
+            case "taut":
+                position = x * random.uniform(1.002, 1.02) + _ball(random, n, 3e-4 * mesh)
+            case "overstretched":
+                position = x * random.uniform(1.1, 3.0) + _ball(random, n, 0.05 * mesh)
+            case "coincident":
+                position = _ball(random, n, size)
+                position[random.random(n) < 1 / 3] = position[0]
+                position[net.element_nodes[0, 1]] = position[net.element_nodes[0, 0]]
+            case _:
+                position = x * random.uniform(0.3, 1.1) + _ball(random, n, 0.7 * mesh)
+        yield position @ turn.T, random.normal(size=(n, 3)) * random.choice([0.0, 0.1, 10.0])
+
+
+def smooth_states(net: Net, random: np.random.Generator) -> dict[str, Floats]:
+    """A taut and a half-slack position (n, 3) [m] with every strain well away from zero.
+
+    The half-slack one is the net stretched by unequal amounts along three random axes; it is left out where
+    no draw makes some elements taut and some slack (a net of one element has no such state).
+    """
+    mesh = float(net.reference_length.min())
+    x = net.reference_position
+    states = {"taut": x * 1.02 + _ball(random, net.n_nodes, 2e-3 * mesh)}
+    for _ in range(200):
+        axes = _rotation(random)
+        stretch = axes @ np.diag(random.uniform(0.9, 1.06, size=3)) @ axes.T
+        position = x @ stretch
+        length = cable.lengths(net, position)
+        strain = 0.5 * ((length / net.reference_length) ** 2 - 1.0)
+        if strain.min() < 0 < strain.max() and np.abs(strain).min() > CLEAR_OF_THE_KINK:
+            states[HALF_SLACK] = position
+            break
+    return states
+
+
+def _ball(random: np.random.Generator, count: int, radius: float) -> Floats:
+    """Points spread evenly in a ball (count, 3)."""
+    direction = random.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return direction * radius * random.random((count, 1)) ** (1 / 3)
+
+
+def _rotation(random: np.random.Generator) -> Floats:
+    q, r = np.linalg.qr(random.normal(size=(3, 3)))
+    return q * np.sign(np.diag(r))
