@@ -165,17 +165,18 @@ def equal_steps(
         watts = power(start + first * h, x, v, data, work[15])
     for step in range(first, min(number, first + limit)):
         t = start + step * h
+        end = until if step + 1 == number else start + (step + 1) * h  # to the last bit the next step's t
         if verlet:
             held = verlet_step(t, h, x, v, inverse, data, work)
         else:
-            held = runge_kutta_4_step(t, h, x, v, inverse, data, work)
+            runge_kutta_4_step(t, h, x, v, inverse, data, work)
+            held = accelerate(end, work[1], work[2], inverse, data, work[0])
         if TAKES_ENERGY:
             watts = work_of_step(t, h, x, v, watts, data, work, taken)
         accept(x, v, work)
-        see(t + h, held, x, v, seen)
+        see(end, held, x, v, seen)
         counts[0] += 1
         if (step + 1) % every == 0 or step + 1 == number or held > seen[1][2]:
-            end = until if step + 1 == number else start + (step + 1) * h
             row = keep(row, end, x, v, taken, kept)
             if row == kept[0].size:
                 break

@@ -44,10 +44,11 @@ def verlet_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, wor
     return held
 
 
-def runge_kutta_4_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, work: Any) -> float:
+def runge_kutta_4_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, work: Any) -> None:
     """The classical method of order 4 on (x, v), as the engine's RK44.
 
-    Returns the elastic energy at its start [J].
+    Its first stage is row 0, which the caller renews at the step's end: as many evaluations as with four
+    stages in the step, but the elastic energy at the end is known with them.
     """
     a1 = work[0]
     x1 = work[1]
@@ -58,7 +59,6 @@ def runge_kutta_4_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: A
     v2 = work[6]
     v3 = work[7]
     v4 = work[8]
-    held = accelerate(t, x, v, inverse, data, a1)
     for c in range(x.size):
         x1[c] = x[c] + 0.5 * h * v[c]
         v2[c] = v[c] + 0.5 * h * a1[c]
@@ -75,7 +75,6 @@ def runge_kutta_4_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: A
         x1[c] = x[c] + h / 6.0 * (v[c] + 2.0 * (v2[c] + v3[c]) + v4[c])
     for c in range(x.size):
         v1[c] = v[c] + h / 6.0 * (a1[c] + 2.0 * (a2[c] + a3[c]) + a4[c])
-    return held
 
 
 def largest(first: Any, second: Any) -> float:
