@@ -1,4 +1,4 @@
-"""Derivatives of a net's forces as one sparse matrix with a pattern found once: eq. (5) and the damping."""
+"""Derivatives of a scene's forces as one sparse matrix with a pattern found once: eq. (5) and the damping."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from scipy.sparse import coo_array, csr_array
 
 from exunet.codegen.kernel import term_kernel
 from exunet.forces import cable
-from exunet.forces.terms import Terms
-from exunet.net.arrays import Net
+from exunet.forces.points import Points
+from exunet.forces.terms import KernelTerm
+from exunet.forces.total import Forces
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -20,20 +21,25 @@ _PUSH = 1e-4  # of the net's size, and of its speed: the step of the differences
 
 
 class Linearised:
-    """-(a df/dx + b df/dv) over the free coordinates of a net, for any a and b, as a csr matrix.
+    """-(a df/dx + b df/dv) over the free coordinates of the points, for any a and b, as a csr matrix.
 
-    The elements' part is exact. Of kernel terms only what a node's force owes to its own position and
-    velocity is taken, by central differences: what is left out slows Newton's iteration, but does not change
-    its result.
+    The elements' and the constant terms' parts are exact. Kernel terms are differenced; each couples the
+    points that it says it couples, and points whose columns share no row are pushed together.
+
+    elements : False leaves the elements and the constant terms out, for forms that have them as own items
     """
 
-    def __init__(self, net: Net, terms: Terms, *, elements: bool = True) -> None:
-        self._net = net
-        self._terms = terms
-        self._law = terms.law(net) if elements else None
-        self._size = float(np.ptp(net.reference_position, axis=0).max(initial=0.0)) or 1.0
-        free = np.ones(net.n_nodes, dtype=bool)
-        free[net.fixed_nodes] = False
+    def __init__(self, points: Points, forces: Forces, *, elements: bool = True) -> None:
+        self._net = points.net
+        self._n = points.n_points
+        self._law = forces.cable.law if elements else None
+        self._linear = forces.linear if elements else None
+        self._kernels = forces.kernels
+        self._size = float(np.ptp(points.net.reference_position, axis=0).max(initial=0.0)) or 1.0
+        self._pairs = _coupled(forces.kernels, self._n)
+        self._groups = _groups(self._pairs, self._n)
+        free = np.ones(self._n, dtype=bool)
+        free[points.net.fixed_nodes] = False
         self._number = np.where(np.repeat(free, 3), np.cumsum(np.repeat(free, 3)) - 1, -1)
         rows, columns = (np.concatenate(part) for part in zip(*self._entries(), strict=True))
         self._keep = (self._number[rows] >= 0) & (self._number[columns] >= 0)
@@ -42,8 +48,7 @@ class Linearised:
     def _entries(self) -> Iterator[tuple[Ints, Ints]]:
         """Rows and columns of every contribution, in the order of `_values`."""
         axis = np.arange(3)
-        nodes = 3 * np.arange(self._net.n_nodes)
-        pairs = [(nodes, nodes)]
+        pairs = [tuple(3 * self._pairs.T)]
         if self._law is not None:
             i, j = 3 * self._net.element_nodes.T
             pairs += [(i, i), (j, j), (i, j), (j, i)]
@@ -53,10 +58,14 @@ class Linearised:
                 np.broadcast_to(a[:, None, None] + axis[:, None], shape).ravel(),
                 np.broadcast_to(b[:, None, None] + axis, shape).ravel(),
             )
-        for matrix in (self._terms.stiffness, self._terms.on_velocity):
-            if matrix is not None:
-                entries = coo_array(matrix)
-                yield entries.row.astype(np.int64), entries.col.astype(np.int64)
+        for matrix in self._constant():
+            entries = coo_array(matrix)
+            yield entries.row.astype(np.int64), entries.col.astype(np.int64)
+
+    def _constant(self) -> list[csr_array]:
+        if self._linear is None:
+            return []
+        return [m for m in (self._linear.stiffness, self._linear.on_velocity) if m is not None]
 
     def _lay(self, rows: Ints, columns: Ints) -> None:
         n = int(self._number.max(initial=-1)) + 1
@@ -67,7 +76,7 @@ class Linearised:
     def __call__(
         self, time: float, x: Floats, v: Floats, of_position: float, of_velocity: float
     ) -> csr_array:
-        """The matrix at positions x and velocities v, (3 n_nodes,); the next call uses its arrays again."""
+        """The matrix at positions x and velocities v, (3 n_points,); the next call uses its arrays again."""
         values = np.concatenate(list(self._values(time, x, v, of_position, of_velocity)))[self._keep]
         self._matrix.data[:] = np.bincount(self._cell, values, len(self._matrix.data))
         return self._matrix
@@ -81,25 +90,56 @@ class Linearised:
             blocks = (a * stiffness if damping is None else a * stiffness + b * damping).ravel()
             for sign in (1.0, 1.0, -1.0, -1.0):
                 yield sign * blocks
-        for factor, matrix in ((a, self._terms.stiffness), (b, self._terms.on_velocity)):
-            if matrix is not None:
-                yield factor * coo_array(matrix).data
+        if self._linear is not None:
+            for factor, matrix in ((a, self._linear.stiffness), (b, self._linear.on_velocity)):
+                if matrix is not None:
+                    yield factor * coo_array(matrix).data
 
     def _of_kernels(self, time: float, x: Floats, v: Floats, a: float, b: float) -> Floats:
-        """(n_nodes, 3, 3) blocks of the kernel terms on the diagonal."""
-        blocks = np.zeros((self._net.n_nodes, 3, 3))
-        if not self._terms.kernels:
+        """(n_pairs, 3, 3) blocks of the kernel terms: rows of the first point, columns of the second."""
+        blocks = np.zeros((len(self._pairs), 3, 3))
+        if not self._kernels:
             return blocks
-        kernel = term_kernel(self._terms.kernels)
+        kernel = term_kernel(self._kernels)
         place, speed = x.reshape(-1, 3), v.reshape(-1, 3)
         steps = (_PUSH * self._size, _PUSH * (float(np.abs(v).max(initial=0.0)) or 1.0))
-        for axis in range(3):
-            for factor, push, moves in ((a, steps[0], 1.0), (b, steps[1], 0.0)):
-                off = np.zeros(3)
-                off[axis] = push
-                ahead, behind = (
-                    kernel.forces(time, place + sign * moves * off, speed + sign * (1.0 - moves) * off)
-                    for sign in (1.0, -1.0)
-                )
-                blocks[:, :, axis] -= factor * (ahead - behind) / (2.0 * push)
+        row, column = self._pairs.T
+        for group in range(int(self._groups.max(initial=-1)) + 1):
+            members = self._groups == group
+            own = members[column]
+            for axis in range(3):
+                for factor, push, moves in ((a, steps[0], 1.0), (b, steps[1], 0.0)):
+                    off = np.zeros((self._n, 3))
+                    off[members, axis] = push
+                    ahead, behind = (
+                        kernel.forces(time, place + sign * moves * off, speed + sign * (1.0 - moves) * off)
+                        for sign in (1.0, -1.0)
+                    )
+                    change = factor * (ahead - behind) / (2.0 * push)
+                    blocks[own, :, axis] -= change[row[own]]
         return blocks
+
+
+def _coupled(kernels: tuple[KernelTerm, ...], n: int) -> Ints:
+    """(m, 2) pairs of points (row, column) whose force and state kernel terms couple, each point with itself."""
+    own = np.arange(n)
+    found = [np.stack([own, own], axis=1)]
+    for term in kernels:
+        if term.couples is not None:
+            sets = np.asarray(term.couples, dtype=np.int64)
+            width = sets.shape[1]
+            found.append(np.stack([np.repeat(sets, width, axis=1), np.tile(sets, (1, width))], -1).reshape(-1, 2))
+    return np.unique(np.concatenate(found), axis=0)
+
+
+def _groups(pairs: Ints, n: int) -> Ints:
+    """(n,) numbers such that two points of one number share no row: greedy colouring, Curtis, Powell and Reid,
+    J. Inst. Math. Appl. 13 (1974) 117, doi 10.1093/imamat/13.1.117.
+    """
+    pattern = csr_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(n, n))
+    shared = csr_array(pattern.T @ pattern)
+    group = np.full(n, -1, dtype=np.int64)
+    for point in range(n):
+        taken = set(group[shared.indices[shared.indptr[point] : shared.indptr[point + 1]]].tolist())
+        group[point] = next(k for k in range(n) if k not in taken)
+    return group

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,10 @@ from scipy.sparse import coo_array, csr_array
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
+
+# Largest stretch for which the law is meant. There its force N = EA E11 lambda is three times that of Hooke's
+# law, EA (lambda - 1) (lambda + 1) lambda / 2: beyond, the choice of the law is all that one sees.
+STRETCH_BOUND = 2.0
 
 
 def green_lagrange_strain(length: Any, reference_length: Any) -> Any:
@@ -73,6 +77,10 @@ class Law:
             return cls(net.reference_length, net.axial_stiffness, relaxation_time)
         ratio = np.sqrt(1.0 + 2.0 * free_strain)
         return cls(net.reference_length * ratio, net.axial_stiffness * ratio**3, relaxation_time)
+
+    def of_intact(self, intact: Floats | None) -> Law:
+        """The law where elements with intact (n_elements,) = 0 carry nothing; None: all are whole."""
+        return self if intact is None else replace(self, stiffness=self.stiffness * intact)
 
 
 def lengths(net: Net, position: Floats) -> Floats:
@@ -161,18 +169,18 @@ def tangent_blocks(law: Law, span: Floats, rate: Floats) -> tuple[Floats, Floats
     return stiffness, np.einsum("e,ea,eb->eab", active * twice, span, span)
 
 
-def reference_tangent_stiffness(net: Net) -> csr_array:
-    """T of eqs. (5) and (14) in the reference configuration, (3n, 3n) [N/m].
+def reference_tangent_stiffness(net: Net, n_points: int | None = None) -> csr_array:
+    """T of eqs. (5) and (14) in the reference configuration, (3n, 3n) [N/m]; n_points: n, if not the nodes.
 
     S11 is zero there, so each element adds (EA / L0) n n^T to its two nodes, n its reference direction.
     """
     i, j = net.element_nodes.T
     span = net.reference_position[j] - net.reference_position[i]
     blocks = np.einsum("e,ea,eb->eab", net.axial_stiffness / net.reference_length**3, span, span)
-    return assemble_pairs(net, blocks)
+    return assemble_pairs(net, blocks, n_points)
 
 
-def assemble_pairs(net: Net, blocks: Floats) -> csr_array:
+def assemble_pairs(net: Net, blocks: Floats, n_points: int | None = None) -> csr_array:
     """Sum of A_e^T [[B, -B], [-B, B]] A_e over the elements; blocks B (n_elements, 3, 3) -> (3n, 3n)."""
     i, j = net.element_nodes.T
     axis = np.arange(3)
@@ -181,7 +189,7 @@ def assemble_pairs(net: Net, blocks: Floats) -> csr_array:
         rows.append(np.broadcast_to(3 * a[:, None, None] + axis[:, None], blocks.shape).ravel())
         cols.append(np.broadcast_to(3 * b[:, None, None] + axis, blocks.shape).ravel())
         values.append(sign * blocks.ravel())
-    size = 3 * net.n_nodes
+    size = 3 * (net.n_nodes if n_points is None else n_points)
     matrix = coo_array(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=(size, size)
     ).tocsr()

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.forces.points import Points
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -46,6 +47,11 @@ class EstimateBasis:
     duration: float
     position: Floats
     velocity: Floats
+
+    @cached_property
+    def points(self) -> Points:
+        """What forces act on: the nodes alone."""
+        return Points.of_net(self.net, self.position)
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:

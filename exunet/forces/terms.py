@@ -1,141 +1,270 @@
-"""What an effect adds to the equations of motion, as data that every form of the engine can take.
+"""The contract of a force: what it acts on, what it adds, what it stores or takes out, what it remembers.
 
-This is the one seam between effects and engines: the connectors, the fused net and the compiled loop all
-read `Terms`, so an effect's physics is written once.
+Every force of a scene, the cable law and breaking among them, is a term of one of three kinds, all with the
+face of `Term`: the cable elements (`exunet.forces.cable_term`), constant matrices and loads (`LinearTerm`),
+and nonlinear forces written once as a scalar loop (`KernelTerm`). Every form of the engine reads these, so a
+force's physics is written once. A force that is absent leaves no term, and so no engine item, array or call.
+
+Points are the nodes of the net, then the centres of point masses; `points.py` numbers them. Flat arrays of
+points are (3 n_points,), x, y, z point by point.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from exunet.forces.cable import Law
-from exunet.net.arrays import Net
+from exunet.forces import loops
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Function = Callable[..., Any]
+# Unsigned, so that the compiled code need not look for negative (wrapped) indexes.
+Index = np.uint32
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One call in a compiled kernel.
+
+    add     : module-level function add(t, x, v, *data, force) that adds its force [N] to `force`; x, v, force
+              are flat arrays of points, in the subset of Python that Numba compiles. It may use `math`, `np`
+              and its `helpers`, no other global name. Names of functions differ between the pieces of a kernel
+    data    : arrays and numbers, in the order in which `add` takes them. They are data of the compiled
+              function, not text in it: scenes with the same kinds of forces share one kernel
+    helpers : module-level functions that the others call
+    elastic : `add` returns the elastic energy [J] that it finds on its way
+
+    What it takes out or stores is had from one of these; none means a force that does no work:
+    potential : function potential(x, *data) -> [J]
+    power     : function power(t, x, v, *data) -> [W] taken out
+    work      : function work(h, x0, v0, x1, v1, x2, v2, *data) -> [J] taken out in a step of length h, from
+                the states at its start, middle and end
+    works     : the power taken out is -force . v
+    """
+
+    add: Function
+    data: tuple[Any, ...] = ()
+    potential: Function | None = None
+    power: Function | None = None
+    work: Function | None = None
+    helpers: tuple[Function, ...] = ()
+    works: bool = False
+    elastic: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """Values of a term that change only when a step is accepted.
+
+    name    : under which states and snapshots keep them
+    initial : (m,) values at the start
+    data    : function (m,) -> the term's kernel data with these values in force
+    """
+
+    name: str
+    initial: Floats
+    data: Callable[[Floats], tuple[Any, ...]]
+
+
+class Switch(Protocol):
+    """The events of a term: when its memory changes, and how.
+
+    times : known instants [s], which steps end at
+    """
+
+    @property
+    def times(self) -> tuple[float, ...]: ...
+
+    def crossed(self, time: float, position: Floats, memory: Floats) -> Ints:
+        """Which items of the memory have crossed their switching function at the end of an accepted step."""
+
+    def step_within(
+        self, step: float, least: float, position: Floats, velocity: Floats, memory: Floats
+    ) -> float:
+        """A step [s], not above `step` nor below `least`, that ends near the next crossing, if any."""
+
+    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> Change:
+        """What the crossing of `items` does to the memory."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What an event did: the new memory, the energy [J] that is lost with it, and what to tell of it."""
+
+    memory: Floats
+    energy_lost: float = 0.0
+    told: tuple[dict[str, Any], ...] = ()
+
+
+class Term(Protocol):
+    """What every form of the engine and every book asks of a force."""
+
+    @property
+    def acts_on(self) -> str:
+        """In words: "elements", "nodes", "bullets" ..."""
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """Its calls in a compiled kernel."""
+
+    @property
+    def memory(self) -> Memory | None: ...
+
+    @property
+    def switch(self) -> Switch | None: ...
+
+    @property
+    def dissipates(self) -> bool:
+        """True if its work must be integrated along the run for the energy balance to close."""
+
+    @property
+    def has_potential(self) -> bool:
+        """True if it has potential energy beside the elastic energy of the elements."""
+
+    @property
+    def damping_rate(self) -> float:
+        """Bound [1/s] of what it adds to the eigenvalues of M^-1 D beside its matrix, for the stable step."""
+
+    def numbers(self) -> Iterator[Any]:
+        """Its numbers and arrays, none of which may be beyond floating point."""
 
 
 @dataclass(frozen=True, eq=False)
 class KernelTerm:
-    """A nonlinear force on the nodes, written once as a scalar loop and compiled where Numba is installed.
+    """A nonlinear force, written once as a scalar loop.
 
-    add        : module-level function add(t, x, v, *parameters, force) that adds its force [N] to `force`;
-                 x, v, force are flat (3 n_nodes,) arrays, node-wise x, y, z, in the subset of Python
-                 that Numba compiles. It may use `math`, `np` and its `helpers`, no other global name.
-    parameters : arrays and numbers, in the order in which `add` takes them
-    potential  : module-level function potential(x, *parameters) -> energy [J] if the force is conservative;
-                 None: the work of force . v is integrated along the run
-    helpers    : module-level functions that `add` or `potential` call
-    damping_rate : bound of what the term adds to the eigenvalues of M^-1 D, for the stable step [1/s]
-
-    Names of functions must differ between terms, since they come to stand in one compiled module.
+    acts_on    : in words
+    add, data, potential, helpers : as in `Piece`; without a potential the work of force . v is integrated
+    couples    : (m, c) points; the force on each point of a row depends on the state of the others in it.
+                 None: on no other point's. For the Jacobian of implicit methods
+    stiffness_rate : bound [1/s2] of what it adds to the eigenvalues of M^-1 K, for the stable step
+    damping_rate : bound [1/s] of what it adds to the eigenvalues of M^-1 D, for the stable step
+    memory, switch : see `Memory`, `Switch`
     """
 
-    add: Callable[..., None]
-    parameters: tuple[Any, ...] = ()
-    potential: Callable[..., float] | None = None
-    helpers: tuple[Callable[..., Any], ...] = ()
+    acts_on: str
+    add: Function
+    data: tuple[Any, ...] = ()
+    potential: Function | None = None
+    helpers: tuple[Function, ...] = ()
+    couples: Ints | None = None
+    stiffness_rate: float = 0.0
     damping_rate: float = 0.0
+    memory: Memory | None = None
+    switch: Switch | None = None
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """One call; a force without a potential does work that is integrated."""
+        works = self.potential is None
+        return (Piece(self.add, self.data, self.potential, helpers=self.helpers, works=works),)
+
+    @property
+    def dissipates(self) -> bool:
+        return self.potential is None
+
+    @property
+    def has_potential(self) -> bool:
+        return self.potential is not None
+
+    def numbers(self) -> Iterator[Any]:
+        yield from (*self.data, self.damping_rate, self.stiffness_rate)
 
 
 @dataclass(frozen=True, eq=False)
-class Breaking:
-    """Limits (n_elements,) above which an element carries nothing any more; one of the two.
+class LinearTerm:
+    """Constant matrices and loads: the force load - (damping + gyroscopic) v - stiffness x.
 
-    strain : Green-Lagrange strain less the free strain
-    force  : elastic axial force [N]
-    """
-
-    strain: Floats | None = None
-    force: Floats | None = None
-
-
-@dataclass(frozen=True)
-class Terms:
-    """What the effects that are on add up to; None or () means that nothing of it exists.
-
-    With n = 3 n_nodes coordinates (node-wise x, y, z), positions x and velocities v, the force is
-    load - damping v - gyroscopic v - stiffness x + the sum of the kernel terms.
-
-    damping     : (n, n) [N s/m], symmetric positive semi-definite; takes out the power v . damping v
-    gyroscopic  : (n, n) [N s/m], antisymmetric; does no work
-    stiffness   : (n, n) [N/m], symmetric, on absolute positions; potential energy x . stiffness x / 2
-    load        : (n,) [N]; potential energy -load . x
-    kernels     : nonlinear forces on the nodes
-    free_strain : (n_elements,) Green-Lagrange strain at which an element is free of stress (a thermal strain)
-    relaxation_time : (n_elements,) [s] of the viscous stress along the current direction while taut
-    breaking    : limits of the elements
-    intact      : (n_elements,) 1.0, or 0.0 for elements that have broken; None: all are whole
+    damping    : (n, n) [N s/m], symmetric positive semi-definite; takes out the power v . damping v
+    gyroscopic : (n, n) [N s/m], antisymmetric; does no work
+    stiffness  : (n, n) [N/m], symmetric, on absolute positions; potential energy x . stiffness x / 2
+    load       : (n,) [N]; potential energy -load . x
+    With n = 3 n_points; None: nothing of it exists.
     """
 
     damping: csr_array | None = None
     gyroscopic: csr_array | None = None
     stiffness: csr_array | None = None
     load: Floats | None = None
-    kernels: tuple[KernelTerm, ...] = ()
-    free_strain: Floats | None = None
-    relaxation_time: Floats | None = None
-    breaking: Breaking | None = None
-    intact: Floats | None = None
+    acts_on: str = field(default="nodes", init=False)
+    memory: Memory | None = field(default=None, init=False)
+    switch: Switch | None = field(default=None, init=False)
+    damping_rate: float = field(default=0.0, init=False)
 
-    def __add__(self, other: Terms) -> Terms:
-        return Terms(
-            damping=_add(self.damping, other.damping),
-            gyroscopic=_add(self.gyroscopic, other.gyroscopic),
-            stiffness=_add(self.stiffness, other.stiffness),
-            load=_add(self.load, other.load),
-            kernels=self.kernels + other.kernels,
-            free_strain=_add(self.free_strain, other.free_strain),
-            relaxation_time=_add(self.relaxation_time, other.relaxation_time),
-            breaking=self.breaking or other.breaking,
-        )
+    def __add__(self, other: LinearTerm) -> LinearTerm:
+        pairs = zip(self._parts(), other._parts(), strict=True)
+        return LinearTerm(*(a if b is None else b if a is None else a + b for a, b in pairs))
 
-    @property
-    def dissipates(self) -> bool:
-        """True if work must be integrated along the run for the energy balance to close."""
-        return (
-            self.damping is not None
-            or self.relaxation_time is not None
-            or any(term.potential is None for term in self.kernels)
-        )
-
-    @property
-    def has_potential(self) -> bool:
-        """True if there is potential energy beside that of the elements."""
-        linear = self.load is not None or self.stiffness is not None
-        return linear or any(term.potential is not None for term in self.kernels)
-
-    def largest_number(self) -> float:
-        """The largest magnitude in any of the terms; NaN if one is not a number."""
-        matrices = (m.data for m in (self.damping, self.gyroscopic, self.stiffness) if m is not None)
-        limits = (self.breaking.strain, self.breaking.force) if self.breaking else ()
-        single = (self.load, self.free_strain, self.relaxation_time, *limits)
-        kernels = [number for term in self.kernels for number in (*term.parameters, term.damping_rate)]
-        return max(
-            (float(np.max(np.abs(n), initial=0.0)) for n in (*matrices, *single, *kernels) if n is not None),
-            key=lambda number: math.inf if math.isnan(number) else number,
-            default=0.0,
-        )
-
-    def law(self, net: Net) -> Law:
-        """The axial law of a net's elements with these terms."""
-        law = Law.of(net, self.free_strain, self.relaxation_time)
-        return law if self.intact is None else replace(law, stiffness=law.stiffness * self.intact)
+    def _parts(self) -> tuple[Any, ...]:
+        return self.damping, self.gyroscopic, self.stiffness, self.load
 
     @property
     def on_velocity(self) -> csr_array | None:
-        """damping + gyroscopic, the constant matrix on velocities; None: no such term."""
-        total: csr_array | None = _add(self.damping, self.gyroscopic)
-        return total
+        """damping + gyroscopic; None: neither."""
+        if self.damping is None or self.gyroscopic is None:
+            return self.gyroscopic if self.damping is None else self.damping
+        return self.damping + self.gyroscopic
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """A call for the velocities, one for the positions, one for the load; what is absent has none."""
+        found = []
+        if self.on_velocity is not None:
+            taken = loops.velocity_product_power if self.damping is not None else None
+            found.append(Piece(loops.add_velocity_product, _rows(self.on_velocity), power=taken))
+        if self.stiffness is not None:
+            found.append(Piece(loops.add_position_product, _rows(self.stiffness)))
+        if self.load is not None:
+            found.append(Piece(loops.add_load, (np.asarray(self.load, dtype=float),)))
+        return tuple(found)
+
+    @property
+    def dissipates(self) -> bool:
+        return self.damping is not None
+
+    @property
+    def has_potential(self) -> bool:
+        return self.load is not None or self.stiffness is not None
+
+    def potential(self, flat: Floats) -> Floats:
+        """Potential energy [J] of positions (k, 3 n_points) -> (k,)."""
+        energy = np.zeros(len(flat))
+        if self.load is not None:
+            energy -= flat @ self.load
+        if self.stiffness is not None:
+            energy += 0.5 * np.einsum("ki,ki->k", flat, (self.stiffness @ flat.T).T)
+        return energy
+
+    def power(self, flat: Floats) -> Floats:
+        """Power [W] that the damping takes out at velocities (k, 3 n_points) -> (k,)."""
+        if self.damping is None:
+            return np.zeros(len(flat))
+        return np.einsum("ki,ki->k", flat, (self.damping @ flat.T).T)
+
+    def numbers(self) -> Iterator[Any]:
+        for matrix in (self.damping, self.gyroscopic, self.stiffness):
+            if matrix is not None:
+                yield matrix.data
+        if self.load is not None:
+            yield self.load
 
 
-def _add(a: Any, b: Any) -> Any:
-    if a is None or b is None:
-        return a if b is None else b
-    return a + b
+def _rows(matrix: csr_array) -> tuple[Any, ...]:
+    matrix = csr_array(matrix)
+    return matrix.indptr.astype(Index), matrix.indices.astype(Index), np.asarray(matrix.data, dtype=float)
+
+
+def largest_number(numbers: Iterable[Any]) -> float:
+    """The largest magnitude in arrays and numbers; NaN if one is not a number."""
+    return max(
+        (float(np.max(np.abs(number), initial=0.0)) for number in numbers),
+        key=lambda number: math.inf if math.isnan(number) else number,
+        default=0.0,
+    )

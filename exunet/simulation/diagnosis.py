@@ -8,16 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces import cable
-from exunet.forces.terms import Terms
 from exunet.methods.methods import METHODS, Plan
-from exunet.net.arrays import Net
+from exunet.system import energy
+from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
 
-def state_of_worst(net: Net, terms: Terms, time: float, position: Floats, velocity: Floats) -> str:
-    """The most stretched element and the fastest node at `time` [s]; finite states (n_nodes, 3)."""
-    law = terms.law(net)
+def state_of_worst(system: System, state: State) -> str:
+    """The most stretched element and the fastest node of a finite state."""
+    net, position, velocity, time = system.net, state.position, state.velocity, state.time
+    law = energy.law_of(system.forces, state.memory)
     length = cable.lengths(net, position)
     element = int(np.argmax(length / law.natural_length))
     i, j = net.element_nodes[element]

@@ -5,6 +5,8 @@ A snap may last less than the time between two stored states, which then show no
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,13 +36,24 @@ class Envelope:
         late = self._times > time
         self._elastic[late], self._kinetic[late] = 0.0, np.inf
 
-    def around(self, elastic: Floats, kinetic: Floats) -> tuple[Floats, Floats]:
-        """Largest elastic and least kinetic energy of each interval, both ends included, (k,) each [J].
+    def arrays(self, until: float) -> dict[str, Floats]:
+        """What was seen of the intervals until a time [s], for a snapshot."""
+        number = int(np.searchsorted(self._times, until, side="right")) + 1
+        return {"elastic": self._elastic[:number].copy(), "kinetic": self._kinetic[:number].copy()}
 
-        elastic, kinetic : (k,) energies [J] of the first k stored states
+    def restore(self, arrays: Mapping[str, Floats]) -> None:
+        """Go back to what `arrays` gave."""
+        self._elastic[:], self._kinetic[:] = 0.0, np.inf
+        self._elastic[: len(arrays["elastic"])] = arrays["elastic"]
+        self._kinetic[: len(arrays["kinetic"])] = arrays["kinetic"]
+
+    def around(self, first: int, elastic: Floats, kinetic: Floats) -> tuple[Floats, Floats]:
+        """Largest elastic and least kinetic energy of intervals, both ends included, (k,) each [J].
+
+        first            : number of the first interval
+        elastic, kinetic : (k + 1,) energies [J] of the stored states, from the one before that interval on
         """
-        largest = np.maximum(self._elastic[: len(elastic)], elastic)
-        least = np.minimum(self._kinetic[: len(kinetic)], kinetic)
-        np.maximum(largest[1:], elastic[:-1], out=largest[1:])
-        np.minimum(least[1:], kinetic[:-1], out=least[1:])
+        ours = slice(first, first + len(elastic) - 1)
+        largest = np.maximum(self._elastic[ours], np.maximum(elastic[1:], elastic[:-1]))
+        least = np.minimum(self._kinetic[ours], np.minimum(kinetic[1:], kinetic[:-1]))
         return largest, least

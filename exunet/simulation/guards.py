@@ -7,23 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.forces import cable
-from exunet.forces.terms import Terms
-from exunet.net.arrays import Net
-from exunet.system import energy
-from exunet.system.energy_scale import InPlay
+from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.cable_term import INTACT
+from exunet.system.energy_scale import EnergyScale
+from exunet.system.states import States
+from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
 # The balance kinetic + elastic + potential + dissipated energy may leave its start by this part of the energy
-# in play before a run is stopped, up or down: a method that swallows energy lies as much as one that makes it
+# scale before a run is stopped, up or down: a method that swallows energy lies as much as one that makes it
 # (RK44 at half its stable step loses a quarter of the energy of the paper's net, and looks calm). A converged
 # run stays below 1e-5.
 ENERGY_BOUND = 0.05
 OF_STEPS = 0.1  # of that bound: a state whose energy is off by more is the steps' doing, whatever is wrong
-# Largest stretch of an element. There the law's force N = EA E11 lambda is three times that of Hooke's law,
-# EA (lambda - 1) (lambda + 1) lambda / 2: beyond, the choice of the law is all that one sees.
-STRETCH_BOUND = 2.0
 # Largest speed, in terms of what the scene has: the fastest start, the wave speed sqrt(E / rho), the speed
 # that the potential and the forces have given. An element stretched to the bound rebounds at 5 wave speeds.
 SPEED_BOUND = 10.0
@@ -37,7 +34,7 @@ class Look:
     balance, allowed : (k,) energy balance less that of the start, and what it may be off by [J]
     stretch          : (k,) largest of an element
     speed, allowed_speed : (k,) largest of a node, and what it may be [m/s]
-    gained           : (2, k) energy that potentials and forces have brought so far, see `InPlay.gained` [J]
+    gained           : (2, k) see `EnergyScale.gained` [J], the largest until each state
     """
 
     finite: NDArray[np.bool_]
@@ -47,6 +44,11 @@ class Look:
     speed: Floats
     allowed_speed: Floats
     gained: Floats
+
+    def __getitem__(self, rows: slice) -> Look:
+        """That of some states."""
+        parts = {name: getattr(self, name)[..., rows] for name in self.__dataclass_fields__}
+        return Look(**parts)
 
     @property
     def wrong(self) -> NDArray[np.bool_]:
@@ -59,12 +61,16 @@ class Look:
         """True if the steps are likely to blame for state k: its energy balance does not hold either."""
         return not (self.finite[k] and abs(self.balance[k]) <= OF_STEPS * self.allowed[k])
 
+    def off(self, k: int) -> float:
+        """How far the energy balance of state k is off, over the bound."""
+        return float(abs(self.balance[k]) / self.allowed[k])
+
     def words(self, k: int) -> str:
         """What is wrong with state k."""
         if not self.finite[k]:
             return "the state is not finite"
         if self.stretch[k] > STRETCH_BOUND:
-            return f"an element is longer than {STRETCH_BOUND:g} times its length, beyond the law's sense"
+            return f"an element is longer than {STRETCH_BOUND:g} times its length, outside the law's validity"
         if not abs(self.balance[k]) <= self.allowed[k]:
             change = "grew" if self.balance[k] > 0 else "fell, beside what was dissipated,"
             return f"the energy {change} by {abs(self.balance[k]):.3g} J (allowed {self.allowed[k]:.3g} J)"
@@ -72,58 +78,58 @@ class Look:
 
 
 class Guards:
-    """The bounds that follow from a start: position, velocity (n_nodes, 3)."""
+    """The bounds that follow from a start."""
 
-    def __init__(self, net: Net, terms: Terms, position: Floats, velocity: Floats) -> None:
-        self._net = net
-        self._in_play = InPlay(net, terms, position, velocity)
-        motion = energy.kinetic(net, velocity) + energy.elastic(net, terms, position)
-        self._start = float(motion + energy.potential(terms, position[None])[0])
+    def __init__(self, system: System, start: State) -> None:
+        self._scale = EnergyScale(system, start)
+        self._start = float(_mechanical(States.of(system, start))[0])
         self._gained = np.zeros(2)
+        net = system.net
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
-        self._speeds = float(np.linalg.norm(velocity, axis=1).max(initial=0.0) + wave)
+        self._speeds = float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0) + wave)
+        self._mass = float(system.mass.sum())
 
-    def look(self, terms: Terms, position: Floats, velocity: Floats, dissipated: Floats) -> Look:
-        """See how states (k, n_nodes, 3) with their dissipated energy (k,) [J] keep to the bounds."""
-        law = terms.law(self._net)
-        squares = np.einsum("kna,kna->kn", velocity, velocity)
-        length = cable.lengths(self._net, position)
-        potential = energy.potential(terms, position)
-        mechanical = 0.5 * (squares @ self._net.mass) + cable.elastic_energy(law, length) + potential
-        balance = mechanical + dissipated - self._start
-        gained = self._in_play.gained(position, velocity, potential, dissipated)
-        gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # passes over no numbers
-        held = length if terms.intact is None else length * terms.intact  # what broke has any length
-        given = np.sqrt(2.0 * gained[1] / float(self._net.mass.sum()))
+    @property
+    def gained(self) -> Floats:
+        """(2,) what potentials and forces have added to the energy scale so far, and in all [J]."""
+        return self._gained
+
+    @gained.setter
+    def gained(self, values: Floats) -> None:
+        self._gained = np.array(values)
+
+    @property
+    def scale(self) -> float:
+        """The energy scale so far [J]: what errors of the energy are measured by."""
+        return self._scale.start + float(self._gained[0])
+
+    def look(self, states: States, dissipated: Floats) -> Look:
+        """See how states with their dissipated energy (k,) [J] keep to the bounds."""
+        balance = _mechanical(states) + dissipated - self._start
+        gained = self._scale.gained(states, dissipated)
+        gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # passes over NaN
+        intact = states.memory.get(INTACT)
+        held = states.length if intact is None else states.length * intact  # what broke has any length
+        given = np.sqrt(2.0 * gained[1] / self._mass)
         return Look(
-            finite=np.isfinite(balance) & np.isfinite(position.sum(axis=(1, 2))),
+            finite=np.isfinite(balance) & states.finite,
             balance=balance,
-            allowed=allowed(self._in_play.start + gained[0]),
-            stretch=(held / law.natural_length).max(axis=1, initial=0.0),
-            speed=np.sqrt(squares.max(axis=1, initial=0.0)),
+            allowed=allowed(self._scale.start + gained[0]),
+            stretch=(held / states.law.natural_length).max(axis=1, initial=0.0),
+            speed=np.sqrt(states.squared_speed.max(axis=1, initial=0.0)),
             allowed_speed=SPEED_BOUND * (self._speeds + given),
             gained=gained,
         )
-
-    def may_be_wrong(self, terms: Terms, strain: Floats, velocity: Floats) -> bool:
-        """True if a state is too long or too fast, by E11 (k, n_elements) and velocity (k, n_nodes, 3)."""
-        law = terms.law(self._net)
-        longest = cable.green_lagrange_strain(STRETCH_BOUND * law.natural_length, self._net.reference_length)
-        if terms.intact is not None:
-            longest = np.where(terms.intact, longest, np.inf)
-        fastest = float(np.abs(velocity).max(initial=0.0)) * np.sqrt(3.0)
-        return bool((strain > longest).any() or fastest > SPEED_BOUND * self._speeds)
 
     def accept(self, look: Look, k: int) -> None:
         """Take the state k of a look as good."""
         self._gained = look.gained[:, k]
 
 
-def allowed(in_play: Floats) -> Floats:
-    """What the energy balance may be off by [J], by the energy in play [J]."""
-    return ENERGY_BOUND * in_play + _LEAST_ENERGY
+def _mechanical(states: States) -> Floats:
+    return states.kinetic + states.elastic + states.potential
 
 
-def off_by(total: Floats, in_play: float) -> Floats:
-    """(k,) how far the energy balance (k,) [J] of states is off from that of the first, over the bound."""
-    return np.asarray(np.abs(total - total[0]) / allowed(np.asarray(in_play)))
+def allowed(scale: Floats) -> Floats:
+    """What the energy balance may be off by [J], by the energy scale [J]."""
+    return ENERGY_BOUND * scale + _LEAST_ENERGY

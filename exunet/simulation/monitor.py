@@ -1,86 +1,103 @@
-"""The ledger of energy over the steps of a run, and the guards that stop a run which has gone wrong."""
+"""Looks at the states of a run once: guards that stop it, the book of energy, the largest values, the record."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NoReturn
+from collections.abc import Callable
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.backends.protocol import Arrays, Batch, Extremes
 from exunet.base.errors import RunStopped
-from exunet.forces import cable
-from exunet.forces.terms import Terms
+from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.cable_term import INTACT
+from exunet.forces.terms import Change
 from exunet.methods.methods import Plan
-from exunet.net.arrays import Net
 from exunet.simulation.diagnosis import COLLAPSE_ADVICE, LOAD_ADVICE, state_of_worst, step_advice
 from exunet.simulation.envelope import Envelope
-from exunet.simulation.guards import OF_STEPS, STRETCH_BOUND, Guards
+from exunet.simulation.guards import Guards, Look
 from exunet.simulation.peaks import Peaks
-from exunet.system import energy
-
-if TYPE_CHECKING:
-    from exunet.results.result import Result
+from exunet.simulation.snapshot import group_of, grouped
+from exunet.system.states import States
+from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
+Store = Callable[[States, Floats], None]
 
 # The guards look at one state in so many; where they find one wrong, they look at those before it too.
 STATES_A_LOOK = 32
+# A state is good to go on from while its energy balance is within this part of the guard's bound: what the
+# steps that went wrong have done to it is then a tenth of what may be wrong with a result.
+GOOD_PART = 0.1
 
 
 class Monitor:
-    """Takes the states of the accepted steps; sums the dissipated energy and stops what has gone wrong.
+    """The observer of a run (see `exunet.backends.protocol.Observer`).
 
-    The work of the terms that have no potential is integrated by Simpson's rule between two states; the state
-    in the middle is that of the cubic Hermite polynomial through both ends, (x0 + x1)/2 + h (v0 - v1)/8 and
-    3/2 (x1 - x0)/h - (v0 + v1)/4, so the sum is of fourth order in the step.
-
-    every : the guards look at one state in so many, and at the last of each batch
+    every    : the guards look at one state in so many, at each that is asked for by `mark`, and at the last
+    store    : takes the marked states with their dissipated energy (k,) [J]
     envelope : takes the energies of all good states
-    ledger: times (k,) [s] of the last batch, and the energy (k,) [J] dissipated until then
     """
 
     def __init__(
         self,
-        net: Net,
-        terms: Terms,
-        position: Floats,
-        velocity: Floats,
+        system: System,
+        state: State,
+        *,
         every: int = STATES_A_LOOK,
+        store: Store | None = None,
         envelope: Envelope | None = None,
     ) -> None:
-        self._net = net
-        self._use(terms)
+        self._system = system
         self._plan: Plan | None = None
         self._every = every
-        self._guards = Guards(net, terms, position, velocity)
-        self.dissipated = 0.0
-        self._last_good = (0.0, position, velocity)
-        self.peaks = Peaks()
+        self._store = store
         self._envelope = envelope
-        self.ledger = (np.zeros(1), np.zeros(1))
+        self._guards = Guards(system, state)
+        self._marks: list[float] = []
+        self._base = 0.0
+        self._drifted = False
+        self._push: Floats | None = None
+        self.peaks = Peaks()
+        self.dissipated = 0.0
+        self.last_good = state
+        self.safe, self.safe_dissipated = state, 0.0
+        self.told: list[dict[str, Any]] = []
+        self._remember(state.memory)
+
+    def _remember(self, memory: Arrays) -> None:
+        self._memory = dict(memory)
+        longest = STRETCH_BOUND * self._system.forces.cable.law.natural_length
+        intact = self._memory.get(INTACT)
+        self._longest = longest if intact is None else np.where(intact, longest, np.inf)
 
     @property
-    def good_until(self) -> float:
-        """Time [s] of the last state that had nothing wrong with it."""
-        return self._last_good[0]
+    def energy_scale(self) -> float:
+        """What errors of the energy are measured by [J]."""
+        return self._guards.scale
 
     def explain(self, plan: Plan) -> None:
-        """Tell how the run is integrated, for the words of the guards."""
+        """Tell how the run is integrated from now on, for the words of the guards."""
         self._plan = plan
 
-    def engine_failed(self, failure: Exception, *, step_cause: bool) -> RunStopped:
-        """The error for an engine that gave up, with its words and the last good state."""
-        worst = state_of_worst(self._net, self._terms, *self._last_good)
-        advice = step_advice(self._plan) if step_cause else COLLAPSE_ADVICE
-        words = f"the engine stopped after t = {self.good_until:.6g} s: {failure}; {worst}. {advice}"
-        return RunStopped(words, step_cause=step_cause)
+    def mark(self, time: float) -> None:
+        """The state of the accepted step that ends at a time [s] is to be looked at and stored."""
+        self._marks.append(time)
 
-    def go_back(self, time: float, position: Floats, velocity: Floats, dissipated: float) -> None:
-        """Take up from an earlier state, whose dissipated energy [J] is given."""
-        self.dissipated = dissipated
-        self.ledger = (np.array([time]), np.array([dissipated]))
-        self._last_good = (time, position, velocity)
-        self.forget_after(time)
+    def push(self, force: Floats) -> None:
+        """Forces (n_points, 3) [N] from outside act from now on; their work is booked."""
+        self._push = force.copy() if force.any() else None
+
+    def go_back(self) -> State:
+        """Take up from the last state that was safe to go on from, which is returned."""
+        self.dissipated = self._base = self.safe_dissipated
+        self.last_good = self.safe
+        self._marks, self._drifted = [], False
+        self.told = [one for one in self.told if one["time_s"] < self.safe.time]
+        self._remember(self.safe.memory)
+        self.forget_after(self.safe.time)
+        return self.safe
 
     def forget_after(self, time: float) -> None:
         """Drop the largest values after the stored time [s] at which a run ends, or goes on."""
@@ -88,90 +105,123 @@ class Monitor:
         if self._envelope is not None:
             self._envelope.forget_after(time)
 
-    def __call__(self, time: Floats, position: Floats, velocity: Floats, taken: Floats | None = None) -> None:
-        """Take a batch of states: time (k,), position and velocity (k, n_nodes, 3), first one known.
+    def arrays(self, now: float) -> dict[str, NDArray[Any]]:
+        """All that the books hold at a time [s], for a snapshot."""
+        held = {
+            "gained": self._guards.gained.copy(),
+            "dissipated": np.array([self.dissipated, self._base, self.safe_dissipated]),
+            "drifted": np.array([self._drifted]),
+            "marks": np.array(self._marks),
+            **grouped("last_good", self.last_good.arrays()),
+            **grouped("safe", self.safe.arrays()),
+            **grouped("memory", self._memory),
+            **self.peaks.arrays(),
+        }
+        if self._envelope is not None:
+            held |= grouped("envelope", self._envelope.arrays(now))
+        return held
 
-        taken : (k,) energy [J] that the integration itself says was taken out so far; None: summed here
-        Raises RunStopped, with the `step_cause` that a smaller step may mend or not.
-        """
+    def restore(self, arrays: Arrays, told: list[dict[str, Any]]) -> None:
+        """Go back to what `arrays` gave."""
+        self._guards.gained = arrays["gained"]
+        self.dissipated, self._base, self.safe_dissipated = map(float, arrays["dissipated"])
+        self._drifted = bool(arrays["drifted"][0])
+        self._marks = arrays["marks"].tolist()
+        self.last_good = State.from_arrays(group_of("last_good", arrays))
+        self.safe = State.from_arrays(group_of("safe", arrays))
+        self._remember(group_of("memory", arrays))
+        self.peaks.restore(arrays)
+        self.told = list(told)
+        if self._envelope is not None:
+            self._envelope.restore(group_of("envelope", arrays))
+
+    def engine_failed(self, failure: Exception, *, step_cause: bool) -> RunStopped:
+        """The error for an integrator that gave up, with its words and the last good state."""
+        worst = state_of_worst(self._system, self.last_good)
+        advice = step_advice(self._plan) if step_cause else COLLAPSE_ADVICE
+        words = f"the engine stopped after t = {self.last_good.time:.6g} s: {failure}; {worst}. {advice}"
+        return RunStopped(words, step_cause=step_cause)
+
+    def between(self, until: float, extremes: Extremes) -> None:
+        if self._envelope is not None:
+            values = (np.array([value]) for value in (until, extremes.elastic, extremes.kinetic))
+            self._envelope.look(*values)
+        self.peaks.take(extremes.time, extremes.tension, extremes.element)
+
+    def changed(self, time: float, memory: str, change: Change) -> None:
+        self.dissipated += change.energy_lost
+        self.told += change.told
+        self._remember({**self._memory, memory: change.memory})
+
+    def take(self, batch: Batch) -> None:
+        """Raises RunStopped, with the `step_cause` that a smaller step may mend or not."""
+        states = States(
+            self._system, batch.time, batch.position, batch.velocity, batch.bodies, dict(self._memory)
+        )
         with np.errstate(all="ignore"):  # numbers that overflow are what the guards look for
-            work = self._dissipation(time, position, velocity) if taken is None else np.diff(taken)
-            dissipated = np.concatenate([[self.dissipated], self.dissipated + np.cumsum(work)])
-            self.ledger = (time, dissipated)
-            every = np.append(np.arange(self._every, len(time) - 1, self._every), len(time) - 1)
-            look = self._guards.look(self._terms, position[every], velocity[every], dissipated[every])
-            length = cable.lengths(self._net, position)
+            dissipated = self._dissipated(states, batch)
+            marked = self._marked(states.time)
             # The longest element is looked for in every state: its peak may last for one of them.
-            if look.wrong.any() or (length > self._longest).any():
-                self._stop(time, position, velocity, dissipated)
-            self._guards.accept(look, -1)
-            self._last_good = (float(time[-1]), position[-1], velocity[-1])
-            self._note(time, length, position, velocity)
+            too_long = (states.length > self._longest).any()
+            if self._envelope is not None:
+                self._envelope.look(states.time, states.elastic, states.kinetic)
+            every = np.arange(self._every, len(states) - 1, self._every)
+            rows = np.union1d(np.append(every, len(states) - 1), marked)
+            look = self._guards.look(states[rows], dissipated[rows])
+            if too_long or look.wrong.any():
+                self._stop(states, dissipated, marked)
+            self._accept(states, dissipated, rows, look, marked)
         self.dissipated = float(dissipated[-1])
 
-    def lose(self, energy_lost: float, terms: Terms) -> None:
-        """Book elastic energy [J] that elements took along when they broke; `terms` hold from now on."""
-        self.dissipated += energy_lost
-        self._use(terms)
+    def _marked(self, time: Floats) -> NDArray[np.int64]:
+        """Rows of the times that are marked; the first row was the last of the batch before."""
+        rows = np.searchsorted(time, self._marks)
+        seen = [int(row) for row in rows if row < len(time)]
+        return np.array([row for row, mark in zip(seen, self._marks, strict=False) if time[row] == mark and row],
+                        dtype=np.int64)  # fmt: skip
 
-    def _use(self, terms: Terms) -> None:
-        self._terms = terms
-        longest = STRETCH_BOUND * terms.law(self._net).natural_length
-        self._longest = longest if terms.intact is None else np.where(terms.intact, longest, np.inf)
+    def _dissipated(self, states: States, batch: Batch) -> Floats:
+        """(k,) energy taken out until each state [J]."""
+        if batch.taken is not None:
+            return self._base + batch.taken
+        work = states.work_taken()
+        if self._push is not None:
+            work = work - np.einsum("kna,na->k", np.diff(states.position, axis=0), self._push)
+        return np.cumsum(np.concatenate([[self.dissipated], work]))  # whatever the batches are
 
-    def _dissipation(self, time: Floats, position: Floats, velocity: Floats) -> Floats:
-        """(k - 1,) energy taken out by terms without a potential in each step [J]."""
-        if not self._terms.dissipates:
-            return np.zeros(len(time) - 1)
-        return energy.work_taken(self._net, self._terms, time, position, velocity)
+    def _accept(
+        self,
+        states: States,
+        dissipated: Floats,
+        rows: NDArray[np.int64],
+        look: Look,
+        marked: NDArray[np.int64],
+    ) -> None:
+        """Take states that have nothing wrong with them."""
+        self._guards.accept(look, -1)
+        self.last_good = states.state(len(states) - 1)
+        self.peaks.look(states.time, states.tension)
+        del self._marks[: len(marked)]
+        for row in marked:
+            at = int(np.searchsorted(rows, row))
+            self._drifted = self._drifted or look.off(at) > GOOD_PART
+            if not self._drifted:
+                self.safe, self.safe_dissipated = states.state(row), float(dissipated[row])
+        if self._store is not None and len(marked):
+            self._store(states[marked], dissipated[marked])
 
-    def _note(self, time: Floats, length: Floats, position: Floats, velocity: Floats) -> None:
-        """Take the largest values of states that are good; length (k, n_elements) [m]."""
-        law = self._terms.law(self._net)  # what broke has no stiffness in it
-        self.peaks.look(time, cable.element_tension(self._net, law, position, velocity, length))
-        if self._envelope is not None:
-            elastic = cable.elastic_energy(law, length)
-            self._envelope.look(time, elastic, energy.kinetic(self._net, velocity))
-
-    def _stop(self, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> NoReturn:
+    def _stop(self, states: States, dissipated: Floats, marked: NDArray[np.int64]) -> NoReturn:
         """Find the first state of a batch that is wrong, and say so."""
-        look = self._guards.look(self._terms, position, velocity, dissipated)
+        look = self._guards.look(states, dissipated)
         bad = int(np.argmax(look.wrong))
         if bad:
-            self._guards.accept(look, bad - 1)
-            self._last_good = (float(time[bad - 1]), position[bad - 1], velocity[bad - 1])
-            self._note(time[:bad], cable.lengths(self._net, position[:bad]), position[:bad], velocity[:bad])
-        shown = (float(time[bad]), position[bad], velocity[bad]) if look.finite[bad] else self._last_good
+            before = np.arange(bad)
+            self._accept(states[:bad], dissipated[:bad], before, look[:bad], marked[marked < bad])
+            self.dissipated = float(dissipated[bad - 1])
+        shown = states.state(bad) if look.finite[bad] else self.last_good
         advice = step_advice(self._plan) if look.of_steps(bad) else LOAD_ADVICE
         raise RunStopped(
-            f"diverged at t = {time[bad]:.6g} s: {look.words(bad)}; "
-            f"{state_of_worst(self._net, self._terms, *shown)}. {advice}",
+            f"diverged at t = {states.time[bad]:.6g} s: {look.words(bad)}; "
+            f"{state_of_worst(self._system, shown)}. {advice}",
             step_cause=look.of_steps(bad),
-        )
-
-    def review(self, states: Result, off: Floats) -> RunStopped | None:
-        """What is wrong with the stored states of a finished run; off (k,): see `guards.off_by`.
-
-        Between two looks of the guards, the energy of a method near its stable step may swing out and back,
-        and a compiled loop hands over only some of its states.
-        """
-        if off.max() <= 1.0 and not self._guards.may_be_wrong(self._terms, states.strain, states.velocity):
-            return None
-        look = self._guards.look(self._terms, states.position, states.velocity, states.dissipated)
-        wrong = (off > 1.0) | (look.stretch > STRETCH_BOUND) | (look.speed > look.allowed_speed)
-        if not wrong.any():
-            return None
-        bad = int(np.argmax(wrong))
-        good = max(0, bad - 1)
-        when, position, velocity = states.time, states.position, states.velocity
-        self._last_good = (float(when[good]), position[good], velocity[good])
-        words = f"the energy of this state is off by {off[bad]:.3g} times what is allowed"
-        if off[bad] <= 1.0:
-            words = look.words(bad)
-        of_steps = bool(off[bad] > OF_STEPS)
-        worst = state_of_worst(self._net, self._terms, float(when[bad]), position[bad], velocity[bad])
-        return RunStopped(
-            f"diverged at t = {when[bad]:.6g} s: {words}; {worst}. "
-            f"{step_advice(self._plan) if of_steps else LOAD_ADVICE}",
-            step_cause=of_steps,
         )

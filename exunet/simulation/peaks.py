@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,14 @@ class Peaks:
         """Drop what was seen after `time` [s]."""
         while len(self._found) > 1 and self._found[-1][0] > time:
             self._found.pop()
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All that was found, for a snapshot."""
+        return {"peaks": np.array(self._found)}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Go back to what `arrays` gave."""
+        self._found = [(float(t), float(n), int(e)) for t, n, e in arrays["peaks"]]
 
     def provenance(self) -> dict[str, Any]:
         """The largest tension [N], when [s] and in which element (-1: no element ever pulled)."""

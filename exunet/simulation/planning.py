@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from exunet.base.errors import CaseError, Fault
 from exunet.case.scene import COMPILED_METHODS, Scene
 from exunet.case.stored_times import stored_times
-from exunet.forces.terms import Terms
 from exunet.methods.methods import METHODS, Plan, Solver
 from exunet.net.arrays import Net
+from exunet.system.system import System
 from exunet.simulation import auto
 from exunet.system.stability import (
     SAFETY,
@@ -32,15 +32,15 @@ LONGEST = 30.0
 STIFF = 10.0
 
 
-def make_plan(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64]) -> Plan:
+def make_plan(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan:
     """How this scene is integrated; velocity (n_nodes, 3) is the initial one [m/s]."""
     solver = scene.solver
     if solver.method == "auto":
-        return _chosen(scene, net, terms, velocity)
+        return _chosen(scene, system, velocity)
     if METHODS[solver.method].kind == "adaptive":
-        return _adaptive(solver.method, scene, net, terms, velocity)
+        return _adaptive(solver.method, scene, system, velocity)
     spacing = float(np.diff(stored_times(scene.time)).max())
-    limit = step_limit(solver.method, largest_frequency(net, terms), largest_damping_rate(net, terms))
+    limit = step_limit(solver.method, largest_frequency(system), largest_damping_rate(system))
     if solver.step is not None:
         notes = _above(limit, min(solver.step, spacing), solver)
         return _fixed(solver.method, solver.step, spacing, *notes)
@@ -49,7 +49,7 @@ def make_plan(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64
     return _fixed(solver.method, SAFETY * limit, spacing, note)
 
 
-def _chosen(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64]) -> Plan:
+def _chosen(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan:
     """What "auto" comes to: an adaptive explicit method, by the accuracy asked for.
 
     That holds for stiff damping too: implicit steps beyond the damping's own time misjudge the work that it
@@ -63,9 +63,9 @@ def _chosen(scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64])
         why += " on nearly deployed starts"
     if solver.tolerance is not None:
         method, why = "DOPRI5", "for a given tolerance"
-    plan = _adaptive(method, scene, net, terms, velocity)
+    plan = _adaptive(method, scene, system, velocity)
     notes = [f"auto: {method}, tolerance {plan.tolerance:.2g} ({why})"]
-    rate, frequency = largest_damping_rate(net, terms), largest_frequency(net, terms)
+    rate, frequency = largest_damping_rate(system), largest_frequency(system)
     if rate > STIFF * frequency:
         steps = scene.time.end / stable_step("RK44", frequency, rate)
         notes.append(f"stiff damping ({rate:.2g}/s): it, not the accuracy, asks for some {steps:.2g} steps")
@@ -119,7 +119,7 @@ def _fixed(method: str, step: float, spacing: float, *notes: str) -> Plan:
     return Plan(method, step=min(step, spacing), notes=notes)
 
 
-def _adaptive(method: str, scene: Scene, net: Net, terms: Terms, velocity: NDArray[np.float64]) -> Plan:
+def _adaptive(method: str, scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan:
     solver = scene.solver
     notes: tuple[str, ...] = ()
     tolerance, expected = solver.tolerance, None
@@ -133,7 +133,7 @@ def _adaptive(method: str, scene: Scene, net: Net, terms: Terms, velocity: NDArr
                 f"accuracy {solver.accuracy:g} is beyond double precision here: "
                 f"ran at the best, {known.best:.1g}, tolerance {tolerance:.2g}",
             )
-    frequency = largest_frequency(net, terms)
+    frequency = largest_frequency(system)
     period = 1.0 / frequency if frequency else math.inf
     first = min(scene.time.end, 0.1 * period)
     return Plan(

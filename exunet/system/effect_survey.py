@@ -15,9 +15,11 @@ from exunet.base.table import Table
 from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS, beyond_floats, launch_force, switched_on, terms_of
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.terms import Terms
+from exunet.forces.cable_term import ElementLaw
+from exunet.forces.points import Points
+from exunet.forces.terms import LinearTerm
+from exunet.forces.total import Contribution
 from exunet.net import weave
-from exunet.net.arrays import Net
 from exunet.system.initial import initial_state
 
 ASKED = 0.01  # of the net's size: the accuracy that the advice is for, where the case states none
@@ -108,7 +110,7 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
         if assumed is None:
             return Finding(name, False, None, "", None, 0.0, 0.0)
         keys, assumption = assumed
-    cost = cost_of(terms_of_alone(name, keys, basis), basis.net, _form(scene))
+    cost = cost_of(terms_of_alone(name, keys, basis), basis.points, _form(scene))
     estimate: Estimate = EFFECTS[name].magnitude(keys, basis)
     if not np.isfinite([estimate.acceleration, estimate.displacement]).all():
         raise beyond_floats(name)
@@ -118,30 +120,34 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
     return Finding(name, on, keys, assumption, estimate, relative, cost)
 
 
-def terms_of_alone(name: str, keys: Table, basis: EstimateBasis) -> Terms:
-    """The terms that an effect alone adds, with the nodes that it brings."""
-    net, position = basis.net, basis.position
-    if hasattr(EFFECTS[name], "extend"):
-        net = EFFECTS[name].extend(keys, net)
-        position = np.concatenate([position, np.zeros((net.n_nodes - len(position), 3))])
-    return terms_of(name, keys, net, position)
+def terms_of_alone(name: str, keys: Table, basis: EstimateBasis) -> tuple[Contribution, ...]:
+    """The terms that an effect alone adds, with the point masses that it brings."""
+    module = EFFECTS[name]
+    masses = module.point_masses(keys) if hasattr(module, "point_masses") else ()
+    return terms_of(name, keys, Points.of(basis.net, basis.position, masses))
 
 
-def cost_of(terms: Terms, net: Net, form: str) -> float:
+def cost_of(terms: tuple[Contribution, ...], points: Points, form: str) -> float:
     """Estimated time that terms add to a right-hand side, as a part of the bare net's.
 
     form : "connectors", "fused" or "compiled" (the loop)
     """
-    matrices = [matrix for matrix in (terms.on_velocity, terms.stiffness) if matrix is not None]
-    added = _ENTRY * sum(matrix.nnz for matrix in matrices)
-    added += _ENTRY * 3 * net.n_nodes if terms.load is not None else 0.0
-    added += _OBJECT[form] * net.n_nodes if matrices or terms.load is not None else 0.0
-    added += _VISCOUS * net.n_elements if terms.relaxation_time is not None else 0.0
-    for term in terms.kernels:
-        longest = max((len(p) for p in term.parameters if isinstance(p, np.ndarray)), default=0)
-        added += _NODE_OF_KERNEL * longest
-    added += _CALL[form] if terms.kernels else 0.0
-    return added / (_FIXED[form] + _ELEMENT[form] * max(net.n_elements, 1))
+    added, linear, kernels = 0.0, False, False
+    for term in terms:
+        if isinstance(term, LinearTerm):
+            matrices = [matrix for matrix in (term.on_velocity, term.stiffness) if matrix is not None]
+            added += _ENTRY * sum(matrix.nnz for matrix in matrices)
+            added += _ENTRY * 3 * points.n_points if term.load is not None else 0.0
+            linear = True
+        elif isinstance(term, ElementLaw):
+            added += _VISCOUS * points.net.n_elements if term.relaxation_time is not None else 0.0
+        else:
+            longest = max((len(p) for p in term.data if isinstance(p, np.ndarray)), default=0)
+            added += _NODE_OF_KERNEL * longest
+            kernels = True
+    added += _OBJECT[form] * points.n_points if linear else 0.0
+    added += _CALL[form] if kernels else 0.0
+    return added / (_FIXED[form] + _ELEMENT[form] * max(points.net.n_elements, 1))
 
 
 def _form(scene: Scene) -> str:

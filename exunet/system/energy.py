@@ -1,46 +1,50 @@
-"""Energy and momentum of states: eqs. (18) and (19), potential of the effects, power that they take out."""
+"""Energy and momentum of states: eqs. (18) and (19), potential of the terms, work that they take out."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.codegen.kernel import term_kernel
 from exunet.forces import cable
-from exunet.forces.terms import Terms
-from exunet.net.arrays import Net
+from exunet.forces.cable_term import INTACT
+from exunet.forces.total import Forces
+from exunet.system.system import Memories
 
 Floats = NDArray[np.float64]
 
 
-def kinetic(net: Net, velocity: Floats) -> Floats:
-    """K of eq. (18) [J]; velocity (..., n_nodes, 3) -> (...)."""
-    return 0.5 * (np.einsum("...na,...na->...n", velocity, velocity) @ net.mass)
+def kinetic(mass: Floats, velocity: Floats) -> Floats:
+    """K of eq. (18) [J]; mass (n,), velocity (..., n, 3) -> (...)."""
+    return 0.5 * (np.einsum("...na,...na->...n", velocity, velocity) @ mass)
 
 
-def elastic(net: Net, terms: Terms, position: Floats) -> Floats:
-    """U_el of eq. (19) [J]; position (..., n_nodes, 3) -> (...)."""
-    return cable.elastic_energy(terms.law(net), cable.lengths(net, position))
+def law_of(forces: Forces, memory: Memories | None = None) -> cable.Law:
+    """The law of the elements that are intact."""
+    return forces.cable.law.of_intact((memory or {}).get(INTACT))
 
 
-def potential(terms: Terms, position: Floats) -> Floats:
-    """Energy [J] of loads, constant stiffness and conservative kernel terms; (k, n_nodes, 3) -> (k,)."""
-    flat = position.reshape(len(position), -1)
+def elastic(forces: Forces, position: Floats, memory: Memories | None = None) -> Floats:
+    """U_el of eq. (19) [J]; position (..., n_points, 3) -> (...)."""
+    return cable.elastic_energy(law_of(forces, memory), cable.lengths(forces.cable.net, position))
+
+
+def potential(forces: Forces, position: Floats, memory: Memories | None = None) -> Floats:
+    """Energy [J] of loads, constant stiffness and conservative kernel terms; (k, n_points, 3) -> (k,)."""
     energy = np.zeros(len(position))
-    if terms.load is not None:
-        energy -= flat @ terms.load
-    if terms.stiffness is not None:
-        energy += 0.5 * np.einsum("ki,ki->k", flat, (terms.stiffness @ flat.T).T)
-    if any(term.potential is not None for term in terms.kernels):
-        from exunet.codegen.kernel import term_kernel
-
-        energy += term_kernel(terms.kernels).potential(position)
+    if forces.linear is not None:
+        energy += forces.linear.potential(position.reshape(len(position), -1))
+    if any(term.has_potential for term in forces.kernels):
+        energy += term_kernel(forces.kernels).potential(position, memory)
     return energy
 
 
-def work_taken(net: Net, terms: Terms, time: Floats, position: Floats, velocity: Floats) -> Floats:
+def work_taken(
+    forces: Forces, time: Floats, position: Floats, velocity: Floats, memory: Memories | None = None
+) -> Floats:
     """Energy [J] that terms without a potential take out between states (negative: put in).
 
-    time (k,) [s], position and velocity (k, n_nodes, 3) of successive steps -> (k - 1,)
+    time (k,) [s], position and velocity (k, n_points, 3) of successive steps -> (k - 1,)
 
     Simpson's rule in each step; the state in the middle is that of the cubic Hermite polynomial through both
     ends, (x0 + x1)/2 + h (v0 - v1)/8 and 3/2 (x1 - x0)/h - (v0 + v1)/4, so the sum is of fourth order.
@@ -49,36 +53,35 @@ def work_taken(net: Net, terms: Terms, time: Floats, position: Floats, velocity:
     h = step[:, None, None]
     place = 0.5 * (position[:-1] + position[1:]) + 0.125 * h * (velocity[:-1] - velocity[1:])
     speed = 1.5 * np.diff(position, axis=0) / h - 0.25 * (velocity[:-1] + velocity[1:])
-    ends = power_taken(terms, time, position, velocity)
-    middle = power_taken(terms, time[:-1] + 0.5 * step, place, speed)
+    ends = power_taken(forces, time, position, velocity, memory)
+    middle = power_taken(forces, time[:-1] + 0.5 * step, place, speed, memory)
     work = step / 6.0 * (ends[:-1] + ends[1:] + 4.0 * middle)
-    if terms.relaxation_time is not None:
+    if forces.cable.viscous:
         states = ((position[:-1], velocity[:-1]), (place, speed), (position[1:], velocity[1:]))
-        work += cable.viscous_work(net, terms.law(net), step, states)
+        work += cable.viscous_work(forces.cable.net, law_of(forces, memory), step, states)
     return work
 
 
-def power_taken(terms: Terms, time: Floats, position: Floats, velocity: Floats) -> Floats:
+def power_taken(
+    forces: Forces, time: Floats, position: Floats, velocity: Floats, memory: Memories | None = None
+) -> Floats:
     """Power [W] that the damping matrix and the non-conservative kernel terms take out (negative: put in).
 
-    time (k,) [s], position and velocity (k, n_nodes, 3) -> (k,)
+    time (k,) [s], position and velocity (k, n_points, 3) -> (k,)
     """
-    flat = velocity.reshape(len(velocity), -1)
     power = np.zeros(len(velocity))
-    if terms.damping is not None:
-        power += np.einsum("ki,ki->k", flat, (terms.damping @ flat.T).T)
-    if any(term.potential is None for term in terms.kernels):
-        from exunet.codegen.kernel import term_kernel
-
-        power += term_kernel(terms.kernels).power(time, position, velocity)
+    if forces.linear is not None:
+        power += forces.linear.power(velocity.reshape(len(velocity), -1))
+    if any(term.dissipates for term in forces.kernels):
+        power += term_kernel(forces.kernels).power(time, position, velocity, memory)
     return power
 
 
-def momentum(net: Net, velocity: Floats) -> Floats:
-    """Linear momentum [kg m/s]; (..., n_nodes, 3) -> (..., 3)."""
-    return np.einsum("n,...na->...a", net.mass, velocity)
+def momentum(mass: Floats, velocity: Floats) -> Floats:
+    """Linear momentum [kg m/s]; mass (n,), velocity (..., n, 3) -> (..., 3)."""
+    return np.einsum("n,...na->...a", mass, velocity)
 
 
-def angular_momentum(net: Net, position: Floats, velocity: Floats) -> Floats:
-    """Angular momentum about the origin [kg m2/s]; (..., n_nodes, 3) -> (..., 3)."""
-    return np.einsum("n,...na->...a", net.mass, np.cross(position, velocity))
+def angular_momentum(mass: Floats, position: Floats, velocity: Floats) -> Floats:
+    """Angular momentum about the origin [kg m2/s]; mass (n,), (..., n, 3) twice -> (..., 3)."""
+    return np.einsum("n,...na->...a", mass, np.cross(position, velocity))

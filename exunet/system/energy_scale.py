@@ -1,4 +1,4 @@
-"""The energy in play: what can deform a net, told apart from the motion of each free part as a whole."""
+"""The scale of a run's energies: what can deform a net, apart from the motion of each free part as a whole."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from exunet.forces.terms import Terms
-from exunet.net.arrays import Net
 from exunet.system import energy
+from exunet.system.states import States
+from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
-# The common translation of a free part is no energy in play, but the errors of its integration are part of
-# the ledger: those of its own energy, and those of the work that is summed over the steps.
+# The common translation of a free part deforms nothing, but the errors of its integration are in the books:
+# those of its own energy, and those of the work that is summed over the steps.
 TRANSLATION_PART = 1e-9
 WORK_PART = 1e-5
 
 
-class InPlay:
-    """Counts from a start (position, velocity (n_nodes, 3)) what energy is, and comes, into play.
+class EnergyScale:
+    """What energy can deform the net of a system that starts in a state, and what comes to it later.
 
     By Koenig's theorem the kinetic energy of a part that nothing holds is that of its centre of mass plus
     that in its centre-of-mass frame; only the latter can stretch a cable. Of a potential, the part that the
@@ -28,51 +28,60 @@ class InPlay:
     which leaves the motion in that frame alone. By the momentum theorem, what forces without a potential do
     to the centre of mass is the change of its energy; the rest of their work is in play.
 
-    start : kinetic and elastic energy in play at the start [J]
+    A rigid body is a free part of its own, whose rotation counts.
+
+    start : that energy at the start, kinetic and elastic [J]
     """
 
-    def __init__(self, net: Net, terms: Terms, position: Floats, velocity: Floats) -> None:
-        self._terms = terms
-        self._rest = position
-        self._parts(net)
-        kinetic, elastic = energy.kinetic(net, velocity), energy.elastic(net, terms, position)
+    def __init__(self, system: System, state: State) -> None:
+        self._forces = system.forces
+        self._rest = state.position
+        self._parts(system)
+        position, velocity = state.position, state.velocity
+        kinetic = energy.kinetic(system.mass, velocity)
+        elastic = energy.elastic(system.forces, position, state.memory)
         self._common = self._of_centres(position[None], velocity[None])
-        self._potential = float(energy.potential(terms, position[None])[0])
+        self._potential = float(energy.potential(system.forces, position[None], state.memory)[0])
         moving = float(self._common[0][0])
         self.start = float(kinetic + elastic) - moving + TRANSLATION_PART * moving
+        if system.bodies:
+            drift = float(energy.kinetic(system.body_mass, state.bodies.velocity))
+            whole = float(States.of(system, state).kinetic_of_bodies[0])
+            self.start += whole - drift + TRANSLATION_PART * drift
 
-    def _parts(self, net: Net) -> None:
-        """Which nodes hang together, and the averages over those that no fixed node holds."""
+    def _parts(self, system: System) -> None:
+        """Which points hang together, and the averages over those that no fixed node holds."""
+        net, mass, n = system.net, system.mass, system.points.n_points
         i, j = net.element_nodes.T
-        links = csr_array((np.ones(len(i)), (i, j)), shape=(net.n_nodes, net.n_nodes))
+        links = csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
         part = connected_components(links, directed=False)[1]
         free = np.setdiff1d(part, part[net.fixed_nodes])
-        self._free = np.flatnonzero(np.isin(part, free))  # nodes
+        self._free = np.flatnonzero(np.isin(part, free))  # points
         self._part = np.searchsorted(free, part[self._free])
-        self._mass = np.bincount(self._part, net.mass[self._free], minlength=len(free))
-        self._mean = np.zeros((len(free), net.n_nodes))  # averages over the parts, by mass
-        self._mean[self._part, self._free] = net.mass[self._free] / self._mass[self._part]
+        self._mass = np.bincount(self._part, mass[self._free], minlength=len(free))
+        self._mean = np.zeros((len(free), n))  # averages over the parts, by mass
+        self._mean[self._part, self._free] = mass[self._free] / self._mass[self._part]
 
     def _of_centres(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        """Kinetic and potential energy [J] of the centres of mass; states (k, n_nodes, 3) -> (k,) each."""
+        """Kinetic and potential energy [J] of the centres of mass; states (k, n_points, 3) -> (k,) each."""
         speeds = self._mean @ velocity
         kinetic = 0.5 * np.einsum("kpa,kpa,p->k", speeds, speeds, self._mass)
-        if not self._terms.has_potential:
+        if not self._forces.has_potential:
             return kinetic, np.zeros(len(position))
         gathered = np.repeat(self._rest[None], len(position), axis=0)
         gathered[:, self._free] = (self._mean @ position)[:, self._part]
-        return kinetic, energy.potential(self._terms, gathered)
+        return kinetic, energy.potential(self._forces, gathered)
 
-    def gained(self, position: Floats, velocity: Floats, potential: Floats, dissipated: Floats) -> Floats:
-        """(2, k) energy [J] that potentials and forces have brought into play since the start, and in all.
+    def gained(self, states: States, dissipated: Floats) -> Floats:
+        """(2, k) energy [J] that potentials and forces have added to that scale since the start, and in all.
 
-        position, velocity (k, n_nodes, 3); potential and dissipated energy (k,) [J] of these states
+        dissipated : (k,) energy taken out until these states [J]
         """
-        if not (self._terms.has_potential or self._terms.dissipates):
-            return np.zeros((2, len(position)))
-        kinetic, common = self._of_centres(position, velocity)
+        if not (self._forces.has_potential or self._forces.dissipates):
+            return np.zeros((2, len(states)))
+        kinetic, common = self._of_centres(states.position, states.velocity)
         common_change = common - self._common[1]
-        change = potential - self._potential
+        change = states.potential - self._potential
         done = -dissipated - (kinetic - self._common[0]) - common_change
         errors = TRANSLATION_PART * np.abs(common_change) + WORK_PART * np.abs(dissipated)
         own = np.maximum(np.abs(change - common_change), done) + errors

@@ -1,9 +1,10 @@
-"""The state of a net at time 0."""
+"""The state at time 0: of the net, and of the rigid bodies."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from exunet.bodies.rigid import RigidBody, RigidStates
 from exunet.case.scene import Initial, Launch, Scene
 from exunet.net import explicit
 from exunet.net.arrays import Floats, Ints, Net
@@ -19,13 +20,24 @@ def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
     position = initial.packing * net.reference_position
     if isinstance(scene.net, explicit.Keys) and initial.node_positions is not None:
         position = _of_all_nodes(initial.node_positions, scene.net)
-    velocity = _common_velocity(initial, position)
+    velocity = common_velocity(initial, position)
     if isinstance(scene.net, explicit.Keys) and initial.node_velocities is not None:
         velocity += _of_all_nodes(initial.node_velocities, scene.net)
     if scene.launch:
         velocity[net.bullet_nodes] += _launch_velocity(scene.launch, net)
     velocity[net.fixed_nodes] = 0.0
     return position, velocity
+
+
+def bodies_at_start(scene: Scene) -> tuple[tuple[RigidBody, ...], RigidStates]:
+    """The rigid bodies of a scene, and their states."""
+    tables = scene.bodies
+    bodies = tuple(RigidBody(name, keys.mass, keys.inertia) for name, keys in tables.items())
+    if not bodies:
+        return (), RigidStates.none()
+    parts = ("position", "velocity", "attitude", "angular_velocity")
+    states = (np.array([getattr(keys, part) for keys in tables.values()], dtype=float) for part in parts)
+    return bodies, RigidStates(*states)
 
 
 def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.Keys) -> Floats:
@@ -35,8 +47,8 @@ def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit
     return np.concatenate([values, between(values, ends, keys.divisions)])
 
 
-def _common_velocity(initial: Initial, position: Floats) -> Floats:
-    """(n_nodes, 3) initial.velocity + initial.spin x position [m/s]."""
+def common_velocity(initial: Initial, position: Floats) -> Floats:
+    """(n, 3) initial.velocity + initial.spin x position [m/s]."""
     velocity = np.zeros_like(position)
     if initial.velocity:
         velocity += initial.velocity

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from exunet.base.errors import BeyondFloats, CaseError, Fault
 from exunet.case.scene import Scene
 from exunet.forces import cable
-from exunet.forces.terms import Terms
+from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.methods import SHORTEST_STEP, Plan
 from exunet.net import explicit
 from exunet.net.arrays import Net
-from exunet.simulation.guards import STRETCH_BOUND
+from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
@@ -23,13 +23,14 @@ RESOLUTION = 1e-3  # of the shortest element, by which positions may be apart
 MOST_STEPS = 1e10  # of a run; at a microsecond each, three hours for the smallest net
 
 
-def refuse_start(scene: Scene, net: Net, terms: Terms, position: Floats, velocity: Floats) -> None:
-    """Raise CaseError for a start (n_nodes, 3) that no run could go on from.
+def refuse_start(scene: Scene, system: System, start: State) -> None:
+    """Raise CaseError for a start that no run could go on from.
 
     An element must not begin longer than the law has sense, nor its nodes part so fast that it would be so
     within the shortest step; and where the net flies, positions must still tell its shape.
     """
-    natural = terms.law(net).natural_length
+    net, position, velocity = system.net, start.position, start.velocity
+    natural = system.forces.cable.law.natural_length
     if not len(natural):
         return
     with np.errstate(all="ignore"):  # speeds beyond floats are refused here too

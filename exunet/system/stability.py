@@ -17,9 +17,8 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import ArpackError, eigsh
 
 from exunet.forces.cable import reference_tangent_stiffness
-from exunet.forces.terms import Terms
 from exunet.methods.methods import METHODS
-from exunet.net.arrays import Net
+from exunet.system.system import System
 
 # Measured on the three planar cases to t = 2 s, 5 starts each, as the largest error of the energy balance:
 # VelocityVerlet 1.1 at 0.8 of the stable step, 0.16 at 0.5, 0.05 at 0.3, 0.024 at 0.2; RK44 0.69, 0.25,
@@ -57,35 +56,37 @@ def _largest_eigenvalue(matrix: csr_array) -> float:
         return bound
 
 
-def largest_frequency(net: Net, terms: Terms) -> float:
+def largest_frequency(system: System) -> float:
     """Highest angular frequency [rad/s] of the just taut net: sqrt of the largest eigenvalue of M^-1 (T + K).
 
-    K is the constant stiffness of the effects, such as that of bending.
+    K is the constant stiffness of the effects, such as that of bending; kernel terms add their bounds.
     """
-    free = _free_coordinates(net)
-    stiffness = reference_tangent_stiffness(net)
-    if terms.stiffness is not None:
-        stiffness = csr_array(stiffness + terms.stiffness)
+    free = _free_coordinates(system)
+    stiffness = reference_tangent_stiffness(system.net, system.points.n_points)
+    linear = system.forces.linear
+    if linear is not None and linear.stiffness is not None:
+        stiffness = csr_array(stiffness + linear.stiffness)
     stiffness = stiffness[free][:, free]
-    return math.sqrt(max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(net.mass, 3)[free]))))
+    square = max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(system.mass, 3)[free])))
+    return math.sqrt(square + sum(term.stiffness_rate for term in system.forces.kernels))
 
 
-def largest_damping_rate(net: Net, terms: Terms) -> float:
+def largest_damping_rate(system: System) -> float:
     """Bound [1/s] of the eigenvalues of M^-1 D, viscous stress and kernel terms included; or zero."""
-    rate = sum(term.damping_rate for term in terms.kernels)
-    if terms.damping is not None:
-        free = _free_coordinates(net)
-        damping = terms.damping[free][:, free]
-        rate += max(0.0, _largest_eigenvalue(_symmetric(damping, np.repeat(net.mass, 3)[free])))
-    if terms.relaxation_time is not None:  # of a taut net, tau T at most
-        rate += float(terms.relaxation_time.max(initial=0.0)) * largest_frequency(net, terms) ** 2
+    rate = sum(term.damping_rate for term in system.forces)
+    linear = system.forces.linear
+    if linear is not None and linear.damping is not None:
+        free = _free_coordinates(system)
+        damping = linear.damping[free][:, free]
+        rate += max(0.0, _largest_eigenvalue(_symmetric(damping, np.repeat(system.mass, 3)[free])))
+    relaxation = system.forces.cable.changes.relaxation_time
+    if relaxation is not None:  # of a taut net, tau T at most
+        rate += float(relaxation.max(initial=0.0)) * largest_frequency(system) ** 2
     return rate
 
 
-def _free_coordinates(net: Net) -> NDArray[np.int64]:
-    free = np.ones(net.n_nodes, dtype=bool)
-    free[net.fixed_nodes] = False
-    return np.flatnonzero(np.repeat(free, 3))
+def _free_coordinates(system: System) -> NDArray[np.int64]:
+    return np.flatnonzero(np.repeat(system.free, 3))
 
 
 def stable_step(method: str, frequency: float, damping_rate: float = 0.0) -> float:

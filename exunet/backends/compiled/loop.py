@@ -1,259 +1,250 @@
-"""A net integrated by the compiled loop: in one go, or with the face of the engine's `Stepper`."""
+"""A system integrated by the compiled loop: in one go, or as an `Integrator`."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.backends.compiled.arrays import Control, Kept, clock_at, empty_rows, motion_of, seen_nothing
 from exunet.backends.compiled.many_steps import LOOP, TINY_IN_A_ROW
-from exunet.backends.exudyn.stepper import StepCounts, StepsCollapsed
+from exunet.backends.events import Events
+from exunet.backends.protocol import Arrays, Batch, Extremes, Observer, StepCounts, StepsCollapsed
 from exunet.base.interrupt import postponed
 from exunet.codegen.compile import require_numba
-from exunet.codegen.kernel import Kernel, net_kernel, sever
-from exunet.methods.methods import METHODS
-from exunet.simulation.breaking import Breaks
-from exunet.simulation.guards import STRETCH_BOUND
-from exunet.simulation.preparation import Start
+from exunet.codegen.kernel import Kernel
+from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.cable_term import INTACT
+from exunet.methods.methods import METHODS, Plan
+from exunet.system.system import Layout, State, System
 
 Floats = NDArray[np.float64]
-Watcher = Callable[[Floats, Floats, Floats, Floats], None]
 
 _ROWS = 256  # states that the guards look at in one go
 _ATTEMPTS = 2000  # steps between two looks at the keyboard
+_THINNED = 64  # steps of which one is handed over
 
 
-def loop_kernel(start: Start) -> Kernel:
-    """The net's forces and the loop around them; raises MissingExtra without Numba."""
+def loop_kernel(system: System) -> Kernel:
+    """The system's forces and the loop around them; raises MissingExtra without Numba."""
     require_numba('engine.loop = "compiled"')
-    return net_kernel(start.net, start.terms, LOOP)
+    return Kernel(system.forces, LOOP, bodies=bool(system.bodies))
 
 
 class March:
-    """The state of one net and how far it has got.
+    """The state of one system and how far it has got.
 
-    start  : net, terms, initial state and plan; its method is one of `exunet.case.scene.COMPILED_METHODS`
-    kernel : what `loop_kernel` gives for `start`, which several marches may share
+    plan   : its method is one that the compiled loop has
+    kernel : what `loop_kernel` gives for the system, which several marches may share
     """
 
-    def __init__(self, start: Start, kernel: Kernel) -> None:
-        self._plan = start.plan
-        self._chosen = METHODS[start.plan.method].kind == "adaptive"
-        self._verlet = start.plan.method == "VelocityVerlet"
+    def __init__(self, system: System, state: State, plan: Plan, kernel: Kernel) -> None:
+        self._system, self._layout, self._plan = system, Layout.of(system), plan
+        self._chosen = METHODS[plan.method].kind == "adaptive"
+        self._verlet = plan.method == "VelocityVerlet"
         self._kernel, self._module = kernel, kernel.module
-        free = np.ones(start.net.n_nodes)
-        free[start.net.fixed_nodes] = 0.0
-        self._x, self._v = start.position.ravel().copy(), start.velocity.ravel().copy()
-        self._taken, self._counts = np.zeros(1), np.zeros(2, dtype=np.int64)
-        self._seen = np.array([0.0, np.inf, np.inf, np.inf, 0.0, 0.0, -1.0])
-        law = start.terms.law(start.net)
-        relaxation = np.zeros(start.net.n_elements) if law.relaxation_time is None else law.relaxation_time
-        self._stiffness = law.stiffness.copy()
-        self._clock = np.array([0.0, start.plan.first_step, 0.0, 0.0])
-        self._state = (
-            self._x,
-            self._v,
-            np.repeat(free / start.net.mass, 3),
-            kernel.data,
-            np.zeros((16, len(self._x))),
-            self._taken,
-            self._counts,
-            (
-                0.5 * np.repeat(start.net.mass, 3),
-                self._seen,
-                start.net.element_nodes,
-                law.natural_length,
-                self._stiffness,
-                2.0 * relaxation,
-            ),
-        )
-        self._module.accelerate(0.0, *self._state[:4], self._state[4][0])
+        self._motion = motion_of(system, state, kernel.data(state.memory))
+        self._clock = clock_at(state.time, plan.first_step)
+        self._seen = seen_nothing(system)
+        self._control = Control(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
+        self._module.begin(state.time, self._verlet, self._motion)
 
-    def through(self, times: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """From times[0] = 0 through all times [s] without a look at keyboard or guards.
+    def through(self, times: Floats) -> Batch:
+        """From times[0], the state's time, through all times [s] without a look at keyboard or guards.
 
-        Returns time (k,), position and velocity (k, n_nodes, 3) and the energy taken out until then (k,);
-        fewer rows than times if the steps collapsed (see `collapse`).
+        The batch has fewer rows than times if the steps collapsed (see `collapse`).
         """
-        plan, kept = self._plan, _rows(len(times), len(self._x))
-        at = np.array(times, dtype=float)
-        last = (self._clock, *self._state, kept)
+        kept, at = empty_rows(len(times), self._system), np.array(times, dtype=float)
+        where = (self._motion, self._clock, self._seen, kept)
         if self._chosen:
-            limits = (plan.tolerance, plan.longest_step, plan.least_step, TINY_IN_A_ROW)
-            rows = self._module.through_chosen(at, *limits, *last)
+            rows = self._module.through_chosen(at, self._control, TINY_IN_A_ROW, *where)
         else:
-            rows = self._module.through_equal(self._verlet, at, plan.step, *last)
-        return _of_nodes(kept, rows)
+            rows = self._module.through_equal(self._verlet, at, self._plan.step, *where)
+        return self._batch(kept, rows)
+
+    def _batch(self, kept: Kept, rows: int) -> Batch:
+        time, x, v, z, taken = (values[:rows] for values in kept)
+        return Batch(time, *self._layout.unpack(x, v, z), taken)
 
     def collapse(self) -> str:
         """What to say when no step is small enough for the tolerance; "" if that is not so."""
-        if self._clock[3] <= TINY_IN_A_ROW:
+        if self._clock.tiny[0] <= TINY_IN_A_ROW:
             return ""
         return (
-            f"the steps collapsed to {self._clock[1]:.1g} s at t = {self.time:.6g} s: the tolerance "
+            f"the steps collapsed to {self._clock.step[0]:.1g} s at t = {self.time:.6g} s: the tolerance "
             f"{self._plan.tolerance:.2g} cannot be met"
         )
 
     @property
     def time(self) -> float:
         """Time reached [s]."""
-        return float(self._clock[0])
+        return float(self._clock.time[0])
 
     @property
     def counts(self) -> StepCounts:
-        """Accepted and rejected steps so far."""
-        return StepCounts(int(self._counts[0]), int(self._counts[1]))
-
-    @property
-    def right_hand_sides(self) -> int:
-        """Evaluations of the forces so far."""
+        """Steps and evaluations of the forces so far."""
+        steps, rejected = int(self._clock.steps[0]), int(self._clock.rejections[0])
         stages = 6 if self._chosen else METHODS[self._plan.method].stages  # the last of 7 is the next first
-        return 1 + stages * int(self._counts.sum())
-
-    def state(self) -> tuple[Floats, Floats]:
-        """Copies of position [m] and velocity [m/s], (n_nodes, 3) each."""
-        return self._x.reshape(-1, 3).copy(), self._v.reshape(-1, 3).copy()
+        return StepCounts(steps, rejected, right_hand_sides=1 + stages * (steps + rejected))
 
 
-class Loop(March):
-    """Advances a net to asked times and hands states, in batches, to a watcher.
+class CompiledLoop(March):
+    """The integrator without an engine.
 
-    The watcher gets (time (k,), position (k, n, 3), velocity (k, n, 3), energy taken out until then (k,));
-    batches overlap in one state. They come later than `advance` has gone there, but before the end of the run
-    or StepsCollapsed, or when told to `hand_over`. `every` thins the states (1 = each step), but none is left
-    out in which an element may be stretched beyond the law's sense. `begin` is the time of the start's state
-    [s], `taken` the energy [J] taken out until then.
+    One state in some is handed over, but none is left out in which an element may be stretched beyond the
+    law's validity; energies and tensions of the others are told as extremes.
     """
 
-    def __init__(
-        self,
-        start: Start,
-        end: float,
-        watcher: Watcher,
-        every: int = 64,
-        begin: float = 0.0,
-        taken: float = 0.0,
-    ) -> None:
-        super().__init__(start, loop_kernel(start))
-        self._clock[0], self._taken[0] = begin, taken
-        self._seen[2:4] = least_energy_beyond(start), 0.0  # from now on, steps are looked at
-        self._module.accelerate(begin, *self._state[:4], self._state[4][0])
-        self._watcher = watcher
-        self._every = every
-        self._end = end
-        n = len(self._x)
-        self._breaks: Breaks | None = None
-        self._limit = _ATTEMPTS
-        self._kept = _rows(max(16, min(_ROWS, 2**19 // max(1, n))), n)
-        self._row = self._module.keep(0, begin, self._x, self._v, self._taken, self._kept)
+    items: dict[str, int] = {}  # noqa: RUF012 - it has none
 
-    @property
-    def dissipated(self) -> float:
-        """Energy [J] that terms without a potential have taken out so far."""
-        return float(self._taken[0])
+    def __init__(self, system: System, state: State, plan: Plan, observer: Observer) -> None:
+        super().__init__(system, state, plan, loop_kernel(system))
+        self._observer = observer
+        self._events = Events(system.forces, state.memory, observer)
+        in_steps = self._events.in_steps
+        self._limit, self._every = (1, 1) if in_steps else (_ATTEMPTS, _THINNED)
+        self._seen.keep_above[0], self._seen.look_above[0] = least_energy_beyond(system), 0.0
+        rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
+        self._kept = empty_rows(rows, system)
+        self._row = self._module.keep(0, state.time, self._motion, self._kept)
 
-    @property
-    def extremes(self) -> tuple[float, float]:
-        """Largest elastic and least kinetic energy [J] of the steps of the last `advance`."""
-        return float(self._seen[0]), float(self._seen[1])
+    def state(self) -> State:
+        m = self._motion
+        position, velocity, bodies = self._layout.unpack(m.x.copy(), m.v.copy(), m.z.copy())
+        memory = {name: values.copy() for name, values in self._events.memory.items()}
+        return State(self.time, position, velocity, bodies, memory)
 
-    @property
-    def largest_tension(self) -> tuple[float, float, int]:
-        """Time [s], tension [N] and element (-1: none pulled) of the largest tension of all steps so far."""
-        return float(self._seen[5]), float(self._seen[4]), int(self._seen[6])
-
-    def watch_for(self, breaks: Breaks) -> None:
-        """Look for elements that break at the end of each step from now on, so step by step."""
-        self._breaks, self._limit, self._every = breaks, 1, 1
+    def push(self, force: Floats) -> None:
+        self._motion.push[: force.size] = force.ravel()
+        self._module.begin(self.time, self._verlet, self._motion)
 
     def advance(self, until: float) -> None:
-        """Integrate from the current time to `until` [s] exactly."""
-        self._seen[:2] = 0.0, np.inf
+        self._seen.elastic[0], self._seen.kinetic[0] = 0.0, np.inf
         with postponed() as check_interrupt:
-            advance = self._advance_chosen if self._chosen else self._advance_equal
-            advance(until, check_interrupt)
-        if until >= self._end or not np.isfinite(self._x).all():
+            while self.time < until:
+                before = self._motion.x.copy() if self._motion.push.any() else None
+                stop = self._events.next_instant(self.time, until)
+                advance = self._advance_chosen if self._chosen else self._advance_equal
+                advance(stop, check_interrupt)
+                if before is not None:  # the work of constant forces is exact
+                    moved = self._motion.push[: len(before)] @ (self._motion.x - before)
+                    self._motion.taken[0] -= moved
+                    self._kept.taken[self._row - 1] = self._motion.taken[0]
+                self._look_for_events()
+        seen = self._seen
+        last = (float(seen.tension[0]), float(seen.time[0]), int(seen.element[0]))
+        self._observer.between(until, Extremes(float(seen.elastic[0]), float(seen.kinetic[0]), *last))
+        if not np.isfinite(self._motion.x).all():
             self.hand_over()
 
     def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> None:
-        plan = self._plan
-        limits = (plan.tolerance, plan.longest_step, plan.least_step, self._limit)
-        while self._clock[0] < until:
+        while self.time < until:
             self._shorten(until)
             self._row = self._module.chosen_steps(
-                self._clock, until, *limits, self._row, *self._state, self._every, self._kept
+                self._control,
+                until,
+                self._limit,
+                self._row,
+                self._every,
+                self._motion,
+                self._clock,
+                self._seen,
+                self._kept,
             )
             self._make_room()
-            self._look_for_breaks()
+            self._look_for_events()
             if words := self.collapse():
                 self.hand_over()
                 raise StepsCollapsed(words)
             check_interrupt()
 
     def _advance_equal(self, until: float, check_interrupt: Callable[[], None]) -> None:
-        begin, before = self.time, int(self._counts[0])
+        begin, before = self.time, int(self._clock.steps[0])
         number = max(1, math.ceil((until - begin) / (self._plan.step or math.inf) * (1 - 1e-9)))
         done = 0
         while done < number:
             stretch: tuple[Any, ...] = (self._verlet, begin, until, number, done, self._limit)
-            self._row = self._module.equal_steps(*stretch, self._row, *self._state, self._every, self._kept)
-            done = int(self._counts[0]) - before
-            self._clock[0] = until if done == number else begin + done * (until - begin) / number
+            where = (self._motion, self._clock, self._seen, self._kept)
+            self._row = self._module.equal_steps(*stretch, self._row, self._every, *where)
+            done = int(self._clock.steps[0]) - before
             self._make_room()
-            self._look_for_breaks()
+            self._look_for_events()
             check_interrupt()
 
     def _shorten(self, until: float) -> None:
-        """Make the step that comes end near the limit of what it would break."""
-        if self._breaks is None:
+        """Make the step that comes end near the next event."""
+        if not self._events.in_steps:
             return
-        step = min(self._clock[1], self._plan.longest_step or math.inf, until - self.time)
-        shorter = self._breaks.step_within(step, 8.0 * (self._plan.least_step or 0.0), *self.state())
+        step = min(float(self._clock.step[0]), self._plan.longest_step, until - self.time)
+        position, velocity, _ = self._layout.unpack(self._motion.x, self._motion.v, self._motion.z)
+        shorter = self._events.step_within(step, 8.0 * self._plan.least_step, position, velocity)
         if shorter < step:
-            self._clock[1] = shorter
+            self._clock.step[0] = shorter
 
-    def _look_for_breaks(self) -> None:
-        if self._breaks is None:
+    def _look_for_events(self) -> None:
+        if not self._events:
             return
-        position, _ = self.state()
-        broken = self._breaks.found(position)
-        if len(broken):
+        position, _, _ = self._layout.unpack(self._motion.x, self._motion.v, self._motion.z)
+        for name, change in self._events.at(self.time, position):
             self.hand_over()  # so that no batch has states from before and after
-            self._taken[0] += self._breaks.book(self.time, position, broken)
-            self._kept[3][0] = self._taken[0]
-            sever(self._kernel, broken)
-            self._stiffness[broken] = 0.0
-            self._module.accelerate(self.time, *self._state[:4], self._state[4][0])
+            self._motion.taken[0] += change.energy_lost
+            self._kept.taken[0] = self._motion.taken[0]
+            self._remember({name: change.memory})
+            self._module.begin(self.time, self._verlet, self._motion)
+
+    def _remember(self, memory: Arrays) -> None:
+        """Let the forces, and what looks at tensions, take memories into account."""
+        self._kernel.remember(self._motion.data, {**self._events.memory, **memory})
+        if INTACT in memory:
+            self._seen.stiffness[:] = self._system.forces.cable.law.stiffness * memory[INTACT]
 
     def _make_room(self) -> None:
-        if self._row == len(self._kept[0]):
+        if self._row == len(self._kept.time):
             self.hand_over()
 
     def hand_over(self) -> None:
-        """Let the watcher see the states it has not seen; the last one stays, to begin the next batch."""
         rows = self._row
         if rows > 1:
-            batch = _of_nodes(tuple(kept[:rows].copy() for kept in self._kept), rows)
-            for kept in self._kept:
-                kept[0] = kept[rows - 1]
+            batch = self._batch(Kept(*(values[:rows].copy() for values in self._kept)), rows)
+            for values in self._kept:
+                values[0] = values[rows - 1]
             self._row = 1
-            self._watcher(*batch)
+            self._observer.take(batch)
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        m = self._motion
+        arrays = {"x": m.x, "v": m.v, "z": m.z, "a": m.stages.a1, "push": m.push, "taken": m.taken}
+        arrays |= {f"clock/{name}": value for name, value in self._clock._asdict().items()}
+        arrays |= {f"seen/{name}": getattr(self._seen, name) for name in _SEEN}
+        arrays |= {f"kept/{name}": value[: self._row] for name, value in self._kept._asdict().items()}
+        arrays |= {f"memory/{name}": value for name, value in self._events.memory.items()}
+        return {name: np.array(value) for name, value in arrays.items()}
+
+    def restore(self, arrays: Arrays) -> None:
+        m = self._motion
+        for held, name in ((m.x, "x"), (m.v, "v"), (m.z, "z"), (m.push, "push"), (m.taken, "taken")):
+            held[:] = arrays[name]
+        for group, holder, names in (("clock", self._clock, self._clock._fields), ("seen", self._seen, _SEEN)):
+            for name in names:
+                getattr(holder, name)[:] = arrays[f"{group}/{name}"]
+        self._row = len(arrays["kept/time"])
+        for name, values in self._kept._asdict().items():
+            values[: self._row] = arrays[f"kept/{name}"]
+        for name in self._events.memory:
+            self._events.memory[name] = np.array(arrays[f"memory/{name}"])
+        self._remember(dict(self._events.memory))
+        m.stages.a1[:] = arrays["a"]
 
 
-def least_energy_beyond(start: Start) -> float:
+_SEEN = ("elastic", "kinetic", "keep_above", "look_above", "tension", "time", "element")
+
+
+def least_energy_beyond(system: System) -> float:
     """Elastic energy [J], eq. (19), without which no element of the net can be stretched by STRETCH_BOUND."""
-    law = start.terms.law(start.net)
+    law = system.forces.cable.law
     strain = 0.5 * (STRETCH_BOUND**2 - 1.0)
     return 0.5 * strain**2 * float((law.stiffness * law.natural_length).min(initial=math.inf))
-
-
-def _rows(rows: int, n: int) -> tuple[Floats, Floats, Floats, Floats]:
-    return np.zeros(rows), np.zeros((rows, n)), np.zeros((rows, n)), np.zeros(rows)
-
-
-def _of_nodes(kept: tuple[Floats, ...], rows: int) -> tuple[Floats, Floats, Floats, Floats]:
-    time, x, v, taken = kept
-    return time[:rows], x[:rows].reshape(rows, -1, 3), v[:rows].reshape(rows, -1, 3), taken[:rows]

@@ -1,19 +1,10 @@
 """Many steps in compiled code: with equal steps, or with steps chosen from an error estimate.
 
-The text of these functions is copied into a kernel's specialised module, after those of `schemes`. Common to
-both, beside what is said there:
-
-taken   : (1,) energy [J] that terms without a potential have taken out so far, summed by Simpson's rule on
-          the cubic Hermite polynomial of each step
-counts  : (2,) accepted and rejected steps so far
-seen    : half the mass of each coordinate (n,) [kg]; what was seen of the accepted steps so far (7,): the
-          largest elastic and the least kinetic energy [J], the elastic energy above which each step is kept,
-          that above which a tension may be the largest, the largest tension [N], its time [s] and element;
-          end nodes (m, 2), natural lengths (m,) [m], stiffnesses (m,) [N] and 2 tau (m,) [s] of the elements
-kept    : time (k,), x (k, n), v (k, n), taken (k,) of one step in `every`, of the last, and of those of so
-          much elastic energy that an element may be too long; for the guards, from `row` on
-Both return the number of rows of `kept` that are filled; they return when those are full, when `limit` steps
-have been tried, or at the end.
+The text of these functions is copied into a kernel's specialised module, after those of `schemes`. Their
+arguments are the named tuples of `arrays`: a `Motion` m, a `Clock`, what was `Seen`, and `Kept` rows for the
+guards, filled from `row` on: one step in `every`, the last, and those of so much elastic energy that an
+element may be too long. `equal_steps` and `chosen_steps` return the number of rows that are filled; they
+return when those are full, when `limit` steps have been tried, or at the end.
 """
 
 from __future__ import annotations
@@ -23,11 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from exunet.backends.compiled import schemes
 from exunet.backends.compiled.schemes import (
     accelerate,
+    accelerate_without_spin,
     dormand_prince_step,
-    largest,
     runge_kutta_4_step,
+    unit_attitudes,
     verlet_step,
 )
 
@@ -35,42 +28,53 @@ TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that co
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     TAKES_ENERGY = False
+    BODIES = True
 
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
     def extra_work(h: float, x0: Any, v0: Any, x1: Any, v1: Any, x2: Any, v2: Any, data: Any) -> float: ...
 
 
-def work_of_step(
-    t: float, h: float, x: Any, v: Any, power_at_start: float, data: Any, work: Any, taken: Any
-) -> float:
-    """Add to `taken` what the step to (work[1], work[2]) took out; returns the power at its end [W]."""
-    x1 = work[1]
-    v1 = work[2]
-    middle_x = work[13]
-    middle_v = work[14]
+def begin(t: float, verlet: bool, m: Any) -> None:
+    """Compute the acceleration at the state, where a step before has not left it."""
+    if verlet:
+        accelerate_without_spin(t, m.x, m.v, m, m.stages.a1)
+    else:
+        accelerate(t, m.x, m.v, m, m.stages.a1)
+
+
+def work_of_step(t: float, h: float, power_at_start: float, m: Any) -> float:
+    """Add to m.taken what the step to x1, v1 took out, by Simpson's rule; returns the power at its end [W].
+
+    The state in the middle is that of the cubic Hermite polynomial through both ends.
+    """
+    s = m.stages
+    x = m.x
+    v = m.v
     for c in range(x.size):
-        middle_x[c] = 0.5 * (x[c] + x1[c]) + 0.125 * h * (v[c] - v1[c])
-        middle_v[c] = 1.5 * (x1[c] - x[c]) / h - 0.25 * (v[c] + v1[c])
-    middle = power(t + 0.5 * h, middle_x, middle_v, data, work[15])
-    end = power(t + h, x1, v1, data, work[15])
-    taken[0] += h / 6.0 * (power_at_start + 4.0 * middle + end)
-    taken[0] += extra_work(h, x, v, middle_x, middle_v, x1, v1, data)
+        s.middle_x[c] = 0.5 * (x[c] + s.x1[c]) + 0.125 * h * (v[c] - s.v1[c])
+        s.middle_v[c] = 1.5 * (s.x1[c] - x[c]) / h - 0.25 * (v[c] + s.v1[c])
+    middle = power(t + 0.5 * h, s.middle_x, s.middle_v, m.data, s.scratch)
+    end = power(t + h, s.x1, s.v1, m.data, s.scratch)
+    m.taken[0] += h / 6.0 * (power_at_start + 4.0 * middle + end)
+    m.taken[0] += extra_work(h, x, v, s.middle_x, s.middle_v, s.x1, s.v1, m.data)
     return end
 
 
-def accept(x: Any, v: Any, work: Any) -> None:
+def accept(m: Any) -> None:
     """Make the step's result the state."""
-    x1 = work[1]
-    v1 = work[2]
-    for c in range(x.size):
-        x[c] = x1[c]
-        v[c] = v1[c]
+    for c in range(m.x.size):
+        m.x[c] = m.stages.x1[c]
+    for c in range(m.v.size):
+        m.v[c] = m.stages.v1[c]
+    if BODIES:
+        for c in range(m.z.size):
+            m.z[c] = m.stages.z1[c]
+        unit_attitudes(m.z)
 
 
 def see(t: float, elastic: float, x: Any, v: Any, seen: Any) -> None:
     """Take a step's end, whose elastic energy [J] is known, into `seen`."""
-    half = seen[0]
-    extremes = seen[1]
+    half = seen.half
     a = 0.0  # four sums, which the processor can make side by side
     b = 0.0
     c = 0.0
@@ -84,11 +88,11 @@ def see(t: float, elastic: float, x: Any, v: Any, seen: Any) -> None:
     for k in range(whole, v.size):
         a += half[k] * v[k] * v[k]
     kinetic = (a + b) + (c + d)
-    if elastic > extremes[0]:
-        extremes[0] = elastic
-    if kinetic < extremes[1]:
-        extremes[1] = kinetic
-    if elastic > extremes[3]:
+    if elastic > seen.elastic[0]:
+        seen.elastic[0] = elastic
+    if kinetic < seen.kinetic[0]:
+        seen.kinetic[0] = kinetic
+    if elastic > seen.look_above[0]:
         see_tensions(t, x, v, seen)
 
 
@@ -98,9 +102,8 @@ def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
     N = EA E11 sqrt(1 + 2 E11) <= EA E11 (1 + E11), so an element that pulls by N has at least the energy of
     the strain that makes the latter N. Viscous stress needs no energy: there each taut state is looked at.
     """
-    extremes = seen[1]
-    ends = seen[2]
-    largest_before = extremes[4]
+    ends = seen.ends
+    largest_before = seen.tension[0]
     viscous = False
     for e in range(ends.shape[0]):
         i = 3 * ends[e, 0]
@@ -111,31 +114,35 @@ def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
             d = x[j + c] - x[i + c]
             square += d * d
             along += d * (v[j + c] - v[i + c])
-        length = seen[3][e]
+        length = seen.length[e]
         excess = square - length * length
         if excess > 0.0:
-            viscous = viscous or seen[5][e] > 0.0
-            tension = seen[4][e] * (excess + seen[5][e] * along) * math.sqrt(square) / (2.0 * length**3)
-            if tension > extremes[4]:
-                extremes[4] = tension
-                extremes[5] = t
-                extremes[6] = e
-    if extremes[4] > largest_before and not viscous:
+            viscous = viscous or seen.twice_time[e] > 0.0
+            pull = (excess + seen.twice_time[e] * along) * math.sqrt(square) / (2.0 * length**3)
+            tension = seen.stiffness[e] * pull
+            if tension > seen.tension[0]:
+                seen.tension[0] = tension
+                seen.time[0] = t
+                seen.element[0] = e
+    if seen.tension[0] > largest_before and not viscous:
         least = np.inf
         for e in range(ends.shape[0]):
-            if seen[4][e] > 0.0:
-                strain = 0.5 * (math.sqrt(1.0 + 4.0 * extremes[4] / seen[4][e]) - 1.0)
-                least = min(least, 0.5 * seen[4][e] * seen[3][e] * strain * strain)
-        extremes[3] = least
+            if seen.stiffness[e] > 0.0:
+                strain = 0.5 * (math.sqrt(1.0 + 4.0 * seen.tension[0] / seen.stiffness[e]) - 1.0)
+                least = min(least, 0.5 * seen.stiffness[e] * seen.length[e] * strain * strain)
+        seen.look_above[0] = least
 
 
-def keep(row: int, t: float, x: Any, v: Any, taken: Any, kept: Any) -> int:
-    """Copy a state into a row of `kept`; returns the next row."""
-    kept[0][row] = t
-    kept[3][row] = taken[0]
-    for c in range(x.size):
-        kept[1][row, c] = x[c]
-        kept[2][row, c] = v[c]
+def keep(row: int, t: float, m: Any, kept: Any) -> int:
+    """Copy the state into a row of `kept`; returns the next row."""
+    kept.time[row] = t
+    kept.taken[row] = m.taken[0]
+    for c in range(m.x.size):
+        kept.x[row, c] = m.x[c]
+    for c in range(m.v.size):
+        kept.v[row, c] = m.v[c]
+    for c in range(m.z.size):
+        kept.z[row, c] = m.z[c]
     return row + 1
 
 
@@ -147,213 +154,138 @@ def equal_steps(
     first: int,
     limit: int,
     row: int,
-    x: Any,
-    v: Any,
-    inverse: Any,
-    data: Any,
-    work: Any,
-    taken: Any,
-    counts: Any,
-    seen: Any,
     every: int,
+    m: Any,
+    clock: Any,
+    seen: Any,
     kept: Any,
 ) -> int:
     """Steps number `first`, ... of the `number` equal steps from `start` to `until`, at most `limit`."""
     h = (until - start) / number
     watts = 0.0
     if TAKES_ENERGY:
-        watts = power(start + first * h, x, v, data, work[15])
+        watts = power(start + first * h, m.x, m.v, m.data, m.stages.scratch)
     for step in range(first, min(number, first + limit)):
         t = start + step * h
         end = until if step + 1 == number else start + (step + 1) * h  # to the last bit the next step's t
         if verlet:
-            held = verlet_step(t, h, x, v, inverse, data, work)
+            held = verlet_step(t, h, m)
         else:
-            runge_kutta_4_step(t, h, x, v, inverse, data, work)
-            held = accelerate(end, work[1], work[2], inverse, data, work[0])
+            runge_kutta_4_step(t, h, m)
+            held = accelerate(end, m.stages.x1, m.stages.v1, m, m.stages.a1)
         if TAKES_ENERGY:
-            watts = work_of_step(t, h, x, v, watts, data, work, taken)
-        accept(x, v, work)
-        see(end, held, x, v, seen)
-        counts[0] += 1
-        if (step + 1) % every == 0 or step + 1 == number or held > seen[1][2]:
-            row = keep(row, end, x, v, taken, kept)
-            if row == kept[0].size:
+            watts = work_of_step(t, h, watts, m)
+        accept(m)
+        see(end, held, m.x, m.v, seen)
+        clock.steps[0] += 1
+        clock.time[0] = end
+        if (step + 1) % every == 0 or step + 1 == number or held > seen.keep_above[0]:
+            row = keep(row, end, m, kept)
+            if row == kept.time.size:
                 break
     return row
 
 
 def chosen_steps(
-    clock: Any,
-    until: float,
-    tolerance: float,
-    longest: float,
-    least: float,
-    limit: int,
-    row: int,
-    x: Any,
-    v: Any,
-    inverse: Any,
-    data: Any,
-    work: Any,
-    taken: Any,
-    counts: Any,
-    seen: Any,
-    every: int,
-    kept: Any,
+    control: Any, until: float, limit: int, row: int, every: int, m: Any, clock: Any, seen: Any, kept: Any
 ) -> int:
-    """Dormand-Prince steps to `until`, the largest error estimate of each not above `tolerance` [m, m/s].
-
-    clock : (4,) time [s]; the step to try next [s]; 1 after a rejected step, else 0; number of steps in a row
-            that were of the length `least`, at which no error is too large
+    """Dormand-Prince steps to `until`, the largest error estimate of each not above the tolerance.
 
     `until` is hit by shortened steps, the last two of a stretch made equal, and the length that the control
     had chosen goes on after it: so the stored states are of full order, which interpolated ones would not be.
     The control is that of Hairer, Norsett and Wanner, "Solving Ordinary Differential Equations I", eq.
     (II.4.13), with growth by 2 at most: a slack net snaps taut within a step, and larger jumps get rejected.
     """
+    least = control.least
     watts = 0.0
     if TAKES_ENERGY:
-        watts = power(clock[0], x, v, data, work[15])
+        watts = power(clock.time[0], m.x, m.v, m.data, m.stages.scratch)
     for _ in range(limit):
-        wanted = min(clock[1], longest)
-        rest = until - clock[0]
+        wanted = min(clock.step[0], control.longest)
+        rest = until - clock.time[0]
         h = wanted
         if rest <= 1.0000001 * wanted:
             h = rest
         elif rest < 2.0 * wanted:
             h = 0.5 * rest
-        error, held = dormand_prince_step(clock[0], h, x, v, inverse, data, work)
-        error /= tolerance
+        error, held = dormand_prince_step(clock.time[0], h, m)
+        error /= control.tolerance
         if not (error <= 1.0 or (h <= least and error < np.inf)):
-            counts[1] += 1
-            clock[2] = 1.0
+            clock.rejections[0] += 1
+            clock.rejected[0] = 1.0
             shrink = 0.2 if error == np.inf else max(0.2, 0.9 * error**-0.2)
-            clock[1] = max(least, h * shrink)
+            clock.step[0] = max(least, h * shrink)
             if h <= least:
-                clock[3] = np.inf
+                clock.tiny[0] = np.inf
                 break
             continue
-        clock[3] = clock[3] + 1.0 if error > 1.0 else 0.0
+        clock.tiny[0] = clock.tiny[0] + 1.0 if error > 1.0 else 0.0
         if TAKES_ENERGY:
-            watts = work_of_step(clock[0], h, x, v, watts, data, work, taken)
-        accept(x, v, work)
-        see(clock[0] + h, held, x, v, seen)
-        for c in range(x.size):
-            work[0, c] = work[9, c]
-        counts[0] += 1
-        clock[0] = until if h == rest else clock[0] + h
-        change = max(0.2, min(1.0 if clock[2] == 1.0 else 2.0, 0.9 * max(error, 1e-10) ** -0.2))
-        clock[2] = 0.0
-        clock[1] = max(least, h * change, wanted if h < wanted and error <= 1.0 else 0.0)
-        if counts[0] % every == 0 or clock[0] == until or held > seen[1][2]:
-            row = keep(row, clock[0], x, v, taken, kept)
-            if row == kept[0].size:
+            watts = work_of_step(clock.time[0], h, watts, m)
+        accept(m)
+        see(clock.time[0] + h, held, m.x, m.v, seen)
+        for c in range(m.v.size):
+            m.stages.a1[c] = m.stages.a7[c]
+        clock.steps[0] += 1
+        clock.time[0] = until if h == rest else clock.time[0] + h
+        change = max(0.2, min(1.0 if clock.rejected[0] == 1.0 else 2.0, 0.9 * max(error, 1e-10) ** -0.2))
+        clock.rejected[0] = 0.0
+        clock.step[0] = max(least, h * change, wanted if h < wanted and error <= 1.0 else 0.0)
+        if clock.steps[0] % every == 0 or clock.time[0] == until or held > seen.keep_above[0]:
+            row = keep(row, clock.time[0], m, kept)
+            if row == kept.time.size:
                 break
-        if clock[0] == until:
+        if clock.time[0] == until:
             break
     return row
 
 
 def through_chosen(
-    times: Any,
-    tolerance: float,
-    longest: float,
-    least: float,
-    most_tiny: float,
-    clock: Any,
-    x: Any,
-    v: Any,
-    inverse: Any,
-    data: Any,
-    work: Any,
-    taken: Any,
-    counts: Any,
-    seen: Any,
-    kept: Any,
+    times: Any, control: Any, most_tiny: float, m: Any, clock: Any, seen: Any, kept: Any
 ) -> int:
     """`chosen_steps` from times[0] through all `times` [s], the state at each in its row of `kept`.
 
-    most_tiny : steps of the length `least`, one after the other, before this gives up
+    most_tiny : steps of the least length, one after the other, before this gives up
     Returns the number of rows that were reached.
     """
     never = 2**62
-    row = keep(0, times[0], x, v, taken, kept)
+    row = keep(0, times[0], m, kept)
     for k in range(1, times.size):
-        while clock[0] < times[k] and clock[3] <= most_tiny:
-            row = chosen_steps(
-                clock,
-                times[k],
-                tolerance,
-                longest,
-                least,
-                1000,
-                row,
-                x,
-                v,
-                inverse,
-                data,
-                work,
-                taken,
-                counts,
-                seen,
-                never,
-                kept,
-            )
+        while clock.time[0] < times[k] and clock.tiny[0] <= most_tiny:
+            row = chosen_steps(control, times[k], 1000, row, never, m, clock, seen, kept)
         if row == k:
             break
     return row
 
 
 def through_equal(
-    verlet: bool,
-    times: Any,
-    step: float,
-    clock: Any,
-    x: Any,
-    v: Any,
-    inverse: Any,
-    data: Any,
-    work: Any,
-    taken: Any,
-    counts: Any,
-    seen: Any,
-    kept: Any,
+    verlet: bool, times: Any, step: float, m: Any, clock: Any, seen: Any, kept: Any
 ) -> int:
     """As `through_chosen`: `equal_steps`, none longer than `step` [s]."""
     never = 2**62
-    row = keep(0, times[0], x, v, taken, kept)
+    row = keep(0, times[0], m, kept)
     for k in range(1, times.size):
-        number = max(1, math.ceil((times[k] - times[k - 1]) / step * (1.0 - 1e-9)))
-        row = equal_steps(
-            verlet,
-            times[k - 1],
-            times[k],
-            number,
-            0,
-            number,
-            row,
-            x,
-            v,
-            inverse,
-            data,
-            work,
-            taken,
-            counts,
-            seen,
-            never,
-            kept,
-        )
-        clock[0] = times[k]
+        begins, ends = times[k - 1], times[k]
+        number = max(1, math.ceil((ends - begins) / step * (1.0 - 1e-9)))
+        row = equal_steps(verlet, begins, ends, number, 0, number, row, never, m, clock, seen, kept)
+        clock.time[0] = ends
     return row
 
 
 LOOP = (
-    accelerate,
-    verlet_step,
-    runge_kutta_4_step,
-    largest,
-    dormand_prince_step,
+    schemes.add_gyroscopic,
+    schemes.accelerate,
+    schemes.accelerate_without_spin,
+    schemes.turn,
+    schemes.turn_stage,
+    schemes.unit_attitudes,
+    schemes.rotate_freely,
+    schemes.verlet_step,
+    schemes.runge_kutta_4_step,
+    schemes.largest,
+    schemes.largest_of_turns,
+    schemes.dormand_prince_step,
+    begin,
     work_of_step,
     accept,
     see_tensions,

@@ -1,10 +1,9 @@
 """Single steps of the compiled loop: velocity Verlet, the classical Runge-Kutta method, Dormand-Prince 5(4).
 
 The text of these functions is copied into a kernel's specialised module (see `exunet.codegen.generate`),
-beside its `forces`. A step starts from x, v (n,) [m], [m/s] at time t [s], is h long, and leaves its result
-in work[1], work[2]. inverse is 1 / mass (n,) [1/kg], zero for what is held still, data the kernel's data.
-work (16, n): row 0 holds the acceleration at (x, v) that the step before has left, rows 13 to 15 are
-scratch for the work of forces.
+beside its `add_forces`. A step starts from the state x, v, z of a `Motion` m at time t [s], is h long, and
+leaves its result in m.stages.x1, v1, z1. Rigid bodies: their centres move as points do; their angular
+velocities stand behind the velocities in v, in body axes; z holds their attitudes.
 """
 
 from __future__ import annotations
@@ -13,117 +12,229 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-if TYPE_CHECKING:  # the generated module holds it beside the functions below
+if TYPE_CHECKING:  # the generated module holds these beside the functions below
+    BODIES = True
 
-    def forces(t: float, x: Any, v: Any, data: Any, force: Any) -> float: ...
+    def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> float: ...
 
 
-def accelerate(t: float, x: Any, v: Any, inverse: Any, data: Any, a: Any) -> float:
-    """Accelerations a (n,) [m/s2], eq. (16); returns the elastic energy [J] at x."""
-    held = forces(t, x, v, data, a)
+def accelerate(t: float, x: Any, v: Any, m: Any, a: Any) -> float:
+    """Accelerations a (n_v,) [m/s2], eq. (16), of the bodies' rotation by Euler's equations [rad/s2].
+
+    Returns the elastic energy [J] at x.
+    """
     for c in range(a.size):
-        a[c] *= inverse[c]
+        a[c] = m.push[c]
+    held = add_forces(t, x, v, m.data, a)
+    if BODIES:
+        add_gyroscopic(v, m.inertia, x.size, a)
+    for c in range(a.size):
+        a[c] *= m.inverse[c]
     return held
 
 
-def verlet_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, work: Any) -> float:
+def accelerate_without_spin(t: float, x: Any, v: Any, m: Any, a: Any) -> float:
+    """As `accelerate`, without the gyroscopic torque of free rotation."""
+    for c in range(a.size):
+        a[c] = m.push[c]
+    held = add_forces(t, x, v, m.data, a)
+    for c in range(a.size):
+        a[c] *= m.inverse[c]
+    return held
+
+
+def add_gyroscopic(v: Any, inertia: Any, first: int, torque: Any) -> None:
+    """-omega x (I omega) of each body, in its axes; its angular velocity begins at v[first]."""
+    for b in range(inertia.shape[0]):
+        k = first + 3 * b
+        torque[k] += (inertia[b, 1] - inertia[b, 2]) * v[k + 1] * v[k + 2]
+        torque[k + 1] += (inertia[b, 2] - inertia[b, 0]) * v[k + 2] * v[k]
+        torque[k + 2] += (inertia[b, 0] - inertia[b, 1]) * v[k] * v[k + 1]
+
+
+def turn(v: Any, z: Any, first: int, rate: Any) -> None:
+    """Rates of the attitudes z: half the quaternion product of attitude and angular velocity in body axes."""
+    for b in range(z.size // 4):
+        k = first + 3 * b
+        q = 4 * b
+        rate[q] = -0.5 * (z[q + 1] * v[k] + z[q + 2] * v[k + 1] + z[q + 3] * v[k + 2])
+        rate[q + 1] = 0.5 * (z[q] * v[k] + z[q + 2] * v[k + 2] - z[q + 3] * v[k + 1])
+        rate[q + 2] = 0.5 * (z[q] * v[k + 1] + z[q + 3] * v[k] - z[q + 1] * v[k + 2])
+        rate[q + 3] = 0.5 * (z[q] * v[k + 2] + z[q + 1] * v[k + 1] - z[q + 2] * v[k])
+
+
+def turn_stage(
+    h: float, m: Any, v: Any, row: int, c1: float, c2: float, c3: float, c4: float, c5: float, c6: float
+) -> None:
+    """Attitudes z + h (c1 k1 + ... + c6 k6) into z1, and their rates at angular velocities v into a row."""
+    s = m.stages
+    k = s.turns
+    for c in range(m.z.size):
+        s.z1[c] = m.z[c] + h * (
+            c1 * k[0, c] + c2 * k[1, c] + c3 * k[2, c] + c4 * k[3, c] + c5 * k[4, c] + c6 * k[5, c]
+        )
+    turn(v, s.z1, m.x.size, k[row])
+
+
+def unit_attitudes(z: Any) -> None:
+    """Make quaternions of length one again; a step leaves them so but for its error."""
+    for b in range(z.size // 4):
+        q = 4 * b
+        square = z[q] * z[q] + z[q + 1] * z[q + 1] + z[q + 2] * z[q + 2] + z[q + 3] * z[q + 3]
+        for c in range(4):
+            z[q + c] /= np.sqrt(square)
+
+
+def rotate_freely(h: float, m: Any) -> None:
+    """The bodies' rotation without torque over h, from v1 and z into v1 and z1, by one step of order 4."""
+    s = m.stages
+    first = m.x.size
+    n = m.z.size // 4
+    for k in range(3 * n):  # entries before `first` are not used
+        s.v2[first + k] = s.v1[first + k]
+        s.v3[first + k] = s.v1[first + k]
+    for stage in range(4):
+        after = 0.5 if stage < 2 else 1.0
+        weight = 1.0 if stage == 0 or stage == 3 else 2.0
+        for c in range(m.z.size):
+            before = 0.0 if stage == 0 else (0.5 if stage < 3 else 1.0)
+            s.z1[c] = m.z[c] + (before * h * s.turns[stage - 1, c] if stage > 0 else 0.0)
+        turn(s.v2, s.z1, first, s.turns[stage])
+        for k in range(3 * n):
+            s.v4[first + k] = 0.0
+        add_gyroscopic(s.v2, m.inertia, first, s.v4)
+        for k in range(first, first + 3 * n):
+            rate = s.v4[k] * m.inverse[k]
+            s.v3[k] += h / 6.0 * weight * rate
+            s.v2[k] = s.v1[k] + after * h * rate
+    for k in range(first, first + 3 * n):
+        s.v1[k] = s.v3[k]
+    for c in range(m.z.size):
+        s.z1[c] = m.z[c] + h / 6.0 * (
+            s.turns[0, c] + 2.0 * (s.turns[1, c] + s.turns[2, c]) + s.turns[3, c]
+        )
+
+
+def verlet_step(t: float, h: float, m: Any) -> float:
     """Verlet, Phys. Rev. 159 (1967) 98, doi 10.1103/PhysRev.159.98.
 
-    Forces that depend on the velocity are taken with that of the half step, as the engine does; row 0 goes
-    from step to step. Returns the elastic energy at the end [J].
+    Forces that depend on the velocity are taken with that of the half step, as the engine does; a1 goes from
+    step to step. Bodies rotate freely between two half steps of the torque, so that rotation is of order 2
+    too (the engine's is of order 1). Returns the elastic energy at the end [J].
     """
-    a = work[0]
-    x1 = work[1]
-    v1 = work[2]
-    for c in range(x.size):
-        v1[c] = v[c] + 0.5 * h * a[c]
-        x1[c] = x[c] + h * v1[c]
-    held = accelerate(t + h, x1, v1, inverse, data, a)
-    for c in range(x.size):
-        v1[c] += 0.5 * h * a[c]
+    s = m.stages
+    for c in range(m.v.size):
+        s.v1[c] = m.v[c] + 0.5 * h * s.a1[c]
+    for c in range(m.x.size):
+        s.x1[c] = m.x[c] + h * s.v1[c]
+    if BODIES:
+        rotate_freely(h, m)
+    held = accelerate_without_spin(t + h, s.x1, s.v1, m, s.a1)
+    for c in range(m.v.size):
+        s.v1[c] += 0.5 * h * s.a1[c]
     return held
 
 
-def runge_kutta_4_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, work: Any) -> None:
-    """The classical method of order 4 on (x, v), as the engine's RK44.
+def runge_kutta_4_step(t: float, h: float, m: Any) -> None:
+    """The classical method of order 4, as the engine's RK44.
 
-    Its first stage is row 0, which the caller renews at the step's end: as many evaluations as with four
-    stages in the step, but the elastic energy at the end is known with them.
+    Its first stage is a1, which the caller renews at the step's end: as many evaluations as with four stages
+    in the step, but the elastic energy at the end is known with them.
     """
-    a1 = work[0]
-    x1 = work[1]
-    v1 = work[2]
-    a2 = work[3]
-    a3 = work[4]
-    a4 = work[5]
-    v2 = work[6]
-    v3 = work[7]
-    v4 = work[8]
+    s = m.stages
+    x = m.x
+    v = m.v
+    if BODIES:
+        turn(v, m.z, x.size, s.turns[0])
     for c in range(x.size):
-        x1[c] = x[c] + 0.5 * h * v[c]
-        v2[c] = v[c] + 0.5 * h * a1[c]
-    accelerate(t + 0.5 * h, x1, v2, inverse, data, a2)
+        s.x1[c] = x[c] + 0.5 * h * v[c]
+    for c in range(v.size):
+        s.v2[c] = v[c] + 0.5 * h * s.a1[c]
+    if BODIES:
+        turn_stage(h, m, s.v2, 1, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
+    accelerate(t + 0.5 * h, s.x1, s.v2, m, s.a2)
     for c in range(x.size):
-        x1[c] = x[c] + 0.5 * h * v2[c]
-        v3[c] = v[c] + 0.5 * h * a2[c]
-    accelerate(t + 0.5 * h, x1, v3, inverse, data, a3)
+        s.x1[c] = x[c] + 0.5 * h * s.v2[c]
+    for c in range(v.size):
+        s.v3[c] = v[c] + 0.5 * h * s.a2[c]
+    if BODIES:
+        turn_stage(h, m, s.v3, 2, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0)
+    accelerate(t + 0.5 * h, s.x1, s.v3, m, s.a3)
     for c in range(x.size):
-        x1[c] = x[c] + h * v3[c]
-        v4[c] = v[c] + h * a3[c]
-    accelerate(t + h, x1, v4, inverse, data, a4)
+        s.x1[c] = x[c] + h * s.v3[c]
+    for c in range(v.size):
+        s.v4[c] = v[c] + h * s.a3[c]
+    if BODIES:
+        turn_stage(h, m, s.v4, 3, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    accelerate(t + h, s.x1, s.v4, m, s.a4)
     for c in range(x.size):
-        x1[c] = x[c] + h / 6.0 * (v[c] + 2.0 * (v2[c] + v3[c]) + v4[c])
-    for c in range(x.size):
-        v1[c] = v[c] + h / 6.0 * (a1[c] + 2.0 * (a2[c] + a3[c]) + a4[c])
+        s.x1[c] = x[c] + h / 6.0 * (v[c] + 2.0 * (s.v2[c] + s.v3[c]) + s.v4[c])
+    for c in range(v.size):
+        s.v1[c] = v[c] + h / 6.0 * (s.a1[c] + 2.0 * (s.a2[c] + s.a3[c]) + s.a4[c])
+    if BODIES:
+        turn_stage(h, m, s.v1, 4, 1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0, 0.0, 0.0)
 
 
-def largest(first: Any, second: Any) -> float:
-    """Largest absolute value in two arrays; infinity if there is one that is not a number."""
+def largest(values: Any) -> float:
+    """Largest absolute value; infinity if there is one that is not a number."""
     worst = 0.0
-    for c in range(first.size):
-        for value in (abs(first[c]), abs(second[c])):
-            if not value <= worst:
-                if value != value:
-                    return np.inf
-                worst = value
+    for c in range(values.size):
+        value = abs(values[c])
+        if not value <= worst:
+            if value != value:
+                return np.inf
+            worst = value
     return worst
 
 
-def dormand_prince_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: Any, work: Any) -> Any:
+def dormand_prince_step(t: float, h: float, m: Any) -> Any:
     """Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19, doi 10.1016/0771-050X(80)90013-3: order 5(4).
 
     Written for x'' = a: the velocities of the stages are put into the positions, whose coefficients are then
-    sum_k a_ik a_kj, so only accelerations are kept; the result is the same but for round-off. Row 9 gets the
-    acceleration at the end, which is that of the next step's start. Returns the largest error estimate over
-    the coordinates, of the embedded method of order 4 [m or m/s], and the elastic energy at the end [J].
+    sum_k a_ik a_kj, so only accelerations are kept; the result is the same but for round-off. Attitudes are
+    integrated as they are, z' = k(z, v). a7 gets the acceleration at the end, which is that of the next
+    step's start. Returns the largest error estimate over the coordinates, of the embedded method of order 4
+    [m, m/s, rad/s, or of a quaternion], and the elastic energy at the end [J].
     """
-    x1 = work[1]
-    v1 = work[2]
-    a1 = work[0]
-    a2 = work[4]
-    a3 = work[5]
-    a4 = work[6]
-    a5 = work[7]
-    a6 = work[8]
-    a7 = work[9]
-    of_x = work[10]
-    of_v = work[11]
-    n = x.size
+    s = m.stages
+    x = m.x
+    v = m.v
+    x1 = s.x1
+    v1 = s.v1
+    a1 = s.a1
+    a2 = s.a2
+    a3 = s.a3
+    a4 = s.a4
+    a5 = s.a5
+    a6 = s.a6
+    a7 = s.a7
+    n_x = x.size
+    n = v.size
     hh = h * h
-    for c in range(n):
+    if BODIES:
+        turn(v, m.z, n_x, s.turns[0])
+    for c in range(n_x):
         x1[c] = x[c] + h / 5.0 * v[c]
+    for c in range(n):
         v1[c] = v[c] + h / 5.0 * a1[c]
-    accelerate(t + 0.2 * h, x1, v1, inverse, data, a2)
-    for c in range(n):
+    if BODIES:
+        turn_stage(h, m, v1, 1, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
+    accelerate(t + 0.2 * h, x1, v1, m, a2)
+    for c in range(n_x):
         x1[c] = x[c] + 0.3 * h * v[c] + hh * (9.0 / 200.0) * a1[c]
-        v1[c] = v[c] + h * (3.0 / 40.0 * a1[c] + 9.0 / 40.0 * a2[c])
-    accelerate(t + 0.3 * h, x1, v1, inverse, data, a3)
     for c in range(n):
+        v1[c] = v[c] + h * (3.0 / 40.0 * a1[c] + 9.0 / 40.0 * a2[c])
+    if BODIES:
+        turn_stage(h, m, v1, 2, 3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0)
+    accelerate(t + 0.3 * h, x1, v1, m, a3)
+    for c in range(n_x):
         x1[c] = x[c] + 0.8 * h * v[c] + hh * (-12.0 / 25.0 * a1[c] + 4.0 / 5.0 * a2[c])
     for c in range(n):
         v1[c] = v[c] + h * (44.0 / 45.0 * a1[c] - 56.0 / 15.0 * a2[c] + 32.0 / 9.0 * a3[c])
-    accelerate(t + 0.8 * h, x1, v1, inverse, data, a4)
-    for c in range(n):
+    if BODIES:
+        turn_stage(h, m, v1, 3, 44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0)
+    accelerate(t + 0.8 * h, x1, v1, m, a4)
+    for c in range(n_x):
         x1[c] = (
             x[c]
             + h * (8.0 / 9.0) * v[c]
@@ -136,8 +247,11 @@ def dormand_prince_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: 
             + 64448.0 / 6561.0 * a3[c]
             - 212.0 / 729.0 * a4[c]
         )
-    accelerate(t + 8.0 / 9.0 * h, x1, v1, inverse, data, a5)
-    for c in range(n):
+    if BODIES:
+        c4 = -212.0 / 729.0
+        turn_stage(h, m, v1, 4, 19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, c4, 0.0, 0.0)
+    accelerate(t + 8.0 / 9.0 * h, x1, v1, m, a5)
+    for c in range(n_x):
         x1[c] = (
             x[c]
             + h * v[c]
@@ -151,8 +265,13 @@ def dormand_prince_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: 
             + 49.0 / 176.0 * a4[c]
             - 5103.0 / 18656.0 * a5[c]
         )
-    accelerate(t + h, x1, v1, inverse, data, a6)
-    for c in range(n):
+    if BODIES:
+        c5 = -5103.0 / 18656.0
+        turn_stage(
+            h, m, v1, 5, 9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, c5, 0.0
+        )
+    accelerate(t + h, x1, v1, m, a6)
+    for c in range(n_x):
         x1[c] = (
             x[c]
             + h * v[c]
@@ -167,9 +286,12 @@ def dormand_prince_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: 
             - 2187.0 / 6784.0 * a5[c]
             + 11.0 / 84.0 * a6[c]
         )
-    held = accelerate(t + h, x1, v1, inverse, data, a7)
-    for c in range(n):
-        of_x[c] = hh * (
+    if BODIES:
+        c5 = -2187.0 / 6784.0
+        turn_stage(h, m, v1, 6, 35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, c5, 11.0 / 84.0)
+    held = accelerate(t + h, x1, v1, m, a7)
+    for c in range(n_x):
+        s.of_x[c] = hh * (
             611.0 / 230400.0 * a1[c]
             - 514.0 / 83475.0 * a3[c]
             + 391.0 / 38400.0 * a4[c]
@@ -177,7 +299,7 @@ def dormand_prince_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: 
             - 11.0 / 3360.0 * a6[c]
         )
     for c in range(n):
-        of_v[c] = h * (
+        s.of_v[c] = h * (
             71.0 / 57600.0 * a1[c]
             - 71.0 / 16695.0 * a3[c]
             + 71.0 / 1920.0 * a4[c]
@@ -185,4 +307,26 @@ def dormand_prince_step(t: float, h: float, x: Any, v: Any, inverse: Any, data: 
             + 22.0 / 525.0 * a6[c]
             - 1.0 / 40.0 * a7[c]
         )
-    return largest(of_x, of_v), held
+    error = max(largest(s.of_x), largest(s.of_v))
+    if BODIES:
+        error = max(error, largest_of_turns(h, s.turns))
+    return error, held
+
+
+def largest_of_turns(h: float, k: Any) -> float:
+    """Largest error estimate of an attitude in a Dormand-Prince step."""
+    worst = 0.0
+    for c in range(k.shape[1]):
+        estimate = abs(h * (
+            71.0 / 57600.0 * k[0, c]
+            - 71.0 / 16695.0 * k[2, c]
+            + 71.0 / 1920.0 * k[3, c]
+            - 17253.0 / 339200.0 * k[4, c]
+            + 22.0 / 525.0 * k[5, c]
+            - 1.0 / 40.0 * k[6, c]
+        ))  # fmt: skip
+        if not estimate <= worst:
+            if estimate != estimate:
+                return np.inf
+            worst = estimate
+    return worst

@@ -1,27 +1,23 @@
 """Effects: one file each, listed here. A table [effects.NAME] in the case switches NAME on.
 
-A new effect is a module, and one line in `EFFECTS`. The module has
+A new effect is a module, one line in `EFFECTS`, a section of `cases/README.md` and a test. The module has
 
 - `Keys`, a Table: keys, units, bounds; no default for a physical quantity;
-- `terms(keys, net) -> Terms`, or `terms_from(keys, net, position)` where it depends on the initial position;
-- `nominal(setting) -> (Keys, assumption)`: what to assume where an estimate is asked for and the case is
-silent;
-  None if nothing can be assumed for this scene;
-- `magnitude(keys, setting) -> Estimate`: the order of magnitude of what leaving it out would change;
+- `terms(keys, points)`: what it adds to the equations of motion, a tuple of `KernelTerm`, `LinearTerm` (see
+  `exunet.forces.terms`) or `ElementLaw` (`exunet.forces.cable_term`);
+- `nominal(basis) -> (Keys, assumption)`: what to assume where an estimate is asked for and the case is
+  silent; None if nothing can be assumed for this scene;
+- `magnitude(keys, basis) -> Estimate`: the order of magnitude of what leaving it out would change;
 - if it needs something of the rest of the case, or contradicts it, `needs(keys, around) -> Iterator[Wrong]`;
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
-- if it brings a mass of its own, `extend(keys, net) -> Net`.
+- if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`.
 
-Its energy is that of the terms: a potential, or work that the monitor integrates along the run.
-
-The capture scene will add, in this list and by the same contract: `contact` (of nodes with bodies and with
-each other: kernel terms with friction, states of the bodies), `tether` (elements of variable reference length
-from the chaser to the net: a `free_strain` that changes with time) and `closing` (a thread that slides
-through rings, drawn by winches). What they need of `Terms` beyond what is there is the bodies' coordinates.
+Its energy is that of the terms: a potential, or work that is integrated along the run.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from types import ModuleType
 from typing import Any, Literal
@@ -48,8 +44,9 @@ from exunet.forces.effects import (
     thermal_strain,
 )
 from exunet.forces.requirements import Surroundings
-from exunet.forces.terms import Floats, Terms
-from exunet.net.arrays import Net
+from exunet.forces.points import PointMass, Points
+from exunet.forces.terms import largest_number
+from exunet.forces.total import Contribution, Forces
 
 EFFECTS: dict[str, ModuleType] = {
     "gravity": gravity,
@@ -120,32 +117,28 @@ def misfits(scene: Any) -> Iterator[Wrong]:
                 yield Wrong((name, *wrong.where), wrong.reason, wrong.value)
 
 
-def extended(effects: Table, net: Net) -> Net:
-    """The net with the nodes that effects bring."""
-    for name, keys in switched_on(effects).items():
-        if hasattr(EFFECTS[name], "extend"):
-            net = EFFECTS[name].extend(keys, net)
-    return net
+def point_masses(effects: Table) -> tuple[PointMass, ...]:
+    """The point masses that effects bring."""
+    return tuple(
+        body
+        for name, keys in switched_on(effects).items()
+        if hasattr(EFFECTS[name], "point_masses")
+        for body in EFFECTS[name].point_masses(keys)
+    )
 
 
-def total_terms(effects: Table, net: Net, position: Floats) -> Terms:
-    """Sum of the terms of all effects that are on; position (n_nodes, 3) at the start [m]."""
-    total = Terms()
-    for name, keys in switched_on(effects).items():
-        total = total + terms_of(name, keys, net, position)
-    return total
+def forces_of(effects: Table, points: Points) -> Forces:
+    """The cable elements and the terms of all effects that are on."""
+    parts = [terms_of(name, keys, points) for name, keys in switched_on(effects).items()]
+    return Forces.of(points.net, itertools.chain.from_iterable(parts))
 
 
-def terms_of(name: str, keys: Table, net: Net, position: Floats) -> Terms:
+def terms_of(name: str, keys: Table, points: Points) -> tuple[Contribution, ...]:
     """The terms of one effect; raises BeyondFloats if a number in them is beyond `LARGEST`."""
-    module = EFFECTS[name]
     try:
         with np.errstate(all="ignore"):  # numbers that overflow are refused below
-            if hasattr(module, "terms_from"):
-                terms: Terms = module.terms_from(keys, net, position)
-            else:
-                terms = module.terms(keys, net)
-            sound = terms.largest_number() <= LARGEST
+            terms: tuple[Contribution, ...] = EFFECTS[name].terms(keys, points)
+            sound = largest_number(number for term in terms for number in term.numbers()) <= LARGEST
     except ArithmeticError:
         sound = False
     if not sound:

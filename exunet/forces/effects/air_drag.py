@@ -18,9 +18,9 @@ from exunet.base.faults import Wrong
 from exunet.base.table import NonNegative, Positive, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import Surroundings, bullet_key, excludes
+from exunet.forces.points import Points
 from exunet.forces.surface import bullet_disc, widths
-from exunet.forces.terms import KernelTerm, Terms
-from exunet.net.arrays import Net
+from exunet.forces.terms import KernelTerm
 
 NO_LENGTH = 1e-9  # of the reference length: below it the direction of an element is round-off
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
@@ -41,18 +41,20 @@ class Keys(Table):
     )
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
     """One kernel term for the elements, one for the bullets if there are any."""
+    net = points.net
     first, second = (3 * net.element_nodes.T).astype(np.uint32)
     quarter = 0.25 * keys.density * keys.drag_coefficient * widths(net) * net.reference_length
-    kernels = [KernelTerm(add_cross_flow, (first, second, quarter, (NO_LENGTH * net.reference_length) ** 2))]
+    data = (first, second, quarter, (NO_LENGTH * net.reference_length) ** 2)
+    kernels = [KernelTerm("elements", add_cross_flow, data, couples=net.element_nodes)]
     if len(net.bullet_nodes):
         assert keys.bullet_area is not None
         assert keys.bullet_drag_coefficient is not None
         factor = 0.5 * keys.density * keys.bullet_drag_coefficient * keys.bullet_area
         nodes = (3 * net.bullet_nodes).astype(np.uint32)
-        kernels.append(KernelTerm(add_bullet_drag, (nodes, factor)))
-    return Terms(kernels=tuple(kernels))
+        kernels.append(KernelTerm("bullets", add_bullet_drag, (nodes, factor)))
+    return tuple(kernels)
 
 
 def add_cross_flow(
@@ -126,9 +128,9 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     net = basis.net
     x, v = basis.middle.ravel(), basis.motion.ravel()
     parts = []
-    for term in terms(keys, net).kernels:
+    for term in terms(keys, basis.points):
         force = np.zeros_like(x)
-        term.add(0.0, x, v, *term.parameters, force)
+        term.add(0.0, x, v, *term.data, force)
         parts.append(basis.of_force(force.reshape(-1, 3)))
     others = np.setdiff1d(np.arange(net.n_nodes), net.bullet_nodes)
     at_rest = len(net.bullet_nodes) > 0 and not basis.velocity[others].any()

@@ -21,7 +21,7 @@ from exunet.base.faults import Wrong
 from exunet.base.table import NonNegative, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import Surroundings, excludes
-from exunet.forces.terms import Terms
+from exunet.forces.terms import LinearTerm
 from exunet.net.arrays import Net
 
 STRAIGHT = 1e-6  # sine of the largest angle in the reference configuration over which a thread runs on
@@ -70,15 +70,15 @@ def springs(keys: Keys, net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return nodes, weight, keys.modulus * inertia / length.mean(axis=1)
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
     """The constant stiffness of all springs; nothing if no thread runs on or the modulus is zero."""
-    nodes, weight, constant = springs(keys, net)
+    nodes, weight, constant = springs(keys, points.net)
     if not len(nodes) or not constant.any():
-        return Terms()
+        return ()
     rows = np.repeat(np.arange(len(nodes)), 3)
-    turn = csr_array((weight.ravel(), (rows, nodes.ravel())), shape=(len(nodes), net.n_nodes))
+    turn = csr_array((weight.ravel(), (rows, nodes.ravel())), shape=(len(nodes), points.n_points))
     along = csr_array(turn.T @ (turn * constant[:, None]))
-    return Terms(stiffness=csr_array(kron(along, np.eye(3))))
+    return (LinearTerm(stiffness=csr_array(kron(along, np.eye(3)))),)
 
 
 def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:

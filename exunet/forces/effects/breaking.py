@@ -19,8 +19,8 @@ from exunet.base.incomplete import Unknown
 from exunet.base.table import Positive, Table, exactly_one
 from exunet.forces.estimate import Estimate, EstimateBasis, hardest_strain, snap_of
 from exunet.forces.requirements import Surroundings
-from exunet.forces.terms import Breaking, Terms
-from exunet.net.arrays import Net
+from exunet.forces.points import Points
+from exunet.forces.cable_term import ElementLaw
 
 # They use, in the step after a break, the acceleration of the step before it.
 REMEMBERING = ("VelocityVerlet", "GeneralizedAlpha", "TrapezoidalIndex2")
@@ -48,13 +48,13 @@ class Keys(Table):
         return refuse_with(unless_one(("strain", "force"), keys), keys, handler)
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[ElementLaw, ...]:
     """The limit of every element."""
-    everywhere = np.ones(net.n_elements)
+    everywhere = np.ones(points.net.n_elements)
     if keys.strain is not None:
-        return Terms(breaking=Breaking(strain=keys.strain * everywhere))
+        return (ElementLaw(breaking_strain=keys.strain * everywhere),)
     assert keys.force is not None
-    return Terms(breaking=Breaking(force=keys.force * everywhere))
+    return (ElementLaw(breaking_force=keys.force * everywhere),)
 
 
 def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:

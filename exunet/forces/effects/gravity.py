@@ -12,8 +12,8 @@ from exunet.base.faults import Wrong
 from exunet.base.table import Table, Vector
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import Surroundings, excludes
-from exunet.forces.terms import Terms
-from exunet.net.arrays import Net
+from exunet.forces.terms import LinearTerm
+from exunet.forces.points import Points
 
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
 
@@ -24,9 +24,9 @@ class Keys(Table):
     acceleration: Vector = Field(description="g [m/s2]")
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
     """Load m g on each node."""
-    return Terms(load=np.outer(net.mass, keys.acceleration).ravel())
+    return (LinearTerm(load=np.outer(points.mass, keys.acceleration).ravel()),)
 
 
 def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:

@@ -23,8 +23,8 @@ from exunet.forces.directions import EARTH_MU, EARTH_RADIUS, OrbitKeys
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.lumped import each_node
 from exunet.forces.requirements import Surroundings
-from exunet.forces.terms import Terms
-from exunet.net.arrays import Net
+from exunet.forces.terms import LinearTerm
+from exunet.forces.points import Points
 
 J2 = 1.08262668e-3  # EGM-96, Vallado table D-1
 LONGEST = 0.05  # of an orbit, during which the gradient is taken as constant
@@ -52,9 +52,9 @@ def gradient(keys: Keys) -> NDArray[np.float64]:
     return np.asarray(-0.5 * EARTH_MU * J2 * EARTH_RADIUS**2 / keys.radius**5 * shape)
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
     """A constant stiffness -m G on each node."""
-    return Terms(stiffness=each_node(net.mass, -gradient(keys)))
+    return (LinearTerm(stiffness=each_node(points.mass, -gradient(keys))),)
 
 
 def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:

@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -27,7 +26,8 @@ from exunet.base.incomplete import Unknown
 from exunet.base.table import Positive, Table, check
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import Surroundings
-from exunet.forces.terms import KernelTerm, Terms
+from exunet.forces.points import PointMass, Points
+from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
 
 
@@ -79,29 +79,25 @@ class Keys(Table):
         return self.force * self.dead_length / less * (1.0 - (1.0 + self.stroke / self.dead_length) ** -less)
 
 
-def extend(keys: Keys, net: Net) -> Net:
-    """The net with the chaser as its last node, at the origin."""
-    position = np.concatenate([net.reference_position, np.zeros((1, 3))])
-    mass = np.append(net.mass, keys.chaser_mass)
-    for array in (position, mass):
-        array.flags.writeable = False
-    return replace(net, reference_position=position, mass=mass)
+def point_masses(keys: Keys) -> tuple[PointMass, ...]:
+    """The chaser, at the origin."""
+    return (PointMass("chaser", keys.chaser_mass),)
 
 
-def terms_from(keys: Keys, net: Net, position: np.ndarray) -> Terms:
-    """One conservative kernel term over the bullets; net as `extend` made it.
-
-    position : (n_nodes, 3) at the start [m], from which the stroke counts
-    """
+def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
+    """One conservative term over the bullets and the chaser; the stroke counts from the start."""
+    net, chaser = points.net, points.body["chaser"]
     nodes = (3 * net.bullet_nodes).astype(np.uint32)
-    chaser = 3 * (net.n_nodes - 1)
     axes = barrels(keys, net)
-    start = np.einsum("ba,ba->b", position[net.bullet_nodes] - position[-1], axes)
-    common = (nodes, chaser, axes, start, keys.force, keys.stroke)
+    start = np.einsum("ba,ba->b", points.position[net.bullet_nodes] - points.position[chaser], axes)
+    data: tuple[Any, ...] = (nodes, 3 * chaser, axes, start, keys.force, keys.stroke)
+    couples = np.stack([net.bullet_nodes, np.full(len(nodes), chaser)], axis=1)
     if keys.kind == "spring":
-        return Terms(kernels=(KernelTerm(add_spring_launch, common, spring_launch_potential),))
-    gas = (*common, keys.dead_length, keys.exponent)
-    return Terms(kernels=(KernelTerm(add_gas_launch, gas, gas_launch_potential),))
+        add, potential = add_spring_launch, spring_launch_potential
+    else:
+        add, potential = add_gas_launch, gas_launch_potential  # type: ignore[assignment]
+        data = (*data, keys.dead_length, keys.exponent)
+    return (KernelTerm("bullets and chaser", add, data, potential, couples=couples),)
 
 
 def barrels(keys: Keys, net: Net) -> np.ndarray:

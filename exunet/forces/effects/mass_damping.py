@@ -8,8 +8,8 @@ from scipy.sparse import csr_array, diags_array
 
 from exunet.base.table import NonNegative, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.terms import Terms
-from exunet.net.arrays import Net
+from exunet.forces.terms import LinearTerm
+from exunet.forces.points import Points
 
 
 class Keys(Table):
@@ -18,11 +18,11 @@ class Keys(Table):
     alpha: NonNegative = Field(description="decay rate of the velocity [1/s]")
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
     """The diagonal damping matrix alpha M; nothing if alpha is zero."""
     if keys.alpha == 0.0:
-        return Terms()
-    return Terms(damping=csr_array(diags_array(np.repeat(keys.alpha * net.mass, 3))))
+        return ()
+    return (LinearTerm(damping=csr_array(diags_array(np.repeat(keys.alpha * points.mass, 3)))),)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

@@ -13,8 +13,8 @@ from pydantic import Field
 
 from exunet.base.table import NonNegative, Table
 from exunet.forces.estimate import Estimate, EstimateBasis, snap_of
-from exunet.forces.terms import Terms
-from exunet.net.arrays import Net
+from exunet.forces.points import Points
+from exunet.forces.cable_term import ElementLaw
 
 
 class Keys(Table):
@@ -23,11 +23,11 @@ class Keys(Table):
     relaxation_time: NonNegative = Field(description="tau, viscosity over Young's modulus [s]")
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[ElementLaw, ...]:
     """The same relaxation time for every element; nothing if it is zero."""
     if keys.relaxation_time == 0.0:
-        return Terms()
-    return Terms(relaxation_time=np.full(net.n_elements, keys.relaxation_time))
+        return ()
+    return (ElementLaw(relaxation_time=np.full(points.net.n_elements, keys.relaxation_time)),)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

@@ -20,10 +20,10 @@ from exunet.base.incomplete import Unknown
 from exunet.base.table import NonNegative, Positive, Table, Vector, exactly_one
 from exunet.forces.atmosphere import HIGHEST, LOWEST, exponential_density
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.points import Points
 from exunet.forces.requirements import Surroundings, bullet_key, excludes
 from exunet.forces.surface import bullet_disc, tumbling_areas
-from exunet.forces.terms import KernelTerm, Terms
-from exunet.net.arrays import Net
+from exunet.forces.terms import KernelTerm
 
 
 class Keys(Table):
@@ -60,12 +60,12 @@ class Keys(Table):
         return self.density if self.density is not None else exponential_density(self.altitude or 0.0)
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
     """One kernel term over all nodes."""
-    factor = 0.5 * keys.gas_density * keys.drag_coefficient * tumbling_areas(net, keys.bullet_area)
+    factor = 0.5 * keys.gas_density * keys.drag_coefficient * tumbling_areas(points, keys.bullet_area)
     flow = np.array(keys.flow)
-    rate = 2.0 * float(np.max(factor / net.mass, initial=0.0)) * math.hypot(*keys.flow)
-    return Terms(kernels=(KernelTerm(add_molecular_drag, (factor, flow), damping_rate=rate),))
+    rate = 2.0 * float(np.max(factor / points.mass, initial=0.0)) * math.hypot(*keys.flow)
+    return (KernelTerm("nodes", add_molecular_drag, (factor, flow), damping_rate=rate),)
 
 
 def add_molecular_drag(t: float, x: Any, v: Any, factor: Any, flow: Any, force: Any) -> None:
@@ -105,9 +105,9 @@ def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     """The force on nodes at rest."""
-    term = terms(keys, basis.net).kernels[0]
+    term = terms(keys, basis.points)[0]
     force = np.zeros(3 * basis.net.n_nodes)
-    term.add(0.0, force, np.zeros_like(force), *term.parameters, force)
+    term.add(0.0, force, np.zeros_like(force), *term.data, force)
     acceleration = basis.of_force(force.reshape(-1, 3))
     return Estimate(
         acceleration,

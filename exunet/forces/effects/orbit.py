@@ -17,8 +17,8 @@ from pydantic import Field
 from exunet.forces.directions import OrbitKeys
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.lumped import each_node
-from exunet.forces.terms import KernelTerm, Terms
-from exunet.net.arrays import Net
+from exunet.forces.terms import KernelTerm, LinearTerm, Term
+from exunet.forces.points import Points
 
 
 class Keys(OrbitKeys):
@@ -29,17 +29,18 @@ class Keys(OrbitKeys):
     )
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[Term, ...]:
     """Coriolis force as a constant matrix; the rest as one too (linear), or as a kernel term (two_body)."""
     radial, normal = np.array(keys.radial), np.cross(keys.radial, keys.along_track)
     rate = keys.rate
     turning = 2.0 * rate * np.cross(normal, np.eye(3)).T  # turning @ v = 2 n h x v
-    gyroscopic = each_node(net.mass, turning)
+    gyroscopic = each_node(points.mass, turning)
     if keys.model == "linear":
         gradient = rate**2 * (np.outer(normal, normal) - 3.0 * np.outer(radial, radial))
-        return Terms(gyroscopic=gyroscopic, stiffness=each_node(net.mass, gradient))
-    term = KernelTerm(add_two_body, (net.mass, rate, keys.radius, radial, normal), two_body_potential)
-    return Terms(gyroscopic=gyroscopic, kernels=(term,))
+        return (LinearTerm(gyroscopic=gyroscopic, stiffness=each_node(points.mass, gradient)),)
+    data = (points.mass, rate, keys.radius, radial, normal)
+    two_body = KernelTerm("nodes", add_two_body, data, two_body_potential)
+    return LinearTerm(gyroscopic=gyroscopic), two_body
 
 
 def add_two_body(

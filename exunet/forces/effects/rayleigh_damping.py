@@ -13,8 +13,8 @@ from scipy.sparse import csr_array, diags_array
 from exunet.base.table import NonNegative, Table
 from exunet.forces.cable import reference_tangent_stiffness
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.terms import Terms
-from exunet.net.arrays import Net
+from exunet.forces.points import Points
+from exunet.forces.terms import LinearTerm
 
 
 class Keys(Table):
@@ -24,12 +24,13 @@ class Keys(Table):
     beta: NonNegative = Field(description="factor of the tangent stiffness matrix [s]")
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
     """The constant damping matrix of eq. (13)."""
-    damping = diags_array(np.repeat(keys.alpha * net.mass, 3)) + keys.beta * reference_tangent_stiffness(net)
+    stiffness = reference_tangent_stiffness(points.net, points.n_points)
+    damping = diags_array(np.repeat(keys.alpha * points.mass, 3)) + keys.beta * stiffness
     damping = csr_array(damping)
     damping.eliminate_zeros()
-    return Terms(damping=damping) if damping.nnz else Terms()
+    return (LinearTerm(damping=damping),) if damping.nnz else ()
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
@@ -39,11 +40,11 @@ def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     """The way lost by a speed that changes at the rate |M^-1 D v| / |v| of the start."""
-    damping = terms(keys, basis.net).damping
+    found = terms(keys, basis.points)
     speed = basis.rms(basis.velocity)
     rate = 0.0
-    if damping is not None and speed > 0.0:
-        rate = basis.of_force((damping @ basis.velocity.ravel()).reshape(-1, 3)) / speed
+    if found and speed > 0.0:
+        rate = basis.of_force((found[0].damping @ basis.velocity.ravel()).reshape(-1, 3)) / speed
     return Estimate(
         rate * basis.speed,
         basis.held(basis.braked(rate)),

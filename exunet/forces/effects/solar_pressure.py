@@ -16,10 +16,10 @@ from exunet.base.faults import Wrong
 from exunet.base.table import NonNegative, Positive, Table, Vector
 from exunet.forces.directions import refuse_other_than_unit
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.points import Points
 from exunet.forces.requirements import Surroundings, bullet_key, excludes
 from exunet.forces.surface import bullet_disc, tumbling_areas
-from exunet.forces.terms import Terms
-from exunet.net.arrays import Net
+from exunet.forces.terms import LinearTerm
 
 LIGHT = 299792458.0  # [m/s]
 
@@ -48,10 +48,11 @@ class Keys(Table):
         return vector
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
     """A constant load on each node."""
     pressure = keys.pressure_coefficient * keys.flux / LIGHT
-    return Terms(load=np.outer(pressure * tumbling_areas(net, keys.bullet_area), keys.direction).ravel())
+    area = tumbling_areas(points, keys.bullet_area)
+    return (LinearTerm(load=np.outer(pressure * area, keys.direction).ravel()),)
 
 
 def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
@@ -72,7 +73,7 @@ def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     """The load on each node."""
-    load = terms(keys, basis.net).load
+    load = terms(keys, basis.points)[0].load
     assert load is not None
     acceleration = basis.of_force(load.reshape(-1, 3))
     pressure = keys.pressure_coefficient * keys.flux / LIGHT

@@ -14,8 +14,8 @@ from exunet.base.table import Table
 from exunet.forces import cable
 from exunet.forces.cable import Law
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.terms import Terms
-from exunet.net.arrays import Net
+from exunet.forces.points import Points
+from exunet.forces.cable_term import CableTerm, ElementLaw
 
 
 class Keys(Table):
@@ -40,11 +40,11 @@ class Keys(Table):
         return 1.0 + self.expansion_coefficient * self.temperature_change
 
 
-def terms(keys: Keys, net: Net) -> Terms:
+def terms(keys: Keys, points: Points) -> tuple[ElementLaw, ...]:
     """The same free strain for every element; nothing if it is zero."""
     if keys.stretch == 1.0:
-        return Terms()
-    return Terms(free_strain=np.full(net.n_elements, 0.5 * (keys.stretch**2 - 1.0)))
+        return ()
+    return (ElementLaw(free_strain=np.full(points.net.n_elements, 0.5 * (keys.stretch**2 - 1.0))),)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
@@ -59,7 +59,7 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     Cold cables stretch a net that was just taut; it pulls itself together, goes slack, and flies on.
     """
     net = basis.net
-    law = terms(keys, net).law(net)
+    law = CableTerm(net, sum(terms(keys, basis.points), ElementLaw())).law
     length = cable.lengths(net, basis.position)
     pull = cable.tension(length, law.natural_length, law.stiffness)
     change = pull - cable.tension(length, net.reference_length, net.axial_stiffness)

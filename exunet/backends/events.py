@@ -1,0 +1,59 @@
+"""The events of a run: switching functions looked at when a step is accepted, memories that they change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.backends.protocol import Arrays, Observer
+from exunet.forces.terms import Change, Switch
+from exunet.forces.total import Forces
+
+Floats = NDArray[np.float64]
+
+
+class Events:
+    """The memories of a scene's terms, and who changes them when.
+
+    memory : the values of each memory now, by name
+    """
+
+    def __init__(self, forces: Forces, memory: Arrays, observer: Observer) -> None:
+        self.memory = {name: np.array(values, dtype=float) for name, values in memory.items()}
+        self._observer = observer
+        self._switches: list[tuple[str, Switch]] = []
+        for term, switch in forces.switches:
+            assert term.memory is not None
+            self._switches.append((term.memory.name, switch))
+
+    def __bool__(self) -> bool:
+        """True if there are any."""
+        return bool(self._switches)
+
+    @property
+    def in_steps(self) -> bool:
+        """True if an event may come at a time that is not known beforehand."""
+        return any(not switch.times for _, switch in self._switches)
+
+    def next_instant(self, after: float, until: float) -> float:
+        """The first known instant of an event later than `after`, or `until` [s]."""
+        times = (time for _, switch in self._switches for time in switch.times if after < time < until)
+        return min(times, default=until)
+
+    def step_within(self, step: float, least: float, position: Floats, velocity: Floats) -> float:
+        """A step [s] that ends near what would happen next; see `Switch.step_within`."""
+        for name, switch in self._switches:
+            step = switch.step_within(step, least, position, velocity, self.memory[name])
+        return step
+
+    def at(self, time: float, position: Floats) -> Iterator[tuple[str, Change]]:
+        """What happens at the end of an accepted step; the memories are changed, the observer is told."""
+        for name, switch in self._switches:
+            items = switch.crossed(time, position, self.memory[name])
+            if len(items):
+                change = switch.change(time, position, self.memory[name], items)
+                yield name, change  # the integrator hands over the states before first
+                self.memory[name] = change.memory
+                self._observer.changed(time, name, change)

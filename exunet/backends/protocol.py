@@ -1,0 +1,118 @@
+"""What every integrator offers, and what it tells while it goes on; who uses one need not know which it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.bodies.rigid import RigidStates
+from exunet.forces.terms import Change
+from exunet.system.system import State
+
+Floats = NDArray[np.float64]
+Arrays = Mapping[str, NDArray[Any]]
+
+
+class Batch(NamedTuple):
+    """States of accepted steps, the first of which was the last of the batch before.
+
+    time               : (k,) [s]
+    position, velocity : (k, n_points, 3) [m], [m/s]
+    bodies             : with k leading
+    taken              : (k,) energy [J] that terms without a potential have taken out, where the integrator
+                         sums it itself
+    """
+
+    time: Floats
+    position: Floats
+    velocity: Floats
+    bodies: RigidStates
+    taken: Floats | None = None
+
+
+class Extremes(NamedTuple):
+    """The largest and least values of all steps of one `advance`, for integrators that do not hand over each.
+
+    elastic, kinetic : largest elastic and least kinetic energy [J]
+    tension, time, element : the largest tension so far [N], when [s], in which element (-1: none pulled)
+    """
+
+    elastic: float
+    kinetic: float
+    tension: float
+    time: float
+    element: int
+
+
+class Observer(Protocol):
+    """Who looks at a run; an exception that it raises comes out of `Integrator.advance` unchanged."""
+
+    def take(self, batch: Batch) -> None:
+        """States of accepted steps, later than `advance` has gone there but before the end of the run."""
+
+    def between(self, until: float, extremes: Extremes) -> None:
+        """What the steps to `until` [s] reached between the states that are handed over."""
+
+    def changed(self, time: float, memory: str, change: Change) -> None:
+        """An event has changed a memory; no batch has states from before and after it."""
+
+
+@dataclass
+class StepCounts:
+    """What the integration cost: accepted and rejected steps, Newton iterations, evaluations of the forces."""
+
+    steps: int = 0
+    rejected: int = 0
+    newton_iterations: int = 0
+    right_hand_sides: int = 0
+
+
+class IntegrationFailed(Exception):
+    """The integrator gave up; its own words."""
+
+
+class StepsCollapsed(IntegrationFailed):
+    """No step is small enough for the tolerance; a tighter one cannot help."""
+
+
+class Integrator(Protocol):
+    """Advances a system in time. Made at a state, ready to go on from it."""
+
+    @property
+    def time(self) -> float:
+        """Time reached [s]."""
+
+    @property
+    def counts(self) -> StepCounts: ...
+
+    @property
+    def items(self) -> dict[str, int]:
+        """Items of the engine by kind; none for the compiled loop."""
+
+    def advance(self, until: float) -> None:
+        """Integrate to `until` [s] exactly; events on the way change the memory.
+
+        Raises IntegrationFailed, what the observer raises, or KeyboardInterrupt on Ctrl-C.
+        """
+
+    def hand_over(self) -> None:
+        """Let the observer see the states that it has not seen."""
+
+    def state(self) -> State:
+        """The state reached, as copies."""
+
+    def push(self, force: Floats) -> None:
+        """Forces (n_points, 3) [N] from outside on the points, constant from now on."""
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """All that the next step depends on, as copies, and the states that are not handed over yet.
+
+        Raises RestartImpossible for a method that cannot go on exactly.
+        """
+
+    def restore(self, arrays: Arrays) -> None:
+        """Go back to a snapshot of an integrator of the same scene and plan: what follows is bitwise the same."""

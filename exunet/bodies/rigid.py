@@ -1,0 +1,93 @@
+"""Rigid bodies: what they are, and the states of several at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """A rigid body in its principal axes, whose origin is its centre of mass.
+
+    mass    : [kg]
+    inertia : principal moments [kg m2]
+    """
+
+    name: str
+    mass: float
+    inertia: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class RigidStates:
+    """States of n_bodies bodies; leading axes are free (none for one instant, (k,) for k of them).
+
+    position         : (..., n_bodies, 3) of the centres of mass [m]
+    velocity         : (..., n_bodies, 3) [m/s]
+    attitude         : (..., n_bodies, 4) unit quaternions (w, x, y, z), from the body's axes to the scene's
+    angular_velocity : (..., n_bodies, 3) [rad/s], in the body's axes
+    """
+
+    position: Floats
+    velocity: Floats
+    attitude: Floats
+    angular_velocity: Floats
+
+    @classmethod
+    def none(cls, *leading: int) -> RigidStates:
+        """Of no body."""
+        return cls(*(np.zeros((*leading, 0, width)) for width in (3, 3, 4, 3)))
+
+    def __getitem__(self, rows: slice | int | NDArray[np.int64]) -> RigidStates:
+        """Those of some instants."""
+        return RigidStates(
+            self.position[rows], self.velocity[rows], self.attitude[rows], self.angular_velocity[rows]
+        )
+
+    def parts(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """The four arrays, in the order of the fields."""
+        return self.position, self.velocity, self.attitude, self.angular_velocity
+
+
+def rotation_matrix(attitude: Floats) -> Floats:
+    """(..., 3, 3) matrices that take vectors from the body's axes to the scene's; attitude (..., 4).
+
+    Schwab and Meijaard, "How to draw Euler angles and utilize Euler parameters", DETC2006-99307, eq. (8).
+    """
+    w, x, y, z = np.moveaxis(attitude, -1, 0)
+    rows = (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion(matrix: Floats) -> Floats:
+    """(..., 4) unit quaternions with w >= 0 of rotation matrices (..., 3, 3).
+
+    Shepperd, J. Guidance and Control 1 (1978) 223, doi 10.2514/3.55767b: the largest component first.
+    """
+    from scipy.spatial.transform import Rotation
+
+    flat = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_quat(canonical=True, scalar_first=True)
+    return np.asarray(flat).reshape(*matrix.shape[:-2], 4)
+
+
+def kinetic(mass: Floats, inertia: Floats, states: RigidStates) -> Floats:
+    """Energy of translation and rotation of all bodies [J]; mass (n,), inertia (n, 3) -> (...)."""
+    moving = np.einsum("...na,...na->...n", states.velocity, states.velocity) @ mass
+    spinning = np.einsum("...na,...na,na->...", states.angular_velocity, states.angular_velocity, inertia)
+    return 0.5 * (moving + spinning)
+
+
+def angular_momentum(mass: Floats, inertia: Floats, states: RigidStates) -> Floats:
+    """About the scene's origin [kg m2/s], (..., 3)."""
+    orbital = np.einsum("n,...na->...a", mass, np.cross(states.position, states.velocity))
+    own = inertia * states.angular_velocity
+    return orbital + np.einsum("...nab,...nb->...a", rotation_matrix(states.attitude), own)

@@ -1,0 +1,190 @@
+"""The cable elements as a force term: their law, and breaking as its memory and its switch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.forces import cable, loops
+from exunet.forces.cable import Law
+from exunet.forces.terms import Change, Index, Memory, Piece
+from exunet.net.arrays import Net
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+OVERSHOOT = 5e-4  # of the strain at the limit, by which a step may go beyond it: 1e-3 of the energy lost
+INTACT = "cable/intact"  # name of the memory: 1.0 for an element that carries, 0.0 for one that has broken
+
+
+@dataclass(frozen=True, eq=False)
+class ElementLaw:
+    """What an effect changes in the law of the elements; None: nothing. Arrays of (n_elements,).
+
+    free_strain     : Green-Lagrange strain at which an element is free of stress (a thermal strain)
+    relaxation_time : [s] of the viscous stress along the current direction while taut
+    breaking_strain : Green-Lagrange strain, free strain excluded, above which an element breaks
+    breaking_force  : elastic axial force [N] above which an element breaks, instead of a strain
+    """
+
+    free_strain: Floats | None = None
+    relaxation_time: Floats | None = None
+    breaking_strain: Floats | None = None
+    breaking_force: Floats | None = None
+
+    def __add__(self, other: ElementLaw) -> ElementLaw:
+        def total(a: Floats | None, b: Floats | None) -> Floats | None:
+            return a if b is None else b if a is None else a + b
+
+        return ElementLaw(
+            total(self.free_strain, other.free_strain),
+            total(self.relaxation_time, other.relaxation_time),
+            total(self.breaking_strain, other.breaking_strain),
+            total(self.breaking_force, other.breaking_force),
+        )
+
+    def numbers(self) -> Iterator[Any]:
+        """Its arrays."""
+        every = (self.free_strain, self.relaxation_time, self.breaking_strain, self.breaking_force)
+        yield from (values for values in every if values is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class CableTerm:
+    """All elements of a net under one law."""
+
+    net: Net
+    changes: ElementLaw = field(default_factory=ElementLaw)
+    acts_on: str = field(default="elements", init=False)
+    damping_rate: float = field(default=0.0, init=False)
+    has_potential: bool = field(default=False, init=False)  # beside the elastic energy of the elements
+
+    @cached_property
+    def law(self) -> Law:
+        """The law of the whole elements; `law.of_intact` is that of those left."""
+        return Law.of(self.net, self.changes.free_strain, self.changes.relaxation_time)
+
+    @property
+    def viscous(self) -> bool:
+        """True with viscous stress."""
+        return self.changes.relaxation_time is not None
+
+    @property
+    def dissipates(self) -> bool:
+        return self.viscous
+
+    @property
+    def breaks(self) -> bool:
+        """True if elements may break."""
+        return self.changes.breaking_strain is not None or self.changes.breaking_force is not None
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """One call over all elements."""
+        if not self.viscous:
+            return (Piece(loops.add_tension, self._data(np.ones(1)), elastic=True),)
+        return (
+            Piece(
+                loops.add_viscous_tension,
+                self._data(np.ones(1)),
+                work=loops.viscous_work,
+                helpers=(loops.excess_and_rate,),
+                elastic=True,
+            ),
+        )
+
+    def _data(self, intact: Floats) -> tuple[Any, ...]:
+        first, second = (3 * self.net.element_nodes.T).astype(Index)
+        length = self.law.natural_length
+        data = (first, second, length**2, self.law.stiffness / (2.0 * length**3) * intact)
+        return data if self.law.relaxation_time is None else (*data, 2.0 * self.law.relaxation_time)
+
+    @cached_property
+    def memory(self) -> Memory | None:
+        """Which elements are intact, where they may break."""
+        return Memory(INTACT, np.ones(self.net.n_elements), self._data) if self.breaks else None
+
+    @cached_property
+    def switch(self) -> Breaking | None:
+        """Breaking, where it is on."""
+        return Breaking(self) if self.breaks else None
+
+    def numbers(self) -> Iterator[Any]:
+        yield from self.changes.numbers()
+
+
+class Breaking:
+    """An element whose strain or force exceeds its limit at the end of a step carries nothing any more.
+
+    Methods that choose their step are made to end one near the limit.
+    """
+
+    times: tuple[float, ...] = ()
+
+    def __init__(self, term: CableTerm) -> None:
+        self._net, self._law = term.net, term.law
+        self._limit = breaking_lengths(term)
+        self._at_limit = cable.green_lagrange_strain(self._limit, self._law.natural_length)
+        self._far = self._law.natural_length * np.sqrt(1.0 + 2.0 * (1.0 + OVERSHOOT) * self._at_limit)
+
+    def crossed(self, time: float, position: Floats, memory: Floats) -> Ints:
+        """Intact elements that are beyond their limit at position (n_points, 3) [m]."""
+        return np.flatnonzero((memory > 0.0) & (cable.lengths(self._net, position) > self._limit))
+
+    def step_within(
+        self, step: float, least: float, position: Floats, velocity: Floats, memory: Floats
+    ) -> float:
+        """A step [s] by which no element, at the velocity (n_points, 3) [m/s], goes far beyond its limit.
+
+        `step` halved as often as needed, but not below `least`. Forces slow down what stretches, so the
+        straight way looks further than the true one goes.
+        """
+        apart, parting = cable.spans(self._net, position), cable.spans(self._net, velocity)
+        near = (memory > 0.0) & (np.linalg.norm(apart, axis=1) <= self._limit)
+        near &= np.linalg.norm(apart, axis=1) + step * np.linalg.norm(parting, axis=1) > self._far
+        apart, parting, far = apart[near], parting[near], self._far[near]
+        while step > least and (np.linalg.norm(apart + step * parting, axis=1) > far).any():
+            step *= 0.5
+        return step
+
+    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> Change:
+        """Take elements out; the elastic energy that they held is lost.
+
+        Told of each: element, time [s], that energy [J], and its excess over the energy at the limit, which
+        is the error of finding the break at a step's end.
+        """
+        strain = cable.green_lagrange_strain(cable.lengths(self._net, position), self._law.natural_length)
+        stiffness = self._law.stiffness * memory
+        held = 0.5 * np.maximum(strain, 0.0) ** 2 * stiffness * self._law.natural_length
+        excess = (strain / self._at_limit) ** 2 - 1.0
+        told = tuple(
+            {"element": int(e), "time_s": time, "energy_J": float(held[e]), "energy_excess": float(excess[e])}
+            for e in items
+        )
+        intact = memory.copy()
+        intact[items] = 0.0
+        return Change(intact, float(held[items].sum()), told)
+
+
+def breaking_lengths(term: CableTerm) -> Floats:
+    """(n_elements,) the length [m] beyond which each element breaks."""
+    changes, net = term.changes, term.net
+    if changes.breaking_strain is not None:
+        free = 0.0 if changes.free_strain is None else changes.free_strain
+        return np.asarray(net.reference_length * np.sqrt(1.0 + 2.0 * (changes.breaking_strain + free)))
+    assert changes.breaking_force is not None
+    return term.law.natural_length * _stretch_at(term.law, changes.breaking_force)
+
+
+def _stretch_at(law: Law, force: Floats) -> Floats:
+    """The stretch s at which EA (s^2 - 1) / 2 s, the elastic tension, is the force; Newton's method."""
+    wanted = 2.0 * force / law.stiffness  # s^3 - s
+    stretch = 1.0 + np.minimum(0.5 * wanted, np.cbrt(wanted))  # not below the root, where s^3 - s is convex
+    for _ in range(60):
+        stretch = stretch - (stretch**3 - stretch - wanted) / (3.0 * stretch**2 - 1.0)
+    return np.asarray(stretch)

@@ -1,0 +1,68 @@
+"""All forces of a scene: the cable elements, the constant terms summed, and the kernel terms in their order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from exunet.forces.cable_term import CableTerm, ElementLaw
+from exunet.forces.terms import KernelTerm, LinearTerm, Piece, Switch, Term
+from exunet.net.arrays import Net
+
+Contribution = KernelTerm | LinearTerm | ElementLaw
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """The terms of a scene. Linear ones are one, since matrices can be summed beforehand; None: there is none.
+
+    Iterating gives every `Term` in the order in which a kernel adds them.
+    """
+
+    cable: CableTerm
+    linear: LinearTerm | None = None
+    kernels: tuple[KernelTerm, ...] = ()
+
+    @classmethod
+    def of(cls, net: Net, contributions: Iterable[Contribution] = ()) -> Forces:
+        """The elements of a net under the changes of law among `contributions`, and the other terms."""
+        law, linear, kernels = ElementLaw(), None, []
+        for one in contributions:
+            if isinstance(one, ElementLaw):
+                law = law + one
+            elif isinstance(one, LinearTerm):
+                linear = one if linear is None else linear + one
+            else:
+                kernels.append(one)
+        return cls(CableTerm(net, law), linear, tuple(kernels))
+
+    def __iter__(self) -> Iterator[Term]:
+        yield self.cable
+        if self.linear is not None:
+            yield self.linear
+        yield from self.kernels
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """The calls of a kernel of all terms."""
+        return tuple(piece for term in self for piece in term.pieces)
+
+    @property
+    def dissipates(self) -> bool:
+        """True if work must be integrated along the run for the energy balance to close."""
+        return any(term.dissipates for term in self)
+
+    @property
+    def has_potential(self) -> bool:
+        """True if there is potential energy beside the elastic energy of the elements."""
+        return any(term.has_potential for term in self)
+
+    @property
+    def switches(self) -> tuple[tuple[Term, Switch], ...]:
+        """The terms that have events."""
+        return tuple((term, term.switch) for term in self if term.switch is not None)
+
+    @property
+    def memories(self) -> tuple[Term, ...]:
+        """The terms that have a memory."""
+        return tuple(term for term in self if term.memory is not None)

@@ -1,0 +1,363 @@
+"""A simulation that is stepped from outside: advance, look, push, go back."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from exunet.backends import integrator
+from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
+from exunet.base.errors import InputError, Interrupted, RunStopped
+from exunet.bodies.rigid import rotation_matrix
+from exunet.case.casefile import Case, load
+from exunet.case.scene import Scene
+from exunet.methods.methods import Plan
+from exunet.simulation.monitor import Monitor
+from exunet.simulation.preparation import Start, prepare, prepare_case
+from exunet.simulation.recorder import Recorder
+from exunet.simulation.refinement import finer
+from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity
+from exunet.system.states import States
+from exunet.system.system import State
+
+Floats = NDArray[np.float64]
+
+
+class Energies(NamedTuple):
+    """Energies at one instant [J]; dissipated: since the start, less what forces from outside put in."""
+
+    kinetic: float
+    elastic: float
+    potential: float
+    dissipated: float
+
+    @property
+    def total(self) -> float:
+        """Their sum, which stays what it was."""
+        return sum(self)
+
+
+@dataclass(frozen=True, eq=False)
+class NetState:
+    """The net at one instant; copies that stay what they are.
+
+    bullets            : (n_bullets,) nodes that carry a bullet
+    position, velocity : (n_nodes, 3) [m], [m/s]
+    strain, tension    : (n_elements,) Green-Lagrange strain, axial force [N]
+    """
+
+    bullets: NDArray[np.int64]
+    position: Floats
+    velocity: Floats
+    strain: Floats
+    tension: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class BodyState:
+    """A body at one instant; a point mass has no attitude.
+
+    position, velocity : (3,) of the centre of mass [m], [m/s]
+    attitude           : (4,) unit quaternion (w, x, y, z), from the body's axes to the scene's
+    rotation           : (3, 3) the same as a matrix
+    angular_velocity   : (3,) [rad/s], in the body's axes
+    """
+
+    position: Floats
+    velocity: Floats
+    attitude: Floats | None = None
+    angular_velocity: Floats | None = None
+
+    @property
+    def rotation(self) -> Floats | None:
+        return None if self.attitude is None else rotation_matrix(self.attitude)
+
+
+class Simulation:
+    """One case, stepped from outside.
+
+        sim = Simulation("case.toml")
+        while sim.time < 1.0:
+            sim.advance(0.01)
+
+    A state that breaks a guard's bound raises RunStopped out of `advance`, after `solver.retry` attempts to
+    go on from the last good one with finer steps; Ctrl-C raises Interrupted.
+
+    case      : a case file's name, or what `exunet.load` or `prepare` gave
+    overrides : "key.path=value", as after --set
+    recorder  : stores the states that its times ask for; the states between are handed over when there are
+                many. None: nothing is stored, and each `advance` ends with all states looked at
+    """
+
+    def __init__(
+        self,
+        case: str | Path | Case | Scene | Start,
+        overrides: Sequence[str] = (),
+        *,
+        recorder: Recorder | None = None,
+    ) -> None:
+        self._start = _prepared(case, overrides)
+        self._recorder = recorder
+        self._plan = self._start.plan
+        self._retries = self._start.scene.solver.retry
+        self._pushed = np.zeros_like(self._start.position)
+        state, envelope = self._start.state, recorder.envelope if recorder else None
+        store = recorder.store if recorder else None
+        self._monitor = Monitor(self._start.system, state, store=store, envelope=envelope)
+        self._spent = StepCounts()
+        self._seconds = 0.0
+        self._integrator = self._begin(state)
+        if recorder is not None and not len(recorder):
+            recorder.store(States.of(self._start.system, state), np.zeros(1))
+        self._first = None if recorder else self.snapshot() if self.can_restart else None
+
+    def _begin(self, state: State) -> Integrator:
+        """An integrator at a state, by the plan as it is now."""
+        self._monitor.explain(self._plan)
+        began, start = clock.perf_counter(), self._start
+        try:
+            made = integrator(start.scene.engine, start.system, state, self._plan, self._monitor)
+        except IntegrationFailed as failure:
+            raise RunStopped(f"not started: {failure}") from failure
+        if self._pushed.any():
+            made.push(self._pushed)
+        if self._recorder is not None:
+            self._recorder.built(made.items, clock.perf_counter() - began)
+        return made
+
+    @property
+    def time(self) -> float:
+        """Time reached [s]."""
+        return self._integrator.time
+
+    @property
+    def start(self) -> Start:
+        """What the simulation began from."""
+        return self._start
+
+    @property
+    def plan(self) -> Plan:
+        """How it is integrated; finer than at the start after a retry."""
+        return self._plan
+
+    @property
+    def state(self) -> State:
+        """The whole state, as copies."""
+        return self._integrator.state()
+
+    @property
+    def counts(self) -> StepCounts:
+        """Steps and evaluations of the forces so far, all attempts together."""
+        return _sum(self._spent, self._integrator.counts)
+
+    @property
+    def energy(self) -> Energies:
+        """Energies now."""
+        self._integrator.hand_over()
+        now = States.of(self._start.system, self.state)
+        values = (float(part[0]) for part in (now.kinetic, now.elastic, now.potential))
+        return Energies(*values, self._monitor.dissipated)
+
+    @property
+    def net(self) -> NetState:
+        """The net now."""
+        net, now = self._start.net, States.of(self._start.system, self.state)
+        place, speed = now.position[0, : net.n_nodes], now.velocity[0, : net.n_nodes]
+        return NetState(net.bullet_nodes, place, speed, now.strain[0], now.tension[0])
+
+    @property
+    def bodies(self) -> dict[str, BodyState]:
+        """The bodies now, by name."""
+        now, system = self.state, self._start.system
+        points = {
+            name: BodyState(now.position[k], now.velocity[k]) for name, k in system.points.body.items()
+        }
+        rigid = {
+            body.name: BodyState(*(getattr(now.bodies, name)[k] for name in _OF_BODY))
+            for k, body in enumerate(system.bodies)
+        }
+        return points | rigid
+
+    @property
+    def largest_tension(self) -> dict[str, Any]:
+        """The largest tension of all steps so far: "tension_N", "time_s", "element" (-1: none pulled)."""
+        self._integrator.hand_over()
+        return self._monitor.peaks.provenance()
+
+    def advance(self, duration: float) -> None:
+        """Go on by a time [s]."""
+        if not (np.isfinite(duration) and duration > 0.0):
+            raise InputError(f"advance: the time to go on by must be positive and finite, got {duration!r} s")
+        self.advance_to(self.time + duration)
+
+    def advance_to(self, until: float) -> None:
+        """Go on to a time [s]."""
+        if not (np.isfinite(until) and until > self.time):
+            raise InputError(f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}")
+        while not self.attempt(until):
+            pass
+
+    def attempt(self, until: float) -> bool:
+        """Go on to a time [s]; False if steps failed and the simulation went back to an earlier state instead.
+
+        Raises RunStopped if it cannot, and Interrupted on Ctrl-C.
+        """
+        self._monitor.mark(until)
+        began = clock.perf_counter()
+        try:
+            self._integrator.advance(until)
+            if self._recorder is None:
+                self._integrator.hand_over()
+            else:
+                self._recorder.flush(all_of_them=False)
+        except (RunStopped, IntegrationFailed) as failure:
+            self._seconds += clock.perf_counter() - began
+            self._retry(self._gave_up(failure) if isinstance(failure, IntegrationFailed) else failure)
+            return False
+        except KeyboardInterrupt:
+            with suppress(RunStopped):  # the monitor knows until when states are good
+                self._integrator.hand_over()
+            words = f"interrupted after t = {self._monitor.last_good.time:.6g} s; what was computed is kept"
+            raise Interrupted(words) from None
+        self._seconds += clock.perf_counter() - began
+        return True
+
+    def finish(self) -> bool:
+        """Let the guards see the last states; False if one was wrong and the simulation went back."""
+        try:
+            self._integrator.hand_over()
+        except RunStopped as stop:
+            self._retry(stop)
+            return False
+        return True
+
+    def _gave_up(self, failure: IntegrationFailed) -> RunStopped:
+        """The error for an integrator that gave up: what the guards find in its last states, else its own."""
+        try:
+            self._integrator.hand_over()
+        except RunStopped as found:
+            return found
+        return self._monitor.engine_failed(failure, step_cause=not isinstance(failure, StepsCollapsed))
+
+    def _retry(self, stop: RunStopped) -> None:
+        """Go back to the last safe state with finer steps; raises the error if there are none."""
+        plan = finer(self._plan) if stop.step_cause and self._retries else None
+        if plan is None:
+            raise stop
+        self._spent = _sum(self._spent, self._integrator.counts)
+        self._plan, self._retries = plan, self._retries - 1
+        state = self._monitor.go_back()
+        if self._recorder is not None:
+            self._recorder.go_back(state.time)
+            self._recorder.retried(str(stop), state.time, plan)
+        self._integrator = self._begin(state)
+
+    def set_force(self, on: int | str, force: ArrayLike) -> None:
+        """Let a force [N] (3,) act on a node, or on a point mass by name, until another is set.
+
+        Its work is in the energy book, as energy that is put in.
+        """
+        points = self._start.system.points
+        number = points.body.get(on) if isinstance(on, str) else int(on)
+        if number is None or not 0 <= number < points.n_points:
+            names = ", ".join(points.body) or "none"
+            raise InputError(f"set_force: no node or point mass {on!r}: nodes are 0 to {points.net.n_nodes - 1}, "
+                             f"point masses: {names}")  # fmt: skip
+        vector = np.asarray(force, dtype=float)
+        if vector.shape != (3,) or not np.isfinite(vector).all():
+            raise InputError(f"set_force: a force is three finite numbers, got {force!r}")
+        self._integrator.hand_over()
+        self._pushed = self._pushed.copy()
+        self._pushed[number] = vector
+        self._monitor.push(self._pushed)
+        self._integrator.push(self._pushed)
+
+    @property
+    def can_restart(self) -> bool:
+        """True if `snapshot` and `restore` repeat to the last bit with this method."""
+        return self._integrator.can_restart
+
+    def snapshot(self) -> Snapshot:
+        """All that the simulation depends on from now on; raises InputError for a method that cannot go on
+        exactly (see `can_restart`).
+        """
+        if not self.can_restart:
+            raise InputError(
+                f"snapshot: {self._plan.method} of Exudyn cannot go on exactly from a stored state; use DOPRI5, RK44 "
+                "or VelocityVerlet"
+            )
+        header = {
+            "time": self.time,
+            "plan": {**asdict(self._plan), "notes": list(self._plan.notes)},
+            "retries": self._retries,
+            "spent": asdict(self._spent),
+            "told": self._monitor.told,
+        }
+        if self._recorder is not None:
+            self._recorder.flush()
+            story = {name: self._recorder.story[name] for name in ("retries", "notes", "tolerance", "step")}
+            header |= {"rows": len(self._recorder), "story": story}
+        arrays = grouped("integrator", self._integrator.snapshot())
+        arrays |= grouped("monitor", self._monitor.arrays(self.time)) | {"pushed": self._pushed.copy()}
+        return Snapshot(identity(self._start), header, arrays)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back, or on, to a snapshot of the same case; what follows is the same to the last bit.
+
+        Raises InputError for one of another case, engine or version.
+        """
+        snapshot.refuse_other(self._start)
+        header, arrays = snapshot.header, snapshot.arrays
+        plan = {name: tuple(v) if isinstance(v, list) else v for name, v in header["plan"].items()}
+        self._pushed = np.array(arrays["pushed"])
+        self._retries, self._spent = header["retries"], StepCounts(**header["spent"])
+        restored = Plan(**plan)
+        if restored != self._plan:
+            self._plan = restored
+            self._integrator = self._begin(self._start.state)
+        self._monitor.explain(self._plan)
+        self._integrator.restore(group_of("integrator", arrays))
+        self._monitor.restore(group_of("monitor", arrays), header["told"])
+        self._monitor.push(self._pushed)
+        if self._recorder is not None:
+            self._recorder.drop_after(header["rows"])
+            self._recorder.story |= header["story"]
+
+    def reset(self) -> None:
+        """Go back to the start; nothing is built or compiled again."""
+        if self._first is None:
+            raise InputError(f"reset: {self._plan.method} of Exudyn cannot go back exactly; make a new Simulation")
+        self.restore(self._first)
+
+    def spent(self) -> tuple[StepCounts, float]:
+        """What the integration has cost so far, and the wall time in it [s]."""
+        return self.counts, self._seconds
+
+    @property
+    def monitor(self) -> Monitor:
+        """The guards and books of this simulation."""
+        return self._monitor
+
+
+_OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
+
+
+def _prepared(case: str | Path | Case | Scene | Start, overrides: Sequence[str]) -> Start:
+    if isinstance(case, Start):
+        return case
+    if isinstance(case, Scene):
+        return prepare(case)
+    return prepare_case(case if isinstance(case, Case) else load(case, overrides))
+
+
+def _sum(a: StepCounts, b: StepCounts) -> StepCounts:
+    return replace(a, **{name: value + getattr(b, name) for name, value in asdict(a).items()})
+
+

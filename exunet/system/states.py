@@ -1,0 +1,153 @@
+"""A batch of states that is looked at once: lengths, strains, tensions, energies, each made at its first use.
+
+The guards, the record, the largest values and the books of a run share one such look.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.bodies import rigid
+from exunet.bodies.rigid import RigidStates
+from exunet.forces import cable
+from exunet.forces.cable import Law
+from exunet.system import energy
+from exunet.system.system import Memories, State, System
+
+Floats = NDArray[np.float64]
+Rows = slice | NDArray[np.int64] | NDArray[np.bool_]
+
+
+class States:
+    """States of a system at times (k,) [s] between which no memory changed.
+
+    position, velocity : (k, n_points, 3) [m], [m/s]
+    bodies             : with k leading
+    """
+
+    def __init__(
+        self,
+        system: System,
+        time: Floats,
+        position: Floats,
+        velocity: Floats,
+        bodies: RigidStates,
+        memory: Memories,
+    ) -> None:
+        self.system, self.time, self.memory = system, time, memory
+        self.position, self.velocity, self.bodies = position, velocity, bodies
+
+    @classmethod
+    def of(cls, system: System, state: State) -> States:
+        """One state as a batch."""
+        bodies = RigidStates(*(part[None] for part in state.bodies.parts()))
+        instant = np.array([state.time])
+        return cls(system, instant, state.position[None], state.velocity[None], bodies, state.memory)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, rows: Rows) -> States:
+        """Some of the states; what was computed of all is taken along."""
+        part = States(
+            self.system,
+            self.time[rows],
+            self.position[rows],
+            self.velocity[rows],
+            self.bodies[rows],  # type: ignore[index]
+            self.memory,
+        )
+        for name in _SERIES:
+            if name in self.__dict__:
+                part.__dict__[name] = self.__dict__[name][rows]
+        return part
+
+    def state(self, row: int) -> State:
+        """One of the states, as copies."""
+        bodies = RigidStates(*(part[row].copy() for part in self.bodies.parts()))
+        return State(
+            float(self.time[row]), self.position[row].copy(), self.velocity[row].copy(), bodies, self.memory
+        )
+
+    @cached_property
+    def law(self) -> Law:
+        """The law of the elements that are intact."""
+        return energy.law_of(self.system.forces, self.memory)
+
+    @cached_property
+    def length(self) -> Floats:
+        """(k, n_elements) [m], eq. (7)."""
+        return cable.lengths(self.system.net, self.position)
+
+    @cached_property
+    def strain(self) -> Floats:
+        """(k, n_elements) Green-Lagrange strain E11, eq. (6)."""
+        return np.asarray(cable.green_lagrange_strain(self.length, self.system.net.reference_length))
+
+    @cached_property
+    def tension(self) -> Floats:
+        """(k, n_elements) axial forces [N]."""
+        return cable.element_tension(self.system.net, self.law, self.position, self.velocity, self.length)
+
+    @cached_property
+    def elastic(self) -> Floats:
+        """(k,) U_el of eq. (19) [J]."""
+        return cable.elastic_energy(self.law, self.length)
+
+    @cached_property
+    def potential(self) -> Floats:
+        """(k,) [J]."""
+        return energy.potential(self.system.forces, self.position, self.memory)
+
+    @cached_property
+    def squared_speed(self) -> Floats:
+        """(k, n_points) [m2/s2]."""
+        return np.einsum("kna,kna->kn", self.velocity, self.velocity)
+
+    @cached_property
+    def kinetic_of_bodies(self) -> Floats:
+        """(k,) of the rigid bodies [J]."""
+        return rigid.kinetic(self.system.body_mass, self.system.body_inertia, self.bodies)
+
+    @cached_property
+    def kinetic(self) -> Floats:
+        """(k,) K of eq. (18), and of the rigid bodies [J]."""
+        points = 0.5 * (self.squared_speed @ self.system.mass)
+        return points + self.kinetic_of_bodies if self.system.bodies else points
+
+    @cached_property
+    def momentum(self) -> Floats:
+        """(k, 3) of everything [kg m/s]."""
+        points = energy.momentum(self.system.mass, self.velocity)
+        return points + energy.momentum(self.system.body_mass, self.bodies.velocity)
+
+    @cached_property
+    def angular_momentum(self) -> Floats:
+        """(k, 3) of everything, about the origin [kg m2/s]."""
+        points = energy.angular_momentum(self.system.mass, self.position, self.velocity)
+        return points + rigid.angular_momentum(self.system.body_mass, self.system.body_inertia, self.bodies)
+
+    @cached_property
+    def finite(self) -> NDArray[np.bool_]:
+        """(k,) True where no position is NaN or infinite, nor any state of a body."""
+        sums = self.position.sum(axis=(1, 2))
+        for part in self.bodies.parts():
+            sums = sums + part.sum(axis=(1, 2))
+        return np.isfinite(sums)
+
+    def work_taken(self) -> Floats:
+        """(k - 1,) energy [J] that terms without a potential take out between the states."""
+        forces = self.system.forces
+        if not forces.dissipates:
+            return np.zeros(len(self) - 1)
+        return energy.work_taken(forces, self.time, self.position, self.velocity, self.memory)
+
+
+_SERIES = tuple(
+    name
+    for name, value in vars(States).items()
+    if isinstance(value, cached_property) and name != "law"
+)
