@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from exunet.figures import save_figures as save_figures
     from exunet.results.measures import deployment as deployment
     from exunet.results.result import Result as Result
-    from exunet.results.result import load_result as load_result
-    from exunet.results.result import save as save
+    from exunet.results.reading import load_result as load_result
+    from exunet.results.writing import save as save
     from exunet.simulation.run import run as run
     from exunet.studies.ensemble import perturbed_positions as perturbed_positions
     from exunet.studies.ensemble import run_ensemble as run_ensemble
@@ -30,8 +30,8 @@ _HOME = {
     "load": "exunet.case.casefile",
     "run": "exunet.simulation.run",
     "Result": "exunet.results.result",
-    "load_result": "exunet.results.result",
-    "save": "exunet.results.result",
+    "load_result": "exunet.results.reading",
+    "save": "exunet.results.writing",
     "deployment": "exunet.results.measures",
     "save_figures": "exunet.figures",
     "run_ensemble": "exunet.studies.ensemble",

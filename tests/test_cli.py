@@ -6,12 +6,10 @@ import dataclasses
 import json
 import os
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
+from commands import WRITING_OFTEN, command, ended, process, states_stored, wait_until
 
 import exunet
 
@@ -21,20 +19,12 @@ SHORT = ("--set", "time.end=0.02", "--set", "time.output_step=0.01")
 FIGURES = {"reference_net.png", "snapshots.png", "bullet_speeds.png", "energies.png", "area.png"}
 
 
-def command(*arguments: object, folder: Path, timeout: float = 120) -> subprocess.CompletedProcess[str]:
-    """`exunet …` in a process of its own, in `folder`."""
-    return subprocess.run(
-        [sys.executable, "-m", "exunet", *map(str, arguments)],
-        cwd=folder, capture_output=True, text=True, timeout=timeout, check=False,
-    )  # fmt: skip
-
-
 def written(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
 
 
 def test_run_writes_result_summary_and_figures_only(tmp_path):
-    done = command("run", PLANAR, *SHORT, folder=tmp_path)
+    done = ended(process("run", PLANAR, *SHORT, folder=tmp_path))
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""  # no progress bar where there is no terminal
     names = {"result.h5", "summary.json"} | FIGURES
@@ -104,6 +94,16 @@ def test_bad_input_ends_with_code_2_and_writes_nothing(tmp_path, arguments, word
     assert list(tmp_path.iterdir()) == []
     for word in words:
         assert word in done.stderr
+
+
+def test_a_process_ends_with_code_2_too(tmp_path):
+    """As the tests above, which call the command in this process."""
+    done = ended(process("run", "absent.toml", folder=tmp_path))
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("absent.toml: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_all_faults_are_told_at_once(tmp_path):
@@ -184,28 +184,27 @@ def test_a_tolerance_that_cannot_be_met_ends(tmp_path):
 
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
 def test_ctrl_c_keeps_the_part_done(tmp_path):
+    """Pressed in the middle of the run: once some of it can be read."""
     arguments = ["run", PLANAR, "--set", "time.end=1000", "--set", "time.output_step=0.05", "--out", "here"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "exunet", *map(str, arguments)],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    time.sleep(3.0)  # well into the run; how far does not matter
-    process.send_signal(signal.SIGINT)
-    _, words = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "interrupted" in words
-    assert "Traceback" not in words
+    running = process(*arguments, folder=tmp_path, program=WRITING_OFTEN)
+    wait_until(lambda: states_stored(tmp_path / "here/result.h5") > 2, running)
+    running.send_signal(signal.SIGINT)
+    done = ended(running)
+    assert done.returncode == 130
+    assert "interrupted after t = " in done.stderr
+    assert "Traceback" not in done.stderr
     result = exunet.load_result(tmp_path / "here/result.h5")
     assert not result.complete
-    assert len(result.time) > 1
+    assert result.verdict.startswith("interrupted")
+    assert len(result.time) > 2
 
 
-@pytest.mark.parametrize("module", ["typer", "pydantic", "h5py", "exudyn"])
+@pytest.mark.parametrize("module", ["typer", "h5py", "exudyn"])
 def test_ctrl_c_at_start_up_is_clean_and_leaves_no_folder(tmp_path, module):
     """Ctrl-C while the command, or what it needs, is being imported."""
     (tmp_path / f"{module}.py").write_text("raise KeyboardInterrupt")
     arguments = ["run", PLANAR, *SHORT, "--check", "--out", "results/here"]
-    done = command(*arguments, folder=tmp_path)  # whose modules come first
+    done = ended(process(*arguments, folder=tmp_path))  # whose modules come first
     assert done.returncode in (130, -signal.SIGINT)
     assert done.stderr == "interrupted\n"
     assert {path.name for path in tmp_path.iterdir()} <= {f"{module}.py", "__pycache__"}
@@ -237,21 +236,17 @@ def test_a_check_that_cannot_be_made_keeps_the_result(tmp_path):
 
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
 def test_ctrl_c_while_the_reference_runs_keeps_the_result(tmp_path):
-    arguments = ["run", PLANAR, "--check", "--out", "here", "--set", "time.end=0.1"]
-    # A reference that takes long: its own step is cut to the spacing of the stored times.
-    arguments += ["--set", "time.output_step=1e-5"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "exunet", *map(str, arguments)],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    deadline = time.monotonic() + 60
+    """Pressed when the result is written; a package of its name stands in for a slow reference."""
+    (tmp_path / "reference_impl").mkdir()
+    (tmp_path / "reference_impl" / "__init__.py").touch()
+    (tmp_path / "reference_impl" / "__main__.py").write_text("import time\n\ntime.sleep(3600)\n")
+    running = process("run", PLANAR, "--check", "--out", "here", *SHORT, folder=tmp_path)
     result = tmp_path / "here/result.h5"
-    while not (result.exists() and exunet.load_result(result).complete) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    _, words = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "Traceback" not in words
+    wait_until(lambda: result.exists() and exunet.load_result(result).complete, running)
+    running.send_signal(signal.SIGINT)
+    done = ended(running)
+    assert done.returncode == 130
+    assert "Traceback" not in done.stderr
     assert exunet.load_result(result).complete
 
 
@@ -261,6 +256,5 @@ def test_a_refused_run_leaves_an_earlier_result_alone(tmp_path):
     for arguments in (["--set", "net.bullets.mass=1e308"], ["--set", "launch.radial_speed=1e200"]):
         done = command("run", PLANAR, *SHORT, "--out", "here", *arguments, folder=tmp_path)
         assert done.returncode == 2, done.stdout + done.stderr
-        assert "Warning" not in done.stderr
         assert "floating-point" in done.stderr
     assert {name: (tmp_path / name).read_bytes() for name in written(tmp_path)} == before

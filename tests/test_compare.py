@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from exunet.interfaces.cli import main
 from exunet.results.comparison import compare, match_nodes, read_states
 from reference_impl.__main__ import main as reference_main
 
-CASE = "cases/planar_undamped.toml"
+CASE = str(Path(__file__).parents[1] / "cases" / "planar_undamped.toml")
 SHORT = ["time.end=0.5", "time.output_step=0.005"]
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import PATIENCE, WRITING_OFTEN, process, wait_until
 
 import exunet
 from exunet.base.errors import InputError
@@ -17,22 +18,42 @@ from exunet.base.files import replacing, sweep
 
 CASE = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
 KILLS = 24
-# The command, with a part written at each stored time, so that many kills hit a file half written.
-COMMAND = """
-import exunet.simulation.run as loop
-loop.KEEP_EVERY, loop.KEEP_PART = 0.0, 1e9
-from exunet.interfaces.cli import main
-main()
-"""
 ENDLESS = ("--set", "time.end=1000", "--set", "time.output_step=0.02")
 SHORT = ("--set", "time.end=0.4", "--set", "time.output_step=0.02")
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL")
 
 
-def started(folder: Path, *overrides: str) -> subprocess.Popen[bytes]:
-    arguments = [sys.executable, "-c", COMMAND, "run", str(CASE), *overrides, "--out", str(folder)]
-    return subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+def started(folder: Path, *overrides: str) -> subprocess.Popen[str]:
+    """A run that writes a part at each stored time, so that many kills hit a file half written."""
+    return process("run", CASE, *overrides, "--out", folder, folder=folder.parent, program=WRITING_OFTEN)
+
+
+def finished(folder: Path, *overrides: str) -> int:
+    """Exit code of such a run that is left alone."""
+    running = started(folder, *overrides)
+    running.communicate(timeout=PATIENCE)
+    return running.returncode
+
+
+def killed(running: subprocess.Popen[str], when: Callable[[], bool]) -> None:
+    """Kill it as soon as that is so, or find it at its end."""
+    wait_until(lambda: when() or running.poll() is not None, running)
+    running.kill()
+    running.communicate()
+
+
+def writes_seen(path: Path) -> Callable[[], int]:
+    """Counts how often a file has been replaced since now, as far as it is asked in between."""
+    seen = {path.stat().st_mtime_ns} if path.exists() else set()
+    first = len(seen)
+
+    def count() -> int:
+        if path.exists():
+            seen.add(path.stat().st_mtime_ns)
+        return len(seen) - first
+
+    return count
 
 
 def parts(folder: Path) -> list[Path]:
@@ -58,34 +79,30 @@ def check(folder: Path, end: float) -> str:
 @pytest.mark.slow
 @pytest.mark.ci
 def test_kill_minus_9_in_a_loop(tmp_path):
+    """At once; when a part has been written for the n-th time; and then, every other time, within a write."""
     random = np.random.default_rng(20210616)
     seen = []
     for number in range(KILLS):
         short = number % 3 == 2
         # The endless ones over and over in one folder, on what the kill before has left.
         folder = tmp_path / (f"short{number}" if short else "endless")
-        process = started(folder, *(SHORT if short else ENDLESS))
-        time.sleep(float(random.uniform(0.2, 2.4)))
-        process.kill()
-        process.wait()
+        writes, enough = writes_seen(folder / "result.h5"), int(random.integers(1, 12)) if number >= 3 else 0
+        running = started(folder, *(SHORT if short else ENDLESS))
+        within = number >= 3 and number % 2 == 1
+        killed(running, lambda: writes() >= enough and (not within or bool(parts(folder))))  # noqa: B023
         seen.append(check(folder, 0.4))
     assert "absent" in seen
     assert seen.count("part") >= KILLS // 3
-    assert started(tmp_path / "endless", *SHORT).wait() == 0
+    assert finished(tmp_path / "endless", *SHORT) == 0
     assert parts(tmp_path / "endless") == []
     assert check(tmp_path / "endless", 0.4) == "whole"
 
 
 def test_a_killed_run_leaves_its_beginning(tmp_path):
     """Also: it takes the place of an earlier, complete result, which would pass for its own."""
-    assert started(tmp_path, *SHORT).wait() == 0
+    assert finished(tmp_path, *SHORT) == 0
     assert exunet.load_result(tmp_path / "result.h5").complete
-    process = started(tmp_path, *ENDLESS)
-    until = time.monotonic() + 60.0
-    while exunet.load_result(tmp_path / "result.h5").complete and time.monotonic() < until:
-        time.sleep(0.02)
-    process.kill()
-    process.wait()
+    killed(started(tmp_path, *ENDLESS), lambda: not exunet.load_result(tmp_path / "result.h5").complete)
     assert check(tmp_path, 0.4) == "part"
 
 
@@ -106,7 +123,7 @@ def test_what_a_dead_process_left_is_swept_and_what_a_living_one_writes_is_not(t
 
 def test_a_file_cut_short_anywhere_is_refused(tmp_path):
     """What a kill leaves of a part, if somebody gives it the name of a result."""
-    assert started(tmp_path / "here", *SHORT).wait() == 0
+    assert finished(tmp_path / "here", *SHORT) == 0
     whole = (tmp_path / "here" / "result.h5").read_bytes()
     cut = tmp_path / "cut.h5"
     for length in np.linspace(0, len(whole) - 1, 40).astype(int).tolist():

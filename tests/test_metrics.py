@@ -143,7 +143,7 @@ def test_energy_balance(kinetic, elastic, potential, dissipated, error):
 numbers = st.floats(-10, 10)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.tuples(numbers, numbers, numbers), st.tuples(numbers, numbers, numbers), st.integers(0, 2**32 - 1))
 def test_measures_do_not_change_when_the_net_is_moved_and_turned(vector, shift, seed):
     """Rotations keep areas and distances: rounding of coordinates up to some 20 m leaves about 1e-14."""

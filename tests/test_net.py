@@ -7,13 +7,15 @@ that of cases/README.md.
 from __future__ import annotations
 
 import math
-import time
+import tracemalloc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 from scipy.sparse import coo_array
@@ -43,6 +45,16 @@ def area(loop: tuple[int, ...], position: np.ndarray) -> float:
     """Signed area in the x-y plane, positive for an anticlockwise loop (shoelace formula)."""
     x, y = position[list(loop), :2].T
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+@contextmanager
+def traced() -> Iterator[Callable[[], int]]:
+    """Count the memory [byte] that the block takes at most."""
+    tracemalloc.start()
+    try:
+        yield lambda: tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
 
 
 def distances(woven: Net) -> np.ndarray:
@@ -346,11 +358,12 @@ def test_arrays_are_read_only() -> None:
         net("square", size=1.0, mesh=1.0).mass[0] = 2.0
 
 
-def test_a_hundred_meshes_a_side_are_woven_in_under_a_second() -> None:
-    started = time.perf_counter()
-    woven = net("square", size=100.0, mesh=1.0)
+def test_a_hundred_meshes_a_side_are_woven_without_a_table_of_all_pairs() -> None:
+    """A table of one byte for each pair of the 10 201 knots would take 104 MB."""
+    with traced() as most:
+        woven = net("square", size=100.0, mesh=1.0)
+        assert most() < 50e6
     assert woven.n_elements == 20_200  # 2 n (n + 1)
-    assert time.perf_counter() - started < 1.0
 
 
 # Any valid net
@@ -396,8 +409,19 @@ def nets(draw: st.DrawFn) -> dict[str, Any]:
     return table
 
 
-@settings(max_examples=150, deadline=None)
+# Long meshes beside short strings: coordinates of 2185 m, distances of 0.2 mm.
+FAR_FROM_THE_ORIGIN = {
+    "topology": "rectangular",
+    "mesh": [1e-3, 874.0],
+    "size": [1e-3, 4370.0],
+    "cable": UNIT,
+    "strings": STRING | {"length": 6e-4, "divisions": 3},
+}
+
+
+@settings(max_examples=150)
 @given(nets())
+@example(FAR_FROM_THE_ORIGIN)
 def test_any_net_is_sound(table: dict[str, Any]) -> None:
     woven = weave(KEYS.validate_python(table))
     n, m = woven.n_nodes, woven.n_elements
@@ -411,7 +435,13 @@ def test_any_net_is_sound(table: dict[str, Any]) -> None:
     assert (woven.element_nodes < n).all()
     assert (i != j).all()
     assert len({frozenset(pair) for pair in woven.element_nodes.tolist()}) == m
-    np.testing.assert_allclose(distances(woven), woven.reference_length, rtol=1e-9)
+    # Round-off goes with the coordinates: each is off by up to one spacing of doubles at the net's reach, so
+    # the vector between two nodes by 2 sqrt(3) of them at most, and its length by its own arithmetic.
+    off = (
+        2.0 * math.sqrt(3.0) * np.spacing(np.abs(woven.reference_position).max())
+        + 1e-14 * woven.reference_length
+    )
+    assert (np.abs(distances(woven) - woven.reference_length) <= off).all()
     assert connected_components(coo_array((np.ones(m), (i, j)), shape=(n, n)))[0] == 1
     for array in (woven.area, woven.youngs_modulus, woven.density, woven.is_string):
         assert array.shape == (m,)
@@ -437,7 +467,7 @@ def test_a_mesh_that_does_not_divide_the_size_says_which_would() -> None:
 
 
 @given(size=st.floats(0.01, 1e4), ratio=st.floats(0.1, 5e2))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_meshes_that_a_fault_proposes_do_fit(size: float, ratio: float) -> None:
     try:
         keys("square", size=size, mesh=size / ratio)
@@ -515,9 +545,10 @@ def test_long_lists_of_faults_are_cut_short() -> None:
     ],
 )
 def test_absurd_sizes_are_refused_before_they_are_made(topology: str, others: dict[str, Any]) -> None:
-    started = time.perf_counter()
-    assert refused(topology, **others)
-    assert time.perf_counter() - started < 0.5
+    """The smallest of these nets would take 16 MB for the numbers of its elements' nodes alone."""
+    with traced() as most:
+        assert refused(topology, **others)
+        assert most() < 1e6
 
 
 def test_an_absurd_size_is_named() -> None:

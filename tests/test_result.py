@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
@@ -15,14 +16,21 @@ import pytest
 from result_samples import net, result, square_net, unfolding
 
 from exunet.base.errors import InputError
-from exunet.results.result import FILE_FORMAT, load_result, save
+from exunet.results.reading import load_result
+from exunet.results.result import BodyStates
+from exunet.results.writing import FILE_FORMAT, save
 
 
 def assert_same(a, b):
+    """Two results, nets or motions of a body: the same types, shapes and bits."""
     for field in fields(a):
         x, y = getattr(a, field.name), getattr(b, field.name)
         if field.name == "net":
             assert_same(x, y)
+        elif field.name == "bodies":
+            assert list(x) == list(y)
+            for name in x:
+                assert_same(x[name], y[name])
         elif isinstance(x, np.ndarray):
             assert x.dtype == y.dtype, field.name
             np.testing.assert_array_equal(x, y, err_msg=field.name, strict=True)
@@ -33,8 +41,28 @@ def assert_same(a, b):
 @pytest.fixture
 def stored(tmp_path):
     path = tmp_path / "run.h5"
-    save(unfolding(square_net(cells=3, strings=True)), path)
+    save(unfolding(square_net(cells=3, strings=True), bodies=BODIES), path)
     return path
+
+
+BODIES = {
+    "chaser": BodyStates(500.0, None, np.arange(21.0).reshape(7, 3), np.ones((7, 3))),
+    "target": BodyStates(
+        2000.0,
+        np.diag([1.0, 2.0, 3.0]),
+        np.zeros((7, 3)),
+        np.full((7, 3), -0.0),
+        np.tile([1.0, 0.0, 0.0, 0.0], (7, 1)),
+        np.linspace(0, 1, 21).reshape(7, 3),
+    ),
+}
+
+
+class FullDisk(io.FileIO):
+    """A file on a disk that is full from the first byte on."""
+
+    def write(self, data):
+        raise OSError(28, "No space left on device")
 
 
 SAMPLES = {
@@ -43,6 +71,7 @@ SAMPLES = {
     "no elements": result(net([(0, 0, 0)], [], bullets=(0,)), [0, 1], [[(0, 0, 0)], [(0, 0, 1e-300)]]),
     "incomplete": unfolding(square_net(), complete=False, verdict="element 3 (nodes 1–2) ran away: λ = 9"),
     "energies between": unfolding(square_net(), largest_elastic=np.arange(7.0), least_kinetic=np.zeros(7)),
+    "bodies": unfolding(square_net(), bodies=BODIES),
     "awkward numbers": unfolding(square_net(), potential=np.array([-0.0, 5e-324, 1.7e308, 1, 1, 1, 1])),
 }
 
@@ -82,29 +111,31 @@ def test_every_dataset_has_units_and_description(stored):
     with h5py.File(stored) as file:
         found = []
         file.visititems(lambda name, item: found.append(item) if isinstance(item, h5py.Dataset) else None)
-        assert len(found) == 11 + 10 + 4  # states, net arrays, and values with offsets for faces and mouth
+        # states; net arrays, and values with offsets for faces and mouth; of a rigid body and a point mass
+        assert len(found) == 11 + 10 + 4 + (2 + 4) + (1 + 2)
         for dataset in found:
             assert dataset.attrs["units"], dataset.name
             assert dataset.attrs["description"], dataset.name
-        assert file["position"].attrs["units"].decode() == "m"
+        assert file["net/position"].attrs["units"].decode() == "m"
+        assert file["bodies/target/angular_velocity"].attrs["units"].decode() == "rad/s"
         assert file.attrs["format"] == FILE_FORMAT
 
 
-def test_a_result_without_energies_between_its_stored_times_is_an_older_one(stored):
-    """They came later; a file without them is as whole as ever, one with them must fit."""
+def test_energies_between_the_stored_times_need_not_be_there(stored):
+    """Results that were not made by a run have none; where they are, they must fit."""
     assert load_result(stored).largest_elastic is None
     with h5py.File(stored, "a") as file:
-        file["largest_elastic"] = np.zeros(6)
-    assert "largest_elastic has shape" in refusal(stored)
+        file["energy/largest_elastic"] = np.zeros(6)
+    assert "energy/largest_elastic has shape" in refusal(stored)
 
 
 @pytest.mark.parametrize("name", ["position", "tension", "kinetic"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_values_that_are_not_finite_are_never_written(name, bad, tmp_path):
+def test_nan_and_infinity_are_never_written(name, bad, tmp_path):
     whole = unfolding(square_net())
     values = getattr(whole, name).copy()
     values.flat[-1] = bad
-    with pytest.raises(InputError, match=f"{name} is not finite"):
+    with pytest.raises(InputError, match=f"/{name} contains NaN or infinity"):
         save(replace(whole, **{name: values}), tmp_path / "run.h5")
     assert list(tmp_path.iterdir()) == []
 
@@ -113,11 +144,13 @@ def test_values_that_are_not_finite_are_never_written(name, bad, tmp_path):
     ("changes", "said"),
     [
         ({"time": np.zeros(7)}, "stored times"),
-        ({"kinetic": np.zeros(6)}, "kinetic has shape"),
+        ({"kinetic": np.zeros(6)}, "energy/kinetic has shape"),
+        ({"bodies": {"a/b": BODIES["chaser"]}}, "name of a body"),
+        ({"bodies": {"a": replace(BODIES["chaser"], velocity=np.zeros((7, 2)))}}, "bodies/a/velocity has"),
         ({"provenance": {"x": object()}}, "provenance"),
         ({"provenance": {"x": float("nan")}}, "provenance"),
         ({"net": replace(square_net(), mouth=(0, 1, 4))}, "node that it does not have"),
-        ({"net": replace(square_net(), mass=np.full(4, np.nan))}, "net.mass is not finite"),
+        ({"net": replace(square_net(), mass=np.full(4, np.nan))}, "mass of the net contains NaN"),
     ],
 )
 def test_save_refuses_what_does_not_fit(changes, said, tmp_path):
@@ -129,10 +162,7 @@ def test_save_refuses_what_does_not_fit(changes, said, tmp_path):
 def test_failed_write_leaves_the_older_file(stored, monkeypatch):
     before = stored.read_bytes()
 
-    def full(*_args):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr("exunet.results.writing.io.FileIO", FullDisk)
     with pytest.raises(InputError, match=r"run\.h5: cannot be written: No space left on device"):
         save(unfolding(square_net()), stored)
     assert stored.read_bytes() == before
@@ -182,7 +212,7 @@ def refusal(path):
 
 def test_load_refuses_what_is_no_hdf5_file(tmp_path):
     assert "No such file" in refusal(tmp_path / "missing.h5")
-    assert "cannot be read" in refusal(tmp_path)
+    assert "neither a result.h5 nor the states of an unfinished run" in refusal(tmp_path)
     text = tmp_path / "case.toml"
     text.write_text("format = 1\n")
     assert "not an HDF5 file" in refusal(text)
@@ -211,7 +241,9 @@ def test_load_refuses_truncated_file(stored, part):
     assert "damaged or cut short" in refusal(stored)
 
 
-@pytest.mark.parametrize("lost", ["time", "net/mass", "net/face_offsets", "net"])
+@pytest.mark.parametrize(
+    "lost", ["time", "net/tension", "net/reference/mass", "net/reference/face_offsets", "net", "energy"]
+)
 def test_load_refuses_incomplete_file(stored, lost):
     with h5py.File(stored, "a") as file:
         del file[lost]
@@ -220,21 +252,91 @@ def test_load_refuses_incomplete_file(stored, lost):
 
 def test_load_refuses_values_out_of_order(stored):
     with h5py.File(stored, "a") as file:
-        file["velocity"][1, 0, 2] = np.nan
-    assert "velocity is not finite" in refusal(stored)
+        file["net/velocity"][1, 0, 2] = np.nan
+    assert "net/velocity contains NaN or infinity (first at [1, 0, 2])" in refusal(stored)
     with h5py.File(stored, "a") as file:
-        file["velocity"][1, 0, 2] = 0.0
-        file["net/element_nodes"][0, 0] = 99
+        file["net/velocity"][1, 0, 2] = 0.0
+        file["net/reference/element_nodes"][0, 0] = 99
     assert "node that it does not have" in refusal(stored)
     with h5py.File(stored, "a") as file:
-        file["net/element_nodes"][0, 0] = 1
-        file["net/face_offsets"][1] = 99
+        file["net/reference/element_nodes"][0, 0] = 1
+        file["bodies/target/inertia"][0, 0] = np.nan
+    assert "inertia" in refusal(stored)
+    with h5py.File(stored, "a") as file:
+        file["bodies/target/inertia"][0, 0] = 1.0
+        file["net/reference/face_offsets"][1] = 99
     assert "damaged" in refusal(stored)
 
 
 def test_importing_the_module_is_quick():
     """h5py and matplotlib are loaded when a file or a figure is made, not before."""
-    program = "import sys, exunet.results.result, exunet.figures\n"
+    program = "import sys, exunet.results.reading, exunet.results.writing, exunet.figures\n"
     program += "print('h5py' in sys.modules, 'matplotlib' in sys.modules)"
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
     assert said.split() == ["False", "False"]
+
+
+FIRST_FORMAT = Path(__file__).parent / "data" / "result_format_1.h5"
+
+
+def test_files_of_the_first_format_are_read():
+    """Written by the last version with that format, from cases/verification/snap.toml.
+
+    Two masses of 0.5 kg at 1.25 m/s each have 0.78125 J, all of it kinetic at the start.
+    """
+    old = load_result(FIRST_FORMAT)
+    with h5py.File(FIRST_FORMAT) as file:
+        assert file.attrs["format"] == 1
+        for name, stored in (("position", "position"), ("tension", "tension"), ("momentum", "momentum")):
+            np.testing.assert_array_equal(getattr(old, name), file[stored][()], strict=True)
+        np.testing.assert_array_equal(old.net.mass, file["net/mass"][()], strict=True)
+    assert (old.complete, old.verdict, old.bodies) == (True, "ok", {})
+    assert old.kinetic[0] + old.elastic[0] == pytest.approx(0.78125, rel=1e-12)
+    assert old.largest_elastic is not None
+    assert old.provenance["method"] == "DOPRI5"
+
+
+def test_a_file_of_the_first_format_is_written_anew_as_it_was(tmp_path):
+    save(load_result(FIRST_FORMAT), tmp_path / "new.h5")
+    assert_same(load_result(tmp_path / "new.h5"), load_result(FIRST_FORMAT))
+
+
+def test_load_refuses_a_damaged_file_of_the_first_format(tmp_path):
+    path = tmp_path / "old.h5"
+    path.write_bytes(FIRST_FORMAT.read_bytes())
+    with h5py.File(path, "a") as file:
+        file["strain"][1, 0] = np.nan
+    assert "net/strain contains NaN or infinity" in refusal(path)
+    with h5py.File(path, "a") as file:
+        del file["strain"]
+    assert "there is no net/strain" in refusal(path)
+
+
+SMALL_FILE = """
+import resource, sys
+sys.path.insert(0, sys.argv[1])
+from result_samples import square_net, unfolding
+from exunet.base.errors import InputError
+from exunet.results.writing import save
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]),) * 2)
+try:
+    save(unfolding(square_net(cells=12), times=400), sys.argv[2])
+except InputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
+@pytest.mark.parametrize("part", [0.0, 0.01, 0.3, 0.9, 0.99999])
+def test_a_file_that_cannot_grow_is_one_line_and_no_file(part, tmp_path):
+    """Limited to a part of its length; inside HDF5 a failed write would end the process."""
+    path = tmp_path / "run.h5"
+    save(unfolding(square_net(cells=12), times=400), path)
+    limit = int(part * path.stat().st_size)
+    path.unlink()
+    command = [sys.executable, "-c", SMALL_FILE, str(Path(__file__).parent), str(path), str(limit)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == f"{path}: cannot be written: File too large"
+    assert done.stderr == ""
+    assert list(tmp_path.iterdir()) == []

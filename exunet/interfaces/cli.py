@@ -203,7 +203,7 @@ def plot_command(
 ) -> None:
     """Draw the figures of a result, beside it or into --out."""
     from exunet.figures import save_figures
-    from exunet.results.result import load_result
+    from exunet.results.reading import load_result
 
     for path in save_figures(load_result(result), out or result.parent):
         typer.echo(path)

@@ -12,8 +12,9 @@ from scipy.spatial import cKDTree
 
 from exunet.base.errors import InputError
 from exunet.results.agreement import Agreement
+from exunet.results.reading import load_result
 from exunet.results.reference_file import read_arrays
-from exunet.results.result import Result, load_result
+from exunet.results.result import Result
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

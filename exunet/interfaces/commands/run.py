@@ -14,8 +14,9 @@ from exunet.base.files import cannot_write, sweep
 from exunet.case.casefile import Case
 from exunet.interfaces.commands.table import print_table
 from exunet.results.agreement import Agreement
-from exunet.results.result import Result, save
+from exunet.results.result import Result
 from exunet.results.summary import rows, summarise, write_summary
+from exunet.results.writing import save
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import Progress, provenance, simulate
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error

@@ -1,0 +1,94 @@
+"""A Result from stored rows: in memory while they are few, read when they are asked for while many."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import InputError
+from exunet.net.arrays import Net
+from exunet.results.columns import (
+    OPTIONAL,
+    PATHS,
+    Column,
+    MassProperties,
+    body_path,
+    body_quantities,
+    declare,
+)
+from exunet.results.result import BodyStates, Result
+from exunet.results.rows import StoredRows, blocks
+from exunet.results.store import RowSource
+
+Floats = NDArray[np.float64]
+
+IN_MEMORY = 64 << 20  # bytes of all columns up to which they are read at once
+
+
+def assemble(
+    source: RowSource,
+    net: Net,
+    bodies: Mapping[str, MassProperties],
+    complete: bool,
+    verdict: str,
+    provenance: dict[str, Any],
+    where: str,
+) -> Result:
+    """The Result of the rows in `source`, each value checked.
+
+    Columns of up to 64 MB in all are copied to memory; of larger ones those with several values for each time
+    become `StoredRows`, which read from `source` as long as it exists. Raises InputError, which begins with
+    `where`, if a column is absent, if a value is NaN or infinite, or if the times do not increase.
+    """
+    there = {column.path: column for column in source.columns}
+    small = len(source) * sum(column.row_bytes for column in source.columns) <= IN_MEMORY
+    found: dict[str, Any] = {}
+    for column in declare(net.n_nodes, net.n_elements, bodies):
+        if column.path not in there:
+            if column.path not in _OPTIONAL_PATHS:
+                raise InputError(f"{where}: damaged or cut short (there is no {column.path})")
+            continue
+        shape = (len(source), *there[column.path].row)
+        if shape[1:] != column.row:
+            raise InputError(f"{where}: {column.path} has shape {shape}, unlike the other arrays")
+        values: Any = StoredRows(partial(source.read, column.path), shape)
+        found[column.path] = np.asarray(values) if small or not column.row else values
+        check_values(found[column.path], column, where)
+    check_times(found["time"], where)
+    return Result(
+        net=net,
+        **{name: found[path] for name, path in PATHS.items() if path in found},
+        complete=complete,
+        verdict=verdict,
+        provenance=provenance,
+        bodies={name: _body(found, name, body) for name, body in bodies.items()},
+    )
+
+
+_OPTIONAL_PATHS = {PATHS[name] for name in OPTIONAL}
+
+
+def _body(found: Mapping[str, Any], name: str, body: MassProperties) -> BodyStates:
+    states = {quantity: found[body_path(name, quantity)] for quantity in body_quantities(body)}
+    return BodyStates(body.mass, body.inertia, **states)
+
+
+def check_values(values: Any, column: Column, where: str) -> None:
+    """Raises InputError if a value of a column is NaN or infinite."""
+    first = 0
+    for block in blocks(values):
+        if not np.all(np.isfinite(block)):
+            row, *others = (int(k) for k in np.argwhere(~np.isfinite(block))[0])
+            at = [first + row, *others]
+            raise InputError(f"{where}: {column.path} contains NaN or infinity (first at {at})")
+        first += len(block)
+
+
+def check_times(time: Floats, where: str) -> None:
+    """Raises InputError unless there are stored times, and they increase."""
+    if len(time) == 0 or np.any(np.diff(time) <= 0):
+        raise InputError(f"{where}: the stored times must be at least one, and increase")

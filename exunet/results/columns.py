@@ -1,0 +1,113 @@
+"""What is stored of each state: the columns of a system, by their place in the result file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import InputError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One quantity of float64 values, stored once for each state.
+
+    path        : of its dataset, such as "net/position"
+    row         : shape of its values for one state, such as (n_nodes, 3); () for a single number
+    units       : of its values, "1" if they have none
+    description : in a few words
+    """
+
+    path: str
+    row: tuple[int, ...]
+    units: str
+    description: str
+
+    @property
+    def row_bytes(self) -> int:
+        """Size of the values for one state."""
+        return 8 * math.prod(self.row)
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """What does not change of a body: its mass [kg] and its inertia (3, 3) [kg m2].
+
+    The inertia is that about the centre of mass, in body axes; None for a point mass.
+    """
+
+    mass: float
+    inertia: Floats | None = None
+
+
+# Attribute of a Result: path, shape of a row (n nodes, e elements), units, description.
+_STATES: dict[str, tuple[str, str, str, str]] = {
+    "time": ("time", "", "s", "stored times"),
+    "position": ("net/position", "n3", "m", "node positions"),
+    "velocity": ("net/velocity", "n3", "m/s", "node velocities"),
+    "strain": ("net/strain", "e", "1", "Green-Lagrange strain of each element, negative when slack"),
+    "tension": ("net/tension", "e", "N", "axial force in each element, zero when slack"),
+    "kinetic": ("energy/kinetic", "", "J", "kinetic energy"),
+    "elastic": ("energy/elastic", "", "J", "elastic energy of the cables"),
+    "potential": ("energy/potential", "", "J", "potential energy of constant loads"),
+    "dissipated": ("energy/dissipated", "", "J", "work done by damping since the start"),
+    "momentum": ("momentum/linear", "3", "kg m/s", "linear momentum"),
+    "angular_momentum": ("momentum/angular", "3", "kg m2/s", "angular momentum about the origin"),
+    "largest_elastic": (
+        "energy/largest_elastic",
+        "",
+        "J",
+        "largest elastic energy of the steps since the stored time before",
+    ),
+    "least_kinetic": (
+        "energy/least_kinetic",
+        "",
+        "J",
+        "least kinetic energy of the steps since the stored time before",
+    ),
+}
+
+PATHS = {name: path for name, (path, *_) in _STATES.items()}  # by the attribute of Result
+OPTIONAL = frozenset({"largest_elastic", "least_kinetic"})  # of runs only
+
+_BODY: dict[str, tuple[int, str, str]] = {
+    "position": (3, "m", "position of the centre of mass"),
+    "velocity": (3, "m/s", "velocity of the centre of mass"),
+}
+_RIGID: dict[str, tuple[int, str, str]] = {
+    "attitude": (4, "1", "unit quaternion (w, x, y, z) that turns body axes into inertial axes"),
+    "angular_velocity": (3, "rad/s", "angular velocity in body axes"),
+}
+
+
+def declare(n_nodes: int, n_elements: int, bodies: Mapping[str, MassProperties]) -> tuple[Column, ...]:
+    """The columns of a system of a net and `bodies` by name; raises InputError for an impossible name."""
+    sizes = {"n": n_nodes, "e": n_elements, "3": 3}
+    columns = [
+        Column(path, tuple(sizes[axis] for axis in row), units, description)
+        for path, row, units, description in _STATES.values()
+    ]
+    for name, body in bodies.items():
+        if not name or "/" in name or name == ".":
+            raise InputError(f"{name!r} cannot be the name of a body in a result file")
+        columns += [
+            Column(body_path(name, quantity), (size,), units, description)
+            for quantity, (size, units, description) in body_quantities(body).items()
+        ]
+    return tuple(columns)
+
+
+def body_path(name: str, quantity: str) -> str:
+    """Path of a quantity of a body."""
+    return f"bodies/{name}/{quantity}"
+
+
+def body_quantities(body: MassProperties) -> dict[str, tuple[int, str, str]]:
+    """Number of values, units and description of each quantity that is stored of a body."""
+    return _BODY if body.inertia is None else _BODY | _RIGID

@@ -1,0 +1,102 @@
+"""A net as named arrays, for files: what each array is, how loops of nodes are kept, and what is refused."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import InputError
+from exunet.net.arrays import Net
+
+Ints = NDArray[np.int64]
+Loops = tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True)
+class NetArray:
+    """One array of a net: letters of `shape` are sizes that arrays share, digits are fixed."""
+
+    shape: str
+    units: str
+    description: str
+    dtype: str = "<f8"
+
+
+_PLAIN = {
+    "reference_position": NetArray("n3", "m", "node positions in the undeformed reference configuration"),
+    "mass": NetArray("n", "kg", "lumped mass of each node, bullets included"),
+    "element_nodes": NetArray("e2", "1", "nodes at the ends of each element, from 0", "<i8"),
+    "reference_length": NetArray("e", "m", "undeformed length of each element"),
+    "area": NetArray("e", "m2", "undeformed cross-section area of each element"),
+    "youngs_modulus": NetArray("e", "Pa", "Young's modulus of each element"),
+    "density": NetArray("e", "kg/m3", "mass density of each element"),
+    "is_string": NetArray("e", "1", "true for the elements of corner strings", "|b1"),
+    "bullet_nodes": NetArray("b", "1", "nodes that carry a bullet", "<i8"),
+    "fixed_nodes": NetArray("f", "1", "nodes that are held still", "<i8"),
+}
+_FACES = "loops of nodes round the mesh openings, one after another"
+_MOUTH = "loop of corner nodes round the net's mouth, one after another"
+NET_ARRAYS = _PLAIN | {
+    "face_values": NetArray("v", "1", _FACES, "<i8"),
+    "face_offsets": NetArray("o", "1", "loop k is face_values[offsets[k]:offsets[k + 1]]", "<i8"),
+    "mouth_values": NetArray("w", "1", _MOUTH, "<i8"),
+    "mouth_offsets": NetArray("p", "1", "loop k is mouth_values[offsets[k]:offsets[k + 1]]", "<i8"),
+}
+
+
+def to_arrays(net: Net, where: str) -> dict[str, NDArray[Any]]:
+    """The arrays of NET_ARRAYS; raises InputError, which begins with `where`, if one is not in order."""
+    arrays = {
+        name: np.asarray(getattr(net, name), dtype=kind.dtype, order="C") for name, kind in _PLAIN.items()
+    }
+    for name, loops in (("face", net.faces), ("mouth", (net.mouth,) if net.mouth else ())):
+        arrays[f"{name}_values"] = np.array([node for loop in loops for node in loop], dtype="<i8")
+        arrays[f"{name}_offsets"] = np.cumsum([0, *map(len, loops)], dtype="<i8")
+    _check(arrays, where)
+    return arrays
+
+
+def from_arrays(arrays: Mapping[str, NDArray[Any]], where: str) -> Net:
+    """The net that `to_arrays` was given; raises InputError, which begins with `where`, as that does."""
+    for name in NET_ARRAYS:
+        if name not in arrays:
+            raise InputError(f"{where}: damaged or cut short (the net has no {name})")
+    _check(arrays, where)
+    plain = {name: np.asarray(arrays[name]) for name in _PLAIN}
+    for values in plain.values():
+        values.setflags(write=False)
+    faces, mouths = (
+        _loops(arrays[f"{name}_values"], arrays[f"{name}_offsets"]) for name in ("face", "mouth")
+    )
+    return Net(**plain, faces=faces, mouth=mouths[0] if mouths else ())
+
+
+def _check(arrays: Mapping[str, NDArray[Any]], where: str) -> None:
+    sizes = {"2": 2, "3": 3}
+    for name, kind in NET_ARRAYS.items():
+        values = arrays[name]
+        if values.ndim != len(kind.shape) or any(
+            sizes.setdefault(axis, n) != n for axis, n in zip(kind.shape, values.shape, strict=True)
+        ):
+            raise InputError(f"{where}: {name} of the net has shape {values.shape}, unlike the other arrays")
+        if not np.all(np.isfinite(values)):
+            raise InputError(f"{where}: {name} of the net contains NaN or infinity")
+    for name in ("face", "mouth"):
+        offsets = arrays[f"{name}_offsets"]
+        if not len(offsets) or offsets[0] != 0 or offsets[-1] != len(arrays[f"{name}_values"]):
+            raise InputError(f"{where}: damaged or cut short (loops of nodes with wrong offsets)")
+        if np.any(np.diff(offsets) < 0):
+            raise InputError(f"{where}: damaged or cut short (loops of nodes with wrong offsets)")
+    for name in ("element_nodes", "bullet_nodes", "fixed_nodes", "face_values", "mouth_values"):
+        if np.any((arrays[name] < 0) | (arrays[name] >= sizes["n"])):
+            raise InputError(f"{where}: the net refers to a node that it does not have")
+
+
+def _loops(values: Ints, offsets: Ints) -> Loops:
+    nodes, bounds = values.tolist(), offsets.tolist()
+    return tuple(tuple(nodes[a:b]) for a, b in itertools.pairwise(bounds))

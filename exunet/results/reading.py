@@ -1,0 +1,174 @@
+"""Reads results: files of this and the first format, and the states of unfinished runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import InputError
+from exunet.results.assembly import assemble
+from exunet.results.columns import PATHS, Column, MassProperties, declare
+from exunet.results.net_arrays import NET_ARRAYS, from_arrays
+from exunet.results.result import Result
+from exunet.results.rows import StoredRows
+from exunet.results.segments import Segments, is_store
+from exunet.results.writing import CHUNK_BYTES, FILE_FORMAT, FILE_KIND, NET_GROUP
+
+if TYPE_CHECKING:
+    import h5py
+
+Floats = NDArray[np.float64]
+
+RESULT_FILE = "result.h5"
+STORE_FOLDER = "unfinished"  # beside it, while the run goes on
+
+
+def load_result(path: str | Path) -> Result:
+    """The Result kept in a file that `save` wrote, or in the folder of a run; the same values, bit for bit.
+
+    A folder is read for its result.h5, or else for the states of an unfinished run (see `open_unfinished`).
+    Large arrays stay in the file, see `Result`. Raises InputError, one line, if there is no such file or it
+    is not a whole result file of a known format.
+    """
+    if Path(path).is_dir():
+        whole = Path(path) / RESULT_FILE
+        return load_result(whole) if whole.is_file() else open_unfinished(path)
+    _refuse_unreadable(path)
+    with _damage(path):
+        import h5py
+
+        file = h5py.File(path, "r", rdcc_nbytes=CHUNK_BYTES)
+        open_rows = False
+        try:
+            _refuse_other_formats(file, path)
+            result = _read(file, path)
+            open_rows = isinstance(result.position, StoredRows)
+        finally:
+            if not open_rows:
+                file.close()
+        return result
+
+
+def open_unfinished(folder: str | Path) -> Result:
+    """The states that a run had stored, while it goes on or after it was killed: an incomplete Result.
+
+    folder : the run's folder, or the one in it with the stored states
+
+    Raises InputError if there are none, or if a file is damaged.
+    """
+    folder = Path(folder)
+    places = [place for place in (folder, folder / STORE_FOLDER) if is_store(place)]
+    if not places:
+        raise InputError(f"{folder}: neither a {RESULT_FILE} nor the states of an unfinished run are there")
+    source = Segments(places[0])
+    if len(source) == 0:
+        raise InputError(f"{folder}: the unfinished run has not stored a state yet")
+    end = float(source.read("time", len(source) - 1, len(source))[0])
+    verdict = f"unfinished: {len(source)} states until t = {end:.6g} s were stored"
+    return assemble(source, source.net, source.bodies, False, verdict, source.provenance, str(folder))
+
+
+class _FileRows:
+    """The columns of an open result file, as far as they are there; HDF5 closes it after the last reference.
+
+    names : dataset of each column, by the column's path
+    """
+
+    def __init__(
+        self, file: h5py.File, path: str | Path, names: Mapping[str, str], declared: tuple[Column, ...]
+    ) -> None:
+        self._file = file
+        self._path = path
+        self._names = names
+        self._count = len(file[names["time"]])
+        there = [column for column in declared if names[column.path] in file]
+        shapes = {column.path: file[names[column.path]].shape for column in there}
+        for name, shape in shapes.items():
+            if shape[:1] != (self._count,):
+                raise InputError(f"{path}: {name} has shape {shape}, unlike the other arrays")
+        self.columns = tuple(replace(column, row=shapes[column.path][1:]) for column in there)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def read(self, path: str, start: int, stop: int) -> Floats:
+        with _damage(self._path):
+            return np.asarray(self._file[self._names[path]][start:stop], dtype=np.float64)
+
+
+def _read(file: h5py.File, path: str | Path) -> Result:
+    first = int(file.attrs["format"]) == 1
+    group = file["net" if first else NET_GROUP]
+    arrays = {name: _native(group[name][()], kind.dtype) for name, kind in NET_ARRAYS.items()}
+    net = from_arrays(arrays, str(path))
+    bodies = {name: _mass(one) for name, one in file["bodies"].items()} if "bodies" in file else {}
+    provenance = json.loads(_text(file.attrs["provenance"]))
+    if not isinstance(provenance, dict):
+        raise ValueError("provenance is not a JSON object")
+    declared = declare(net.n_nodes, net.n_elements, bodies)
+    names = {column.path: column.path for column in declared}
+    if first:  # it kept all columns at the root, under the names of the attributes
+        names = {place: name for name, place in PATHS.items()}
+    source = _FileRows(file, path, names, declared)
+    complete, verdict = bool(file.attrs["complete"]), _text(file.attrs["verdict"])
+    return assemble(source, net, bodies, complete, verdict, provenance, str(path))
+
+
+def _mass(group: h5py.Group) -> MassProperties:
+    inertia = _native(group["inertia"][()], "<f8") if "inertia" in group else None
+    if inertia is not None and (inertia.shape != (3, 3) or not np.all(np.isfinite(inertia))):
+        raise ValueError(f"{group.name}/inertia is not a matrix of 3 x 3 numbers")
+    mass = float(group["mass"][0])
+    if not np.isfinite(mass):
+        raise ValueError(f"{group.name}/mass contains NaN or infinity")
+    return MassProperties(mass, inertia)
+
+
+def _native(values: NDArray[Any], dtype: str) -> NDArray[Any]:
+    return np.asarray(values, dtype=np.dtype(dtype).newbyteorder("="))
+
+
+def _text(stored: Any) -> str:
+    return stored.decode("utf-8") if isinstance(stored, bytes) else str(stored)
+
+
+@contextmanager
+def _damage(path: str | Path) -> Iterator[None]:
+    """Turns whatever HDF5 raises into an InputError."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - a damaged file can make h5py raise anything
+        _refuse(path, f"damaged or cut short ({' '.join(str(error).split())})", error)
+
+
+def _refuse_unreadable(path: str | Path) -> None:
+    try:
+        with Path(path).open("rb") as stream:
+            start = stream.read(8)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path}: cannot be read: {reason}") from error
+    if start != b"\x89HDF\r\n\x1a\n":
+        _refuse(path, "it is not an HDF5 file")
+
+
+def _refuse_other_formats(file: h5py.File, path: str | Path) -> None:
+    if _text(file.attrs.get("kind")) != FILE_KIND:
+        _refuse(path, "an HDF5 file of some other program")
+    found = int(file.attrs["format"])
+    if not 1 <= found <= FILE_FORMAT:
+        newer = "; a newer exunet wrote it" if found > FILE_FORMAT else ""
+        _refuse(path, f"its format is {found}, this exunet reads formats 1 to {FILE_FORMAT}{newer}")
+
+
+def _refuse(path: str | Path, reason: str, cause: Exception | None = None) -> NoReturn:
+    raise InputError(f"{path}: not a result file of exunet: {reason}") from cause

@@ -1,0 +1,314 @@
+"""Stored states in files that survive the end of their process: complete segments and an index of them.
+
+A store is a folder with
+
+- ``run.exu``: columns, net, bodies and provenance, written once;
+- ``segment-NNNNNN.exu``: rows of every column, never changed after they were written;
+- ``index.exu``: which segments count, how many rows of each, and the same of the last checkpoint.
+
+All are containers with checksums (`exunet.base.blob`) that appear whole or not at all. A segment that the
+index does not name does not count, so a process may be killed at any moment: what was last indexed is there.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+from weakref import finalize
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.blob import read_arrays, write_arrays
+from exunet.base.errors import InputError
+from exunet.base.files import cannot_write, sweep
+from exunet.net.arrays import Net
+from exunet.results.columns import Column, MassProperties
+from exunet.results.net_arrays import from_arrays, to_arrays
+from exunet.results.store import Block, count_rows
+
+Floats = NDArray[np.float64]
+
+VERSION = 1
+RUN, INDEX, LOCK = "run.exu", "index.exu", "lock"
+SEGMENT_BYTES = 8 << 20  # rows in memory before they are written
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A file of rows, of which the first `rows` count."""
+
+    file: str
+    rows: int
+
+
+class Segments:
+    """The rows in a store's folder, to be read.
+
+    columns    : what a row is made of
+    net        : in its reference configuration
+    bodies     : what does not change of each body, by name
+    provenance : as far as it was known when the run began
+    checkpoint : name that was given with the last checkpoint, None if there was none
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        header, arrays = read_arrays(folder / RUN, "exunet run", VERSION)
+        index, _ = read_arrays(folder / INDEX, "exunet index", VERSION)
+        inertia = {name: arrays.pop(f"inertia of {name}", None) for name in header["bodies"]}
+        self.columns = tuple(Column(**one | {"row": tuple(one["row"])}) for one in header["columns"])
+        self.net = from_arrays(arrays, str(folder / RUN))
+        self.bodies = {name: MassProperties(header["bodies"][name], value) for name, value in inertia.items()}
+        self.provenance: dict[str, Any] = header["provenance"]
+        self._identity: str = header["identity"]
+        if index["identity"] != self._identity:
+            raise InputError(f"{folder}: {INDEX} and {RUN} are of different runs")
+        self._segments = [Segment(**one) for one in index["segments"]]
+        self._number: int = index["written"]  # segments written so far
+        self.checkpoint: str | None = index["checkpoint"]
+        self._of_checkpoint = [Segment(**one) for one in index["of_checkpoint"]]
+        self._read: dict[str, tuple[str, Floats]] = {}  # the last rows that were read of each column
+
+    def __len__(self) -> int:
+        return sum(segment.rows for segment in self._segments)
+
+    def read(self, path: str, start: int, stop: int) -> Floats:
+        """Rows `start` to `stop` (not included) of a column, as far as there are; InputError if damaged."""
+        column = next(one for one in self.columns if one.path == path)
+        found = [np.empty((0, *column.row))]
+        first = 0
+        for segment in self._segments:
+            a, b = max(start - first, 0), min(stop - first, segment.rows)
+            if a < b:
+                found.append(self._rows(segment, path)[a:b])
+            first += segment.rows
+        return np.concatenate(found)
+
+    def _rows(self, segment: Segment, path: str) -> Floats:
+        """All rows that a segment keeps of a column."""
+        file, rows = self._read.get(path, ("", np.empty(0)))
+        if file != segment.file:
+            where = self.folder / segment.file
+            header, arrays = read_arrays(where, "exunet segment", VERSION, only=(path,))
+            rows = arrays[path]
+            if header["identity"] != self._identity or len(rows) < segment.rows:
+                raise InputError(f"{where}: it is not the segment that the index names")
+            self._read[path] = segment.file, rows
+        return rows
+
+
+class SegmentStore(Segments):
+    """Rows in files, and the last of them in memory; see `RowStore`. One process at a time writes there.
+
+    Memory is bounded by two segments (each 8 MB, or one row if that is larger), whatever the number of rows.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        """Open the store that `create` has made in `folder`; what the index does not name is removed.
+
+        Raises InputError if there is none, if it is damaged, or if another process writes to it.
+        """
+        folder = Path(folder)
+        if not is_store(folder):
+            raise InputError(f"{folder}: there are no stored states of an unfinished run")
+        self._unlock = finalize(self, os.close, _locked(folder))  # at the latest with the end of the store
+        try:
+            super().__init__(folder)
+        except BaseException:
+            self._unlock()
+            raise
+        row_bytes = sum(column.row_bytes for column in self.columns)
+        self._block = Block(self.columns, max(1, SEGMENT_BYTES // max(1, row_bytes)))
+        self._tidy()
+        sweep(folder)
+
+    @classmethod
+    def create(
+        cls,
+        folder: str | Path,
+        columns: tuple[Column, ...],
+        net: Net,
+        bodies: Mapping[str, MassProperties],
+        provenance: Mapping[str, Any],
+    ) -> SegmentStore:
+        """A new, empty store in `folder`, which is made; an earlier store in it is removed.
+
+        Raises InputError if the folder cannot be written, if another process writes to a store in it, if the
+        net is not in order, or if the provenance is not JSON-like.
+        """
+        folder = Path(folder)
+        arrays = to_arrays(net, str(folder))
+        identity = secrets.token_hex(16)
+        header = {
+            "identity": identity,
+            "columns": [asdict(column) for column in columns],
+            "bodies": {name: body.mass for name, body in bodies.items()},
+            "provenance": dict(provenance),
+        }
+        for name, body in bodies.items():
+            if body.inertia is not None:
+                arrays[f"inertia of {name}"] = np.asarray(body.inertia, dtype=float)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock = _locked(folder)
+            try:
+                _remove_files(folder)
+                write_arrays(folder / RUN, "exunet run", VERSION, header, arrays)
+                _write_index(folder, identity, [], 0, None, [])
+            finally:
+                os.close(lock)
+        except OSError as error:
+            raise cannot_write(folder, error) from error
+        return cls(folder)
+
+    def __len__(self) -> int:
+        return super().__len__() + self._block.count
+
+    def append(self, rows: Mapping[str, Floats]) -> None:
+        """Add k rows: an array (k, *row) of each column, by path. They are copied.
+
+        Raises InputError if a segment is full and cannot be written.
+        """
+        count, done = count_rows(self.columns, rows), 0
+        while done < count:
+            some = min(count - done, self._block.capacity - self._block.count)
+            self._block.add(rows, done, done + some)
+            done += some
+            if self._block.count == self._block.capacity:
+                self.flush()
+
+    def flush(self, checkpoint: str | None = None) -> None:
+        """Write what is in memory, so that it survives the process.
+
+        checkpoint : a name for the rows until here, kept in the same instant; `back_to_checkpoint` returns to
+                     them in a later process, whatever was dropped and appended since. None: the last stays.
+
+        Raises InputError if a file cannot be written; the rows are kept in memory then.
+        """
+        if count := self._block.count:
+            file = f"segment-{self._number + 1:06d}.exu"
+            rows = {column.path: self._block.view(column.path, 0, count) for column in self.columns}
+            write_arrays(self.folder / file, "exunet segment", VERSION, {"identity": self._identity}, rows)
+            self._number += 1
+            self._segments.append(Segment(file, count))
+            self._block.count = 0
+        if checkpoint is not None:
+            self.checkpoint, self._of_checkpoint = checkpoint, list(self._segments)
+        if count or checkpoint is not None:
+            self._index()
+
+    def drop_after(self, count: int) -> None:
+        """Keep the first `count` rows only; those of the last checkpoint can still be returned to."""
+        if not 0 <= count <= len(self):
+            raise ValueError(f"cannot keep {count} of {len(self)} rows")
+        written = super().__len__()
+        self._block.count = max(0, count - written)
+        if count < written:
+            self._segments = _first(self._segments, count)
+            self._index()
+            self._tidy()
+
+    def back_to_checkpoint(self) -> None:
+        """Make the rows of the last checkpoint those of the store; ValueError if there was none."""
+        if self.checkpoint is None:
+            raise ValueError(f"{self.folder}: there was no checkpoint")
+        self._block.count = 0
+        self._segments = list(self._of_checkpoint)
+        self._index()
+        self._tidy()
+
+    def read(self, path: str, start: int, stop: int) -> Floats:
+        """Rows `start` to `stop` (not included) of a column, copied; raises InputError if damaged."""
+        written = super().__len__()
+        later = self._block.view(path, max(start - written, 0), max(stop - written, 0))
+        return np.concatenate([super().read(path, start, min(stop, written)), later])
+
+    def close(self) -> None:
+        """Write what is in memory, and let other processes write to the folder."""
+        if self._unlock.alive:
+            self.flush()
+            self._unlock()
+
+    def discard(self) -> None:
+        """Remove the store's files, and its folder if nothing else is in it."""
+        self._block.count = 0
+        _remove_files(self.folder)
+        (self.folder / LOCK).unlink(missing_ok=True)
+        self._unlock()
+        with suppress(OSError):  # not empty
+            self.folder.rmdir()
+
+    def _index(self) -> None:
+        _write_index(
+            self.folder, self._identity, self._segments, self._number, self.checkpoint, self._of_checkpoint
+        )
+
+    def _tidy(self) -> None:
+        """Remove the segments that the index does not name."""
+        named = {segment.file for segment in (*self._segments, *self._of_checkpoint)}
+        for path in self.folder.glob("segment-*.exu"):
+            if path.name not in named:
+                path.unlink(missing_ok=True)
+
+
+def is_store(folder: Path) -> bool:
+    """True if there is a store in the folder."""
+    return (folder / INDEX).is_file()
+
+
+def _first(segments: list[Segment], count: int) -> list[Segment]:
+    """The segments as far as they hold the first `count` rows."""
+    kept: list[Segment] = []
+    for segment in segments:
+        if count > 0:
+            kept.append(Segment(segment.file, min(count, segment.rows)))
+        count -= segment.rows
+    return kept
+
+
+def _write_index(
+    folder: Path,
+    identity: str,
+    segments: list[Segment],
+    written: int,
+    checkpoint: str | None,
+    of_checkpoint: list[Segment],
+) -> None:
+    header = {
+        "identity": identity,
+        "segments": [asdict(segment) for segment in segments],
+        "written": written,
+        "checkpoint": checkpoint,
+        "of_checkpoint": [asdict(segment) for segment in of_checkpoint],
+    }
+    write_arrays(folder / INDEX, "exunet index", VERSION, header, {})
+
+
+def _remove_files(folder: Path) -> None:
+    """The index first: what is left after a kill in between does not count."""
+    for path in (folder / INDEX, folder / RUN, *folder.glob("segment-*.exu")):
+        path.unlink(missing_ok=True)
+
+
+def _locked(folder: Path) -> int:
+    """A lock on the folder, released at the latest with the end of the process; InputError if it is taken."""
+    try:
+        descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    try:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except ImportError:  # Windows: there it remains with the user
+        pass
+    except OSError as error:
+        os.close(descriptor)
+        raise InputError(f"{folder}: another process is writing there") from error
+    return descriptor

@@ -1,0 +1,90 @@
+"""The `exunet` command for tests: in this process, or in one of its own where that is what is tested."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+
+import pytest
+
+from exunet.interfaces.cli import main
+from exunet.results.result import load_result
+
+PATIENCE = 120.0  # [s] for what takes a second or two on an idle machine
+
+# The command, with what is done so far written at each stored time, and not only every half a minute.
+WRITING_OFTEN = """
+import exunet.simulation.run as run
+run.KEEP_EVERY, run.KEEP_PART = 0.0, 1e9
+from exunet.interfaces.cli import main
+main()
+"""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended, and what it wrote to its two streams."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def command(*arguments: object, folder: Path) -> Ended:
+    """`exunet ...` with `folder` as the working directory; a warning of the arithmetic is an error."""
+    out, err = StringIO(), StringIO()
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        redirect_stdout(out),
+        redirect_stderr(err),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("error", RuntimeWarning)
+        patch.chdir(folder)
+        patch.setattr(sys, "argv", ["exunet", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+    code = end.value.code
+    assert code is None or isinstance(code, int)
+    return Ended(code or 0, out.getvalue(), err.getvalue())
+
+
+def process(*arguments: object, folder: Path, program: str = "") -> subprocess.Popen[str]:
+    """The same in a process of its own; program : what starts the command there, if not `-m exunet`."""
+    start = ["-c", program] if program else ["-m", "exunet"]
+    return subprocess.Popen(
+        [sys.executable, *start, *map(str, arguments)],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def ended(running: subprocess.Popen[str]) -> Ended:
+    """Wait for the end of a process."""
+    out, err = running.communicate(timeout=PATIENCE)
+    return Ended(running.returncode, out, err)
+
+
+def wait_until(reached: Callable[[], bool], running: subprocess.Popen[str]) -> None:
+    """Wait for what a running process does; fails if it ends before, or does nothing of that kind."""
+    until = time.monotonic() + PATIENCE
+    while not reached():
+        if running.poll() is not None:
+            assert reached(), f"ended before: {running.communicate()}"
+            return
+        assert time.monotonic() < until, f"not reached within {PATIENCE} s"
+        time.sleep(0.01)
+
+
+def states_stored(path: Path) -> int:
+    """Stored times in a result file; none if it is not there yet."""
+    return len(load_result(path).time) if path.exists() else 0

@@ -1,0 +1,25 @@
+"""For all tests: the same random examples each time, and no working directory to lean on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import settings
+
+# The examples follow from the test's own code alone; none is kept from run to run, none depends on the clock.
+settings.register_profile("exunet", derandomize=True, database=None, deadline=None)
+settings.load_profile("exunet")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def outside_of_the_project(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Run in an empty folder, whatever the tests were started from, and leave nothing in it.
+
+    A test that finds its files only from the project's root, or writes into the working directory, fails.
+    """
+    folder = tmp_path_factory.mktemp("working_directory")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        yield
+    assert list(folder.iterdir()) == []
