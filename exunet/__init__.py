@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from exunet.case.casefile import load as load
     from exunet.figures import save_figures as save_figures
     from exunet.results.measures import deployment as deployment
-    from exunet.results.result import Result as Result
     from exunet.results.reading import load_result as load_result
+    from exunet.results.result import Result as Result
     from exunet.results.writing import save as save
     from exunet.simulation.run import run as run
     from exunet.studies.ensemble import perturbed_positions as perturbed_positions

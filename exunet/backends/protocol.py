@@ -90,6 +90,10 @@ class Integrator(Protocol):
     def counts(self) -> StepCounts: ...
 
     @property
+    def can_restart(self) -> bool:
+        """True if a snapshot goes on to the same bits as the integrator that it was taken of."""
+
+    @property
     def items(self) -> dict[str, int]:
         """Items of the engine by kind; none for the compiled loop."""
 
@@ -109,10 +113,7 @@ class Integrator(Protocol):
         """Forces (n_points, 3) [N] from outside on the points, constant from now on."""
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """All that the next step depends on, as copies, and the states that are not handed over yet.
-
-        Raises RestartImpossible for a method that cannot go on exactly.
-        """
+        """All that the next step depends on, as copies, and the states that are not handed over yet."""
 
     def restore(self, arrays: Arrays) -> None:
         """Go back to a snapshot of an integrator of the same scene and plan: what follows is bitwise the same."""

@@ -54,7 +54,11 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Case:
     valid case.
     """
     path = Path(path)
-    text = _decode(_read(path), path)
+    return parse_case(_decode(_read(path), path), path, overrides)
+
+
+def parse_case(text: str, path: Path, overrides: Sequence[str] = ()) -> Case:
+    """As `load`, of a text that is, or was, that of the file `path`."""
     document = _parse(text, path)
     changes = _parse_overrides(overrides)
     _apply(changes, document)

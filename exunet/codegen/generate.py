@@ -10,9 +10,8 @@ from collections.abc import Iterable, Sequence
 
 from exunet.forces.terms import Function, Piece
 
-def module_source(
-    pieces: Sequence[Piece], drivers: Iterable[Function] = (), *, bodies: bool = False
-) -> str:
+
+def module_source(pieces: Sequence[Piece], drivers: Iterable[Function] = (), *, bodies: bool = False) -> str:
     """Text of the module with `add_forces`, `potential`, `power`, `extra_work` over all pieces, and drivers.
 
     `add_forces` adds to the forces that it is given, and returns the elastic energy [J] of the pieces that

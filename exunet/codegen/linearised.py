@@ -128,7 +128,9 @@ def _coupled(kernels: tuple[KernelTerm, ...], n: int) -> Ints:
         if term.couples is not None:
             sets = np.asarray(term.couples, dtype=np.int64)
             width = sets.shape[1]
-            found.append(np.stack([np.repeat(sets, width, axis=1), np.tile(sets, (1, width))], -1).reshape(-1, 2))
+            found.append(
+                np.stack([np.repeat(sets, width, axis=1), np.tile(sets, (1, width))], -1).reshape(-1, 2)
+            )
     return np.unique(np.concatenate(found), axis=0)
 
 

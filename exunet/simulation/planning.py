@@ -13,7 +13,6 @@ from exunet.case.scene import COMPILED_METHODS, Scene
 from exunet.case.stored_times import stored_times
 from exunet.methods.methods import METHODS, Plan, Solver
 from exunet.net.arrays import Net
-from exunet.system.system import System
 from exunet.simulation import auto
 from exunet.system.stability import (
     SAFETY,
@@ -23,6 +22,7 @@ from exunet.system.stability import (
     stable_step,
     step_limit,
 )
+from exunet.system.system import System
 
 # Longest adaptive step, times the highest angular frequency. In free flight the error estimate would allow
 # any step; one that ends deep inside a snap overflows, and the engine accepts the step whose error is not a

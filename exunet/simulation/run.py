@@ -1,51 +1,46 @@
-"""One run: the time loop over the stored times, its retries, and its outcome as a Result."""
+"""One run: a simulation taken through the stored times, in memory or into files that survive its end."""
 
 from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.stepper import EngineFailed, Stepper, StepsCollapsed
-from exunet.base.errors import Interrupted, RunStopped
-from exunet.base.interrupt import postponed
-from exunet.case.casefile import Case
+from exunet.base.errors import InputError, RunStopped
+from exunet.case.casefile import Case, parse_case
 from exunet.case.scene import Scene
-from exunet.case.stored_times import stored_times
+from exunet.results.reading import RESULT_FILE, STORE_FOLDER, load_result
 from exunet.results.result import Result
-from exunet.simulation.breaking import Breaks
-from exunet.simulation.monitor import Monitor
-from exunet.simulation.preparation import Start, build, prepare, prepare_case
-from exunet.simulation.recorder import GOOD_PART, Recorder
-from exunet.simulation.refinement import finer
-
-if TYPE_CHECKING:
-    from exunet.backends.compiled.loop import Loop
+from exunet.results.segments import SegmentStore
+from exunet.results.writing import join
+from exunet.simulation.preparation import Start, prepare, prepare_case
+from exunet.simulation.recorder import Recorder, columns_of, mass_properties
+from exunet.simulation.simulation import Simulation
+from exunet.simulation.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
 Progress = Callable[[float], None]
-Keep = Callable[[Result], None]
 
-KEEP_EVERY = 30.0  # [s] of wall time between two calls of `keep`
-KEEP_PART = 0.02  # of a run's wall time that those calls may take
+WALL_TIME = 30.0  # [s] between two checkpoints that nobody asked for
+WALL_PART = 0.02  # of a run's wall time that those may take
+_SHOWN = 0.1  # [s] of wall time between two calls of `progress`
 
 
-def run(case: Case | Scene, progress: Progress | None = None, keep: Keep | None = None) -> Result:
+def run(case: Case | Scene, progress: Progress | None = None) -> Result:
     """Simulate a case (or a scene) and return its result.
 
     progress : called with the simulated time [s] now and then
-    keep     : called with the part done so far, marked as incomplete, at the start and every 30 s
-    Raises RunStopped (its `partial` holds what was computed) if the run diverges or the engine gives up and
-    `solver.retry` finer attempts do not mend it, Interrupted (also with `partial`) on Ctrl-C.
+    Raises RunStopped (its `partial` holds what was computed) if the run diverges or the integrator gives up
+    and `solver.retry` finer attempts do not mend it, Interrupted (also with `partial`) on Ctrl-C.
     """
     if isinstance(case, Scene):
-        return simulate(prepare(case), {}, progress, keep)
-    return simulate(prepare_case(case), provenance(case), progress, keep)
+        return simulate(prepare(case), {}, progress)
+    return simulate(prepare_case(case), provenance(case), progress)
 
 
 def provenance(case: Case) -> dict[str, Any]:
@@ -54,155 +49,198 @@ def provenance(case: Case) -> dict[str, Any]:
 
 
 def simulate(
-    start: Start,
-    provenance: dict[str, Any] | None = None,
-    progress: Progress | None = None,
-    keep: Keep | None = None,
+    start: Start, provenance: dict[str, Any] | None = None, progress: Progress | None = None
 ) -> Result:
     """Run from a prepared start, which a script may have changed (see `simulation.preparation.prepare`)."""
-    record = Recorder(start, provenance or {})
-    record.store(0.0, (start.position, start.velocity), 0.0)
-    plan, retries = start.plan, start.scene.solver.retry
-    monitor = Monitor(start.net, start.terms, start.position, start.velocity, envelope=record.envelope)
-    record.peaks = monitor.peaks
-    if start.terms.breaking is not None:
-        record.breaks = Breaks(start.net, start.terms, monitor)
-        if retries:
-            record.note("no retries: elements that broke (effects.breaking) stay broken")
-        retries = 0
-    keeper = _Keeper(record, monitor, keep)
+    recorder = Recorder(start, provenance or {})
+    try:
+        simulation = Simulation(start, recorder=recorder)
+        drive(simulation, recorder, progress)
+    except RunStopped as stop:
+        _told(simulation, recorder, stop)
+        stop.partial = recorder.result(str(stop), simulation.monitor)
+        raise
+    _told(simulation, recorder)
+    return recorder.result("ok", simulation.monitor)
+
+
+def drive(
+    simulation: Simulation,
+    recorder: Recorder,
+    progress: Progress | None = None,
+    checkpoint: Callable[[], None] | None = None,
+) -> None:
+    """Take a simulation through the times of its recorder that are still to come.
+
+    checkpoint : called after each stored time
+    """
+    times, shown = recorder.times, 0.0
     while True:
-        stop = _Attempt(replace(start, plan=plan), record, monitor, progress, keeper).run()
-        if stop is None:
-            result = record.result("ok")
-            stop = monitor.review(result, record.off_by(result))
-            if stop is None:
-                return result
-            record.forget_after(monitor.good_until)
-        next_plan = finer(plan) if stop.step_cause and retries else None
-        if next_plan is None:
-            record.forget_off()  # what swung out between two looks of the guards, and back
-            monitor.forget_after(record.last()[0])
-            stop.partial = record.result(str(stop))
-            raise stop
-        plan, retries = next_plan, retries - 1
-        record.forget_off(GOOD_PART)
-        record.retried(str(stop), plan)
-        monitor.go_back(*record.last())
+        ahead = int(np.searchsorted(times, simulation.time, side="right"))
+        if ahead == len(times):
+            if simulation.finish():
+                return
+            continue
+        if not simulation.attempt(float(times[ahead])):
+            continue
+        if checkpoint is not None:
+            checkpoint()
+        if progress is not None and clock.monotonic() - shown > _SHOWN:
+            progress(simulation.time)
+            shown = clock.monotonic()
 
 
-class _Attempt:
-    """One march from the last stored state of a record to the end."""
+def _told(simulation: Simulation, recorder: Recorder, stop: RunStopped | None = None) -> None:
+    """Let the record know what it cost and where it ends."""
+    recorder.flush()
+    recorder.integrated(*simulation.spent())
+    if stop is not None:
+        simulation.monitor.forget_after(
+            float(recorder.rows.read("time", len(recorder) - 1, len(recorder))[0])
+        )
+
+
+def run_into(
+    folder: str | Path,
+    case: Case,
+    start: Start | None = None,
+    progress: Progress | None = None,
+    checkpoint_every: float | None = None,
+) -> Result:
+    """Run a case and leave `result.h5` in a folder, which exists; memory is bounded, whatever is stored.
+
+    While it runs, its states and checkpoints are in the folder "unfinished" in it, from which `resume` goes on
+    if the process dies.
+
+    checkpoint_every : [s] of simulated time between two checkpoints, which are made at stored times; None: one
+                       every 30 s of wall time, where the method can go on exactly
+    Raises as `run` (the part of a run that stopped is in `result.h5`), and InputError if files cannot be written.
+    """
+    start = prepare_case(case) if start is None else start
+    simulation, recorder, files = _begun(Path(folder), case, start, checkpoint_every)
+    return _into(Path(folder), simulation, recorder, files, progress)
+
+
+def resume(folder: str | Path, progress: Progress | None = None) -> Result:
+    """Go on with the run in a folder that `run_into` did not finish, from its last checkpoint.
+
+    The result is the same to the last bit as that of a run that was not cut short, its wall times apart. Raises
+    InputError if there is no unfinished run in it, or if its files are damaged or of another version.
+    """
+    folder = Path(folder)
+    store = SegmentStore(folder / STORE_FOLDER)
+    try:
+        story = store.provenance
+        case = parse_case(story["text"], Path(story["case"]), story["overrides"])
+        start = prepare_case(case)
+        every = story.get("checkpoint_every")
+        if store.checkpoint is None:
+            store.drop_after(0)
+            recorder = Recorder(start, provenance(case), store)
+            simulation = Simulation(start, recorder=recorder)
+        else:
+            store.back_to_checkpoint()
+            snapshot = Snapshot.load(store.folder / store.checkpoint)
+            recorder = Recorder(start, provenance(case), store)
+            simulation = Simulation(start, recorder=recorder)
+            simulation.restore(snapshot)
+        files = _Checkpoints(simulation, recorder, store, every)
+    except BaseException:
+        store.close()
+        raise
+    return _into(folder, simulation, recorder, files, progress)
+
+
+def _begun(
+    folder: Path, case: Case, start: Start, checkpoint_every: float | None
+) -> tuple[Simulation, Recorder, _Checkpoints]:
+    story = provenance(case) | {"checkpoint_every": checkpoint_every}
+    bodies = mass_properties(start.system)
+    if checkpoint_every is not None and not checkpoint_every > 0.0:
+        raise InputError(f"checkpoints: the time between them must be positive, got {checkpoint_every:g} s")
+    store = SegmentStore.create(folder / STORE_FOLDER, columns_of(start.system), start.net, bodies, story)
+    try:
+        recorder = Recorder(start, provenance(case), store)
+        simulation = Simulation(start, recorder=recorder)
+        if checkpoint_every is not None and not simulation.can_restart:
+            simulation.snapshot()  # which says why not
+        return simulation, recorder, _Checkpoints(simulation, recorder, store, checkpoint_every)
+    except BaseException:
+        store.discard()
+        raise
+
+
+def _into(
+    folder: Path,
+    simulation: Simulation,
+    recorder: Recorder,
+    files: _Checkpoints,
+    progress: Progress | None,
+) -> Result:
+    verdict, stopped = "ok", None
+    try:
+        drive(simulation, recorder, progress, files)
+    except RunStopped as stop:
+        verdict, stopped = str(stop), stop
+    except BaseException:
+        files.store.close()
+        raise
+    _told(simulation, recorder, stopped)
+    verdict, story = recorder.finish(verdict, simulation.monitor)
+    bodies, path = mass_properties(simulation.start.system), folder / RESULT_FILE
+    try:
+        join(files.store, path, simulation.start.net, bodies, story, verdict, verdict == "ok")
+    except BaseException:
+        files.store.close()
+        raise
+    files.discard()
+    result = load_result(path)
+    if stopped is not None:
+        stopped.partial = result
+        raise stopped
+    return result
+
+
+class _Checkpoints:
+    """Makes a checkpoint now and then, after a stored time; it never changes a step."""
 
     def __init__(
-        self, start: Start, record: Recorder, monitor: Monitor, progress: Progress | None, keeper: _Keeper
+        self, simulation: Simulation, recorder: Recorder, store: SegmentStore, every: float | None
     ) -> None:
-        self._begin, position, velocity, self._taken = record.last()
-        self._start = replace(start, position=position, velocity=velocity)
-        self._record = record
-        self._monitor = monitor
-        self._progress = progress
-        self._keeper = keeper
-
-    def run(self) -> RunStopped | None:
-        """What stopped it, or None at the end of the run."""
-        record, monitor = self._record, self._monitor
-        monitor.explain(self._start.plan)
-        times = stored_times(self._start.scene.time)
-        try:
-            stepper = self._stepper(float(times[-1]))
-        except EngineFailed as failure:
-            return RunStopped(f"not started: {failure}")
-        began = clock.perf_counter()
-        stop: RunStopped | None = None
-        try:
-            with postponed() as check_interrupt:  # else it could cut the storing of a state in two
-                self._keeper()
-                for until in times[len(record) :].tolist():
-                    stepper.advance(until)
-                    record.store(until, stepper.state(), self._dissipated(stepper, until))
-                    if stepper.extremes is not None:
-                        record.envelope.look(np.array([until]), *np.array(stepper.extremes)[:, None])
-                    if stepper.largest_tension is not None:
-                        monitor.peaks.take(*stepper.largest_tension)
-                    self._keeper()
-                    check_interrupt()
-        except RunStopped as found:
-            stop = found
-        except EngineFailed as failure:
-            stop = self._gave_up(stepper, failure)
-        except KeyboardInterrupt:
-            stop = self._interrupted(stepper)
-        if stop is not None:
-            record.forget_after(monitor.good_until)
-        record.integrated(stepper, clock.perf_counter() - began)
-        return stop
-
-    def _gave_up(self, stepper: Stepper | Loop, failure: EngineFailed) -> RunStopped:
-        """The error for an engine that gave up: what the guards find in its last states, else its own."""
-        try:
-            stepper.hand_over()
-        except RunStopped as found:
-            return found
-        return self._monitor.engine_failed(failure, step_cause=not isinstance(failure, StepsCollapsed))
-
-    def _interrupted(self, stepper: Stepper | Loop) -> Interrupted:
-        """Keep all stored states that are good, those that the guards have yet to see among them."""
-        with suppress(RunStopped):  # the monitor knows until when they are good
-            stepper.hand_over()
-        self._record.forget_after(self._monitor.good_until)
-        self._record.forget_off()
-        until = self._record.last()[0]
-        return Interrupted(f"interrupted after t = {until:.6g} s; what was computed is kept")
-
-    def _dissipated(self, stepper: Stepper | Loop, until: float) -> float | None:
-        """Energy [J] taken out until now; None: the states of the last steps are still to be looked at."""
-        if stepper.dissipated is not None:
-            return stepper.dissipated
-        seen = float(self._monitor.ledger[0][-1])
-        return self._monitor.dissipated if seen >= until else None
-
-    def _watch(self, time: Floats, position: Floats, velocity: Floats, taken: Floats | None = None) -> None:
-        try:
-            self._monitor(time, position, velocity, taken)
-        finally:
-            self._record.book(*self._monitor.ledger)
-        if self._progress:
-            self._progress(float(time[-1]))
-
-    def _stepper(self, end: float) -> Stepper | Loop:
-        """The engine, or the compiled loop, at the start; raises EngineFailed, MissingExtra without Numba."""
-        start, began = self._start, clock.perf_counter()
-        if start.scene.engine.loop == "compiled":
-            from exunet.backends.compiled.loop import Loop
-
-            loop = Loop(start, end, self._watch, begin=self._begin, taken=self._taken)
-            self._record.built({}, clock.perf_counter() - began)
-            if self._record.breaks is not None:
-                loop.watch_for(self._record.breaks)
-            return loop
-        model = build(start)
-        self._record.built(model.items(), clock.perf_counter() - began)
-        stepper = Stepper(model, start.plan, end, self._watch, self._begin)
-        if self._record.breaks is not None:
-            stepper.watch_for(self._record.breaks)
-        return stepper
-
-
-class _Keeper:
-    """Hands the part done to `keep`: at the start, lest an older result pass for this one, and later on."""
-
-    def __init__(self, record: Recorder, monitor: Monitor, keep: Keep | None) -> None:
-        self._record = record
-        self._monitor = monitor
-        self._keep = keep
-        self._next = clock.monotonic()
+        self._simulation, self._recorder, self.store = simulation, recorder, store
+        self._every = every
+        self._due = 0.0 if every is None else (np.floor(simulation.time / every) + 1.0) * every
+        self._wall = clock.monotonic() + WALL_TIME
+        self._able = simulation.can_restart
+        self._number = 0 if store.checkpoint is None else int(store.checkpoint.split("-")[1].split(".")[0])
 
     def __call__(self) -> None:
-        if self._keep is None or clock.monotonic() < self._next:
-            return
         began = clock.monotonic()
-        until = self._monitor.good_until  # what the guards have not seen yet is not told
-        self._keep(self._record.result(f"unfinished: written while the run was at t = {until:.6g} s", until))
+        if self._every is not None:
+            if self._simulation.time < self._due:
+                return
+            self._due = (np.floor(self._simulation.time / self._every) + 1.0) * self._every
+        elif began < self._wall:
+            return
+        if self._able:
+            self._number += 1
+            name = f"checkpoint-{self._number:06d}.exu"
+            self._simulation.snapshot().save(self.store.folder / name)
+            self.store.flush(checkpoint=name)
+            self._tidy(keep=name)
+        else:
+            self._recorder.flush()
+            self.store.flush()
         ended = clock.monotonic()
-        self._next = ended + max(KEEP_EVERY, (ended - began) / KEEP_PART)
+        self._wall = ended + max(WALL_TIME, (ended - began) / WALL_PART)
+
+    def _tidy(self, keep: str = "") -> None:
+        for path in self.store.folder.glob("checkpoint-*.exu"):
+            if path.name != keep:
+                with suppress(OSError):
+                    path.unlink()
+
+    def discard(self) -> None:
+        """Remove the files of the unfinished run."""
+        self._tidy()
+        self.store.discard()

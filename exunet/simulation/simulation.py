@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -108,15 +108,15 @@ class Simulation:
         self._plan = self._start.plan
         self._retries = self._start.scene.solver.retry
         self._pushed = np.zeros_like(self._start.position)
-        state, envelope = self._start.state, recorder.envelope if recorder else None
-        store = recorder.store if recorder else None
+        state, envelope = self._start.state, None if recorder is None else recorder.envelope
+        store = None if recorder is None else recorder.store
         self._monitor = Monitor(self._start.system, state, store=store, envelope=envelope)
         self._spent = StepCounts()
         self._seconds = 0.0
         self._integrator = self._begin(state)
         if recorder is not None and not len(recorder):
             recorder.store(States.of(self._start.system, state), np.zeros(1))
-        self._first = None if recorder else self.snapshot() if self.can_restart else None
+        self._first = self.snapshot() if recorder is None and self.can_restart else None
 
     def _begin(self, state: State) -> Integrator:
         """An integrator at a state, by the plan as it is now."""
@@ -162,8 +162,8 @@ class Simulation:
         """Energies now."""
         self._integrator.hand_over()
         now = States.of(self._start.system, self.state)
-        values = (float(part[0]) for part in (now.kinetic, now.elastic, now.potential))
-        return Energies(*values, self._monitor.dissipated)
+        kinetic, elastic, potential = (float(part[0]) for part in (now.kinetic, now.elastic, now.potential))
+        return Energies(kinetic, elastic, potential, self._monitor.dissipated)
 
     @property
     def net(self) -> NetState:
@@ -176,9 +176,7 @@ class Simulation:
     def bodies(self) -> dict[str, BodyState]:
         """The bodies now, by name."""
         now, system = self.state, self._start.system
-        points = {
-            name: BodyState(now.position[k], now.velocity[k]) for name, k in system.points.body.items()
-        }
+        points = {name: BodyState(now.position[k], now.velocity[k]) for name, k in system.points.body.items()}
         rigid = {
             body.name: BodyState(*(getattr(now.bodies, name)[k] for name in _OF_BODY))
             for k, body in enumerate(system.bodies)
@@ -200,7 +198,9 @@ class Simulation:
     def advance_to(self, until: float) -> None:
         """Go on to a time [s]."""
         if not (np.isfinite(until) and until > self.time):
-            raise InputError(f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}")
+            raise InputError(
+                f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
+            )
         while not self.attempt(until):
             pass
 
@@ -295,7 +295,7 @@ class Simulation:
             )
         header = {
             "time": self.time,
-            "plan": {**asdict(self._plan), "notes": list(self._plan.notes)},
+            "plan": _told(self._plan),
             "retries": self._retries,
             "spent": asdict(self._spent),
             "told": self._monitor.told,
@@ -315,10 +315,9 @@ class Simulation:
         """
         snapshot.refuse_other(self._start)
         header, arrays = snapshot.header, snapshot.arrays
-        plan = {name: tuple(v) if isinstance(v, list) else v for name, v in header["plan"].items()}
         self._pushed = np.array(arrays["pushed"])
         self._retries, self._spent = header["retries"], StepCounts(**header["spent"])
-        restored = Plan(**plan)
+        restored = _plan(header["plan"])
         if restored != self._plan:
             self._plan = restored
             self._integrator = self._begin(self._start.state)
@@ -333,7 +332,9 @@ class Simulation:
     def reset(self) -> None:
         """Go back to the start; nothing is built or compiled again."""
         if self._first is None:
-            raise InputError(f"reset: {self._plan.method} of Exudyn cannot go back exactly; make a new Simulation")
+            raise InputError(
+                f"reset: {self._plan.method} of Exudyn cannot go back exactly; make a new Simulation"
+            )
         self.restore(self._first)
 
     def spent(self) -> tuple[StepCounts, float]:
@@ -357,7 +358,17 @@ def _prepared(case: str | Path | Case | Scene | Start, overrides: Sequence[str])
     return prepare_case(case if isinstance(case, Case) else load(case, overrides))
 
 
+def _told(plan: Plan) -> dict[str, Any]:
+    """A plan in JSON, which has no infinity."""
+    return {name: None if value == np.inf else value for name, value in asdict(plan).items()}
+
+
+def _plan(told: Mapping[str, Any]) -> Plan:
+    """The plan that a snapshot tells."""
+    longest = np.inf if told["longest_step"] is None else told["longest_step"]
+    lists = {name: tuple(value) for name, value in told.items() if isinstance(value, list)}
+    return Plan(**{**told, **lists, "longest_step": longest})
+
+
 def _sum(a: StepCounts, b: StepCounts) -> StepCounts:
     return replace(a, **{name: value + getattr(b, name) for name, value in asdict(a).items()})
-
-

@@ -13,9 +13,9 @@ import numpy as np
 
 from exunet.base.table import Table
 from exunet.case.scene import Scene
+from exunet.forces.cable_term import ElementLaw
 from exunet.forces.effects import EFFECTS, beyond_floats, launch_force, switched_on, terms_of
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.cable_term import ElementLaw
 from exunet.forces.points import Points
 from exunet.forces.terms import LinearTerm
 from exunet.forces.total import Contribution

@@ -147,7 +147,5 @@ class States:
 
 
 _SERIES = tuple(
-    name
-    for name, value in vars(States).items()
-    if isinstance(value, cached_property) and name != "law"
+    name for name, value in vars(States).items() if isinstance(value, cached_property) and name != "law"
 )

@@ -156,11 +156,12 @@ def seen_nothing(system: System) -> Seen:
     first = (0.0, np.inf, np.inf, np.inf, 0.0, 0.0, -1.0)
     half = Layout.of(system).half_mass(system)
     lengths, stiffness = law.natural_length.copy(), law.stiffness.copy()
-    return Seen(*map(np.atleast_1d, first), half, system.net.element_nodes.copy(), lengths, stiffness, twice)
+    held = [np.array([value]) for value in first]
+    return Seen(*held, half, system.net.element_nodes.copy(), lengths, stiffness, twice)  # type: ignore[call-arg]
 
 
 def empty_rows(rows: int, system: System) -> Kept:
     """Room for states."""
     n_x, n_v, n_z = Layout.of(system).sizes
-    wide = (np.zeros((rows, n)) for n in (n_x, n_v, n_z))
-    return Kept(np.zeros(rows), *wide, np.zeros(rows))
+    x, v, z = (np.zeros((rows, n)) for n in (n_x, n_v, n_z))
+    return Kept(np.zeros(rows), x, v, z, np.zeros(rows))

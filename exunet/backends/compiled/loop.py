@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -100,6 +99,7 @@ class CompiledLoop(March):
     """
 
     items: dict[str, int] = {}  # noqa: RUF012 - it has none
+    can_restart = True
 
     def __init__(self, system: System, state: State, plan: Plan, observer: Observer) -> None:
         super().__init__(system, state, plan, loop_kernel(system))
@@ -228,7 +228,10 @@ class CompiledLoop(March):
         m = self._motion
         for held, name in ((m.x, "x"), (m.v, "v"), (m.z, "z"), (m.push, "push"), (m.taken, "taken")):
             held[:] = arrays[name]
-        for group, holder, names in (("clock", self._clock, self._clock._fields), ("seen", self._seen, _SEEN)):
+        for group, holder, names in (
+            ("clock", self._clock, self._clock._fields),
+            ("seen", self._seen, _SEEN),
+        ):
             for name in names:
                 getattr(holder, name)[:] = arrays[f"{group}/{name}"]
         self._row = len(arrays["kept/time"])

@@ -258,9 +258,7 @@ def through_chosen(
     return row
 
 
-def through_equal(
-    verlet: bool, times: Any, step: float, m: Any, clock: Any, seen: Any, kept: Any
-) -> int:
+def through_equal(verlet: bool, times: Any, step: float, m: Any, clock: Any, seen: Any, kept: Any) -> int:
     """As `through_chosen`: `equal_steps`, none longer than `step` [s]."""
     never = 2**62
     row = keep(0, times[0], m, kept)

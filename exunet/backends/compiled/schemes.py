@@ -110,9 +110,7 @@ def rotate_freely(h: float, m: Any) -> None:
     for k in range(first, first + 3 * n):
         s.v1[k] = s.v3[k]
     for c in range(m.z.size):
-        s.z1[c] = m.z[c] + h / 6.0 * (
-            s.turns[0, c] + 2.0 * (s.turns[1, c] + s.turns[2, c]) + s.turns[3, c]
-        )
+        s.z1[c] = m.z[c] + h / 6.0 * (s.turns[0, c] + 2.0 * (s.turns[1, c] + s.turns[2, c]) + s.turns[3, c])
 
 
 def verlet_step(t: float, h: float, m: Any) -> float:
@@ -267,9 +265,7 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
         )
     if BODIES:
         c5 = -5103.0 / 18656.0
-        turn_stage(
-            h, m, v1, 5, 9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, c5, 0.0
-        )
+        turn_stage(h, m, v1, 5, 9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, c5, 0.0)
     accelerate(t + h, x1, v1, m, a6)
     for c in range(n_x):
         x1[c] = (

@@ -43,8 +43,8 @@ from exunet.forces.effects import (
     solar_pressure,
     thermal_strain,
 )
-from exunet.forces.requirements import Surroundings
 from exunet.forces.points import PointMass, Points
+from exunet.forces.requirements import Surroundings
 from exunet.forces.terms import largest_number
 from exunet.forces.total import Contribution, Forces
 

@@ -17,8 +17,8 @@ from pydantic import Field
 from exunet.base.faults import Wrong
 from exunet.base.table import NonNegative, Positive, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.requirements import Surroundings, bullet_key, excludes
 from exunet.forces.points import Points
+from exunet.forces.requirements import Surroundings, bullet_key, excludes
 from exunet.forces.surface import bullet_disc, widths
 from exunet.forces.terms import KernelTerm
 

@@ -20,6 +20,7 @@ from scipy.sparse import csr_array, kron
 from exunet.base.faults import Wrong
 from exunet.base.table import NonNegative, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.points import Points
 from exunet.forces.requirements import Surroundings, excludes
 from exunet.forces.terms import LinearTerm
 from exunet.net.arrays import Net

@@ -17,10 +17,10 @@ from pydantic import Field, model_validator
 from exunet.base.faults import Wrong, refuse_with, unless_one
 from exunet.base.incomplete import Unknown
 from exunet.base.table import Positive, Table, exactly_one
-from exunet.forces.estimate import Estimate, EstimateBasis, hardest_strain, snap_of
-from exunet.forces.requirements import Surroundings
-from exunet.forces.points import Points
 from exunet.forces.cable_term import ElementLaw
+from exunet.forces.estimate import Estimate, EstimateBasis, hardest_strain, snap_of
+from exunet.forces.points import Points
+from exunet.forces.requirements import Surroundings
 
 # They use, in the step after a break, the acceleration of the step before it.
 REMEMBERING = ("VelocityVerlet", "GeneralizedAlpha", "TrapezoidalIndex2")

@@ -11,9 +11,9 @@ from pydantic import Field
 from exunet.base.faults import Wrong
 from exunet.base.table import Table, Vector
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.points import Points
 from exunet.forces.requirements import Surroundings, excludes
 from exunet.forces.terms import LinearTerm
-from exunet.forces.points import Points
 
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
 

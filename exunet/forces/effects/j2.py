@@ -22,9 +22,9 @@ from exunet.base.incomplete import Unknown
 from exunet.forces.directions import EARTH_MU, EARTH_RADIUS, OrbitKeys
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.lumped import each_node
+from exunet.forces.points import Points
 from exunet.forces.requirements import Surroundings
 from exunet.forces.terms import LinearTerm
-from exunet.forces.points import Points
 
 J2 = 1.08262668e-3  # EGM-96, Vallado table D-1
 LONGEST = 0.05  # of an orbit, during which the gradient is taken as constant

@@ -25,8 +25,8 @@ from exunet.base.faults import Wrong
 from exunet.base.incomplete import Unknown
 from exunet.base.table import Positive, Table, check
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.requirements import Surroundings
 from exunet.forces.points import PointMass, Points
+from exunet.forces.requirements import Surroundings
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
 

@@ -8,8 +8,8 @@ from scipy.sparse import csr_array, diags_array
 
 from exunet.base.table import NonNegative, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.terms import LinearTerm
 from exunet.forces.points import Points
+from exunet.forces.terms import LinearTerm
 
 
 class Keys(Table):

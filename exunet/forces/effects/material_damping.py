@@ -12,9 +12,9 @@ import numpy as np
 from pydantic import Field
 
 from exunet.base.table import NonNegative, Table
+from exunet.forces.cable_term import ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis, snap_of
 from exunet.forces.points import Points
-from exunet.forces.cable_term import ElementLaw
 
 
 class Keys(Table):

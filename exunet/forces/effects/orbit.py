@@ -17,8 +17,8 @@ from pydantic import Field
 from exunet.forces.directions import OrbitKeys
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.lumped import each_node
-from exunet.forces.terms import KernelTerm, LinearTerm, Term
 from exunet.forces.points import Points
+from exunet.forces.terms import KernelTerm, LinearTerm, Term
 
 
 class Keys(OrbitKeys):

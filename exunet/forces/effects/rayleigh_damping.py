@@ -43,7 +43,7 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     found = terms(keys, basis.points)
     speed = basis.rms(basis.velocity)
     rate = 0.0
-    if found and speed > 0.0:
+    if found and found[0].damping is not None and speed > 0.0:
         rate = basis.of_force((found[0].damping @ basis.velocity.ravel()).reshape(-1, 3)) / speed
     return Estimate(
         rate * basis.speed,

@@ -13,9 +13,9 @@ from pydantic import Field, model_validator
 from exunet.base.table import Table
 from exunet.forces import cable
 from exunet.forces.cable import Law
+from exunet.forces.cable_term import CableTerm, ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import Points
-from exunet.forces.cable_term import CableTerm, ElementLaw
 
 
 class Keys(Table):
