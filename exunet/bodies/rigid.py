@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
 
@@ -68,15 +69,16 @@ def rotation_matrix(attitude: Floats) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def quaternion(matrix: Floats) -> Floats:
-    """(..., 4) unit quaternions with w >= 0 of rotation matrices (..., 3, 3).
+def rotation_vector(attitude: Floats) -> Floats:
+    """(..., 3) rotation vectors [rad], no longer than pi, of unit quaternions (..., 4)."""
+    flat = Rotation.from_quat(attitude.reshape(-1, 4), scalar_first=True).as_rotvec()
+    return np.asarray(flat).reshape(*attitude.shape[:-1], 3)
 
-    Shepperd, J. Guidance and Control 1 (1978) 223, doi 10.2514/3.55767b: the largest component first.
-    """
-    from scipy.spatial.transform import Rotation
 
-    flat = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_quat(canonical=True, scalar_first=True)
-    return np.asarray(flat).reshape(*matrix.shape[:-2], 4)
+def quaternion_of(vector: Floats) -> Floats:
+    """(..., 4) unit quaternions of rotation vectors (..., 3) [rad]."""
+    flat = Rotation.from_rotvec(vector.reshape(-1, 3)).as_quat(scalar_first=True)
+    return np.asarray(flat).reshape(*vector.shape[:-1], 4)
 
 
 def kinetic(mass: Floats, inertia: Floats, states: RigidStates) -> Floats:

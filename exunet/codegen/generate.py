@@ -30,6 +30,7 @@ def module_source(pieces: Sequence[Piece], drivers: Iterable[Function] = (), *, 
         *(_text(function) for function in functions.values()),
         f"TAKES_ENERGY = {any(p.works or p.power is not None or p.work is not None for p in pieces)}",
         f"BODIES = {bodies}",
+        f"JUMPS = {any(piece.jumps for piece in pieces)}",
         _joined(pieces),
         *(_text(driver) for driver in drivers),
     ]

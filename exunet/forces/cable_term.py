@@ -94,6 +94,7 @@ class CableTerm:
                 self._data(np.ones(1)),
                 work=loops.viscous_work,
                 helpers=(loops.excess_and_rate,),
+                jumps=True,
                 elastic=True,
             ),
         )

@@ -39,6 +39,7 @@ class Piece:
     data    : arrays and numbers, in the order in which `add` takes them. They are data of the compiled
               function, not text in it: scenes with the same kinds of forces share one kernel
     helpers : module-level functions that the others call
+    jumps   : the force jumps where an element becomes taut (see `exunet.forces.jumps`)
     elastic : `add` returns the elastic energy [J] that it finds on its way
 
     What it takes out or stores is had from one of these; none means a force that does no work:
@@ -56,6 +57,7 @@ class Piece:
     work: Function | None = None
     helpers: tuple[Function, ...] = ()
     works: bool = False
+    jumps: bool = False
     elastic: bool = False
 
 

@@ -74,6 +74,8 @@ class Clock(NamedTuple):
     step     : to try next [s]
     rejected : 1 after a rejected step, else 0
     tiny     : number of steps in a row that were of the least length, at which no error is too large
+    beyond   : step [s] to go on with beyond a jump of the forces that is approached, else 0
+    towards  : 1 if the last attempt was on the way to it
     steps, rejections : accepted and rejected so far
     """
 
@@ -81,6 +83,8 @@ class Clock(NamedTuple):
     step: Floats
     rejected: Floats
     tiny: Floats
+    beyond: Floats
+    towards: Floats
     steps: NDArray[np.int64]
     rejections: NDArray[np.int64]
 
@@ -146,7 +150,8 @@ def motion_of(system: System, state: State, data: tuple[Any, ...]) -> Motion:
 def clock_at(time: float, first_step: float) -> Clock:
     """A clock at a time [s] with its first step [s]."""
     none = np.zeros(1, dtype=np.int64)
-    return Clock(np.array([time]), np.array([first_step]), np.zeros(1), np.zeros(1), none, none.copy())
+    zeros = [np.zeros(1) for _ in range(4)]
+    return Clock(np.array([time]), np.array([first_step]), *zeros, none, none.copy())
 
 
 def seen_nothing(system: System) -> Seen:

@@ -179,11 +179,13 @@ class CompiledLoop(March):
         """Make the step that comes end near the next event."""
         if not self._events.in_steps:
             return
-        step = min(float(self._clock.step[0]), self._plan.longest_step, until - self.time)
+        beyond = float(self._clock.beyond[0])
+        step = min(beyond or float(self._clock.step[0]), self._plan.longest_step, until - self.time)
         position, velocity, _ = self._layout.unpack(self._motion.x, self._motion.v, self._motion.z)
         shorter = self._events.step_within(step, 8.0 * self._plan.least_step, position, velocity)
         if shorter < step:
             self._clock.step[0] = shorter
+            self._clock.beyond[0] = min(beyond, shorter)
 
     def _look_for_events(self) -> None:
         if not self._events:

@@ -29,6 +29,7 @@ TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that co
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     TAKES_ENERGY = False
     BODIES = True
+    JUMPS = True
 
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
     def extra_work(h: float, x0: Any, v0: Any, x1: Any, v1: Any, x2: Any, v2: Any, data: Any) -> float: ...
@@ -146,6 +147,66 @@ def keep(row: int, t: float, m: Any, kept: Any) -> int:
     return row + 1
 
 
+def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> Any:
+    """The next jump of the forces, as `exunet.forces.jumps.jump_ahead`: time until then, step across it [s].
+
+    Both infinite if there is none within a time [s] that matters.
+    """
+    x = m.x
+    v = m.v
+    a = m.stages.a1
+    after = np.inf
+    across = np.inf
+    for e in range(seen.ends.shape[0]):
+        if seen.twice_time[e] <= 0.0 or seen.stiffness[e] <= 0.0:
+            continue
+        i = 3 * seen.ends[e, 0]
+        j = 3 * seen.ends[e, 1]
+        dd = 0.0
+        dw = 0.0
+        ww = 0.0
+        db = 0.0
+        wb = 0.0
+        bb = 0.0
+        place = 0.0
+        for c in range(3):
+            d = x[j + c] - x[i + c]
+            w = v[j + c] - v[i + c]
+            b = a[j + c] - a[i + c]
+            dd += d * d
+            dw += d * w
+            ww += w * w
+            db += d * b
+            wb += w * b
+            bb += b * b
+            place = max(place, abs(x[i + c]), abs(x[j + c]))
+        length = seen.length[e]
+        distance = math.sqrt(dd)
+        reach = distance + within * (math.sqrt(ww) + 0.5 * within * math.sqrt(bb))
+        if distance > length * (1.0 + 1e-15) or reach <= length or ww == 0.0:
+            continue
+        c0 = (distance - length) * (distance + length)
+        below = min(c0, 0.0)
+        root = math.sqrt(4.0 * dw * dw - 4.0 * ww * below)
+        straight = -2.0 * below / (2.0 * dw + root) if dw > 0.0 else (root - 2.0 * dw) / (2.0 * ww)
+        time = straight
+        for _ in range(6):
+            slope = 2.0 * dw + time * (2.0 * (ww + db) + time * (3.0 * wb + time * bb))
+            if slope == 0.0:
+                break
+            time -= (c0 + time * (2.0 * dw + time * (ww + db + time * (wb + time * 0.25 * bb)))) / slope
+        if not (0.25 * straight < time < 4.0 * straight):
+            time = straight
+        parting = (2.0 * dw + time * (2.0 * (ww + db) + time * (3.0 * wb + time * bb))) / (2.0 * length)
+        mobility = max(m.inverse[i], m.inverse[j])
+        size = 0.5 * seen.twice_time[e] * seen.stiffness[e] / length * mobility * parting
+        if parting > 0.0 and time <= within and size * within > tolerance and time < after:
+            after = time
+            surely = 64.0 * 2.220446049250313e-16 * max(t, (place + length) / parting)
+            across = min(within, max(tolerance / size, surely))
+    return after, across
+
+
 def equal_steps(
     verlet: bool,
     start: float,
@@ -195,6 +256,8 @@ def chosen_steps(
     had chosen goes on after it: so the stored states are of full order, which interpolated ones would not be.
     The control is that of Hairer, Norsett and Wanner, "Solving Ordinary Differential Equations I", eq.
     (II.4.13), with growth by 2 at most: a slack net snaps taut within a step, and larger jumps get rejected.
+    Where a rejected step had a jump of the forces in its way, steps go to just before it, one goes across it
+    whatever its error estimate, and the control goes on with the step that it had chosen before.
     """
     least = control.least
     watts = 0.0
@@ -202,6 +265,20 @@ def chosen_steps(
         watts = power(clock.time[0], m.x, m.v, m.data, m.stages.scratch)
     for _ in range(limit):
         wanted = min(clock.step[0], control.longest)
+        across = False
+        if JUMPS and clock.beyond[0] > 0.0:
+            after, over = jump_ahead(clock.beyond[0], control.tolerance, clock.time[0], m, seen)
+            if after == np.inf:
+                if clock.rejected[0] == 0.0:
+                    wanted = clock.beyond[0]
+                clock.beyond[0] = 0.0
+                clock.towards[0] = 0.0
+            elif not (
+                clock.rejected[0] == 1.0 and clock.towards[0] == 1.0
+            ):  # else it came sooner than foreseen
+                across = after <= over
+                wanted = after + over if across else after - max(0.5 * over, 0.01 * after)
+                clock.towards[0] = 1.0
         rest = until - clock.time[0]
         h = wanted
         if rest <= 1.0000001 * wanted:
@@ -210,8 +287,11 @@ def chosen_steps(
             h = 0.5 * rest
         error, held = dormand_prince_step(clock.time[0], h, m)
         error /= control.tolerance
-        if not (error <= 1.0 or (h <= least and error < np.inf)):
+        if not (error <= 1.0 or ((h <= least or across) and error < np.inf)):
             clock.rejections[0] += 1
+            if JUMPS and clock.beyond[0] == 0.0:
+                if jump_ahead(h, control.tolerance, clock.time[0], m, seen)[0] < np.inf:
+                    clock.beyond[0] = h
             clock.rejected[0] = 1.0
             shrink = 0.2 if error == np.inf else max(0.2, 0.9 * error**-0.2)
             clock.step[0] = max(least, h * shrink)
@@ -219,7 +299,7 @@ def chosen_steps(
                 clock.tiny[0] = np.inf
                 break
             continue
-        clock.tiny[0] = clock.tiny[0] + 1.0 if error > 1.0 else 0.0
+        clock.tiny[0] = clock.tiny[0] + 1.0 if error > 1.0 and not across else 0.0
         if TAKES_ENERGY:
             watts = work_of_step(clock.time[0], h, watts, m)
         accept(m)
@@ -289,6 +369,7 @@ LOOP = (
     see_tensions,
     see,
     keep,
+    jump_ahead,
     equal_steps,
     chosen_steps,
     through_chosen,

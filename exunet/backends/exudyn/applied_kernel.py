@@ -2,52 +2,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from exunet.backends.exudyn.model import Model
-from exunet.codegen.kernel import Index, Kernel
+from exunet.backends.exudyn.model import Jacobian, Model
+from exunet.codegen.kernel import Kernel
 from exunet.codegen.linearised import Linearised
+from exunet.forces.terms import Index
 
 Floats = NDArray[np.float64]
 
 
-def apply(
-    model: Model, kernel: Kernel, linearised: Linearised | None = None, mass: Floats | None = None
-) -> None:
-    """Let a kernel push the points of `model`, which are a net's nodes; mass as for `Model.applied_forces`.
+class AppliedKernel:
+    """The forces of a kernel on the points of `model`, and constant ones from outside.
 
-    linearised : the kernel's derivatives, for implicit methods
     Where the coordinates stand is only known once the model is assembled, so it is looked up at first use.
     """
-    place: list[Any] = []
 
-    def evaluate(t: float, q: Floats, q_t: Floats, out: Floats) -> None:
-        if not place:
-            place.append(_place(model))
-        column, free, reference, x, v, force = place[0]
-        run(t, q, q_t, column, free, reference, data, x, v, force, out)
+    def __init__(self, model: Model, kernel: Kernel, memory: Mapping[str, Floats]) -> None:
+        self._model, self._kernel = model, kernel
+        self._data = kernel.data(memory)
+        self._run: Callable[..., None] = kernel.module.engine_forces
+        self._place: tuple[Any, ...] | None = None
+        self._push = np.zeros(3 * model.n_points)
 
-    def jacobian(t: float, q: Floats, q_t: Floats, of_position: float, of_velocity: float) -> csr_array:
-        column, free, reference, x, v, _ = place[0]
-        x[free] = reference + q[column]
-        v[free] = q_t[column]
-        assert linearised is not None
-        return linearised(t, x, v, of_position, of_velocity)
+    def evaluate(self, t: float, q: Floats, q_t: Floats, out: Floats) -> None:
+        """Forces [N] on the free coordinates of the points into out; see `Model.applied_forces`."""
+        if self._place is None:
+            self._place = _place(self._model)
+        column, free, reference, x, v, force = self._place
+        self._run(t, q, q_t, column, free, reference, self._data, x, v, self._push, force, out)
 
-    run, data = kernel.module.engine_forces, kernel.data
-    model.applied_forces(evaluate, jacobian if linearised else None, mass)
+    def jacobian(self, linearised: Linearised | None) -> Jacobian | None:
+        """The kernel's derivatives as `Model.applied_forces` takes them."""
+        if linearised is None:
+            return None
+
+        def compute(t: float, q: Floats, q_t: Floats, of_position: float, of_velocity: float) -> csr_array:
+            assert self._place is not None
+            column, free, reference, x, v, _ = self._place
+            x[free] = reference + q[column]
+            v[free] = q_t[column]
+            return linearised(t, x, v, of_position, of_velocity)
+
+        return compute
+
+    def push(self, force: Floats) -> None:
+        """Forces (n_points, 3) [N] from outside, from now on."""
+        self._push[:] = force.ravel()
+
+    def remember(self, memory: Mapping[str, Floats]) -> None:
+        """Take other values of memories."""
+        self._kernel.remember(self._data, memory)
 
 
 def _place(model: Model) -> tuple[Any, ...]:
-    """Column and node coordinate of each free coordinate, its reference, and work space."""
-    nothing = np.zeros(model.n_coordinates)
-    reference, _ = model.unpack(nothing, nothing)
+    """Column and coordinate of each free coordinate of the points, its reference, and work space."""
     free = np.flatnonzero(np.repeat(model.free, 3))
-    x = reference.ravel().copy()
+    x = model.reference.ravel().copy()
     return (
         model.columns().astype(Index),
         free.astype(Index),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from exunet.backends.exudyn.loading import exudyn
+from exunet.bodies.rigid import RigidBody, RigidStates, quaternion_of, rotation_vector
 from exunet.forces import cable
 
 Floats = NDArray[np.float64]
@@ -42,7 +43,10 @@ class Model:
         self._laws: dict[bool, Any] = {}
         self._views: list[Floats] = []
         self._connectors: list[int] = []
-        self.sever: Callable[[Ints], None] = self._deactivate  # lets cable elements, by number, carry nothing
+        self._carrying: NDArray[np.bool_] | None = None
+        self._bodies: list[int] = []
+        self.applied: Any = None  # the AppliedKernel that pushes the points, if there is one
+        self.elements_applied = False  # that kernel has the elements' forces too
 
     def _add_object(self, item: Any, name: str) -> int:
         self._counts[name] += 1
@@ -102,9 +106,32 @@ class Model:
         self._connectors.append(number)
         return number
 
-    def _deactivate(self, elements: Ints) -> None:
-        for element in elements:
-            self.system.SetObjectParameter(self._connectors[element], "activeConnector", False)
+    def carry(self, intact: Floats) -> None:
+        """Let the connectors of elements carry, or not: intact (n_elements,) is 1 or 0."""
+        wanted = intact > 0.0
+        before = np.ones(len(self._connectors), dtype=bool) if self._carrying is None else self._carrying
+        for element in np.flatnonzero(wanted != before):
+            connector = self._connectors[element]
+            self.system.SetObjectParameter(connector, "activeConnector", bool(wanted[element]))
+        self._carrying = wanted
+
+    def rigid_body(self, body: RigidBody, state: RigidStates) -> int:
+        """Add a body in its principal axes, free of forces: a node with a rotation vector, as explicit methods need.
+
+        The reference attitude is that of the scene's axes, so the rotation vector is the attitude.
+        """
+        rotation = rotation_vector(state.attitude)
+        node = self.system.AddNode(
+            self._items.NodeRigidBodyRotVecLG(
+                referenceCoordinates=[0.0] * 6,
+                initialCoordinates=[*state.position.tolist(), *rotation.tolist()],
+                initialVelocities=[*state.velocity.tolist(), *state.angular_velocity.tolist()],
+            )
+        )
+        inertia = [*body.inertia, 0.0, 0.0, 0.0]
+        item = self._items.ObjectRigidBody(mass=body.mass, nodeNumber=int(node), inertia6D=inertia)
+        self._bodies.append(int(node))
+        return self._add_object(item, "ObjectRigidBody")
 
     def _law(self, *, viscous: bool) -> Any:
         if viscous not in self._laws:
@@ -241,6 +268,9 @@ class Model:
         self.system.Assemble()
         self._keep = np.array(self._free, dtype=bool)
         self._reference_array = np.array(self._reference, dtype=float).reshape(-1, 3)
+        starts = [self.system.GetNodeODE2Index(node) for node in self._bodies]
+        self._of_bodies = np.array(starts, dtype=np.int64)[:, None] + np.arange(6)
+        self._of_points = self.columns()
 
     def items(self) -> dict[str, int]:
         """How many objects of each kind the engine holds."""
@@ -257,24 +287,45 @@ class Model:
         return np.array(self._free, dtype=bool)
 
     @property
+    def has_bodies(self) -> bool:
+        """True if there are rigid bodies."""
+        return bool(self._bodies)
+
+    @property
+    def n_points(self) -> int:
+        """Points, fixed ones included."""
+        return len(self._nodes)
+
+    @property
     def n_coordinates(self) -> int:
-        """Coordinates of the free points."""
-        return 3 * int(np.count_nonzero(self._free))
+        """Second-order coordinates: of the free points (3 each) and of the bodies (6 each)."""
+        return 3 * int(np.count_nonzero(self._free)) + 6 * len(self._bodies)
+
+    @property
+    def reference(self) -> Floats:
+        """(n_points, 3) [m], of an assembled model."""
+        return self._reference_array
 
     def coordinates(self) -> tuple[Floats, Floats]:
-        """Copies of the raw displacement and velocity coordinates of the free points, each (3 n_free,)."""
+        """Copies of the raw displacement and velocity coordinates, each (n_coordinates,)."""
         data = self.system.systemData
         return np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
 
     def unpack(self, displacement: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        """Raw coordinates (..., 3 n_free) -> position [m] and velocity [m/s] of all points, (..., n, 3)."""
+        """Raw coordinates (..., n_coordinates) -> position [m], velocity [m/s] of all points, (..., n, 3)."""
         shape = (*displacement.shape[:-1], len(self._nodes), 3)
         position = np.broadcast_to(self._reference_array, shape).copy()
         speed = np.zeros(shape)
         free = (*displacement.shape[:-1], -1, 3)
-        position[..., self._keep, :] += displacement.reshape(free)
-        speed[..., self._keep, :] = velocity.reshape(free)
+        position[..., self._keep, :] += displacement[..., self._of_points].reshape(free)
+        speed[..., self._keep, :] = velocity[..., self._of_points].reshape(free)
         return position, speed
+
+    def unpack_bodies(self, displacement: Floats, velocity: Floats) -> RigidStates:
+        """Raw coordinates (..., n_coordinates) -> states of the bodies."""
+        place, speed = displacement[..., self._of_bodies], velocity[..., self._of_bodies]
+        attitude = quaternion_of(place[..., 3:])
+        return RigidStates(place[..., :3], speed[..., :3], attitude, speed[..., 3:])
 
 
 def _no_jacobian(container: Any) -> Any:

@@ -1,80 +1,77 @@
-"""Time stepping with Exudyn's own integrators, stretch by stretch, every state handed to a watcher."""
+"""Time stepping with Exudyn's own integrators, stretch by stretch, every accepted state handed over."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.backends.events import Events
+from exunet.backends.exudyn.build import build
 from exunet.backends.exudyn.loading import exudyn
-from exunet.backends.exudyn.model import Model
+from exunet.backends.exudyn.settings import ends_at, longest_of, settings_for
+from exunet.backends.exudyn.step_choice import StepChoice
+from exunet.backends.protocol import Arrays, Batch, IntegrationFailed, Observer, StepCounts, StepsCollapsed
 from exunet.base.interrupt import postponed
+from exunet.forces.cable_term import INTACT
+from exunet.forces.jumps import Jump, jump_ahead
 from exunet.methods.methods import METHODS, Plan
-from exunet.simulation.breaking import Breaks
+from exunet.system.energy import law_of
+from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
-Watcher = Callable[[Floats, Floats, Floats], None]
 
-_ROWS = 256  # states that the watcher gets in one go: enough to be fast, few enough to be told soon
+_ROWS = 256  # states that the observer gets in one go: enough to be fast, few enough to be told soon
 _BUFFER_NUMBERS = 2**19  # of one coordinate array; bounds memory
 _TINY_ATTEMPTS = 200  # of the least size, one after the other; a snap's beginning may need a few
 
 
-@dataclass
-class StepCounts:
-    """What the integration cost: accepted and rejected steps, Newton iterations."""
-
-    steps: int = 0
-    rejected: int = 0
-    newton_iterations: int = 0
-
-
-class EngineFailed(Exception):
-    """The engine gave up; its own words."""
-
-
-class StepsCollapsed(EngineFailed):
-    """No step is small enough for the tolerance; a tighter one cannot help."""
-
-
 class Stepper:
-    """Advances a model to asked times and hands the accepted states, in batches, to a watcher.
+    """The integrator that has Exudyn step; see `exunet.backends.protocol.Integrator`.
 
-    The watcher gets (time (k,), position (k, n, 3), velocity (k, n, 3)) of every step, later than `advance`
-    has gone there but before the end of the run or EngineFailed, or when told to `hand_over`; batches overlap
-    in one state, so that it can integrate over steps. `begin` is the time of the model's state [s]. An
-    exception raised by the watcher, or Ctrl-C, comes out of `advance` unchanged.
+    Every accepted state is handed over. fused : the form of the net, see `build`
     """
 
-    def __init__(self, model: Model, plan: Plan, end: float, watcher: Watcher, begin: float = 0.0) -> None:
-        self._model = model
-        self._plan = plan
+    def __init__(self, system: System, state: State, plan: Plan, observer: Observer, *, fused: bool) -> None:
+        self._system, self._plan, self._observer, self._fused = system, plan, observer, fused
         self._method = METHODS[plan.method]
-        self._watcher = watcher
-        self.counts = StepCounts()
-        self.time = begin
-        self.dissipated = self.extremes = self.largest_tension = None  # the watcher has to find them
-        self._end = end
-        rows = max(16, min(_ROWS, _BUFFER_NUMBERS // max(1, model.n_coordinates)))
+        self._adaptive = self._method.kind == "adaptive"
+        self._events = Events(system.forces, state.memory, observer)
+        self._counts = StepCounts()
+        self._pushed: Floats | None = None
+        self.time = state.time
+        self._open(state)
+        rows = max(16, min(_ROWS, _BUFFER_NUMBERS // max(1, self._model.n_coordinates)))
         self._times = np.empty(rows)
-        self._q = np.empty((rows, model.n_coordinates))
-        self._v = np.empty((rows, model.n_coordinates))
+        self._q = np.empty((rows, self._model.n_coordinates))
+        self._v = np.empty((rows, self._model.n_coordinates))
         self._rows = 0
-        self._step_start = begin
-        self._attempt_end = begin
+        self._append(state.time)
+
+    def _open(self, state: State) -> None:
+        """Build the model at a state, and start the engine's solver there."""
+        room = self._pushed is not None
+        self._model = build(self._system, state, self._plan, fused=self._fused, pushed=room)
+        if self._pushed is not None:
+            self._model.applied.push(self._pushed)
+        self._remember(state.memory)
+        self._settings = settings_for(self._model, self._plan, state.time)
+        self._start()
+        self._idle_at(state.time)
+        jumps = self._system.forces.cable.viscous and self._adaptive
+        self._choice = StepChoice(self._plan, self._solver, self._settings, self._jump if jumps else None)
+
+    def _idle_at(self, time: float) -> None:
+        """Between two stretches."""
+        self.time = self._step_start = self._attempt_end = time
         self._attempting = False
         self._tiny_attempts = 0
         self._stop: BaseException | None = None
-        self._breaks: Breaks | None = None
-        self._settings = _settings(exudyn(), model, plan, begin, end)
-        self._solver = self._start()
-        self._append(begin)
 
-    def _start(self) -> Any:
+    def _start(self) -> None:
         engine = exudyn()
         self._model.system.SetPreStepUserFunction(self._before_attempt)
         self._model.look_again()
@@ -83,13 +80,35 @@ class Stepper:
         try:
             started = solver.InitializeSolver(self._model.system, self._settings)
         except Exception as error:  # the engine's own exception types share no narrower base
-            raise EngineFailed(_first_line(error)) from error
+            raise IntegrationFailed(_first_line(error)) from error
         if not started:
-            raise EngineFailed("the engine could not start this method on this scene")
-        return solver
+            raise IntegrationFailed("the engine could not start this method on this scene")
+        self._solver: Any = solver
+        if self._plan.tolerance is not None:
+            solver.it.maxStepSize = longest_of(self._plan)
+
+    @property
+    def counts(self) -> StepCounts:
+        attempts = self._counts.steps + self._counts.rejected
+        if self._method.kind == "implicit":  # residuals; Jacobians not counted
+            evaluations = attempts + self._counts.newton_iterations
+        else:
+            evaluations = attempts * self._method.stages
+        return replace(self._counts, right_hand_sides=evaluations)
+
+    @property
+    def items(self) -> dict[str, int]:
+        return self._model.items()
+
+    @property
+    def can_restart(self) -> bool:
+        return self._method.kind != "implicit"  # whose algorithmic accelerations the engine does not give
 
     def advance(self, until: float) -> None:
-        """Integrate from the current time to `until` [s] exactly."""
+        while self.time < until:
+            self._stretch(self._events.next_instant(self.time, until))
+
+    def _stretch(self, until: float) -> None:
         self._set_stretch(until)
         words = ""
         try:
@@ -99,27 +118,29 @@ class Stepper:
             done, words = False, _first_line(error)
             if self._stop is None and isinstance(error.__cause__, KeyboardInterrupt):
                 self._stop = error.__cause__
-        self._count_newton()
+        self._counts.newton_iterations = int(self._solver.it.newtonStepsCount)
         if self._stop is not None:
             stop, self._stop = self._stop, None
             raise stop
         if not done:
             self.hand_over()
-            raise EngineFailed(words or _first_line(self._solver.GetErrorString()) or "the engine stopped")
+            raise IntegrationFailed(
+                words or _first_line(self._solver.GetErrorString()) or "the engine stopped"
+            )
         if self._attempting:
-            self.counts.steps += 1
-        self._attempting = False
-        self._tiny_attempts = 0
-        self.time = self._step_start = until
+            self._counts.steps += 1
+        self._choice.end_stretch(self._model.system.systemData.GetTime())
+        self._idle_at(until)
         self._append(until)
-        if until >= self._end or not np.isfinite(self._v[self._rows - 1]).all():
+        if not np.isfinite(self._v[self._rows - 1]).all():
             self.hand_over()
-        self._look_for_breaks(until)
+        self._look_for_events(until)
 
     def _set_stretch(self, until: float) -> None:
         self._model.look_again()
         progress = self._solver.it
-        progress.endTime = until
+        self._choice.begin_stretch(until)
+        progress.endTime = ends_at(until) if self._adaptive else until
         if self._plan.step is not None:
             # Equal steps, none longer than asked, so that stored times are hit exactly.
             span = until - self.time
@@ -131,16 +152,20 @@ class Stepper:
     def _before_attempt(self, _mbs: Any, end_of_attempt: float) -> bool:
         """Engine callback before each attempted step; the state is still that of the step's start."""
         try:
-            if self._attempting and end_of_attempt <= self._attempt_end:
-                self.counts.rejected += 1
+            rejected = self._attempting and end_of_attempt <= self._attempt_end
+            if rejected:
+                self._counts.rejected += 1
             elif self._attempting:
                 self._step_done(self._attempt_end)
             self._check_interrupt()
+            if self._adaptive:
+                end_of_attempt = self._choice.choose(end_of_attempt, self._attempting, rejected)
             self._refuse_collapse(end_of_attempt)
             self._attempting = True
             self._attempt_end = end_of_attempt
-            if self._breaks is not None and self._method.kind == "adaptive":
+            if self._adaptive:
                 self._shorten()
+                self._choice.attempted()
         except BaseException as error:
             self._stop = error  # advance() raises it again
             raise  # returning False would not end the engine's search for a smaller step
@@ -159,36 +184,51 @@ class Stepper:
             )
 
     def _step_done(self, time: float) -> None:
-        self.counts.steps += 1
+        self._counts.steps += 1
         self._step_start = time
+        self._choice.accepted(time)
         self._append(time)
-        self._look_for_breaks(time)
+        self._look_for_events(time)
 
     def _shorten(self) -> None:
-        """Make the step that is about to be tried end near the limit of what it would break."""
-        assert self._breaks is not None
+        """Make the step that is about to be tried end near the next event."""
+        if not self._events.in_steps:
+            return
+        position, velocity = self._model.unpack(*self._model.coordinates())
         step, least = self._attempt_end - self._step_start, 8.0 * self._plan.least_step
-        shorter = self._breaks.step_within(step, least, *self.state())
+        shorter = self._events.step_within(step, least, position, velocity)
         if shorter < step:
             progress = self._solver.it
             progress.currentStepSize = shorter
             progress.currentTime = self._attempt_end = self._step_start + shorter
 
-    def watch_for(self, breaks: Breaks) -> None:
-        """Look for elements that break at the end of each step from now on."""
-        self._breaks = breaks
+    def _jump(self, within: float) -> Jump | None:
+        """The next jump of the forces ahead of the state at a step's start."""
+        data = self._model.system.systemData
+        q, v = self._model.coordinates()
+        position, velocity = self._model.unpack(q, v)
+        # The last stage of the adaptive methods was evaluated at the last step's end.
+        _, acceleration = self._model.unpack(q, np.array(data.GetODE2Coordinates_tt()))
+        law = law_of(self._system.forces, self._events.memory)
+        state = (position, velocity, acceleration)
+        assert self._plan.tolerance is not None
+        return jump_ahead(self._system.points, law, within, self._plan.tolerance, self._step_start, state)
 
-    def _look_for_breaks(self, time: float) -> None:
-        if self._breaks is None:
+    def _look_for_events(self, time: float) -> None:
+        if not self._events:
             return
-        position, _ = self.state()
-        broken = self._breaks.found(position)
-        if len(broken):
+        position, _ = self._model.unpack(*self._model.coordinates())
+        for name, change in self._events.at(time, position):
             if self._times[self._rows - 1] != time:
                 self._append(time)
             self.hand_over()  # so that no batch has states from before and after
-            self._breaks.book(time, position, broken)
-            self._model.sever(broken)
+            self._remember({**self._events.memory, name: change.memory})
+
+    def _remember(self, memory: Arrays) -> None:
+        if self._model.applied is not None:
+            self._model.applied.remember(memory)
+        if INTACT in memory and not self._model.elements_applied:
+            self._model.carry(memory[INTACT])
 
     def _append(self, time: float) -> None:
         row = self._rows
@@ -201,64 +241,79 @@ class Stepper:
             self.hand_over()
 
     def hand_over(self) -> None:
-        """Let the watcher see the states it has not seen; the last one stays, to begin the next batch."""
         rows = self._rows
         if rows > 1:
-            position, velocity = self._model.unpack(self._q[:rows], self._v[:rows])
+            q, v = self._q[:rows].copy(), self._v[:rows].copy()
             time = self._times[:rows].copy()
             for buffer in (self._times, self._q, self._v):
                 buffer[0] = buffer[rows - 1]
             self._rows = 1
-            self._watcher(time, position, velocity)
+            self._observer.take(Batch(time, *self._model.unpack(q, v), self._model.unpack_bodies(q, v)))
 
-    def state(self) -> tuple[Floats, Floats]:
-        """Position [m] and velocity [m/s] of all points now, (n, 3) each."""
-        return self._model.unpack(*self._model.coordinates())
+    def state(self) -> State:
+        raw = self._model.coordinates()
+        memory = {name: values.copy() for name, values in self._events.memory.items()}
+        return State(self.time, *self._model.unpack(*raw), self._model.unpack_bodies(*raw), memory)
 
-    def _count_newton(self) -> None:
-        self.counts.newton_iterations = int(self._solver.it.newtonStepsCount)
+    def push(self, force: Floats) -> None:
+        self._pushed = force.copy()
+        if self._model.applied is None:  # connectors alone: build them again with room for other forces
+            self._open(self.state())
+        self._model.applied.push(force)
 
-    @property
-    def right_hand_sides(self) -> int:
-        """Evaluations of the forces so far (implicit methods: residuals, Jacobians not counted)."""
-        attempts = self.counts.steps + self.counts.rejected
-        if self._method.kind == "implicit":
-            return attempts + self.counts.newton_iterations
-        return attempts * self._method.stages
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        data = self._model.system.systemData
+        arrays = {
+            "time": np.array(self.time),
+            "q": np.array(
+                data.GetODE2Coordinates()
+            ),  # displacements: their sum with the reference loses bits
+            "v": np.array(data.GetODE2Coordinates_t()),
+            "a": np.array(data.GetODE2Coordinates_tt()),  # what VelocityVerlet's next step begins with
+            "counts": np.array([self._counts.steps, self._counts.rejected]),
+            "choice": self._choice.numbers(),
+            "rows/time": self._times[: self._rows].copy(),
+            "rows/q": self._q[: self._rows].copy(),
+            "rows/v": self._v[: self._rows].copy(),
+            **{f"memory/{name}": values.copy() for name, values in self._events.memory.items()},
+        }
+        if self._pushed is not None:
+            arrays["pushed"] = self._pushed.copy()
+        return arrays
 
+    def restore(self, arrays: Arrays) -> None:
+        """The solver is started anew: nothing of what it did since then may be left in it."""
+        pushed = arrays.get("pushed")
+        if (pushed is None) != (self._pushed is None):
+            self._pushed = None if pushed is None else np.array(pushed)
+            self._open(self.state())
+        if pushed is not None:
+            self._pushed = np.array(pushed)
+            self._model.applied.push(self._pushed)
+        for name in self._events.memory:
+            self._events.memory[name] = np.array(arrays[f"memory/{name}"])
+        self._remember(self._events.memory)
+        time, engines_time = float(arrays["time"]), float(arrays["choice"][0])
+        self._settings = settings_for(self._model, self._plan, time)
+        engine = exudyn().ConfigurationType
+        self._put(arrays, engines_time, engine.Initial)  # for the solver to start from
+        self._start()
+        self._put(arrays, engines_time, engine.Current)  # starting it has changed the accelerations
+        jump = self._choice.jump
+        self._choice = StepChoice(self._plan, self._solver, self._settings, jump)
+        self._choice.restore(arrays["choice"])
+        self._counts = StepCounts(*(int(number) for number in arrays["counts"]))
+        self._idle_at(time)
+        self._rows = len(arrays["rows/time"])
+        for held, name in ((self._times, "time"), (self._q, "q"), (self._v, "v")):
+            held[: self._rows] = arrays[f"rows/{name}"]
 
-def _settings(engine: Any, model: Model, plan: Plan, begin: float, end: float) -> Any:
-    method = METHODS[plan.method]
-    settings = engine.SimulationSettings()
-    settings.solution.file.write = False  # else the engine writes into the working directory
-    settings.solution.sensors.active = False
-    settings.solution.solverInformationFileName = ""
-    settings.linearSolver.solverType = engine.LinearSolverType.EigenSparse  # the default is dense
-    integration = settings.timeIntegration
-    integration.verboseMode = 0
-    integration.solverType = getattr(engine.DynamicSolverType, plan.method)
-    integration.startTime, integration.endTime = begin, end
-    integration.adaptiveStep = integration.automaticStepSize = method.kind == "adaptive"
-    if plan.tolerance is not None:
-        integration.absoluteTolerance = plan.tolerance
-        integration.relativeTolerance = 0.0  # the engine's relative scale lacks an absolute value
-        integration.initialStepSize = plan.first_step
-        # The number of steps sets the longest one.
-        integration.numberOfSteps = max(1, math.ceil((end - begin) / plan.longest_step))
-        integration.minimumStepSize = plan.least_step
-    else:
-        integration.numberOfSteps = 1
-        integration.minimumStepSize = 1e-300  # never the reason to stop
-    explicit = integration.explicit
-    explicit.useLieGroupIntegration = False
-    explicit.computeMassMatrixInversePerBody = model.all_points_alone
-    explicit.computeEndOfStepAccelerations = plan.method == "VelocityVerlet"  # others would pay for nothing
-    if method.kind == "implicit":
-        integration.newton.useModifiedNewton = False
-        trapezoidal = plan.method == "TrapezoidalIndex2"
-        integration.generalizedAlpha.useNewmark = trapezoidal
-        integration.generalizedAlpha.useIndex2Constraints = trapezoidal
-    return settings
+    def _put(self, arrays: Arrays, time: float, where: Any) -> None:
+        data = self._model.system.systemData
+        data.SetODE2Coordinates(arrays["q"], where)
+        data.SetODE2Coordinates_t(arrays["v"], where)
+        data.SetODE2Coordinates_tt(arrays["a"], where)
+        data.SetTime(time, where)
 
 
 def _first_line(words: object) -> str:

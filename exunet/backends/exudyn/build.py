@@ -1,0 +1,71 @@
+"""From a system to the engine's model, in the form that a case asks for."""
+
+from __future__ import annotations
+
+
+from exunet.backends.exudyn.applied_kernel import AppliedKernel
+from exunet.backends.exudyn.model import Model
+from exunet.codegen.compile import require_numba
+from exunet.codegen.kernel import Kernel, net_kernel, term_kernel
+from exunet.codegen.linearised import Linearised
+from exunet.methods.methods import METHODS, Plan
+from exunet.system.system import State, System
+
+
+def build(system: System, state: State, plan: Plan, *, fused: bool, pushed: bool = False) -> Model:
+    """Fill and assemble the engine's model at a state.
+
+    fused  : the points, and the forces and masses of all of them at once; raises MissingExtra without Numba.
+             Else a mass point a point, a connector an element, and the other terms if there are any
+    pushed : with room for forces from outside (the fused form always has it)
+    """
+    model = Model()
+    implicit = METHODS[plan.method].kind == "implicit"
+    if fused:
+        require_numba('engine.net = "fused"')
+        _points(model, system, state, massive=False)
+        _apply(model, system, net_kernel(system.forces), state, massive=True, implicit=implicit)
+    else:
+        _connectors(model, system, state, implicit=implicit, pushed=pushed)
+    for k, body in enumerate(system.bodies):
+        model.rigid_body(body, state.bodies[k])
+    model.assemble()
+    return model
+
+
+def _connectors(model: Model, system: System, state: State, *, implicit: bool, pushed: bool) -> None:
+    net, forces = system.net, system.forces
+    _points(model, system, state, massive=True)
+    law = forces.cable.law
+    times = law.relaxation_time if law.relaxation_time is not None else [None] * net.n_elements
+    for (i, j), length, stiffness, time in zip(
+        net.element_nodes.tolist(), law.natural_length, law.stiffness, times, strict=True
+    ):
+        model.cable_element(i, j, length, stiffness, time)
+    if forces.linear is not None:
+        model.linear_terms(forces.linear.on_velocity, forces.linear.stiffness, forces.linear.load)
+    if forces.kernels or pushed:
+        _apply(model, system, term_kernel(forces.kernels), state, massive=False, implicit=implicit)
+
+
+def _apply(
+    model: Model, system: System, kernel: Kernel, state: State, *, massive: bool, implicit: bool
+) -> None:
+    """Let a kernel push the points; massive: it brings their masses, and the elements' forces too."""
+    linearised = Linearised(system.points, system.forces, elements=massive) if implicit else None
+    applied = AppliedKernel(model, kernel, dict(state.memory))
+    model.applied_forces(applied.evaluate, applied.jacobian(linearised), system.mass if massive else None)
+    model.applied = applied
+    model.elements_applied = massive
+
+
+def _points(model: Model, system: System, state: State, *, massive: bool) -> None:
+    reference = system.points.position.copy()  # of point masses: where they start
+    reference[: system.net.n_nodes] = system.net.reference_position
+    for k in range(system.points.n_points):
+        if not system.free[k]:
+            model.fixed_point(state.position[k])
+        elif massive:
+            model.point(system.mass[k], reference[k], state.position[k], state.velocity[k])
+        else:
+            model.node(reference[k], state.position[k], state.velocity[k])

@@ -1,0 +1,121 @@
+"""Which step the engine's adaptive methods try next, where its own control has to be helped.
+
+The engine's control goes on by itself, but three things are not its own: what it does after a stretch that was
+cut short by its end, and so what a run that is restarted there must do; how it gets across a jump of the forces,
+which no step meets within a tight tolerance; and where it stops looking for a smaller step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.forces.jumps import Jump
+from exunet.methods.methods import METHODS, Plan
+
+Floats = NDArray[np.float64]
+
+
+class StepChoice:
+    """Sets the step of each attempt in the engine's `solver.it`.
+
+    jump : the next jump of the forces within a time [s] from the step's start, or None where there are none
+    """
+
+    def __init__(
+        self, plan: Plan, solver: Any, settings: Any, jump: Callable[[float], Jump | None] | None
+    ) -> None:
+        self._plan, self._solver, self._settings, self.jump = plan, solver, settings, jump
+        self._order = METHODS[plan.method].order
+        self._adaptive = plan.tolerance is not None
+        self._first = self._attempt = plan.first_step
+        self._from = float(solver.it.currentTime)  # the engine's own time at the start of the step
+        self._until = self._from
+        self._beyond = 0.0  # the step to go on with beyond the jump that is approached
+        self._approaching = self._lifted = False
+
+    def numbers(self) -> Floats:
+        """What the next stretch begins with: the engine's time and the first step to be tried [s]."""
+        return np.array([self._from, self._first])
+
+    def restore(self, numbers: Floats) -> None:
+        """Go on from what `numbers` gave, in a solver that was started anew."""
+        self._from, self._first = map(float, numbers)
+        progress = self._solver.it
+        progress.currentTime = self._from
+        if self._adaptive:
+            progress.initialStepSize = self._first
+
+    def begin_stretch(self, until: float) -> None:
+        """The steps that come go to a time [s]."""
+        self._until, self._beyond = until, 0.0
+
+    def end_stretch(self, engines_time: float) -> None:
+        """The stretch has ended; the engine's sums of steps may be some units in the last place beside it."""
+        if self._adaptive:
+            self._first = self._controlled()
+        self._from = engines_time
+
+    def accepted(self, time: float) -> None:
+        """A step has ended at the engine's time [s]."""
+        self._from = time
+
+    def attempted(self) -> None:
+        """The step that is tried is set for good."""
+        self._attempt = self._solver.it.currentStepSize
+
+    def choose(self, end_of_attempt: float, attempting: bool, rejected: bool) -> float:
+        """Set the step that is about to be tried; returns its end."""
+        progress = self._solver.it
+        wished = progress.currentStepSize
+        if end_of_attempt >= self._until and not rejected and attempting:
+            wished = self._controlled()  # the engine has cut it short already
+        if self.jump is not None:
+            wished = self._mind_jumps(wished, rejected)
+        step = self._until - self._from if self._from + wished > self._until else wished
+        if step != progress.currentStepSize:
+            progress.currentStepSize = step
+            progress.currentTime = self._from + step
+        return float(progress.currentTime)
+
+    def _controlled(self) -> float:
+        """The step that the engine's control chooses after the last one; its own formula, to the last bit."""
+        progress, integration = self._solver.it, self._settings.timeIntegration
+        error = progress.automaticStepSizeError or 1e-12
+        best = self._attempt * math.pow(1.0 / error, 1.0 / self._order)
+        most = min(progress.maxStepSize, self._attempt * integration.stepSizeMaxIncrease)
+        return float(min(most, max(progress.minStepSize, integration.stepSizeSafety * best)))
+
+    def _mind_jumps(self, wished: float, rejected: bool) -> float:
+        """The step to try where a jump of the forces may have been in the way of the last one.
+
+        Only a rejected step makes look for one. Then steps go to just before it, one goes across it, whatever
+        its error estimate, and the control goes on with the step that it had chosen before.
+        """
+        assert self.jump is not None
+        assert self._plan.tolerance is not None
+        integration = self._settings.timeIntegration
+        if self._lifted:
+            self._lifted = False
+            integration.absoluteTolerance = self._plan.tolerance
+        if not (rejected or self._beyond):
+            return wished
+        beyond = self._beyond or self._attempt
+        jump = self.jump(beyond)
+        approaching, self._approaching = self._approaching, jump is not None
+        if jump is None:
+            self._beyond = 0.0
+            return wished if rejected else beyond
+        self._beyond = beyond
+        if rejected and approaching:
+            return wished  # the jump came sooner than foreseen
+        if jump.after > jump.step:
+            return jump.to_it
+        step = jump.after + jump.step
+        integration.absoluteTolerance = max(self._plan.tolerance, jump.size * step)
+        self._lifted = True
+        return step
