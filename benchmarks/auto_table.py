@@ -22,7 +22,7 @@ import exunet
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.base.files import replacing
 from exunet.case.scene import Engine
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.simulation.auto import NEARLY_DEPLOYED
 from exunet.simulation.preparation import build, prepare
 from exunet.studies.both_codes import pair_of

@@ -12,7 +12,7 @@ import pytest
 import exunet
 from exunet.base.errors import InputError
 from exunet.interfaces.commands import cost as command
-from exunet.methods.methods import METHODS
+from exunet.methods.method import METHODS
 from exunet.results.measures import Deployment
 from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import pair_of

@@ -18,7 +18,7 @@ from exunet.case.casefile import load
 from exunet.case.scene import Scene
 from exunet.case.schema import example, json_schema, resolve, template
 from exunet.forces.effects import EFFECTS
-from exunet.methods.methods import METHODS
+from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
 
 # The keys of cases/README.md, which is the contract between the two codes.
@@ -27,6 +27,8 @@ CONTRACT = {
         net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
         initial.packing initial.velocity initial.spin initial.node_positions initial.node_velocities
         launch.radial_speed launch.axial_speed
+        bodies.NAME.mass bodies.NAME.inertia bodies.NAME.position bodies.NAME.velocity
+        bodies.NAME.attitude bodies.NAME.angular_velocity
         effects.rayleigh_damping.alpha effects.rayleigh_damping.beta effects.gravity.acceleration
         effects.mass_damping.alpha effects.material_damping.relaxation_time effects.orbit.altitude
         effects.orbit.mean_motion effects.orbit.radial effects.orbit.along_track effects.orbit.model
@@ -60,9 +62,10 @@ def contract(topology: str) -> set[str]:
 def leaves(topology: str, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """Every key of the schema that is not a table."""
     node = resolve(path, topology)
-    if "properties" not in node:
+    names = node.get("properties") or (["NAME"] if "patternProperties" in node else [])
+    if not names:
         yield path
-    for name in node.get("properties", ()):
+    for name in names:
         yield from leaves(topology, (*path, name))
 
 

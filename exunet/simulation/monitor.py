@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import RunStopped
 from exunet.forces import cable
 from exunet.forces.terms import Terms
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.diagnosis import COLLAPSE_ADVICE, LOAD_ADVICE, state_of_worst, step_advice
 from exunet.simulation.envelope import Envelope

@@ -10,19 +10,21 @@ from numpy.typing import NDArray
 
 from exunet.backends.exudyn.model import Model
 from exunet.base.errors import BeyondFloats, Fault
+from exunet.base.faults import collected
 from exunet.case.casefile import Case
-from exunet.case.fault_location import placing
+from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
 from exunet.forces.effects import extended, total_terms
 from exunet.forces.terms import Terms
-from exunet.methods.methods import METHODS, Plan
+from exunet.methods.method import METHODS, Kind, NetForm
+from exunet.methods.plan import Plan
 from exunet.net import weave
 from exunet.net.arrays import Net
 from exunet.simulation.planning import make_plan, with_forms
 from exunet.system import energy
 from exunet.system.effect_survey import chosen
 from exunet.system.initial import initial_state
-from exunet.system.limits import refuse_start, refuse_steps, within_floats
+from exunet.system.limits import start_faults, step_faults, within_floats
 
 Floats = NDArray[np.float64]
 
@@ -49,17 +51,18 @@ def prepare(scene: Scene) -> Start:
     position, velocity = initial_state(scene, net)
     terms = total_terms(scene.effects, net, position)
     _refuse_overflow(net, terms, position, velocity)
-    refuse_start(scene, net, terms, position, velocity)
-    with within_floats(net):
-        plan = make_plan(scene, net, terms, velocity)
-    refuse_steps(scene, net, plan)
+    with collected() as faults:
+        faults += start_faults(scene, net, terms, position, velocity)
+        with within_floats(net):
+            plan, wrong_steps = make_plan(scene, net, terms, velocity)
+        faults += wrong_steps + step_faults(scene, net, plan)
     scene, plan = with_forms(scene, net, plan)
     return Start(scene, net, terms, position, velocity, replace(plan, notes=plan.notes + notes))
 
 
 def prepare_case(case: Case) -> Start:
     """`prepare` for a case's scene; its faults name the line of the file or the override."""
-    with placing(case):
+    with located_faults(case):
         return prepare(case.scene)
 
 
@@ -70,7 +73,7 @@ def _refuse_overflow(net: Net, terms: Terms, position: Floats, velocity: Floats)
             "elastic energy": (energy.elastic(net, terms, position), "initial.packing"),
         }
     faults = [
-        Fault("", where, f"the {name} at the start is beyond what floating-point numbers can hold")
+        Fault(where, f"the {name} at the start is outside the range of floating-point numbers")
         for name, (value, where) in energies.items()
         if not np.isfinite(value)
     ]
@@ -85,7 +88,7 @@ def build(start: Start) -> Model:
     forces and masses of the whole net at once; raises MissingExtra without Numba.
     """
     model = Model()
-    if start.scene.engine.net == "fused":
+    if start.scene.engine.net == NetForm.FUSED:
         _fused(model, start)
     else:
         _connectors(model, start)
@@ -109,7 +112,7 @@ def _connectors(model: Model, start: Start) -> None:
         from exunet.codegen.linearised import Linearised
 
         only = Terms(kernels=terms.kernels)
-        implicit = METHODS[start.plan.method].kind == "implicit"
+        implicit = METHODS[start.plan.method].kind == Kind.IMPLICIT
         linearised = Linearised(net, only, elements=False) if implicit else None
         apply(model, term_kernel(terms.kernels), linearised)
 
@@ -123,7 +126,7 @@ def _fused(model: Model, start: Start) -> None:
     require_numba('engine.net = "fused"')
     _points(model, start, massive=False)
     net, terms = start.net, start.terms
-    linearised = Linearised(net, terms) if METHODS[start.plan.method].kind == "implicit" else None
+    linearised = Linearised(net, terms) if METHODS[start.plan.method].kind == Kind.IMPLICIT else None
     kernel = net_kernel(net, terms)
     model.sever = partial(sever, kernel)
     apply(model, kernel, linearised, net.mass)

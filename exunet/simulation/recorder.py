@@ -14,7 +14,7 @@ from exunet.backends.exudyn.stepper import Stepper
 from exunet.case.stored_times import stored_times
 from exunet.forces import cable
 from exunet.forces.effects import switched_on
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.results.result import Result
 from exunet.simulation.breaking import Breaks
 from exunet.simulation.envelope import Envelope

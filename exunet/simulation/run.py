@@ -17,6 +17,7 @@ from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.case.stored_times import stored_times
+from exunet.methods.method import TimeLoop
 from exunet.results.result import Result
 from exunet.simulation.breaking import Breaks
 from exunet.simulation.monitor import Monitor
@@ -173,7 +174,7 @@ class _Attempt:
     def _stepper(self, end: float) -> Stepper | Loop:
         """The engine, or the compiled loop, at the start; raises EngineFailed, MissingExtra without Numba."""
         start, began = self._start, clock.perf_counter()
-        if start.scene.engine.loop == "compiled":
+        if start.scene.engine.loop == TimeLoop.COMPILED:
             from exunet.backends.compiled.loop import Loop
 
             loop = Loop(start, end, self._watch, begin=self._begin, taken=self._taken)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.case.scene import Scene
-from exunet.forces.effects import misfits
+from exunet.forces.effects import cross_checks
 from exunet.results.measures import Deployment, deployment
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
@@ -95,7 +95,7 @@ def _toggle(scene: Scene, found: Finding, base: Result, noise: _Noise, progress:
     if found.keys is None:
         return Toggled(found, failure="nothing to assume for this scene")
     other = toggled(scene, found)
-    if wrongs := _misfits(other):
+    if wrongs := _contradictions(other):
         return Toggled(found, failure=f"cannot be toggled alone: {wrongs[0]}")
     try:
         result = _run(other, f"{found.name} {'off' if found.on else 'on'}", progress)
@@ -140,8 +140,8 @@ def toggled(scene: Scene, found: Finding) -> Scene:
     return scene.model_copy(update=update)
 
 
-def _misfits(scene: Scene) -> list[str]:
-    return [f"{wrong.where[0]} {wrong.reason}" for wrong in misfits(scene)]
+def _contradictions(scene: Scene) -> list[str]:
+    return [f"{fault.path[0]} {fault.reason}" for fault in cross_checks(scene)]
 
 
 def _perturbed(start: Start) -> Start:

@@ -21,10 +21,11 @@ from exunet.backends.exudyn.probe import Probe
 from exunet.backends.exudyn.stepper import EngineFailed, Stepper
 from exunet.base.errors import InputError
 from exunet.case.casefile import Case, load
-from exunet.case.fault_location import placing
+from exunet.case.fault_location import located_faults
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
-from exunet.methods.methods import Plan
+from exunet.methods.method import Method, NetForm, TimeLoop
+from exunet.methods.plan import Plan
 from exunet.results.comparison import States, match_nodes
 from exunet.simulation.preparation import Start, build, prepare
 
@@ -114,20 +115,20 @@ class Pair:
 
     def probe(self) -> Probe:
         """The engine's equations of motion, in the form that also has derivatives."""
-        implicit = Plan("GeneralizedAlpha", step=1e-6)
+        implicit = Plan(Method.GENERALIZED_ALPHA, step=1e-6)
         return Probe(build(replace(self.start, plan=implicit)))
 
     def fused(self) -> Pair:
         """The same case with the engine's fused net in place of connectors."""
         scene = self.start.scene
-        engine = scene.engine.model_copy(update={"net": "fused"})
+        engine = scene.engine.model_copy(update={"net": NetForm.FUSED})
         start = replace(self.start, scene=scene.model_copy(update={"engine": engine}))
         return replace(self, name=f"{self.name}, fused", start=start)
 
     def looped(self) -> Pair:
         """The same case stepped by exunet's compiled loop in place of the engine; needs Numba to run."""
         scene = self.start.scene
-        engine = scene.engine.model_copy(update={"net": "fused", "loop": "compiled"})
+        engine = scene.engine.model_copy(update={"net": NetForm.FUSED, "loop": TimeLoop.COMPILED})
         start = replace(self.start, scene=scene.model_copy(update={"engine": engine}))
         return replace(self, name=f"{self.name}, compiled", start=start)
 
@@ -149,7 +150,7 @@ class Pair:
         gives up.
         """
         start = replace(self.start, plan=plan or self.start.plan)
-        if start.scene.engine.loop == "compiled":
+        if start.scene.engine.loop == TimeLoop.COMPILED:
             return _compiled(start, times)
         model = build(start)
         states = [model.coordinates()]
@@ -197,7 +198,7 @@ def read_pair(path: str | Path, overrides: Mapping[str, str] | None = None) -> P
     """
     settings = [f"{key}={value}" for key, value in (overrides or {}).items()]
     case = load(path, settings)
-    with placing(case):
+    with located_faults(case):
         return pair_of(case)
 
 
@@ -210,7 +211,7 @@ def pair_of(case: Case) -> Pair:
         raise _out_of_reach(case.name, refused) from refused
     # The form that states the law element by element; `Pair.fused` is the other.
     scene = case.scene
-    engine = scene.engine.model_copy(update={"net": "connectors", "loop": "exudyn"})
+    engine = scene.engine.model_copy(update={"net": NetForm.CONNECTORS, "loop": TimeLoop.EXUDYN})
     scene = scene.model_copy(update={"engine": engine})
     return Pair(case.name, case.path, prepare(scene), theirs, net, reference.assemble(theirs, net))
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from exunet.backends.compiled.loop import March, loop_kernel
 from exunet.base.errors import InputError, RunStopped
-from exunet.case.scene import COMPILED_METHODS
 from exunet.case.stored_times import stored_times
 from exunet.codegen.kernel import Kernel
+from exunet.methods.method import COMPILED_METHODS
 from exunet.results import measures as metrics
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
@@ -77,7 +77,7 @@ def run_ensemble(
     are no finite numbers, or a number of workers that cannot be meant.
     """
     if start.plan.method not in COMPILED_METHODS:
-        words = f"an ensemble runs by {', '.join(COMPILED_METHODS[1:])}, not by {start.plan.method}"
+        words = f"an ensemble runs by {', '.join(COMPILED_METHODS)}, not by {start.plan.method}"
         if start.scene.solver.method == "auto":
             words += ', which auto chose for Exudyn: set engine.loop = "auto", or "compiled"'
         raise InputError(words)

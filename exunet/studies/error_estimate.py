@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.case.scene import Scene
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate

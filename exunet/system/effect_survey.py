@@ -16,6 +16,7 @@ from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS, beyond_floats, launch_force, switched_on, terms_of
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.terms import Terms
+from exunet.methods.method import NetForm, TimeLoop
 from exunet.net import weave
 from exunet.net.arrays import Net
 from exunet.system.initial import initial_state
@@ -145,9 +146,9 @@ def cost_of(terms: Terms, net: Net, form: str) -> float:
 
 
 def _form(scene: Scene) -> str:
-    if scene.engine.loop == "compiled":
+    if scene.engine.loop == TimeLoop.COMPILED:
         return "compiled"
-    return "fused" if scene.engine.net == "fused" else "connectors"
+    return "fused" if scene.engine.net == NetForm.FUSED else "connectors"
 
 
 def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:

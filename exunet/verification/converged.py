@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.codegen.compile import numba_installed
-from exunet.methods.methods import Plan, Solver
+from exunet.methods.keys import Solver
+from exunet.methods.plan import Plan
 from exunet.simulation.planning import make_plan
 from exunet.studies.both_codes import Motion, Pair
 from exunet.verification.check import Check, Finding, Plate, left_out
@@ -34,7 +35,8 @@ def best_plan(pair: Pair, tolerance: float) -> Plan:
     scene = start.scene.model_copy(
         update={"solver": Solver.model_validate({"method": "DOPRI5", "tolerance": tolerance})}
     )
-    return make_plan(scene, start.net, start.terms, start.velocity)
+    plan, _ = make_plan(scene, start.net, start.terms, start.velocity)
+    return plan
 
 
 def converged(pair: Pair, grown: Growth) -> Iterator[Finding]:

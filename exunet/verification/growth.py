@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.methods.methods import Plan
+from exunet.methods.method import Method
+from exunet.methods.plan import Plan
 from exunet.studies.both_codes import Motion, Pair
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 
@@ -77,8 +78,8 @@ class Growth:
 def fixed_plan(pair: Pair, spacing: float, part: float = STEP_PART) -> Plan:
     """RK44 with a whole number of equal steps in `spacing` [s], within a part of the stable step."""
     net, terms = pair.start.net, pair.start.terms
-    limit = part * stable_step("RK44", largest_frequency(net, terms), largest_damping_rate(net, terms))
-    return Plan("RK44", step=spacing / max(1, math.ceil(spacing / limit)))
+    limit = part * stable_step(Method.RK44, largest_frequency(net, terms), largest_damping_rate(net, terms))
+    return Plan(Method.RK44, step=spacing / max(1, math.ceil(spacing / limit)))
 
 
 def grid(pair: Pair, end: float | None = None) -> tuple[Floats, Plan]:

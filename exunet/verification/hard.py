@@ -14,6 +14,7 @@ import numpy as np
 import reference_impl as reference
 from exunet.base.errors import CaseError, Interrupted, RunStopped
 from exunet.case.casefile import load
+from exunet.methods.method import METHODS, Kind
 from exunet.results.measures import energy_balance
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
@@ -39,7 +40,7 @@ FORMS = {
     "fused": ("engine.loop=exudyn", "engine.net=fused"),
     "compiled": ("engine.loop=compiled",),
 }
-IMPLICIT = ("GeneralizedAlpha", "TrapezoidalIndex2")
+IMPLICIT = tuple(method for method, facts in METHODS.items() if facts.kind == Kind.IMPLICIT)
 IMPLICIT_STEPS = (0.2e-3, 1e-3, 5e-3, 20e-3)  # [s]
 
 

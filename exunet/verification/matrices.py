@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import reference_impl as reference
+from exunet.methods.method import NetForm
 from exunet.studies.both_codes import Pair
 from exunet.verification.check import Check, left_out, worst_of
 from exunet.verification.states import HALF_SLACK, NO_HALF_SLACK, smooth_states
@@ -48,7 +49,7 @@ def matrices(pair: Pair) -> Iterator[Check]:
     found: dict[str, list[Check]] = {}
     beyond = sorted(pair.effects - WITH_FORMULAS)
     how = f" by differences ({', '.join(beyond)})" if beyond else ""
-    numerical = pair.start.scene.engine.net != "fused"  # the engine's connectors are differentiated by it
+    numerical = pair.start.scene.engine.net != NetForm.FUSED
     exact = DIFFERENCED if beyond else EXACT_STIFFNESS
     viscous = numerical and not pair.effects.isdisjoint(DIFFERENTIATED)
     least = RESOLVED.value * float((net.youngs_modulus * net.area).max()) if viscous else 0.0

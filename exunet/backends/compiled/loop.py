@@ -14,7 +14,7 @@ from exunet.backends.exudyn.stepper import StepCounts, StepsCollapsed
 from exunet.base.interrupt import postponed
 from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel, net_kernel, sever
-from exunet.methods.methods import METHODS
+from exunet.methods.method import METHODS, Kind, Method
 from exunet.simulation.breaking import Breaks
 from exunet.simulation.guards import STRETCH_BOUND
 from exunet.simulation.preparation import Start
@@ -35,14 +35,14 @@ def loop_kernel(start: Start) -> Kernel:
 class March:
     """The state of one net and how far it has got.
 
-    start  : net, terms, initial state and plan; its method is one of `exunet.case.scene.COMPILED_METHODS`
+    start  : net, terms, initial state and plan; its method is one of `exunet.methods.method.COMPILED_METHODS`
     kernel : what `loop_kernel` gives for `start`, which several marches may share
     """
 
     def __init__(self, start: Start, kernel: Kernel) -> None:
         self._plan = start.plan
-        self._chosen = METHODS[start.plan.method].kind == "adaptive"
-        self._verlet = start.plan.method == "VelocityVerlet"
+        self._chosen = METHODS[start.plan.method].kind == Kind.ADAPTIVE
+        self._verlet = start.plan.method == Method.VELOCITY_VERLET
         self._kernel, self._module = kernel, kernel.module
         free = np.ones(start.net.n_nodes)
         free[start.net.fixed_nodes] = 0.0

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from exunet.backends.exudyn.loading import exudyn
 from exunet.backends.exudyn.model import Model
 from exunet.base.interrupt import postponed
-from exunet.methods.methods import METHODS, Plan
+from exunet.methods.method import METHODS, Kind, Method
+from exunet.methods.plan import Plan
 from exunet.simulation.breaking import Breaks
 
 Floats = NDArray[np.float64]
@@ -78,7 +79,7 @@ class Stepper:
         engine = exudyn()
         self._model.system.SetPreStepUserFunction(self._before_attempt)
         self._model.look_again()
-        implicit = self._method.kind == "implicit"
+        implicit = self._method.kind == Kind.IMPLICIT
         solver = engine.MainSolverImplicitSecondOrder() if implicit else engine.MainSolverExplicit()
         try:
             started = solver.InitializeSolver(self._model.system, self._settings)
@@ -139,7 +140,7 @@ class Stepper:
             self._refuse_collapse(end_of_attempt)
             self._attempting = True
             self._attempt_end = end_of_attempt
-            if self._breaks is not None and self._method.kind == "adaptive":
+            if self._breaks is not None and self._method.kind == Kind.ADAPTIVE:
                 self._shorten()
         except BaseException as error:
             self._stop = error  # advance() raises it again
@@ -222,7 +223,7 @@ class Stepper:
     def right_hand_sides(self) -> int:
         """Evaluations of the forces so far (implicit methods: residuals, Jacobians not counted)."""
         attempts = self.counts.steps + self.counts.rejected
-        if self._method.kind == "implicit":
+        if self._method.kind == Kind.IMPLICIT:
             return attempts + self.counts.newton_iterations
         return attempts * self._method.stages
 
@@ -238,7 +239,7 @@ def _settings(engine: Any, model: Model, plan: Plan, begin: float, end: float) -
     integration.verboseMode = 0
     integration.solverType = getattr(engine.DynamicSolverType, plan.method)
     integration.startTime, integration.endTime = begin, end
-    integration.adaptiveStep = integration.automaticStepSize = method.kind == "adaptive"
+    integration.adaptiveStep = integration.automaticStepSize = method.kind == Kind.ADAPTIVE
     if plan.tolerance is not None:
         integration.absoluteTolerance = plan.tolerance
         integration.relativeTolerance = 0.0  # the engine's relative scale lacks an absolute value
@@ -252,10 +253,12 @@ def _settings(engine: Any, model: Model, plan: Plan, begin: float, end: float) -
     explicit = integration.explicit
     explicit.useLieGroupIntegration = False
     explicit.computeMassMatrixInversePerBody = model.all_points_alone
-    explicit.computeEndOfStepAccelerations = plan.method == "VelocityVerlet"  # others would pay for nothing
-    if method.kind == "implicit":
+    explicit.computeEndOfStepAccelerations = (
+        plan.method == Method.VELOCITY_VERLET
+    )  # others would pay for nothing
+    if method.kind == Kind.IMPLICIT:
         integration.newton.useModifiedNewton = False
-        trapezoidal = plan.method == "TrapezoidalIndex2"
+        trapezoidal = plan.method == Method.TRAPEZOIDAL_INDEX2
         integration.generalizedAlpha.useNewmark = trapezoidal
         integration.generalizedAlpha.useIndex2Constraints = trapezoidal
     return settings

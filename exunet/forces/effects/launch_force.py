@@ -15,20 +15,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from exunet.base.faults import Wrong
-from exunet.base.incomplete import Unknown
-from exunet.base.table import Positive, Table, check
+from exunet.base.errors import Fault
+from exunet.base.faults import each
+from exunet.base.table import Positive, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.requirements import Surroundings
+from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm, Terms
 from exunet.net.arrays import Net
+
+NEEDS_BULLETS = True
 
 
 class Keys(Table):
@@ -59,14 +60,6 @@ class Keys(Table):
     exponent: float | None = Field(
         None, gt=1.0, description='gamma of the adiabatic expansion [-]; just for "gas"', examples=[1.4]
     )
-
-    @check
-    def _gas_has_its_keys(self) -> Iterator[Wrong]:
-        for name in ("dead_length", "exponent"):
-            if self.kind == "gas" and not self.gives(name):
-                yield Wrong((), f'needs {name} for kind = "gas"')
-            if self.kind == "spring" and self.gives(name):
-                yield Wrong((name,), 'is for kind = "gas" only')
 
     @property
     def work(self) -> float:
@@ -193,14 +186,22 @@ def gas_launch_potential(
     return total
 
 
-def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
-    """Bullets, and no other launch."""
-    with suppress(Unknown):
-        if not around.has_bullets:
-            yield Wrong((), "there are no bullets to launch: add [net.bullets] or remove this table")
-    with suppress(Unknown):
-        if around.has_launch:
-            yield Wrong((), "contradicts [launch], which gives the bullets their speed already; keep one")
+def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    """The keys of gas if it is gas that pushes, and no other launch."""
+    yield from each(_gas_has_its_keys(keys), _no_other_launch(rest))
+
+
+def _gas_has_its_keys(keys: Keys) -> Iterator[Fault]:
+    for name in ("dead_length", "exponent"):
+        if keys.kind == "gas" and not keys.is_given(name):
+            yield Fault("", f'needs {name} for kind = "gas"')
+        if keys.kind == "spring" and keys.is_given(name):
+            yield Fault(name, 'is for kind = "gas" only')
+
+
+def _no_other_launch(rest: RestOfCase) -> Iterator[Fault]:
+    if rest.scene.is_given("launch"):
+        yield Fault("", "contradicts [launch], which gives the bullets their speed already; keep one")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str] | None:

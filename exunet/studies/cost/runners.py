@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import reference_impl as reference
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.case.scene import Engine, Scene, Time
-from exunet.methods.methods import Solver
+from exunet.methods.keys import Solver
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import Pair

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from exunet.methods.methods import METHODS
+from exunet.methods.method import COMPILED_METHODS, METHODS, Kind, Method
 
 Code = Literal["connectors", "fused", "compiled loop", "reference"]
 
@@ -17,7 +17,6 @@ IMPLICIT_PARTS = (64.0, 16.0, 4.0, 1.0, 0.4)
 # Methods whose stable step vanishes without damping: of that of velocity Verlet. At 0.1 the forward
 # Euler method lets the fastest mode grow by 2 % a step.
 UNSTABLE_PARTS = (0.1, 0.02, 0.005)
-LOOP_METHODS = ("DOPRI5", "RK44", "VelocityVerlet")
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def ladders(limits: Limits, *, compiled: bool, reference: tuple[str, ...]) -> li
     for form in forms:
         found += [_of_engine(form, method, limits) for method in METHODS]
     if compiled:
-        found += [_of_engine("compiled loop", method, limits) for method in LOOP_METHODS]
+        found += [_of_engine("compiled loop", method, limits) for method in COMPILED_METHODS]
     return found + [_of_reference(method, limits) for method in reference]
 
 
@@ -83,16 +82,17 @@ def base(*, compiled: bool) -> list[Setting]:
 
 
 def _adaptive(code: Code, method: str) -> list[Setting]:
-    tolerances = TOLERANCES if METHODS[method].order > 3 else LOW_ORDER_TOLERANCES
+    tolerances = TOLERANCES if METHODS[Method(method)].order > 3 else LOW_ORDER_TOLERANCES
     return [Setting(code, method, tolerance=t) for t in tolerances]
 
 
 def _of_engine(code: Code, method: str, limits: Limits) -> list[Setting]:
-    if METHODS[method].kind == "adaptive":
+    facts = METHODS[Method(method)]
+    if facts.kind == Kind.ADAPTIVE:
         return _adaptive(code, method)
-    if METHODS[method].kind == "implicit":
+    if facts.kind == Kind.IMPLICIT:
         return _steps(code, method, limits.stable["RK44"], IMPLICIT_PARTS, limits)
-    if METHODS[method].needs_step:
+    if facts.needs_step:
         return _steps(code, method, limits.stable["VelocityVerlet"], UNSTABLE_PARTS, limits)
     return _steps(code, method, limits.stable[method], PARTS, limits)
 

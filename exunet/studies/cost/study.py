@@ -9,7 +9,7 @@ from typing import get_args
 
 import numpy as np
 
-from exunet.methods.methods import METHODS
+from exunet.methods.method import METHODS, Kind, Method
 from exunet.results.measures import Deployment
 from exunet.simulation.preparation import Start
 from exunet.studies.cost.converged import Converged
@@ -102,7 +102,7 @@ def limits(start: Start, end: float) -> Limits:
     """Stable steps of the fixed-step methods on this scene."""
     frequency = largest_frequency(start.net, start.terms)
     rate = largest_damping_rate(start.net, start.terms)
-    explicit = [name for name, method in METHODS.items() if method.kind == "explicit"]
+    explicit = [name for name, method in METHODS.items() if method.kind == Kind.EXPLICIT]
     return Limits({name: step_limit(name, frequency, rate) for name in explicit}, end)
 
 
@@ -189,7 +189,7 @@ def _work(setting: Setting, end: float) -> float:
     """Right-hand sides to expect of a first rung; of an adaptive method, a few thousand."""
     if setting.step is None:
         return _ADAPTIVE
-    stages = METHODS[setting.method].stages if setting.method in METHODS else 4
+    stages = METHODS[Method(setting.method)].stages if setting.method in METHODS else 4
     return stages * end / setting.step
 
 

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.methods.methods import METHODS, Plan, Solver
+from exunet.methods.keys import Solver
+from exunet.methods.method import METHODS, Kind, Method
+from exunet.methods.plan import Plan
 from exunet.simulation.planning import make_plan
 from exunet.studies.both_codes import Motion, Pair
 from exunet.verification.check import Check, Finding, Plate
@@ -73,25 +75,25 @@ def all_series(pairs: Sequence[Pair]) -> list[Series]:
     for method, facts in METHODS.items():
         plans = _plans(pairs[0], method, end)
         runs = [[pair.engine(times, plan) for pair in pairs] for plan in plans]
-        found.append(_series(f"Exudyn {method}", facts.order, facts.kind == "adaptive", runs, exact))
-    for method, order in REFERENCE.items():
+        found.append(_series(f"Exudyn {method}", facts.order, facts.kind == Kind.ADAPTIVE, runs, exact))
+    for theirs, order in REFERENCE.items():
         settings: list[dict[str, Any]] = [{"step": end / n} for n in STEPS]
-        if method in ADAPTIVE:
+        if theirs in ADAPTIVE:
             settings = [{"rtol": t, "atol": t} for t in TOLERANCES]
-        runs = [[pair.march(times, method=method, **how) for pair in pairs] for how in settings]
-        found.append(_series(f"reference {method}", order, method in ADAPTIVE, runs, exact))
+        runs = [[pair.march(times, method=theirs, **how) for pair in pairs] for how in settings]
+        found.append(_series(f"reference {theirs}", order, theirs in ADAPTIVE, runs, exact))
     return found
 
 
-def _plans(pair: Pair, method: str, end: float) -> list[Plan]:
-    if METHODS[method].kind != "adaptive":
+def _plans(pair: Pair, method: Method, end: float) -> list[Plan]:
+    if METHODS[method].kind != Kind.ADAPTIVE:
         return [Plan(method, step=end / n) for n in STEPS]
     start = pair.start
     plans = []
     for tolerance in TOLERANCES:
         solver = Solver.model_validate({"method": method, "tolerance": tolerance})
         scene = start.scene.model_copy(update={"solver": solver})
-        plans.append(make_plan(scene, start.net, start.terms, start.velocity))
+        plans.append(make_plan(scene, start.net, start.terms, start.velocity)[0])
     return plans
 
 

@@ -11,7 +11,8 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import eigsh
 
 from exunet.forces.terms import Terms
-from exunet.methods.methods import Plan
+from exunet.methods.method import Method
+from exunet.methods.plan import Plan
 from exunet.studies.both_codes import Pair, read_pair
 from exunet.system.stability import largest_frequency, stable_step
 from exunet.verification.answers.modes import modes_of
@@ -32,7 +33,7 @@ def stable_steps(pair: Pair) -> Iterator[Check]:
     for meshes, known in KNOWN.items():
         larger = read_pair(pair.path, {"net.size": str(float(meshes))})
         net = larger.start.net
-        step = stable_step("VelocityVerlet", largest_frequency(net, Terms()))
+        step = stable_step(Method.VELOCITY_VERLET, largest_frequency(net, Terms()))
         theirs = 2.0 / math.sqrt(_largest_eigenvalue(larger))
         name, values = f"{meshes} x {meshes} meshes", f"{step:.9g} s and {theirs:.9g} s"
         yield Check(
@@ -72,7 +73,7 @@ def near_the_limit(pair: Pair) -> Iterator[Check]:
         step = part * limit
         times = np.array([0.0, STEPS * step])
         for code, motion in (
-            ("Exudyn", moved.engine(times, Plan("VelocityVerlet", step=step))),
+            ("Exudyn", moved.engine(times, Plan(Method.VELOCITY_VERLET, step=step))),
             ("reference", moved.march(times, method="Verlet", step=step)),
         ):
             grown = float(np.abs(motion.position[1] - modes.rest)[modes.free].max()) / DISTURBED
