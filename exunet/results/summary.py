@@ -11,6 +11,7 @@ from exunet.base.files import replacing
 from exunet.results.agreement import Agreement
 from exunet.results.measures import deployment, energy_balance, energy_in_play
 from exunet.results.result import Result
+from exunet.results.rows import blocks
 
 
 def summarise(result: Result, check: Agreement | str | None = None) -> dict[str, Any]:
@@ -30,7 +31,7 @@ def summarise(result: Result, check: Agreement | str | None = None) -> dict[str,
         "energy_in_play_J": energy_in_play(result),
         "dissipated_J": float(result.dissipated[-1]),
         "largest_tension": provenance.get("largest_tension"),
-        "largest_stored_tension_N": float(result.tension.max(initial=0.0)),
+        "largest_stored_tension_N": max(float(block.max(initial=0.0)) for block in blocks(result.tension)),
         "deployment": asdict(measures) if measures else None,
         "engine": {k: v for k, v in provenance.items() if k not in ("text", "title")},
     }
