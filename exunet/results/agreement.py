@@ -21,8 +21,8 @@ class Agreement:
     allowed_position    : the same for positions [m]
     agrees_until        : when one of the two first exceeds what is allowed, or is NaN [s]; None: never
     apart_from          : the first stored time from which it never comes back within both [s], or None.
-                          Earlier passes are single instants inside a snap, where a shift of 1e-7 s in its
-                          beginning shows as 1e-4 m/s
+                          Earlier disagreement is that of single instants within a snap, where a shift of
+                          its beginning by 1e-7 s shows as 1e-4 m/s
     reference_speeds    : (n, n_bullets) speeds of the bullets in the reference [m/s]
     """
 
