@@ -31,7 +31,7 @@ class Linearised:
         self._net = net
         self._terms = terms
         self._law = terms.law(net) if elements else None
-        self._size = float(np.ptp(net.reference_position, axis=0).max(initial=0.0)) or 1.0
+        self._size = net.size
         free = np.ones(net.n_nodes, dtype=bool)
         free[net.fixed_nodes] = False
         self._number = np.where(np.repeat(free, 3), np.cumsum(np.repeat(free, 3)) - 1, -1)

@@ -156,7 +156,7 @@ def verify_command(
     With --hard: run the gallery of hard cases instead and write hard.md.
     """
     if hard:
-        from exunet.interfaces.commands.hard import verify_hard
+        from exunet.interfaces.commands.verify import verify_hard
 
         if cases:
             raise InputError("--hard has cases of its own: give none")

@@ -1,9 +1,9 @@
 """What each effect changes, measured: the scene run with that effect toggled, beside its estimate.
 
 A net's motion is sensitive: after some time any difference grows to the size of the net. So the scene is also
-run once with nothing changed but its errors (a start that differs by 1e-12 of the size, finer steps), and an
-effect's displacement is measured while it is at least three times as large as that run's; the estimate beside
-it is for the same time. An effect that never stands out of that noise is not measured.
+run once with nothing changed but its errors (the start moved by a little, another accuracy), and an effect's
+displacement is measured while it is at least three times as large as that run's; the estimate beside it is
+for the same time. An effect that never stands out of that noise is not measured.
 """
 
 from __future__ import annotations
@@ -22,14 +22,13 @@ from exunet.results.measures import Deployment, deployment
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
+from exunet.studies.neighbours import moved, of_other_accuracy
 from exunet.system.effect_survey import Finding, chosen, finding, survey
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-PUSH = 1e-12  # of the net's size: the change of the start in the run that shows the noise
 CLEAR = 3.0  # times the noise, from which on a displacement counts as the effect's
-FINER = 0.5  # of the tolerance or step in that run
 BRIEF = 1e-4  # of the duration, run before each run that is timed
 
 
@@ -104,15 +103,14 @@ def _toggle(scene: Scene, found: Finding, base: Result, noise: _Noise, progress:
             raise
         return Toggled(found, failure=str(stop))
     with_it, without = (base, result) if found.on else (result, base)
-    moved = _distance(base, result)
-    size = float(np.ptp(base.net.reference_position, axis=0).max(initial=0.0)) or 1.0
+    apart = _distance(base, result)
     until, measured, estimate = 0.0, 0.0, 0.0
-    clear = np.flatnonzero(moved > CLEAR * noise.moved)
+    clear = np.flatnonzero(apart > CLEAR * noise.moved)
     if len(clear):
-        lost = np.flatnonzero(moved[clear[0] :] <= CLEAR * noise.moved[clear[0] :])
-        last = clear[0] + lost[0] - 1 if len(lost) else len(moved) - 1
+        lost = np.flatnonzero(apart[clear[0] :] <= CLEAR * noise.moved[clear[0] :])
+        last = clear[0] + lost[0] - 1 if len(lost) else len(apart) - 1
         until = float(base.time[last])
-        measured = float(moved[: last + 1].max()) / size
+        measured = float(apart[: last + 1].max()) / base.net.size
         estimate = finding(scene, found.name, until).relative
     seconds = [float(run.provenance["integration_seconds"]) for run in (with_it, without)]
     return Toggled(
@@ -145,16 +143,8 @@ def _contradictions(scene: Scene) -> list[str]:
 
 
 def _perturbed(start: Start) -> Start:
-    """The same start but for errors: of the size of round-off, and of finer steps."""
-    size = float(np.ptp(start.net.reference_position, axis=0).max(initial=0.0)) or 1.0
-    push = PUSH * size * np.random.default_rng(1).standard_normal(start.position.shape)
-    push[start.net.fixed_nodes] = 0.0
-    plan = start.plan
-    if plan.step is not None:
-        plan = replace(plan, step=FINER * plan.step)
-    elif plan.tolerance is not None:
-        plan = replace(plan, tolerance=FINER * plan.tolerance)
-    return replace(start, position=start.position + push, plan=plan)
+    """The same start but for errors: a little moved, and integrated at another accuracy."""
+    return replace(moved(start), plan=of_other_accuracy(start.plan))
 
 
 def _run(
