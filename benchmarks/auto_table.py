@@ -22,12 +22,11 @@ import exunet
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.base.files import replacing
 from exunet.case.scene import Engine
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.simulation.auto import NEARLY_DEPLOYED
 from exunet.simulation.preparation import build, prepare
-from exunet.studies.both_codes import pair_of
+from exunet.studies.both_codes import both_of
 from exunet.studies.cost.converged import Converged, converge
-from exunet.studies.cost.measure import launch_speed
 from exunet.studies.cost.runners import Subject, run
 from exunet.studies.cost.settings import Setting
 
@@ -115,7 +114,7 @@ def errors(words: list[str], kind: str, scenes: Scenes) -> dict[str, Found]:
     for path, overrides, ends in scenes:
         case = exunet.load(path, overrides)
         for end in ends:
-            subject = Subject(prepare(case.scene), pair_of(case), (0.0, end))
+            subject = Subject(prepare(case.scene), both_of(case), (0.0, end))
             converged = converge(subject, compiled=True)
             scene = f"| `{' '.join((path.stem, *overrides))}` | {end:g} | {converged.uncertainty:.0e} "
             for method, kept in found.items():
@@ -152,10 +151,10 @@ def _error(subject: Subject, converged: Converged, setting: Setting, stored: int
     """Speed error at the end of a run that stores so many states (they shorten steps), right-hand sides."""
     times = tuple(np.linspace(0.0, subject.end, stored + 1).tolist())
     trial = run(subject.at(times), setting)
-    if trial.measures is None or trial.counts is None:  # a guard stopped it: far too loose
+    if trial.measures is None or trial.work is None:  # a guard stopped it: far too loose
         return float("inf"), 0
-    off = float(np.abs(trial.measures.speeds - converged.speeds).max()) / launch_speed(subject.start)
-    return off, trial.counts.right_hand_sides
+    off = float(np.abs(trial.measures.speeds - converged.speeds).max()) / subject.speed
+    return off, trial.work.right_hand_sides
 
 
 def stiff(words: list[str]) -> None:

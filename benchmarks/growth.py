@@ -25,7 +25,7 @@ import exunet
 from exunet.backends.compiled.loop import Loop
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.figures.style import BLACK, BLUE, RED, YELLOW, blank, drawing
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.simulation.preparation import build, prepare
 
 HERE = Path(__file__).parent

@@ -26,7 +26,7 @@ import peers
 
 import exunet
 from exunet.simulation.preparation import prepare
-from exunet.studies.both_codes import pair_of
+from exunet.studies.both_codes import both_of
 from exunet.studies.cost.runners import Subject, run
 from exunet.studies.cost.settings import Setting
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
@@ -71,7 +71,7 @@ def contestants() -> list[Contestant]:
     """All programs; those that are not installed refuse when they run."""
     case = exunet.load(CASE, [f"time.end={END}", "time.output_step=", "time.output_times=[]"])
     start = prepare(case.scene)
-    subject = Subject(start, pair_of(case), (0.0, END))
+    subject = Subject(start, both_of(case), (0.0, END))
     net = start.net
     problem = peers.Problem(
         *net.element_nodes.T, net.mass, net.reference_length, net.axial_stiffness,

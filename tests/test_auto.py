@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import exunet
 from exunet.base.errors import CaseError
 from exunet.interfaces.cli import app
-from exunet.methods.methods import METHODS
+from exunet.methods.method import METHODS
 from exunet.results.measures import bullet_speeds
 from exunet.simulation import auto
 from exunet.simulation.preparation import Start, prepare

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import reference_impl as reference
 from exunet.base.errors import CaseError, Fault, InputError
 from exunet.case.casefile import MAX_BYTES, Case, load
 from exunet.case.toml_lines import key_lines
@@ -206,7 +207,7 @@ def test_faults_of_a_crlf_file_have_their_lines(case: Any, ends: str) -> None:
         ("[effects.rayleigh_damping]", "[effects.raleigh]", 26, "effects.raleigh", "'rayleigh_damping'?"),
         ("mesh = 1.0", "mesh = 1.0\nspokes = 3", 10, "net.spokes", "have no such key; radial nets"),
         ("mesh = 1.0", 'mesh = 1.0\n"a b" = 3', 10, "net.'a b'", "unknown key"),
-        ("[initial]", "[bodies]\n[initial]", 21, "bodies", "not supported by this version"),
+        ("[initial]", "[script]\n[initial]", 21, "script", "not supported by this version"),
         # A word that is not among the allowed ones.
         ('"square"', '"hexagon"', 7, "net.topology", "did you mean 'hexagonal'?"),
         ('"square"', '"round"', 7, "net.topology", 'must be one of "square", "rectangular"'),
@@ -219,7 +220,7 @@ def test_faults_of_a_crlf_file_have_their_lines(case: Any, ends: str) -> None:
         ("size = 2.0", "size = 1e9", 9, "net.mesh", "too fine"),
         ("mesh = 1.0", "mesh = 0.002", 6, "net", "2,002,004 elements"),
         ("output_step = 0.1", "output_step = 1e-9", 5, "time.output_step", "would store 1e+09 states"),
-        ("output_step = 0.1\n", "", 3, "time.output_times", "exactly one"),
+        ("output_step = 0.1\n", "", 3, "time", "exactly one"),
         ("output_step = 0.1", "output_step = 0.1\noutput_times = [1]", 6, "time.output_times", "exactly one"),
         ("output_step = 0.1", "output_times = [0, 0.5, 0.5]", 5, "time.output_times[2]", "greater than the"),
         ("output_step = 0.1", "output_times = [0.5, 1.5]", 5, "time.output_times[1]", "after time.end"),
@@ -258,7 +259,7 @@ def test_one_fault(case: Any, old: str, new: str, line: int, key: str, words: st
         ("output_times = [0.5]", "output_times = [2]", 3, "time.output_times[0]", "time.end, 1 s, got 2"),
         ("density = 1000", "density = 0", 14, "net.cable.density", "greater than 0, got 0"),
         ("area = 1e-6", "area = 1e-6, diameter = 1", 14, "net.cable.area", "either diameter or area"),
-        ("area = 1e-6", "diameter = 1e-200", 14, "net.cable", "beyond what floating-point numbers can hold"),
+        ("area = 1e-6", "diameter = 1e-200", 14, "net.cable", "outside the range of floating-point numbers"),
     ],
 )  # fmt: skip
 def test_one_fault_in_an_explicit_case(
@@ -668,7 +669,7 @@ def test_any_damaged_text_is_read_or_refused(text: str, data: st.DataObject) -> 
 def test_random_pairs_of_faults_come_together(case: Any) -> None:
     """Two faults from `test_one_fault` in different tables; without those that change what others mean."""
     table = next(mark for mark in test_one_fault.pytestmark if mark.name == "parametrize").args[1]
-    apart = [one for one in table if one[3] not in ("net.topology", "launch", "lunch", "bodies", "initial")]
+    apart = [one for one in table if one[3] not in ("net.topology", "launch", "lunch", "script", "initial")]
     apart = [one for one in apart if not one[3].startswith(("effects", "initial.node"))]
     draw, tried = random.Random(1), 0
     while tried < 100:
@@ -746,3 +747,75 @@ HEXAGONAL = changed("size = 2.0\n", "rings = -1\n", changed('"square"', '"hexago
 def test_a_fault_hides_no_other(case: Any, text: str, expected: list[str]) -> None:
     """The keys at fault were counted by eye in the texts above."""
     assert sorted(key for _, key, _ in case(text)) == sorted(expected)
+
+
+# Bodies
+
+BODIES = (
+    GOOD + "[bodies.box]\nmass = 3\ninertia = [1, 2, 2.5]\n[bodies.target-2]\nmass = 1\ninertia = [1, 1, 2]\n"
+)
+
+
+def test_bodies_have_any_names_and_a_state_at_rest_by_default(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text(BODIES)
+    bodies = load(path, ["bodies.box.attitude=[0, 0, 0, 2]", "bodies.box.velocity=[1, 0, 0]"]).scene.bodies
+    assert list(bodies) == ["box", "target-2"]
+    box, other = bodies.values()
+    assert (box.mass, box.inertia, box.velocity) == (3.0, (1.0, 2.0, 2.5), (1.0, 0.0, 0.0))
+    assert box.attitude == (0.0, 0.0, 0.0, 1.0)  # brought to length 1
+    assert (other.position, other.velocity, other.angular_velocity) == ((0.0, 0.0, 0.0),) * 3
+    assert other.attitude == (1.0, 0.0, 0.0, 0.0)
+    assert load(PLANAR).scene.bodies == {}
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-200, 1.0, 1e300])
+def test_an_attitude_of_any_size_is_brought_to_length_one(tmp_path: Path, size: float) -> None:
+    """3^2 + 4^2 = 5^2."""
+    path = tmp_path / "x.toml"
+    path.write_text(BODIES)
+    scene = load(path, [f"bodies.box.attitude=[{3 * size!r}, 0, 0, {4 * size!r}]"]).scene
+    assert scene.bodies["box"].attitude == pytest.approx((0.6, 0.0, 0.0, 0.8), rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "words"),
+    [
+        ("bodies.box.mass=0", "bodies.box.mass", "greater than 0"),
+        ("bodies.box.mass=", "bodies.box.mass", "missing: mass of the body [kg]"),
+        ("bodies.box.inertia=[1, 1, 2.1]", "bodies.box.inertia", "the largest, 2.1, must not exceed the sum"),
+        ("bodies.box.inertia=[3, 1, 1]", "bodies.box.inertia", "the other two, 2 kg m2"),
+        ("bodies.box.inertia=[1, 0, 1]", "bodies.box.inertia[1]", "must be a number greater than 0, got 0"),
+        ("bodies.box.inertia=[1, 1]", "bodies.box.inertia", "must be a list of 3 numbers greater than 0"),
+        ("bodies.box.attitude=[0, 0, 0, 0]", "bodies.box.attitude", "must not be zero"),
+        ("bodies.box.attitude=[1, 0, 0]", "bodies.box.attitude", "must be a list of 4 numbers"),
+        ("bodies.box.velocity=[nan, 0, 0]", "bodies.box.velocity[0]", "must be finite"),
+        ("bodies.box.mas=1", "bodies.box.mas", "did you mean 'mass'?"),
+        ("bodies.box=3", "bodies.box", "must be a table, got 3"),
+        ('bodies."a b"={mass = 1, inertia = [1, 1, 1]}', "bodies.'a b'", "letters, digits, _ and - only"),
+        ("bodies=3", "bodies", "must be a table, got 3"),
+    ],
+)
+def test_faults_of_bodies(case: Any, override: str, key: str, words: str) -> None:
+    ((_, found, reason),) = case(BODIES, override)
+    assert found == key
+    assert words in reason
+
+
+def test_faults_of_bodies_hide_no_others(case: Any) -> None:
+    text = changed("mesh = 1.0", "mesh = 0.3", BODIES).replace("mass = 3", "mass = -3")
+    text = text.replace("inertia = [1, 1, 2]", "inertia = [1, 1, 9]").replace("end = 1.0", "end = 0.5")
+    text = text.replace("output_step = 0.1", "output_times = [0.6]")
+    assert [key for _, key, _ in case(text)] == [
+        "time.output_times[0]",
+        "net.mesh",
+        "bodies.box.mass",
+        "bodies.target-2.inertia",
+    ]
+
+
+def test_the_reference_refuses_bodies_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "x.toml"
+    path.write_text(BODIES)
+    with pytest.raises(reference.Refused, match="does not know bodies"):
+        reference.read(path)

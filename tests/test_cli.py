@@ -173,7 +173,7 @@ def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):
     assert 0 < result.time[-1] < 0.6  # the strings snap at 0.57 s
     assert json.loads((tmp_path / "here/summary.json").read_text())["complete"] is False
     names = [line.split("  ")[0] for line in done.stdout.splitlines()]
-    assert names.index("of the part kept") < names.index("energy balance") < names.index("largest tension")
+    assert names.index("stored states") < names.index("energy balance") < names.index("largest tension")
 
 
 def test_a_tolerance_that_cannot_be_met_ends(tmp_path):

@@ -130,8 +130,8 @@ def test_the_limit_that_decides_is_printed(files, tmp_path, monkeypatch, capsys)
 
 
 BROKEN = {
-    "no number": ({"position": lambda x: x * np.nan}, "position is not finite everywhere"),
-    "infinite": ({"velocity": lambda v: np.where(v == v, np.inf, v)}, "velocity is not finite everywhere"),
+    "no number": ({"position": lambda x: x * np.nan}, "position contains NaN or infinity"),
+    "infinite": ({"velocity": lambda v: np.where(v == v, np.inf, v)}, "velocity contains NaN or infinity"),
     "no times": ({"t": lambda t: t[:0]}, "shape"),
     "no states": (
         {"t": lambda t: t[:0], "position": lambda x: x[:0], "velocity": lambda v: v[:0]},

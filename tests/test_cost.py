@@ -12,17 +12,17 @@ import pytest
 import exunet
 from exunet.base.errors import InputError
 from exunet.interfaces.commands import cost as command
-from exunet.methods.methods import METHODS
+from exunet.methods.method import METHODS
 from exunet.results.measures import Deployment
 from exunet.simulation.preparation import prepare
-from exunet.studies.both_codes import pair_of
+from exunet.studies.both_codes import both_of
 from exunet.studies.cost import study as studies
 from exunet.studies.cost.after_horizon import measure_rows
 from exunet.studies.cost.converged import Converged, converge
 from exunet.studies.cost.measure import Measures
-from exunet.studies.cost.runners import Counts, Subject, Trial, run
-from exunet.studies.cost.settings import Code, Limits, Setting, base, ladders
-from exunet.studies.cost.study import Entry, Errors, Study, all_rungs, climb
+from exunet.studies.cost.runners import Subject, Trial, Work, run
+from exunet.studies.cost.settings import Code, Setting, base, ladders
+from exunet.studies.cost.study import Entry, Study, all_rungs, climb
 from exunet.studies.cost.table import LEVELS, answer_rows, cheapest, evaluations, pareto, reliable, write_csv
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
@@ -31,16 +31,20 @@ SURE = Converged(np.array([1.0]), 1e-9, 1e-9, None, ())
 
 def subject(end: float, *overrides: str) -> Subject:
     case = exunet.load(PLANAR, overrides)
-    return Subject(prepare(case.scene), pair_of(case), (0.0, end))
+    return Subject(prepare(case.scene), both_of(case), (0.0, end))
 
 
 def opened(area: float) -> Deployment:
     return Deployment(area, 1.7, 0.0, 0.3, 1.0, area, at_end=False)
 
 
+def measured(error: float, deployment: Deployment | None = None) -> Measures:
+    return Measures(np.array([1.0]), error, None, deployment)
+
+
 def entry(method: str, tolerance: float, seconds: float, error: float, code: Code = "fused") -> Entry:
     setting = Setting(code, method, tolerance=tolerance)
-    return Entry(setting, [seconds], Counts(1, 0, 7, 0), Errors(error, error, None, None))
+    return Entry(setting, [seconds], Work(1, 0, 7, 0), measured(error), error)
 
 
 def test_the_converged_solution_is_the_known_one():
@@ -65,8 +69,8 @@ def test_every_code_and_kind_of_method_runs_and_errs_little():
     for setting in settings:
         trial = run(scene, setting)
         assert trial.measures is not None, (setting.name, trial.reason)
-        assert trial.counts is not None
-        assert trial.counts.steps > 0
+        assert trial.work is not None
+        assert trial.work.steps > 0
         bound = 1e-5 if setting.tolerance else 0.02
         assert np.abs(trial.measures.speeds - exact).max() / 2.5 < bound, setting.name
         assert trial.measures.momentum is not None
@@ -82,14 +86,14 @@ def test_a_method_that_blows_up_stays_with_its_reason():
 
 def test_the_ladders_hold_every_method():
     stable = dict.fromkeys(METHODS, 1e-4)
-    found = ladders(Limits(stable, 1.0), compiled=True, reference=("RK45", "EM"))
+    found = ladders(stable, 1.0, compiled=True, reference=("RK45", "EM"))
     names = {setting.name for ladder in found for setting in ladder}
     assert {f"{method} ({form})" for method in METHODS for form in ("connectors", "fused")} <= names
     assert {"DOPRI5 (compiled loop)", "RK45 (reference)", "EM (reference)"} <= names
     for ladder in found:
         knobs = [setting.tolerance or setting.step for setting in ladder]
         assert knobs == sorted(knobs, reverse=True)
-    without = ladders(Limits(stable, 1.0), compiled=False, reference=())
+    without = ladders(stable, 1.0, compiled=False, reference=())
     assert {setting.code for ladder in without for setting in ladder} == {"connectors"}
 
 
@@ -128,9 +132,7 @@ def test_no_setting_is_told_to_be_better_than_the_solution():
 
 
 def test_a_tighter_setting_that_fails_makes_its_method_unreliable():
-    good = Entry(
-        Setting("fused", "RK44", step=1e-3), [0.1], Counts(1, 0, 4, 0), Errors(1e-7, 0.0, None, None)
-    )
+    good = Entry(Setting("fused", "RK44", step=1e-3), [0.1], Work(1, 0, 4, 0), measured(0.0), 1e-7)
     failed = Entry(Setting("fused", "RK44", step=5e-4), [0.2], reason="diverged", failed=True)
     left_out = Entry(Setting("fused", "RK44", step=2e-4), reason="left out")
     assert not reliable(Study(SURE, [good, failed, left_out]), good, 1e-6)
@@ -146,8 +148,7 @@ def test_beyond_the_horizon_conserving_methods_are_not_ranked():
     honest, exact = entry("DOPRI5", 1e-7, 1.0, 1e-5), entry("EM", 1e-2, 0.1, 2e-13, "reference")
     lost = replace(lost, deployments=tuple(replace(one, distance=1e-17) for one in lost.deployments))
     for one, area in ((honest, 0.92), (exact, 0.955)):
-        assert one.errors is not None
-        one.errors = Errors(0.1, one.errors.energy, None, opened(area))
+        one.measures = measured(one.speed_error, opened(area))
     study = Study(lost, [honest, exact])
     assert pareto(study) == pareto(study, evaluations) == [honest]
     assert cheapest(study, 1e-4) is honest
@@ -164,7 +165,7 @@ def test_the_base_is_run_whatever_the_budget():
     study = Study(SURE)
     rungs = all_rungs(subject(0.02), compiled=True)
     climb(study, subject(0.02), rungs, lambda: 0.0, lambda words: None, base(compiled=True))
-    ran = [one.setting for one in study.entries if one.counts is not None]
+    ran = [one.setting for one in study.entries if one.work is not None]
     assert ran == base(compiled=True)
     assert {one.code for one in ran} == {"compiled loop"}
     assert sum(len(ladder) for ladder in rungs) == len(study.entries)
@@ -172,8 +173,8 @@ def test_the_base_is_run_whatever_the_budget():
 
 def test_evaluations_of_the_conserving_method_are_counted():
     trial = run(subject(0.02), Setting("reference", "EM", step=1e-3))
-    assert trial.counts is not None
-    assert trial.counts.right_hand_sides >= trial.counts.newton + trial.counts.steps
+    assert trial.work is not None
+    assert trial.work.right_hand_sides >= trial.work.newton + trial.work.steps
 
 
 def test_a_budget_leaves_out_what_is_dear(monkeypatch, tmp_path):
@@ -183,7 +184,7 @@ def test_a_budget_leaves_out_what_is_dear(monkeypatch, tmp_path):
         seconds = 0.0 if until else 1e-3 / float(setting.step or 1.0)
         clock[0] += seconds
         return Trial(
-            seconds, Counts(1, 0, 1000, 0), Measures(np.array([1.0 + seconds * 1e-6]), 0.0, None, None)
+            seconds, Work(1, 0, 1000, 0), Measures(np.array([1.0 + seconds * 1e-6]), 0.0, None, None)
         )
 
     monkeypatch.setattr(studies, "run", pretend)
@@ -257,7 +258,7 @@ def test_beyond_the_horizon_it_says_so(tmp_path):
     case = exunet.load(PLANAR.with_name("planar_deployment.toml"))
     assert command.cost(case, tmp_path, until=2.0, budget=20.0) == 0
     words = (tmp_path / "cost.md").read_text(encoding="utf-8")
-    assert "beyond the horizon" in words  # field.md: round-off alone parts the curves before 2 s
+    assert "after the horizon" in words  # field.md: round-off alone parts the curves before 2 s
     assert "Errors are those of the energy balance" in words
     assert "of 5 converged solutions" in words
     with (tmp_path / "cost.csv").open(encoding="utf-8") as file:

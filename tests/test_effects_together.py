@@ -12,7 +12,7 @@ import pytest
 
 from exunet.case.scene import Scene
 from exunet.codegen.kernel import net_kernel
-from exunet.forces.effects import EFFECTS, misfits
+from exunet.forces.effects import EFFECTS, cross_checks
 from exunet.forces.terms import Terms
 from exunet.results.measures import energy_balance
 from exunet.simulation.preparation import Start, build, prepare
@@ -77,10 +77,10 @@ def subset(seed: int) -> tuple[str, ...]:
         update: dict[str, Any] = {"effects": scene.effects.model_copy(update=keys)}
         if "launch_force" in names:
             update["launch"] = None
-        wrongs = list(misfits(scene.model_copy(update=update)))
+        wrongs = list(cross_checks(scene.model_copy(update=update)))
         if not wrongs:
             return tuple(sorted(names))
-        names.remove(str(wrongs[0].where[0]))
+        names.remove(str(wrongs[0].path[0]))
 
 
 def test_the_draws_reach_every_effect() -> None:

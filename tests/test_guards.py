@@ -12,7 +12,7 @@ from small_nets import pair_of_masses, thrown
 import exunet
 from exunet.base.errors import CaseError, RunStopped
 from exunet.forces.terms import Terms
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.results.measures import energy_balance, energy_in_play
 from exunet.simulation.guards import ENERGY_BOUND, STRETCH_BOUND
 from exunet.simulation.monitor import Monitor

@@ -16,6 +16,7 @@ from exunet.simulation.run import simulate
 from exunet.verification import hard
 from exunet.verification.check import Check
 from exunet.verification.gallery import GALLERY, ITEMS, Hard
+from exunet.verification.ladder import Step
 from exunet.verification.tolerances import Tolerance
 
 CASES = Path(__file__).parent.parent / "cases" / "hard"
@@ -26,7 +27,7 @@ QUICK = [one for one in GALLERY if one.case not in SLOW_IN_LOOP]
 
 def hold(checks: list[Check]) -> None:
     assert checks
-    failed = [f"{c.subject}: {c.name}: {c.measured:.3g} {c.verdict} {c.worst}" for c in checks if not c.holds]
+    failed = [f"{c.name}: {c.measured:.3g} {c.verdict} {c.worst}" for c in checks if not c.holds]
     assert failed == []
 
 
@@ -92,7 +93,7 @@ def test_the_turns_of_the_spinning_net_are_counted_in_the_reference():
     assert one.of_both is _turns
     short = reference.load(hard.case_path("spinning"), {"time.end": 2.0, "time.output_step": 0.02})
     run = short.march(method="EM", step=0.02)
-    found = {name: measured for name, measured, _ in _turns(hard.states_of(short, run), None)}
+    found = {check.name: check.measured for check in _turns(hard.states_of(short, run), None)}
     assert found["100 revolutions, turned"] == pytest.approx(98.0, abs=0.01)
     assert found["slack elements"] == 0.0
 
@@ -119,11 +120,11 @@ def test_an_implicit_run_must_be_stopped_by_a_guard():
     settings = ("solver.step=1e-3", "time.end=0.6", "engine.net=fused", "engine.loop=exudyn")
     with pytest.raises(RunStopped) as stop:
         simulate(prepare(load(hard.case_path("implicit"), settings).scene))
-    told = hard.stopped("implicit", "GeneralizedAlpha", stop.value)
+    told = hard.stopped("GeneralizedAlpha", stop.value)
     assert told.holds
     assert re.fullmatch(r"GeneralizedAlpha: stopped at 0\.\d+ s, energy \+0\.\d+ J", told.name)
     other = RunStopped("the engine stopped after t = 0.5 s: Newton did not converge", stop.value.partial)
-    assert not hard.stopped("implicit", "GeneralizedAlpha", other).holds
+    assert not hard.stopped("GeneralizedAlpha", other).holds
 
 
 def test_the_energy_momentum_method_is_exact_at_any_step():
@@ -145,15 +146,15 @@ def test_a_bound_that_is_broken_is_told():
 @pytest.mark.parametrize(("measured", "code"), [(0.5, 0), (2.0, 1), (None, 130)])
 def test_the_gallery_writes_its_report(monkeypatch, tmp_path, capsys, measured, code):
     """All hold: 0; one fails: 1; Ctrl-C: 130, and what was done is in the report."""
-    from exunet.interfaces.commands import hard as command
+    from exunet.interfaces.commands import verify as command
 
-    def checks(**_: bool) -> Iterator[Check]:
-        yield Check(6, "a net", "one thing", 0.25, Tolerance(1.0, "x", "a reason"))
+    def checks() -> Iterator[Check]:
+        yield Check("one thing", 0.25, Tolerance(1.0, "a reason", "x"))
         if measured is None:
             raise KeyboardInterrupt
-        yield Check(6, "a net", "another thing", measured, Tolerance(1.0, "x", "a reason"))
+        yield Check("another thing", measured, Tolerance(1.0, "a reason", "x"))
 
-    monkeypatch.setattr(command, "checks", checks)
+    monkeypatch.setattr(hard, "steps", lambda quick: iter([Step(6, "a net", checks)]))
     assert command.verify_hard(tmp_path / "deep" / "hard", quick=True) == code
     report = (tmp_path / "deep" / "hard" / "hard.md").read_text(encoding="utf-8")
     assert "| a net | one thing | 0.25 x | 1 x | holds |" in report
@@ -165,10 +166,10 @@ def test_the_gallery_writes_its_report(monkeypatch, tmp_path, capsys, measured, 
 
 
 def test_a_folder_that_cannot_be_written_is_told_before_anything_runs(monkeypatch, tmp_path):
-    from exunet.interfaces.commands import hard as command
+    from exunet.interfaces.commands import verify as command
 
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(command, "checks", lambda **_: pytest.fail("ran"))
+    monkeypatch.setattr(hard, "steps", lambda quick: iter([Step(1, "a net", lambda: pytest.fail("ran"))]))
     with pytest.raises(InputError):
         command.verify_hard(tmp_path / "file" / "hard", quick=True)
 
@@ -181,6 +182,9 @@ def test_ctrl_c_is_no_finding(monkeypatch):
         raise Interrupted("interrupted after t = 0.1 s")
 
     monkeypatch.setattr("exunet.verification.hard.simulate", interrupted)
-    for findings in (hard.of_form(GALLERY[0], "compiled"), hard.implicit("fused"), hard.above("compiled")):
+    subjects = (f"{GALLERY[0].case}, compiled", "implicit, fused")
+    chosen = [step for step in hard.steps() if step.subject in subjects]
+    for step in (*chosen, Step(6, "near_limit, compiled", lambda: hard.above("compiled"))):
         with pytest.raises(KeyboardInterrupt):
-            list(findings)
+            list(step.run())
+    assert len(chosen) == 2

@@ -13,7 +13,7 @@ import exunet
 from exunet.backends.compiled.loop import March, loop_kernel
 from exunet.base.errors import CaseError, InputError, Interrupted, RunStopped
 from exunet.case.casefile import load
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 from exunet.studies.ensemble import perturbed_positions, run_ensemble

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exunet.case.scene import Scene
-from exunet.methods.methods import METHODS
+from exunet.methods.method import METHODS
 from exunet.results.result import Result
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate

@@ -17,6 +17,7 @@ from exunet.base.errors import InputError
 from exunet.figures import figures, save_figures
 from exunet.figures.nets import snapshot_indices
 from exunet.figures.style import drawing, shortened
+from exunet.figures.thinning import BINS, thinned, thinned_band
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
 from exunet.simulation.preparation import prepare
@@ -313,3 +314,47 @@ def test_a_big_net_is_drawn_in_bundles_of_elements(tmp_path):
         assert len(axes.get_lines()) == 0
         assert len(strokes) == 4  # cables and strings of the reference and of the state
         assert sum(strokes) <= 844 / 20
+
+
+def test_long_curves_are_thinned_without_losing_an_extreme():
+    """100 000 points with two lone spikes, one of them inside a span of time of 50 points, and a gap."""
+    time = np.linspace(0.0, 3.0, 100_001)
+    values = np.sin(time)
+    values[77_321], values[12], values[5_000:5_400] = 9.0, -9.0, np.nan
+    thin_time, thin = thinned(time, values)
+    assert len(thin) <= 4 * BINS
+    assert (thin_time[0], thin_time[-1]) == (0.0, 3.0)
+    assert np.all(np.diff(thin_time) > 0)
+    assert thin_time[np.nanargmax(thin)] == time[77_321]
+    assert thin_time[np.nanargmin(thin)] == time[12]
+    assert np.isnan(thin).any()
+    # Within a span of 1.5 ms a sine changes by as much at most: no more than that is lost anywhere.
+    there = np.interp(time, thin_time[~np.isnan(thin)], np.sin(thin_time[~np.isnan(thin)]))
+    assert np.abs(there - np.sin(time)).max() < 1.5e-3
+
+
+def test_long_bands_cover_what_they_covered():
+    time = np.linspace(0.0, 1.0, 50_001)
+    lower, upper = np.sin(9 * time), np.sin(9 * time) + 0.1
+    upper[30_007] = 7.0
+    ends, low, high = thinned_band(time, lower, upper)
+    assert len(ends) <= BINS
+    assert (ends[-1], high.max(), low.min()) == (1.0, 7.0, lower.min())
+    assert np.all(np.diff(ends) > 0)
+
+
+def test_short_curves_are_drawn_as_they_are():
+    time = np.linspace(0.0, 1.0, 4 * BINS)
+    assert thinned(time, time)[1] is time
+    assert thinned_band(time, time, time)[2] is time
+
+
+def test_figures_of_a_long_run_are_drawn_without_warnings():
+    of = unfolding(square_net(strings=True), times=9_001, largest_elastic=np.ones(9_001))
+    made = checked(of, agreement_with(of))
+    drawn = curves(made["bullet_speeds"])
+    speeds = metrics.bullet_speeds(of)
+    for k, node in enumerate(of.net.bullet_nodes):
+        curve = drawn[f"node {node}"].get_ydata()
+        assert len(curve) <= 4 * BINS
+        assert (curve.min(), curve.max()) == (speeds[:, k].min(), speeds[:, k].max())

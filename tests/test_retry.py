@@ -8,7 +8,7 @@ from small_nets import pair_of_masses, thrown
 
 import exunet
 from exunet.base.errors import RunStopped
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.results.measures import energy_balance
 from exunet.results.summary import rows, summarise
 from exunet.simulation import run as timeloop

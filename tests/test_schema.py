@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import itertools
 import json
 import re
 import tomllib
@@ -15,10 +17,12 @@ from pydantic import BaseModel
 
 from exunet.base.errors import CaseError
 from exunet.case.casefile import load
+from exunet.case.checking import checked
 from exunet.case.scene import Scene
 from exunet.case.schema import example, json_schema, resolve, template
 from exunet.forces.effects import EFFECTS
-from exunet.methods.methods import METHODS
+from exunet.forces.requirements import bullet_keys
+from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
 
 # The keys of cases/README.md, which is the contract between the two codes.
@@ -27,6 +31,8 @@ CONTRACT = {
         net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
         initial.packing initial.velocity initial.spin initial.node_positions initial.node_velocities
         launch.radial_speed launch.axial_speed
+        bodies.NAME.mass bodies.NAME.inertia bodies.NAME.position bodies.NAME.velocity
+        bodies.NAME.attitude bodies.NAME.angular_velocity
         effects.rayleigh_damping.alpha effects.rayleigh_damping.beta effects.gravity.acceleration
         effects.mass_damping.alpha effects.material_damping.relaxation_time effects.orbit.altitude
         effects.orbit.mean_motion effects.orbit.radial effects.orbit.along_track effects.orbit.model
@@ -60,9 +66,10 @@ def contract(topology: str) -> set[str]:
 def leaves(topology: str, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """Every key of the schema that is not a table."""
     node = resolve(path, topology)
-    if "properties" not in node:
+    names = node.get("properties") or (["NAME"] if "patternProperties" in node else [])
+    if not names:
         yield path
-    for name in node.get("properties", ()):
+    for name in names:
         yield from leaves(topology, (*path, name))
 
 
@@ -118,15 +125,20 @@ def _models(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
             yield from _models(field.annotation)
 
 
-def switched(topology: str, on: Callable[[str], bool], path: Path) -> Any:
-    """The scene of the template with the optional tables that `on` names, by removing the first "# "."""
+def with_tables(topology: str, on: Callable[[str], bool]) -> str:
+    """The template with the optional tables that `on` names, by removing the first "# "."""
     lines, active = [], False
     for line in template(topology).splitlines():
         header = re.match(r"# \[([\w.]+)\]", line)
         if header or not line or line.startswith("["):
             active = bool(header and on(header[1]))
         lines.append(line.removeprefix("# ") if active else line)
-    path.write_text("\n".join(lines))
+    return "\n".join(lines)
+
+
+def switched(topology: str, on: Callable[[str], bool], path: Path) -> Any:
+    """The scene of the template with the optional tables that `on` names."""
+    path.write_text(with_tables(topology, on))
     return load(path).scene
 
 
@@ -189,8 +201,15 @@ REFUSED = {
 }
 
 
+VALIDATOR = jsonschema.Draft202012Validator(json_schema())
+
+
 def valid(document: Any) -> bool:
-    return jsonschema.Draft202012Validator(json_schema()).is_valid(document)
+    return VALIDATOR.is_valid(document)
+
+
+def readable(document: Any) -> bool:
+    return not checked(copy.deepcopy(document))[1]
 
 
 def test_the_schema_is_one() -> None:
@@ -232,3 +251,58 @@ def test_every_value_of_the_template_is_within_its_own_bounds(topology: str) -> 
         path for path, key in keys.items() if not jsonschema.Draft202012Validator(key).is_valid(example(key))
     ]
     assert outside == []
+
+
+@pytest.mark.parametrize("method", [None, "auto", *METHODS])
+def test_schema_and_reader_agree_on_every_method_and_its_keys(method: str | None) -> None:
+    """Tolerance and step given or not, every loop, with and without breaking; both answers occur."""
+    base = tomllib.loads(template("square"))
+    answers = set()
+    for tolerance, step, loop, breaking in itertools.product(
+        (None, 1e-6), (None, 1e-5, 1e-13), (None, "exudyn", "compiled", "auto"), (False, True)
+    ):
+        solver = {"method": method, "tolerance": tolerance, "step": step}
+        document = base | {"solver": {key: value for key, value in solver.items() if value is not None}}
+        document |= {"engine": {"loop": loop}} if loop else {}
+        document |= {"effects": {"breaking": {"strain": 0.03}}} if breaking else {}
+        answers.add(readable(document))
+        assert valid(document) == readable(document), (solver, loop, breaking)
+    assert answers == {True, False}
+
+
+def test_schema_and_reader_agree_on_every_pair_of_effects() -> None:
+    """With and without bullets, the keys that they ask for, and a launch."""
+    document = tomllib.loads(with_tables("square", lambda name: name != "effects"))
+    document.pop("solver")
+    effects, launch, bullets = document.pop("effects"), document.pop("launch"), document["net"].pop("bullets")
+    effects["molecular_drag"].pop("altitude")  # which would have to be that of the orbit
+    effects["molecular_drag"]["density"] = 1e-12
+    answers = []
+    for pair in itertools.combinations_with_replacement(EFFECTS, 2):
+        for thrown, keyed, launched in itertools.product((False, True), repeat=3):
+            net = document["net"] | ({"bullets": bullets} if thrown else {})
+            on = {name: dict(effects[name]) for name in pair}
+            for name in pair if keyed else ():
+                on[name] |= dict.fromkeys(bullet_keys(EFFECTS[name]), 0.1)
+            case = document | {"net": net, "effects": on} | ({"launch": launch} if launched else {})
+            answers.append(readable(case))
+            assert valid(case) == answers[-1], (pair, thrown, keyed, launched)
+    assert 0.2 < sum(answers) / len(answers) < 0.8  # neither says yes or no to all
+
+
+def test_damping_of_broken_elements_is_refused_by_both() -> None:
+    document = tomllib.loads(template("square"))
+    for beta, fine in ((0.0, True), (1e-8, False)):
+        damping = {"alpha": 1e-3, "beta": beta}
+        document["effects"] = {"breaking": {"strain": 0.03}, "rayleigh_damping": damping}
+        assert (valid(document), readable(document)) == (fine, fine)
+
+
+def test_the_schema_knows_bodies_by_any_bare_name() -> None:
+    document = tomllib.loads(template("square"))
+    box = {"mass": 1.0, "inertia": [1.0, 2.0, 3.0]}
+    for name, fine in (("box", True), ("target-2_a", True), ("a b", False), ("", False)):
+        document["bodies"] = {name: box}
+        assert (valid(document), readable(document)) == (fine, fine), name
+    document["bodies"] = {"box": box | {"colour": "red"}}
+    assert (valid(document), readable(document)) == (False, False)

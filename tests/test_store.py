@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -567,3 +568,21 @@ def test_folders_that_cannot_be_written(tmp_path):
         new(tmp_path / "file")
     with pytest.raises(InputError, match="no stored states of an unfinished run"):
         SegmentStore(tmp_path)
+
+
+def test_ctrl_c_within_a_write_comes_after_it(monkeypatch, small_segments, tmp_path):
+    """Between the file of a segment and the index, an interrupt would leave rows that are counted twice."""
+    store = new(tmp_path)
+    write = segments.write_arrays
+
+    def interrupted(*arguments):
+        write(*arguments)
+        monkeypatch.setattr(segments, "write_arrays", write)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(segments, "write_arrays", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        store.append(cut(0, 20))
+    assert_rows(store, 20)
+    store.close()
+    assert_rows(SegmentStore(tmp_path), 20)

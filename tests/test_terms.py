@@ -17,7 +17,7 @@ from exunet.codegen.compile import interpreted_module
 from exunet.codegen.kernel import net_kernel
 from exunet.forces.cable import Law, elastic_energy, tension, viscous_tension
 from exunet.forces.terms import KernelTerm, Terms
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.simulation.preparation import Start, build, prepare
 from exunet.simulation.run import simulate
 from exunet.system import energy

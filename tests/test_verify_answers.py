@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from exunet.net.arrays import Net
-from exunet.studies.both_codes import read_pair
+from exunet.studies.both_codes import read_both
 from exunet.verification.answers import ANSWERS
 from exunet.verification.answers.modes import frequency
 from exunet.verification.answers.orders import Series
 from exunet.verification.answers.rest import hanging_chain
 from exunet.verification.answers.snap import known_snap
 from exunet.verification.check import Check
-from exunet.verification.ladder import shipped
+from exunet.verification.shipped import shipped
 
-PATHS = {path.stem: path for path in shipped("verification")}
+PATHS = shipped("verification")
 SLOW = {"free_net", "smooth", "snap_from_slack", "rotating"}
 
 
@@ -75,7 +75,7 @@ def test_every_case_is_known_and_every_answer_has_its_case():
     [pytest.param(name, answer, marks=pytest.mark.slow if name in SLOW else ()) for name, answer in ANSWERS],
 )
 def test_both_codes_give_the_known_answer(name, answer):
-    checks = [finding for finding in answer(read_pair(PATHS[name])) if isinstance(finding, Check)]
+    checks = [finding for finding in answer(read_both(PATHS[name])) if isinstance(finding, Check)]
     assert checks
     for check in checks:
         assert check.holds, f"{check.name}: {check.measured} ({check.worst})"
@@ -86,12 +86,12 @@ def test_each_code_tells_its_own_peak_force(monkeypatch):
     from exunet.verification.answers.snap import snap
     from reference_impl import forces as formulas
 
-    pair = read_pair(PATHS["snap"])
+    case = read_both(PATHS["snap"])
     for module, name, code in ((formulas, "tension", "reference"), (cable, "element_tension", "Exudyn")):
         with monkeypatch.context() as patch:
             right = getattr(module, name)
             patch.setattr(module, name, lambda *state, right=right: 2.0 * right(*state))
-            failed = [check.name for check in snap(pair) if not check.holds]
+            failed = [check.name for check in snap(case) if not check.holds]
             assert failed == [f"peak force, {code}: relative error"]
 
 
@@ -101,5 +101,5 @@ def test_a_mouth_twice_as_large_is_seen(monkeypatch):
 
     right = metrics.mouth_area
     monkeypatch.setattr(metrics, "mouth_area", lambda *state: 2.0 * right(*state))
-    failed = [check for check in areas(read_pair(PATHS["square_net"])) if not check.holds]
+    failed = [check for check in areas(read_both(PATHS["square_net"])) if not check.holds]
     assert [check.measured for check in failed] == pytest.approx([1.0, 1.0])  # flat and folded: 2 - 1

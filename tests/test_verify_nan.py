@@ -6,18 +6,20 @@ import numpy as np
 import pytest
 
 import reference_impl as reference
-from exunet.studies.both_codes import Motion, Pair, read_pair
-from exunet.verification import horizon, separation, topology
-from exunet.verification.check import Check, worst_first
+from exunet.studies.both_codes import BothCodes, Motion, read_both
+from exunet.studies.neighbours import MOVE
+from exunet.verification import horizon, topology
+from exunet.verification.check import Check, difference, worst_of
 from exunet.verification.converged import _compared
-from exunet.verification.ensemble import COMPILED, REFERENCE, Ensemble
 from exunet.verification.forces import forces
-from exunet.verification.growth import AMPLITUDES, LONE, ROUND_OFF, Growth, growth
+from exunet.verification.growth import AMPLITUDE, AMPLITUDES, ROUND_OFF, Growth, growth
 from exunet.verification.horizon import sensitivity
-from exunet.verification.ladder import shipped
+from exunet.verification.shipped import shipped
+from exunet.verification.statistics import COMPILED, REFERENCE, Statistics
 from exunet.verification.stepping import one_step, same_scheme
+from exunet.verification.tolerances import FORCES
 
-CASE = next(path for path in shipped() if path.stem == "planar_deployment")
+CASE = shipped()["planar_deployment"]
 NAN = float("nan")
 
 
@@ -28,8 +30,22 @@ def fails(findings):
 
 
 @pytest.mark.parametrize("measured", [(NAN, 1.0), (1.0, NAN), (0.0, NAN, 2.0)])
-def test_the_worst_of_some_numbers_is_the_one_that_is_none(measured):
-    assert np.isnan(max(measured, key=worst_first))
+def test_the_worst_of_some_measurements_is_the_one_that_is_nan(measured):
+    checks = [Check(f"{k}", value, FORCES) for k, value in enumerate(measured)]
+    assert np.isnan(worst_of("all", checks).measured)
+
+
+@pytest.mark.parametrize("wrong", [NAN, np.inf])
+@pytest.mark.parametrize("both", [False, True])
+def test_a_difference_with_an_entry_that_is_not_finite_fails(wrong, both):
+    a = np.arange(12.0).reshape(4, 3)
+    b = a.copy()
+    a[2, 1] = wrong
+    b[2, 1] = wrong if both else b[2, 1]
+    with np.errstate(invalid="ignore"):
+        found = difference("name", a, b, FORCES, ("node", "xyz"), "m")
+    assert not found.holds
+    assert found.worst.startswith(f"node 2, y: {wrong} and ")
 
 
 @pytest.mark.parametrize("state", [0, 4, 9])
@@ -41,32 +57,32 @@ def test_one_state_of_many_without_accelerations_fails_rung_2(state, monkeypatch
         return right(*state_of_motion) * (NAN if len(seen) == state + 1 else 1.0)
 
     monkeypatch.setattr(reference, "acceleration", wrong)
-    check = fails(forces(read_pair(CASE), 10))
+    check = fails(forces(read_both(CASE), 10))
     assert np.isnan(check.measured)
     assert f"packed: state {state}, " in check.worst
 
 
 def test_one_mass_that_is_no_number_fails_rung_1():
-    pair = read_pair(CASE)
-    mass = pair.start.net.mass.copy()
+    case = read_both(CASE)
+    mass = case.start.net.mass.copy()
     mass[3] = NAN
-    start = dataclasses.replace(pair.start, net=dataclasses.replace(pair.start.net, mass=mass))
-    check = fails(topology.topology(dataclasses.replace(pair, start=start)))
+    start = dataclasses.replace(case.start, net=dataclasses.replace(case.start.net, mass=mass))
+    check = fails(topology.topology(dataclasses.replace(case, start=start)))
     assert check.worst.startswith("mass: node 3: nan and")
 
 
 def test_one_such_net_among_random_ones_fails_rung_1(monkeypatch):
-    right, seen = topology.pair_of_text, []
+    right, seen = topology.both_of_text, []
 
     def wrong(name, text):
         seen.append(1)
-        pair = right(name, text)
+        case = right(name, text)
         if len(seen) == 3:
-            net = dataclasses.replace(pair.net, mass=np.full_like(pair.net.mass, NAN))
-            pair = dataclasses.replace(pair, net=net)
-        return pair
+            net = dataclasses.replace(case.theirs.net, mass=np.full_like(case.theirs.net.mass, NAN))
+            case = dataclasses.replace(case, theirs=dataclasses.replace(case.theirs, net=net))
+        return case
 
-    monkeypatch.setattr(topology, "pair_of_text", wrong)
+    monkeypatch.setattr(topology, "both_of_text", wrong)
     counted, widest = topology.random_topologies(5)
     assert counted.measured == 1
     assert not widest.holds
@@ -74,53 +90,34 @@ def test_one_such_net_among_random_ones_fails_rung_1(monkeypatch):
 
 
 def test_a_velocity_that_is_no_number_after_one_step_fails_rung_4(monkeypatch):
-    right = Pair.march
+    right = BothCodes.run_reference
 
-    def wrong(self, times, symmetric=False, **how):
-        motion = right(self, times, symmetric, **how)
+    def wrong(self, times, **how):
+        motion = right(self, times, **how)
         motion.velocity[1, 7, 1] = NAN
         return motion
 
-    monkeypatch.setattr(Pair, "march", wrong)
-    for check in one_step(read_pair(CASE)):
+    monkeypatch.setattr(BothCodes, "run_reference", wrong)
+    for check in one_step(read_both(CASE)):
         assert not check.holds
-        assert "velocity of node" in check.worst
+        assert "velocity: node 7, y: " in check.worst
 
 
 def test_a_growth_that_is_no_number_does_not_end_the_comparison_of_rung_4():
-    pair = read_pair(CASE)
-    grown = growth(pair, 0.02, (ROUND_OFF, LONE))
+    case = read_both(CASE)
+    grown = growth(case, 0.02, (ROUND_OFF, MOVE))
     grown.difference[1, 300] = NAN
-    check = next(same_scheme(pair, grown))
+    check = next(same_scheme(case, grown))
     assert not check.holds
     assert check.worst.startswith(f"t = {grown.time[300]:.4g} s")
 
 
-def test_one_mirrored_run_that_stopped_fails_rung_7(monkeypatch):
-    longer = np.linspace(0.0, separation.BEYOND, 6)
-    still = np.zeros((len(longer), 4))
-    curves = [
-        separation.Curve(tolerance, speeds)
-        for tolerance, speeds in zip(separation.MIRRORED, (still, still + NAN), strict=True)
-    ]
-    study = separation.Study(longer, longer, {}, {}, {"damped": curves}, {}, {})
-    monkeypatch.setattr(separation, "study", lambda pairs: study)
-    pair = read_pair(CASE)
-    monkeypatch.setattr(separation, "families", lambda *of: None)
-    found = []
-    for finding in separation.separation(pair, pair, pair):
-        found.append(finding)
-        if isinstance(finding, Check):
-            break
-    assert np.isnan(fails(found).measured)
-
-
 def grown(spoilt=False, factor=1.0):
-    """All amplitudes grow at 20/s for 2 s; `spoilt` (amplitude, time) says where that is no number."""
+    """All amplitudes grow at 20/s for 2 s; `spoilt` (amplitude, time) says where that is NaN."""
     time, moved = np.linspace(0.0, 2.0, 401), np.array(AMPLITUDES)
-    difference = factor * np.outer(moved, np.exp(20.0 * time))
-    difference = np.where(spoilt and spoilt(moved[:, None], time), NAN, difference)
-    return Growth(time, moved, difference, np.zeros(difference.shape, int), np.full(len(moved), NAN))
+    apart = factor * np.outer(moved, np.exp(20.0 * time))
+    apart = np.where(spoilt and spoilt(moved[:, None], time), NAN, apart)
+    return Growth(time, moved, apart, np.zeros(apart.shape, int), np.full(len(moved), NAN))
 
 
 @pytest.mark.parametrize(
@@ -129,47 +126,47 @@ def grown(spoilt=False, factor=1.0):
         (lambda moved, time: time >= 0.0 * moved, 4 * 401),
         (lambda moved, time: time > 0.5 + 0.0 * moved, 4 * 300),
         (lambda moved, time: (moved == ROUND_OFF) & (time >= 0.0), 401),
-        (lambda moved, time: (moved == 1e-6) & (time == 2.0), 1),
+        (lambda moved, time: (moved == AMPLITUDE) & (time == 2.0), 1),
     ],
 )
 def test_a_growth_that_is_no_number_fails_rung_7(spoilt, count):
-    (check,) = sensitivity(read_pair(CASE), grown(spoilt))
+    (check,) = sensitivity(read_both(CASE), grown(spoilt))
     assert not check.holds
     assert check.measured == count
 
 
 def test_differences_that_are_never_small_are_not_compared():
     """1e-10 m times 1e3 is 1e-7 m from the start, above the 1e-8 m below which growth is in proportion."""
-    row = next(iter(sensitivity(read_pair(CASE), grown(factor=1e3))))
+    row = next(iter(sensitivity(read_both(CASE), grown(factor=1e3))))
     assert row.left_out
     assert "above 1e-08 m from the start" in row.worst
 
 
 def runs(count, spoilt=None):
-    """Made-up runs of one code, scattered by 10 %; `spoilt` is one run that has a value that is no number."""
+    """Made-up runs of one code, scattered by 10 %; `spoilt` is one run that has a value that is NaN."""
     values = 1.0 + 0.1 * np.random.default_rng(count).normal(size=(count, 50))
     if spoilt is not None:
         values[spoilt, 40] = NAN
-    return Ensemble(f"code of {count}", np.linspace(0.0, 2.0, 50), values, values, values)
+    return Statistics(f"code of {count}", np.linspace(0.0, 2.0, 50), values, values, values)
 
 
 @pytest.mark.parametrize(("ours", "theirs", "code"), [(3, None, 128), (None, 3, 16), (0, 15, 128)])
 def test_one_run_without_a_number_fails_the_statistics(ours, theirs, code, monkeypatch):
     made = {COMPILED: runs(128, ours), REFERENCE: runs(16, theirs)}
     monkeypatch.setattr(horizon, "our_code", lambda: COMPILED)
-    monkeypatch.setattr(horizon, "ensemble", lambda pair, which: made[which])
-    rows = [row for row in horizon.after_it(read_pair(CASE), grown(), True) if isinstance(row, Check)]
+    monkeypatch.setattr(horizon, "statistics", lambda case, which: made[which])
+    rows = [row for row in horizon.after_it(read_both(CASE), grown(), True) if isinstance(row, Check)]
     assert [row.holds for row in rows] == [False] * 3
     assert all(f"(code of {code})" in row.name for row in rows)
-    alone = [row for row in horizon.after_it(read_pair(CASE), grown(), False) if isinstance(row, Check)]
+    alone = [row for row in horizon.after_it(read_both(CASE), grown(), False) if isinstance(row, Check)]
     assert [row.holds for row in alone] == ([] if ours is None else [False] * 3)
 
 
 def test_statistics_without_an_area_are_equal():
     """A net without a mouth has the area 0 in all runs."""
     ours, theirs = (dataclasses.replace(some, area=0.0 * some.area) for some in (runs(128), runs(16)))
-    assert horizon._same_mean(read_pair(CASE), "area", ours, theirs).measured == 0.0
-    assert horizon._same_mean(read_pair(CASE), "speed", ours, theirs).holds
+    assert horizon._same_mean("area", ours, theirs).measured == 0.0
+    assert horizon._same_mean("speed", ours, theirs).holds
 
 
 INSTANTS = np.linspace(0.0, 0.3, 49)
@@ -177,11 +174,11 @@ INSTANTS = np.linspace(0.0, 0.3, 49)
 
 def compared(own, apart=0.0, end=0.3):
     """Rows of rung 5 where own (codes, what, t) are the codes' errors and `apart` (t,) parts them [sizes]."""
-    pair = read_pair(CASE)
-    place = np.broadcast_to(pair.start.position, (len(INSTANTS), *pair.start.position.shape))
-    shift = pair.size * np.broadcast_to(apart, INSTANTS.shape)[:, None, None] * np.array([1.0, 0.0, 0.0])
+    case = read_both(CASE)
+    place = np.broadcast_to(case.start.position, (len(INSTANTS), *case.start.position.shape))
+    shift = case.size * np.broadcast_to(apart, INSTANTS.shape)[:, None, None] * np.array([1.0, 0.0, 0.0])
     flight = [Motion(INSTANTS, where, np.zeros_like(place), 1) for where in (place, place + shift)]
-    return list(_compared(pair, own, *flight, end))
+    return list(_compared(case, own, *flight, end))
 
 
 @pytest.mark.parametrize("code", [0, 1])

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from exunet.backends.protocol import Integrator, Observer
 from exunet.case.scene import Engine
-from exunet.methods.methods import Plan
+from exunet.methods.method import NetForm, TimeLoop
+from exunet.methods.plan import Plan
 from exunet.system.system import State, System
 
 
 def integrator(engine: Engine, system: System, state: State, plan: Plan, observer: Observer) -> Integrator:
     """The integrator that a case asks for, at a state; raises MissingExtra if Numba is needed and absent."""
-    if engine.loop == "compiled":
+    if engine.loop == TimeLoop.COMPILED:
         from exunet.backends.compiled.loop import CompiledLoop
 
         return CompiledLoop(system, state, plan, observer)
     from exunet.backends.exudyn.stepper import Stepper
 
-    return Stepper(system, state, plan, observer, fused=engine.net == "fused")
+    return Stepper(system, state, plan, observer, fused=engine.net == NetForm.FUSED)

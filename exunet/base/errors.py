@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -17,11 +18,22 @@ class ExunetError(Exception):
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong in a case: `place` is "file:line" (or the option it came from)."""
+    """One thing that is wrong in a case.
 
-    place: str
+    key   : where, as TOML writes keys, with [index] for items of lists: "net.cable.density", "net.nodes[3]"
+    place : "file:line" or the option that it came from; "" as long as it is not known
+    """
+
     key: str
     reason: str
+    _: KW_ONLY
+    place: str = ""
+
+    @property
+    def path(self) -> tuple[str | int, ...]:
+        """The parts of a key that are all bare: ("net", "nodes", 3)."""
+        parts = re.findall(r"\[(\d+)\]|([A-Za-z0-9_-]+)", self.key)
+        return tuple(name or int(index) for index, name in parts)
 
     def __str__(self) -> str:
         return ": ".join(part for part in (self.place, self.key, self.reason) if part)
@@ -38,7 +50,7 @@ class CaseError(ExunetError):
 
 
 class BeyondFloats(CaseError):
-    """A case whose numbers, each of them valid, lead beyond what floating-point can hold."""
+    """A case whose numbers, each of them valid, lead outside the range of floating-point numbers."""
 
 
 class InputError(ExunetError):

@@ -1,86 +1,62 @@
-"""Faults that a record's validators find between keys, each with the key that it is about."""
+"""Plain functions that check keys against each other yield faults; here they are put together."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from itertools import islice
 
-from pydantic import ValidationError
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from exunet.base.errors import CaseError, Fault
+from exunet.base.table import Table, Unknown
 
-SHOWN = 20  # of the faults that one check finds in a long list
-
-
-class Wrong(NamedTuple):
-    """A fault at `where`: keys and list indexes that lead to it from the record or field being validated."""
-
-    where: tuple[str | int, ...]
-    reason: str
-    value: Any = None
+SHOWN = 20  # of the faults in one list
 
 
-def refuse(wrongs: Sequence[Wrong]) -> None:
-    """Raise a ValidationError with all `wrongs`, if any; in a validator, pydantic adds the outer location."""
-    refuse_all([wrongs])
+def each(*checks: Iterator[Fault]) -> Iterator[Fault]:
+    """The faults of several checks; a check that needs a key that is not valid ends there."""
+    for check in checks:
+        with suppress(Unknown):
+            yield from check
 
 
-def refuse_all(checks: Sequence[Sequence[Wrong]], error: ValidationError | None = None) -> None:
-    """Raise what several checks found together with the faults of `error`, if there are any."""
-    details = [detail for wrongs in checks if wrongs for detail in _details(wrongs)]
-    if details:
-        raise ValidationError.from_exception_data("case", [*again(error), *details] if error else details)
-    if error:
-        raise error
+def shortened(check: Iterator[Fault]) -> Iterator[Fault]:
+    """The first faults that one check finds in a long list, and how many more there are."""
+    last = None
+    for last in islice(check, SHOWN):
+        yield last
+    if last and (more := sum(1 for _ in check)):
+        yield Fault(last.key.partition("[")[0], f"and {more} more like these")
 
 
-def refuse_too(error: ValidationError, other: ValidationError | None) -> None:
-    """Raise the faults of both errors, if there is another."""
-    if other:
-        raise ValidationError.from_exception_data("case", [*again(error), *again(other)])
+def within(table: str, faults: Iterable[Fault]) -> Iterator[Fault]:
+    """Faults of the keys in a table, as seen from outside it."""
+    for fault in faults:
+        yield replace(fault, key=f"{table}.{fault.key}" if fault.key else table)
 
 
-def refuse_with(wrongs: Sequence[Wrong], value: Any, handler: Callable[[Any], Any]) -> Any:
-    """What a wrapped validation, `handler(value)`, returns; its faults are told together with `wrongs`."""
+def exactly_one(keys: Table) -> Iterator[Fault]:
+    """A fault for each table, this one or inside it, that has none or both of its two keys."""
+    if pair := type(keys).EXACTLY_ONE:
+        one, other = pair
+        if keys.is_given(one) == keys.is_given(other):
+            where = other if keys.is_given(other) else ""
+            yield Fault(where, f"give either {one} or {other}, exactly one of them")
+    for name, value in keys.__dict__.items():
+        if isinstance(value, Table):
+            yield from within(name, exactly_one(value))
+
+
+@contextmanager
+def collected() -> Iterator[list[Fault]]:
+    """A list for the faults that the block finds; at its end all are raised at once, if there are any.
+
+    A CaseError from inside the block, after which it cannot go on, is told together with those found before.
+    """
+    faults: list[Fault] = []
     try:
-        valid = handler(value)
-    except ValidationError as error:
-        raise ValidationError.from_exception_data("case", [*again(error), *_details(wrongs)]) from None
-    refuse(wrongs)
-    return valid
-
-
-def unless_one(names: tuple[str, str], keys: Any) -> list[Wrong]:
-    """A fault if not exactly one of two keys is in a table: at the second, or at the table without any."""
-    if not isinstance(keys, dict):
-        return []
-    given = [name for name in names if keys.get(name) is not None]
-    if len(given) == 1:
-        return []
-    where = (names[1],) if given else ()
-    return [Wrong(where, f"give either {names[0]} or {names[1]}, exactly one of them")]
-
-
-def _details(wrongs: Sequence[Wrong]) -> list[InitErrorDetails]:
-    shown = list(wrongs[:SHOWN])
-    if len(wrongs) > SHOWN:
-        shown.append(Wrong(wrongs[0].where[:1], f"and {len(wrongs) - SHOWN} more like these"))
-    return [
-        InitErrorDetails(
-            type=PydanticCustomError("fault", "{reason}", {"reason": wrong.reason}),
-            loc=wrong.where,
-            input=wrong.value,
-        )
-        for wrong in shown
-    ]
-
-
-def again(error: ValidationError) -> list[InitErrorDetails]:
-    """The faults of an error, to be raised together with others."""
-    details = []
-    for found in error.errors(include_url=False):
-        context = found.get("ctx", {})
-        kind = (
-            PydanticCustomError("fault", "{reason}", context) if found["type"] == "fault" else found["type"]
-        )
-        details.append(InitErrorDetails(type=kind, loc=found["loc"], input=found["input"], ctx=context))
-    return details
+        yield faults
+    except CaseError as error:
+        raise type(error)([*faults, *error.faults]) from error
+    if faults:
+        raise CaseError(faults)

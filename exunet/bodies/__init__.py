@@ -1,1 +1,1 @@
-"""Rigid bodies: mass, inertia, attitude."""
+"""Rigid bodies: what a case says of them, mass and inertia, attitude."""

@@ -10,10 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from exunet.base.errors import CaseError, Fault, InputError
-from exunet.case.fault_messages import explain
+from exunet.case.checking import KeyPath, checked
 from exunet.case.scene import Scene
 from exunet.case.toml_lines import key_lines
 from exunet.case.toml_syntax import syntax_error
@@ -21,8 +19,6 @@ from exunet.case.toml_syntax import syntax_error
 MAX_BYTES = 10_000_000
 MAX_FAULTS = 100  # more than anyone reads
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-
-KeyPath = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
@@ -63,13 +59,11 @@ def parse_case(text: str, path: Path, overrides: Sequence[str] = ()) -> Case:
     changes = _parse_overrides(overrides)
     _apply(changes, document)
     huge = _take_huge_integers(document)
-    try:
-        scene = Scene.model_validate(document)
-    except ValidationError as error:
-        found = [explain(one, document) for one in error.errors(include_url=False)]
-        found = [one for one in found if one[0] not in huge]
-        found += [(place, "is a whole number beyond the 64 bits of TOML") for place in huge]
-        raise CaseError(_located(found, text, path, changes)) from None
+    scene, found = checked(document)
+    found = [one for one in found if one[0] not in huge]
+    found += [(place, "is a whole number of more than the 64 bits of TOML") for place in huge]
+    if found or scene is None:
+        raise CaseError(_located(found, text, path, changes))
     return Case(scene, path, text, tuple(overrides))
 
 
@@ -95,28 +89,27 @@ def _read(path: Path) -> bytes:
 
 def _decode(content: bytes, path: Path) -> str:
     if not content.strip():
-        raise CaseError([Fault(f"{path}:1", "", "the file is empty")])
+        raise CaseError([Fault("", "the file is empty", place=f"{path}:1")])
     if content.startswith(b"\xef\xbb\xbf"):
-        raise CaseError(
-            [Fault(f"{path}:1", "", "begins with a byte order mark; save it as UTF-8 without one")]
-        )
+        reason = "begins with a byte order mark; save it as UTF-8 without one"
+        raise CaseError([Fault("", reason, place=f"{path}:1")])
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         reason = f"byte 0x{content[error.start]:02x} is not UTF-8; save the file as UTF-8"
-        raise CaseError([Fault(f"{path}:{line}", "", reason)]) from None
+        raise CaseError([Fault("", reason, place=f"{path}:{line}")]) from None
 
 
 def _parse(text: str, path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise CaseError([Fault(str(path), "", "values are nested too deeply")]) from None
+        raise CaseError([Fault("", "values are nested too deeply", place=str(path))]) from None
     except ValueError as error:  # tomllib.TOMLDecodeError, and whole numbers of thousands of digits
         message, line = syntax_error(str(error), text)
         place = f"{path}:{line}" if line else str(path)
-        raise CaseError([Fault(place, "", f"not valid TOML: {message}")]) from None
+        raise CaseError([Fault("", f"not valid TOML: {message}", place=place)]) from None
 
 
 # Overrides
@@ -137,7 +130,7 @@ class _Change:
         return "--set " + (option if len(option) <= 60 else option[:57] + "...")
 
     def fault(self, reason: str) -> Fault:
-        return Fault(self.place, "", reason)
+        return Fault("", reason, place=self.place)
 
 
 def _parse_overrides(overrides: Sequence[str]) -> list[_Change]:
@@ -268,9 +261,9 @@ def _located(found: list[tuple[KeyPath, str]], text: str, path: Path, changes: l
     ordered = sorted(
         {(*place_of(key), _dotted(key), reason): None for key, reason in found}, key=lambda f: f[0]
     )
-    faults = [Fault(place, key, reason) for _, place, key, reason in ordered]
+    faults = [Fault(key, reason, place=place) for _, place, key, reason in ordered]
     if len(faults) > MAX_FAULTS:
-        faults[MAX_FAULTS:] = [Fault(str(path), "", f"and {len(faults) - MAX_FAULTS} more faults")]
+        faults[MAX_FAULTS:] = [Fault("", f"and {len(faults) - MAX_FAULTS} more faults", place=str(path))]
     return faults
 
 

@@ -8,24 +8,25 @@ from contextlib import contextmanager
 from typing import Any
 
 from exunet.base.errors import BeyondFloats, CaseError
-from exunet.case.casefile import Case, KeyPath, key_path, located
+from exunet.case.casefile import Case, located
+from exunet.case.checking import KeyPath
 from exunet.case.scene import Scene
 
 REAL = 1e50  # no quantity of a net is larger in SI units, or smaller than its inverse
 
 
 @contextmanager
-def placing(case: Case) -> Iterator[None]:
+def located_faults(case: Case) -> Iterator[None]:
     """Give the faults of a CaseError from inside the block their place in the case's file or overrides.
 
-    Where numbers overflow, the values that no real net has are to blame, if there are any.
+    Where numbers overflow, the values that no real net has are the cause, if there are any.
     """
     try:
         yield
     except CaseError as error:
         if any(fault.place for fault in error.faults):
             raise
-        found: list[tuple[KeyPath, str]] = [(key_path(fault.key), fault.reason) for fault in error.faults]
+        found: list[tuple[KeyPath, str]] = [(fault.path, fault.reason) for fault in error.faults]
         if isinstance(error, BeyondFloats) and (absurd := list(_absurd(case.scene))):
             words = "; ".join(f"{fault.key}: {fault.reason}" for fault in error.faults)
             found = [(path, f"{value:g} is not a value of a real net ({words})") for path, value in absurd]
@@ -33,8 +34,8 @@ def placing(case: Case) -> Iterator[None]:
 
 
 def _absurd(scene: Scene) -> Iterator[tuple[KeyPath, float]]:
-    """The numbers of a scene that are beyond `REAL`, each with its key."""
-    tables = ("time", "net", "initial", "launch", "effects")
+    """The numbers of a scene that are larger than `REAL` or smaller than its inverse, each with its key."""
+    tables = ("time", "net", "initial", "launch", "bodies", "effects")
     waiting: list[tuple[KeyPath, Any]] = [((), scene.model_dump(include=set(tables)))]
     while waiting:
         path, value = waiting.pop()

@@ -12,12 +12,12 @@ from exunet.net import TOPOLOGIES
 
 Path = tuple[str | int, ...]
 
-LATER = ("bodies", "script")  # tables that a later version of the case format will have
+LATER = ("script",)  # tables that a later version of the case format will have
 
 
 def explain(error: Any, document: dict[str, Any]) -> tuple[Path, str]:
     """The path of the key that one of pydantic's `errors()` is about, and what is wrong with it."""
-    path, kind, value = _without_tag(error["loc"]), error["type"], error["input"]
+    path, kind, value = without_topology(error["loc"]), error["type"], error["input"]
     if kind == "fault":
         return path, error["msg"]
     if kind == "value_error":
@@ -32,6 +32,8 @@ def explain(error: Any, document: dict[str, Any]) -> tuple[Path, str]:
         return path, _missing(_node(path, document))
     if kind == "extra_forbidden":
         return path, _unknown(path, document)
+    if kind == "string_pattern_mismatch":  # the only names that a case chooses
+        return path[:-1], "a body's name has letters, digits, _ and - only"
     if kind == "finite_number":
         return path, f"must be finite, got {shown(value)}"
     node = _node(path, document)
@@ -70,7 +72,7 @@ def _cut(text: str, end: str) -> str:
     return (text if len(text) <= 60 else text[:57] + "...") + end
 
 
-def _without_tag(place: Path) -> Path:
+def without_topology(place: Path) -> Path:
     """Pydantic puts the name of the topology after "net"; the case file has no such level."""
     return place[:1] + place[2:] if place[:1] == ("net",) and place[1:2] and place[1] in TOPOLOGIES else place
 

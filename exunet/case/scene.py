@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
-from contextlib import suppress
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
-from exunet.base.faults import Wrong, refuse_too
-from exunet.base.incomplete import Unknown
-from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector, check, exactly_one
+from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector
+from exunet.bodies.keys import Bodies
 from exunet.forces.effects import Effects as _Effects
-from exunet.forces.effects import misfits
-from exunet.methods.methods import Solver
-from exunet.net import NetKeys, common_faults, explicit
-from exunet.net.base import ThrownNetTable, other_length
+from exunet.methods.keys import Solver
+from exunet.methods.method import NetForm, TimeLoop
+from exunet.net import NetKeys
 
-if TYPE_CHECKING:  # made from the registry of effects, which a type checker cannot follow
+if TYPE_CHECKING:
     Effects = Table
-else:
+    LoopKey = TimeLoop | Literal["auto"]
+    FormKey = NetForm | Literal["auto"]
+else:  # made from the registry of effects and from enums, which a type checker cannot follow
     Effects = _Effects
+    LoopKey = Literal[(*TimeLoop, "auto")]
+    FormKey = Literal[("auto", *NetForm)]
 
-MAX_STATES = 10_000_000
 SHORTEST = 1e-9  # [s]
 LINE_BREAK = r"[\n\r\u000b\u000c\u001c-\u001e\u0085\u2028\u2029]"  # what str.splitlines takes for one
 
@@ -32,7 +31,7 @@ LINE_BREAK = r"[\n\r\u000b\u000c\u001c-\u001e\u0085\u2028\u2029]"  # what str.sp
 class Time(Table):
     """Duration and stored times."""
 
-    model_config = exactly_one("output_step", "output_times")
+    EXACTLY_ONE: ClassVar = ("output_step", "output_times")
 
     end: Positive = Field(description="end of the simulation [s]; it starts at 0", examples=[2.0])
     output_step: Positive | None = Field(
@@ -50,39 +49,6 @@ class Time(Table):
         if end < SHORTEST:
             raise ValueError(f"must be at least {SHORTEST:g} s, got {end:g}")
         return end
-
-    @field_validator("output_step")
-    @classmethod
-    def _not_absurd(cls, step: float | None, others: ValidationInfo) -> float | None:
-        end = others.data.get("end")
-        if step and end and end / step > MAX_STATES:
-            raise ValueError(f"would store {end / step:.3g} states; at most {MAX_STATES:,} are allowed")
-        return step
-
-    @check
-    def _one_choice_of_times(self) -> Iterator[Wrong]:
-        if self.gives("output_step") == self.gives("output_times"):
-            words = "give either time.output_step or time.output_times, exactly one of them"
-            yield Wrong(("output_times",), words)
-
-    @check
-    def _within_the_run(self) -> Iterator[Wrong]:
-        times = self.output_times or ()
-        for k in range(len(times)):
-            with suppress(Unknown):
-                if times[k] > self.end:
-                    reason = f"must not be after time.end, {self.end:g} s, got {times[k]:g}"
-                    yield Wrong(("output_times", k), reason, times[k])
-
-    @check
-    def _increasing(self) -> Iterator[Wrong]:
-        times, before = self.output_times or (), -math.inf
-        for k in range(len(times)):
-            with suppress(Unknown):
-                if times[k] <= before:
-                    reason = f"must be greater than the time before it, {before:g} s, got {times[k]:g}"
-                    yield Wrong(("output_times", k), reason, times[k])
-                before = times[k]
 
 
 class Initial(Table):
@@ -107,13 +73,6 @@ class Initial(Table):
         description="velocities added to those of the nodes [m/s], explicit topology only",
         examples=[[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]],
     )
-
-    @field_validator("node_positions")
-    @classmethod
-    def _in_place_of_packing(cls, positions: tuple[Vector, ...] | None, others: ValidationInfo) -> Any:
-        if positions is not None and others.data.get("packing", 1) != 1:
-            raise ValueError(f"needs initial.packing = 1, got {others.data['packing']:g}")
-        return positions
 
 
 class Launch(Table):
@@ -151,17 +110,6 @@ class Launch(Table):
         examples=[0.6],
     )
 
-    @check
-    def _one_form(self) -> Iterator[Wrong]:
-        plain, polar = ("radial_speed", "axial_speed"), ("speed", "spread_angle")
-        given, other = (polar, plain) if any(map(self.gives, polar)) else (plain, polar)
-        for name in given:
-            if not self.gives(name):
-                yield Wrong((), f"missing {name}: {type(self).model_fields[name].description}")
-        for name in other:
-            if self.gives(name):
-                yield Wrong((name,), "give either radial_speed and axial_speed, or speed and spread_angle")
-
     @property
     def radial_and_axial(self) -> tuple[float, float]:
         """Speeds away from the origin and along +z [m/s]."""
@@ -173,27 +121,20 @@ class Launch(Table):
 class Engine(Table):
     """Which form of the engine computes; the results are the same."""
 
-    loop: Literal["exudyn", "compiled", "auto"] = Field(
-        "exudyn",
+    loop: LoopKey = Field(
+        TimeLoop.EXUDYN,
         description="who steps in time: the engine, or a compiled loop of exunet's own (a net alone); "
         "auto: the latter where it can",
     )
-    net: Literal["auto", "connectors", "fused"] = Field(
+    net: FormKey = Field(
         "auto",
         description="an engine item for each element, or one object for the whole net with compiled forces; "
         "auto: what was measured as faster",
     )
 
 
-COMPILED_METHODS = ("auto", "DOPRI5", "RK44", "VelocityVerlet")
-
-
 class Scene(Table):
-    """A whole case."""
-
-    model_config = ConfigDict(
-        json_schema_extra={"dependentSchemas": {"launch": {"properties": {"net": {"required": ["bullets"]}}}}}
-    )
+    """A whole case, each key of which is valid by itself (exunet.case.cross_checks looks at the rest)."""
 
     format: Literal[1] = Field(description="version of the case format", examples=[1])
     title: str = Field(
@@ -211,6 +152,11 @@ class Scene(Table):
     net: NetKeys = Field(description="the net in its reference configuration")
     initial: Initial = Field(description="state at time 0")
     launch: Launch | None = Field(None, description="velocities added to those of the bullets")
+    bodies: Bodies = Field(
+        {},
+        description="rigid bodies, by any names; none touches the net yet",
+        json_schema_extra={"additionalProperties": False},
+    )
     effects: Effects = Field(default_factory=_Effects, description="a table present switches its effect on")
 
     @field_validator("format", mode="before")
@@ -226,48 +172,3 @@ class Scene(Table):
         if re.search(LINE_BREAK, title):
             raise ValueError("must be one line")
         return title
-
-    @field_validator("net", mode="wrap")
-    @classmethod
-    def _whatever_its_topology(cls, net: Any, handler: Any) -> Any:
-        try:
-            return handler(net)
-        except ValidationError as error:
-            if isinstance(net, dict) and error.errors()[0]["type"].startswith("union_tag"):
-                refuse_too(error, common_faults(net))
-            raise
-
-    @check
-    def _knows_the_method(self) -> Iterator[Wrong]:
-        method = self.solver.method
-        if self.engine.loop == "compiled" and method not in COMPILED_METHODS:
-            reason = f"the compiled loop has {', '.join(COMPILED_METHODS)}, not solver.method = {method}"
-            yield Wrong(("engine", "loop"), reason)
-
-    @check
-    def _lists_fit_the_net(self) -> Iterator[Wrong]:
-        for name in ("node_positions", "node_velocities"):
-            with suppress(Unknown):
-                values = getattr(self.initial, name)
-                if values is None:
-                    continue
-                if not isinstance(self.net, explicit.Keys):
-                    reason = f'is for net.topology = "explicit", not "{self.net.topology}"'
-                elif not (reason := other_length(values, self.net.nodes)):
-                    continue
-                yield Wrong(("initial", name), reason)
-
-    @check
-    def _launch_has_bullets(self) -> Iterator[Wrong]:
-        if not self.gives("launch"):
-            return
-        if not isinstance(self.net, ThrownNetTable):
-            words = f'a net of topology "{self.net.topology}" has no bullets to launch'
-            yield Wrong(("launch",), words)
-        elif self.net.bullets is None:
-            yield Wrong(("launch",), "there are no bullets to launch: add [net.bullets] or remove [launch]")
-
-    @check
-    def _effects_fit_the_case(self) -> Iterator[Wrong]:
-        for wrong in misfits(self):
-            yield Wrong(("effects", *wrong.where), wrong.reason, wrong.value)

@@ -9,19 +9,24 @@ from collections.abc import Iterator
 from typing import Any
 
 from exunet.case.scene import Scene
+from exunet.forces.effects import EFFECTS
+from exunet.forces.requirements import bullet_keys, needs_bullets
+from exunet.methods.method import COMPILED_METHODS, METHODS, TimeLoop
 from exunet.net import TOPOLOGIES
 
 Node = dict[str, Any]
 
 # Of keys of which a case gives exactly one, those that the template uses; it leaves out other optional keys.
 _CHOSEN = ("output_step", "diameter", "altitude", "radial_speed", "axial_speed", "strain")
+_NAME = "chaser"  # of a body in the template
 
 
 def json_schema() -> Node:
     """JSON schema (draft 2020-12) of a case: every key with its type, bounds, and meaning with units.
 
-    What a schema cannot say, such as a mesh that divides the size, is checked on loading only, and so are
-    contradictions between effects.
+    It says which solver keys and which loop go with a method, which effects contradict or need each other,
+    and which need bullets. What a schema cannot say, such as a mesh that divides the size, is checked on
+    loading only.
     """
     return copy.deepcopy(_schema())
 
@@ -29,7 +34,43 @@ def json_schema() -> Node:
 @functools.cache
 def _schema() -> Node:
     about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "exunet case"}
-    return Scene.model_json_schema() | about
+    return Scene.model_json_schema() | about | {"allOf": [*_between_tables()]}
+
+
+def _between_tables() -> Iterator[Node]:
+    """What keys of different tables demand of each other."""
+    bullets, effect = _given("net", "bullets"), functools.partial(_given, "effects")
+    yield {"if": {"required": ["launch"]}, "then": bullets}
+    yield {"if": {"required": ["launch"]}, "then": {"not": effect("launch_force")}}
+    compiled = _given("engine", "loop", {"const": TimeLoop.COMPILED.value})
+    known = ["auto", *(method.value for method in COMPILED_METHODS)]
+    yield {"if": compiled, "then": _at("solver", "method", {"enum": known})}
+    remembering = [method.value for method, facts in METHODS.items() if facts.remembers_acceleration]
+    yield {"if": effect("breaking"), "then": _at("solver", "method", {"not": {"enum": remembering}})}
+    for name, module in EFFECTS.items():
+        if needs_bullets(module):
+            yield {"if": effect(name), "then": bullets}
+        if keys := bullet_keys(module):
+            with_keys, without = {"required": list(keys)}, {"properties": dict.fromkeys(keys, False)}
+            yield {
+                "if": effect(name),
+                "then": {
+                    "if": bullets,
+                    "then": effect(name, with_keys),
+                    "else": _at("effects", name, without),
+                },
+            }
+
+
+def _at(table: str, key: str, value: Node) -> Node:
+    """What `table.key` must be, if it is there."""
+    return {"properties": {table: {"properties": {key: value}}}}
+
+
+def _given(table: str, key: str, value: Node | None = None) -> Node:
+    """`table.key` must be there, and be `value`."""
+    inner: Node = {"required": [key]} | ({"properties": {key: value}} if value else {})
+    return {"required": [table], "properties": {table: inner}}
 
 
 def resolve(path: tuple[str | int, ...], topology: str | None = None) -> Node:
@@ -37,7 +78,8 @@ def resolve(path: tuple[str | int, ...], topology: str | None = None) -> Node:
     node = _plain(_schema(), topology)
     for part in path:
         if isinstance(part, str):
-            node = node.get("properties", {}).get(part, {})
+            named: Node = next(iter(node.get("patternProperties", {}).values()), {})  # names are free: bodies
+            node = node.get("properties", {}).get(part, named)
         else:
             fixed = node.get("prefixItems", [])
             node = fixed[part] if part < len(fixed) else node.get("items", {})
@@ -85,7 +127,7 @@ def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
     """Lines of the keys of a table that are not tables, those that it needs first."""
     node = resolve(path, topology)
     given = {*node.get("required", ()), *_CHOSEN}
-    keys = {name: _plain(raw, topology) for name, raw in node["properties"].items()}
+    keys = {name: _plain(raw, topology) for name, raw in _properties(node).items()}
     for name in sorted(keys, key=lambda name: name not in given):
         if keys[name].get("type") != "object":
             yield ("" if name in given else "# ") + _assignment(name, keys[name])
@@ -96,7 +138,7 @@ def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
 def _tables(path: tuple[str, ...], topology: str) -> Iterator[str]:
     """Lines of the tables in a table, each with its header."""
     node = resolve(path, topology)
-    for name, raw in node["properties"].items():
+    for name, raw in _properties(node).items():
         key = _plain(raw, topology)
         if key.get("type") != "object":
             continue
@@ -106,6 +148,12 @@ def _tables(path: tuple[str, ...], topology: str) -> Iterator[str]:
             for line in (f"[{'.'.join(inner)}]  # {key.get('description', '')}", *keys):
                 yield line if name in node.get("required", ()) else "# " + line
         yield from _tables(inner, topology)
+
+
+def _properties(node: Node) -> Node:
+    """The keys of a table; of one whose keys are names that a case chooses, an example."""
+    named: Node = node.get("patternProperties", {})
+    return node.get("properties") or dict(zip([_NAME], named.values(), strict=False))
 
 
 def _other_topologies(chosen: str) -> Iterator[str]:

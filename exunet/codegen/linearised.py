@@ -35,7 +35,7 @@ class Linearised:
         self._law = forces.cable.law if elements else None
         self._linear = forces.linear if elements else None
         self._kernels = forces.kernels
-        self._size = float(np.ptp(points.net.reference_position, axis=0).max(initial=0.0)) or 1.0
+        self._size = points.net.size
         self._pairs = _coupled(forces.kernels, self._n)
         self._groups = _groups(self._pairs, self._n)
         free = np.ones(self._n, dtype=bool)

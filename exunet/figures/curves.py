@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from exunet.figures.style import BLACK, BLUE, CURVES, RED, YELLOW, blank, heading, number
+from exunet.figures.thinning import thinned, thinned_band
 from exunet.net.arrays import Net
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
 from exunet.results.result import Result
+from exunet.results.rows import over_blocks
 
 Floats = NDArray[np.float64]
 
@@ -102,7 +105,7 @@ def area(result: Result) -> Figure | None:
     top = 1.0
     for name, (measure, style) in curves.items():
         if full[name]:
-            values = measure(net, result.position) / full[name]
+            values = over_blocks(partial(measure, net), result.position) / full[name]
             _curve(axes, result.time, values, label=name, **style)
             top = max(top, float(values.max()))
     for level, text in ((metrics.NEARLY_OPEN, "80 %"), (TWO_THIRDS, "2/3")):
@@ -149,6 +152,7 @@ def _mark_horizon(axes: Axes, found: Agreement) -> None:
 
 def _curve(axes: Axes, time: Floats, values: Floats, shift: float = 0.0, **style: Any) -> None:
     """One curve; its markers stand at every tenth of it, moved by `shift` of that, and at a lone point."""
+    time, values = thinned(time, values)
     step = max(1, len(time) // 10)
     if len(time) == 1:
         style.setdefault("marker", "o")
@@ -158,7 +162,7 @@ def _curve(axes: Axes, time: Floats, values: Floats, shift: float = 0.0, **style
 def _band(axes: Axes, time: Floats, values: Floats, extremes: Floats, color: str, label: str) -> None:
     """From a curve to the extreme value of each interval, which ends with one of its times."""
     style: dict[str, Any] = {"color": color, "alpha": 0.5, "linewidth": 0.7, "zorder": 1.5}
-    axes.fill_between(time, values, extremes, step="pre", label=label, **style)
+    axes.fill_between(*thinned_band(time, values, extremes), step="pre", label=label, **style)
 
 
 def _many(axes: Axes, time: Floats, values: Floats, label: str) -> None:

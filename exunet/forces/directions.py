@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, field_validator
 
-from exunet.base.faults import refuse_with, unless_one
-from exunet.base.table import Positive, Table, Vector, exactly_one
+from exunet.base.errors import Fault
+from exunet.base.table import Positive, Table, Vector
 
 EARTH_MU = 3.986004418e14  # [m3/s2], cases/README.md
 EARTH_RADIUS = 6378137.0  # [m], equatorial
@@ -25,7 +26,7 @@ def refuse_other_than_unit(vector: tuple[float, float, float]) -> None:
 class OrbitKeys(Table):
     """A circular orbit round the Earth, and where it lies in the scene's axes."""
 
-    model_config = exactly_one("altitude", "mean_motion")
+    EXACTLY_ONE: ClassVar = ("altitude", "mean_motion")
 
     altitude: Positive | None = Field(
         None, description="height of the orbit above Earth's equatorial radius [m]", examples=[500e3]
@@ -46,23 +47,6 @@ class OrbitKeys(Table):
         refuse_other_than_unit(vector)
         return vector
 
-    @field_validator("along_track")
-    @classmethod
-    def _at_right_angles(
-        cls, vector: tuple[float, float, float], others: ValidationInfo
-    ) -> tuple[float, float, float]:
-        radial = others.data.get("radial")
-        if radial is not None and abs(cosine := float(np.dot(radial, vector))) > NEAR:
-            raise ValueError(
-                f"must be at right angles to radial (within {NEAR:g}), got a cosine of {cosine:.3g}"
-            )
-        return vector
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _one_orbit(cls, keys: Any, handler: Any) -> Any:
-        return refuse_with(unless_one(("altitude", "mean_motion"), keys), keys, handler)
-
     @property
     def rate(self) -> float:
         """Mean motion n [rad/s]."""
@@ -74,3 +58,10 @@ class OrbitKeys(Table):
     def radius(self) -> float:
         """Of the orbit, (mu / n^2)^(1/3) [m]."""
         return math.cbrt(EARTH_MU / self.rate**2)
+
+
+def at_right_angles(keys: OrbitKeys) -> Iterator[Fault]:
+    """A fault unless the two directions of an orbit are at right angles."""
+    if abs(cosine := float(np.dot(keys.radial, keys.along_track))) > NEAR:
+        reason = f"must be at right angles to radial (within {NEAR:g}), got a cosine of {cosine:.3g}"
+        yield Fault("along_track", reason)

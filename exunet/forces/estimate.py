@@ -63,7 +63,7 @@ class EstimateBasis:
     @cached_property
     def size(self) -> float:
         """Largest side of the box round the reference configuration [m]."""
-        return float(np.ptp(self.net.reference_position, axis=0).max(initial=0.0)) or 1.0
+        return self.net.size
 
     @cached_property
     def opening_time(self) -> float:

@@ -3,36 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
-from exunet.base.faults import Wrong
-from exunet.base.incomplete import Unknown
+from exunet.base.errors import Fault
+from exunet.base.faults import each
 from exunet.base.table import Table
 
 
 @dataclass(frozen=True)
-class Surroundings:
-    """What an effect's table can be held against; what is not valid in the case raises Unknown.
+class RestOfCase:
+    """What an effect's keys are checked against; to ask for what is not valid in the case raises Unknown.
 
-    on    : the keys of every effect that has a table, by name
     scene : the case's Scene
     """
 
-    on: Mapping[str, Table]
     scene: Any
+
+    @property
+    def n_bullets(self) -> int:
+        """Bullets of the net, one a corner; 0 without [net.bullets]."""
+        net = self.scene.net
+        return int(net.n_corners) if net.is_given("bullets") else 0
 
     @property
     def has_bullets(self) -> bool:
         """The net has bullets."""
-        net = self.scene.net
-        return "bullets" in type(net).model_fields and net.bullets is not None
-
-    @property
-    def has_launch(self) -> bool:
-        """The case has a table [launch]."""
-        return self.scene.launch is not None
+        return bool(self.scene.net.is_given("bullets"))
 
     @property
     def duration(self) -> float:
@@ -44,17 +42,60 @@ class Surroundings:
         """solver.method."""
         return str(self.scene.solver.method)
 
-
-def bullet_key(around: Surroundings, keys: Table, key: str) -> Iterator[Wrong]:
-    """A key of the bullets is given just when there are bullets."""
-    with suppress(Unknown):
-        if around.has_bullets and not keys.gives(key):
-            yield Wrong((), f"needs {key}, since the net has bullets")
-        if not around.has_bullets and keys.gives(key):
-            yield Wrong((key,), "there are no bullets: add [net.bullets] or remove this key")
+    def effect(self, name: str) -> Any:
+        """The keys of another effect; None if it is off."""
+        return getattr(self.scene.effects, name)
 
 
-def excludes(around: Surroundings, other: str, reason: str) -> Iterator[Wrong]:
-    """A fault if the effect `other` is on too."""
-    if other in around.on:
-        yield Wrong((), f"contradicts effects.{other}: {reason}")
+# What a module of an effect may declare as data, for reader and JSON schema.
+
+
+def excluded(module: ModuleType) -> Mapping[str, str]:
+    """Names of effects that contradict this one, each with the reason."""
+    return getattr(module, "EXCLUDES", {})
+
+
+def required(module: ModuleType) -> Mapping[str, str]:
+    """Names of effects that this one needs, each with the reason."""
+    return getattr(module, "REQUIRES", {})
+
+
+def bullet_keys(module: ModuleType) -> tuple[str, ...]:
+    """Keys that are given if and only if the net has bullets."""
+    return getattr(module, "BULLET_KEYS", ())
+
+
+def needs_bullets(module: ModuleType) -> bool:
+    """True if the effect acts on bullets only."""
+    return getattr(module, "NEEDS_BULLETS", False)
+
+
+def declared(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]:
+    """Faults of what the module of the effect `name` declares as data."""
+    yield from each(
+        _others(module, rest.scene.effects),
+        _bullets(module, rest),
+        *(_bullet_key(rest, name, key) for key in bullet_keys(module)),
+    )
+
+
+def _others(module: ModuleType, effects: Table) -> Iterator[Fault]:
+    for other, reason in excluded(module).items():
+        if effects.is_given(other):
+            yield Fault("", f"contradicts effects.{other}: {reason}")
+    for other, reason in required(module).items():
+        if not effects.is_given(other):
+            yield Fault("", f"needs [effects.{other}], {reason}")
+
+
+def _bullets(module: ModuleType, rest: RestOfCase) -> Iterator[Fault]:
+    if needs_bullets(module) and not rest.has_bullets:
+        yield Fault("", "there are no bullets to push: add [net.bullets] or remove this table")
+
+
+def _bullet_key(rest: RestOfCase, name: str, key: str) -> Iterator[Fault]:
+    keys = rest.effect(name)
+    if rest.has_bullets and not keys.is_given(key):
+        yield Fault("", f"needs {key}, since the net has bullets")
+    if not rest.has_bullets and keys.is_given(key):
+        yield Fault(key, "there are no bullets: add [net.bullets] or remove this key")

@@ -112,11 +112,11 @@ def effects_command(
 ) -> None:
     """Print what every known effect would do to a case: on or off, size, cost, advice."""
     from exunet.case.casefile import load
-    from exunet.case.fault_location import placing
+    from exunet.case.fault_location import located_faults
     from exunet.interfaces.commands.effects import show_effects
 
     loaded = load(case, overrides)
-    with placing(loaded):
+    with located_faults(loaded):
         show_effects(loaded, asked=accuracy, measure=measure)
 
 
@@ -156,7 +156,7 @@ def verify_command(
     With --hard: run the gallery of hard cases instead and write hard.md.
     """
     if hard:
-        from exunet.interfaces.commands.hard import verify_hard
+        from exunet.interfaces.commands.verify import verify_hard
 
         if cases:
             raise InputError("--hard has cases of its own: give none")
@@ -176,11 +176,11 @@ def cost_command(
 ) -> None:
     """Measure what accuracy costs on a case, method by method; write the work-precision diagram."""
     from exunet.case.casefile import load
-    from exunet.case.fault_location import placing
+    from exunet.case.fault_location import located_faults
     from exunet.interfaces.commands.cost import cost
 
     loaded = load(case, overrides)
-    with placing(loaded):
+    with located_faults(loaded):
         code = cost(loaded, out or Path("results") / loaded.name, until, budget)
     raise typer.Exit(code)
 

@@ -1,17 +1,21 @@
 """Topologies: one file each, listed here. `net.topology` in the case names one.
 
-A new topology is a module with `Keys` (a NetTable or ThrownNetTable with `topology: Literal["its name"]`) and
-`mesh(keys) -> Mesh`, and one line in `TOPOLOGIES`.
+A new topology is a module with `Keys` (a NetTable or ThrownNetTable with `topology: Literal["its name"]`),
+`mesh(keys) -> Mesh` and, if its keys demand something of each other, `cross_checks(keys) -> Iterator[Fault]`;
+and one line in `TOPOLOGIES`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Union
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from exunet.net import explicit, hexagonal, radial, rectangular, square
+from exunet.base.errors import Fault
+from exunet.base.faults import each
+from exunet.net import base, explicit, hexagonal, radial, rectangular, square
 from exunet.net.arrays import Net
 from exunet.net.base import AnyNet, NetTable
 from exunet.net.weave import assemble
@@ -42,12 +46,14 @@ def weave(keys: NetTable) -> Net:
     return assemble(topology.mesh(keys), keys)
 
 
-def common_faults(keys: dict[str, Any]) -> ValidationError | None:
-    """The faults of a [net] table without a valid topology: of the keys that all have, and unknown keys."""
-    every = {name for module in TOPOLOGIES.values() for name in module.Keys.model_fields}
-    known = {name: value for name, value in keys.items() if name not in every or name in AnyNet.model_fields}
-    try:
-        AnyNet.model_validate({name: value for name, value in known.items() if name != "topology"})
-    except ValidationError as error:
-        return error
-    return None
+def cross_checks(keys: NetTable) -> Iterator[Fault]:
+    """What the keys of [net] demand of each other: those of every topology, and those of its own."""
+    own = getattr(TOPOLOGIES.get(getattr(keys, "topology", "")), "cross_checks", None)
+    yield from each(base.cross_checks(keys), *([own(keys)] if own else []))
+
+
+def common_keys(keys: dict[str, Any]) -> dict[str, Any]:
+    """Of a [net] table without a valid topology: the keys that all have, and unknown ones, for an AnyNet."""
+    special = {name for module in TOPOLOGIES.values() for name in module.Keys.model_fields}
+    special -= set(AnyNet.model_fields)
+    return {name: value for name, value in keys.items() if name not in special}

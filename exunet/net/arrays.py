@@ -88,6 +88,11 @@ class Net:
         return len(self.reference_length)
 
     @property
+    def size(self) -> float:
+        """Largest side of the box around the reference configuration [m]; 1 if it is a point."""
+        return float(np.ptp(self.reference_position, axis=0).max(initial=0.0)) or 1.0
+
+    @property
     def axial_stiffness(self) -> Floats:
         """(n_elements,) EA [N]."""
         return self.youngs_modulus * self.area

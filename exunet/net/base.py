@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sized
-from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from exunet.base.faults import Wrong, refuse, refuse_with, unless_one
-from exunet.base.incomplete import Unknown
-from exunet.base.table import Count, Positive, Table, check, exactly_one
+from exunet.base.errors import Fault
+from exunet.base.faults import each, within
+from exunet.base.table import Count, Positive, Table, Unknown
 
 MAX_ELEMENTS = 1_000_000
 WHOLE = 1e-9  # how near size / mesh must be to a whole number
@@ -21,7 +20,7 @@ WHOLE = 1e-9  # how near size / mesh must be to a whole number
 class Cable(Table):
     """Material and cross section of a cable (reference configuration)."""
 
-    model_config = exactly_one("diameter", "area")
+    EXACTLY_ONE: ClassVar = ("diameter", "area")
 
     diameter: Positive | None = Field(
         None, description="diameter of the circular cross section [m]", examples=[0.002]
@@ -31,23 +30,6 @@ class Cable(Table):
     )
     density: Positive = Field(description="mass density [kg/m3]", examples=[1390.0])
     youngs_modulus: Positive = Field(description="Young's modulus E [Pa]", examples=[70e9])
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _one_cross_section(cls, keys: Any, handler: Any) -> Any:
-        return refuse_with(unless_one(("diameter", "area"), keys), keys, handler)
-
-    @check
-    def _within_floating_point(self) -> Iterator[Wrong]:
-        if (self.diameter is None) == (self.area is None):
-            return  # told above
-        for name, key in (("mass per length", "density"), ("axial stiffness", "youngs_modulus")):
-            with suppress(Unknown):
-                product = getattr(self, key) * self.cross_section
-                if not 0 < product < math.inf:
-                    words = f"its {name}, {product:g}, is beyond what floating-point numbers can hold"
-                    yield Wrong((), words)
-                    return  # both have the same cause
 
     @property
     def cross_section(self) -> float:
@@ -94,12 +76,6 @@ class NetTable(Table, ABC):
         """Elements of the woven net."""
         return self.n_sides * self.divisions
 
-    @check
-    def _not_absurd(self) -> Iterator[Wrong]:
-        if self.n_elements > MAX_ELEMENTS:
-            count = f"{self.n_elements:,}" if self.n_elements < 10**15 else "more than 10^15"
-            yield Wrong((), f"the net would have {count} elements; at most {MAX_ELEMENTS:,} are allowed")
-
 
 class ThrownNetTable(NetTable, ABC):
     """Keys of [net] of the topologies that have corners, where strings and bullets are tied."""
@@ -109,8 +85,13 @@ class ThrownNetTable(NetTable, ABC):
 
     @property
     @abstractmethod
+    def n_corners(self) -> int:
+        """Places where a bullet hangs or sits, if the net has bullets."""
+
+    @property
     def n_strings(self) -> int:
         """Strings of the net if it has any."""
+        return self.n_corners
 
     @property
     def n_elements(self) -> int:
@@ -126,8 +107,41 @@ class AnyNet(ThrownNetTable):
         raise Unknown
 
     @property
-    def n_strings(self) -> int:
+    def n_corners(self) -> int:
         raise Unknown
+
+
+def cross_checks(keys: NetTable) -> Iterator[Fault]:
+    """For nets of every topology: cables have mass and stiffness, and there are not too many elements."""
+    yield from each(
+        within("cable", _within_floats(keys, "cable")),
+        within("strings", _within_floats(keys, "strings")),
+        _not_too_many(keys),
+    )
+
+
+def _within_floats(keys: NetTable, name: str) -> Iterator[Fault]:
+    """Mass per length and axial stiffness of a cable are numbers above 0; one fault for both."""
+    cable: Cable | None = getattr(keys, name, None)
+    if cable is None or cable.is_given("diameter") == cable.is_given("area"):
+        return
+    products = {"mass per length": "density", "axial stiffness": "youngs_modulus"}
+    known = {words: key for words, key in products.items() if key in cable.__dict__}
+    for words, key in known.items():
+        product = getattr(cable, key) * cable.cross_section
+        if not 0 < product < math.inf:
+            yield Fault("", f"its {words}, {product:g}, is outside the range of floating-point numbers")
+            return
+
+
+def _not_too_many(keys: NetTable) -> Iterator[Fault]:
+    try:
+        number = keys.n_elements
+    except ValueError:  # the mesh does not divide the size, which the topology tells
+        return
+    if number > MAX_ELEMENTS:
+        count = f"{number:,}" if number < 10**15 else "more than 10^15"
+        yield Fault("", f"the net would have {count} elements; at most {MAX_ELEMENTS:,} are allowed")
 
 
 def meshes(size: float, mesh: float) -> int:
@@ -151,15 +165,12 @@ def _fitting(size: float, count: int) -> str:
     return next((text for text in texts if abs(size / float(text) - count) <= WHOLE), repr(size / count))
 
 
-def refuse_unfit(sizes: tuple[float, ...], mesh: tuple[float, ...]) -> None:
-    """Raise for every axis whose mesh does not divide its size; the fault is at that item of `mesh`."""
-    wrongs = []
-    for axis, (size, spacing) in enumerate(zip(sizes, mesh, strict=True)):
-        try:
-            meshes(size, spacing)
-        except ValueError as error:
-            wrongs.append(Wrong((axis,), str(error), spacing))
-    refuse(wrongs)
+def mesh_divides(key: str, size: float, mesh: float) -> Iterator[Fault]:
+    """A fault of `key` if the mesh does not divide the size."""
+    try:
+        meshes(size, mesh)
+    except ValueError as error:
+        yield Fault(key, str(error))
 
 
 def no_node(node: int, count: int) -> str:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
-from exunet.base.faults import Wrong
-from exunet.base.incomplete import Unknown
-from exunet.base.table import FromArray, NonNegative, Vector, check
+from exunet.base.errors import Fault
+from exunet.base.faults import each, shortened
+from exunet.base.table import FromArray, NonNegative, Vector
 from exunet.net.arrays import Mesh
 from exunet.net.base import NetTable, no_node, other_length
 
@@ -38,51 +37,67 @@ class Keys(NetTable):
         None, description="numbers of the nodes that are held still", examples=[[0]]
     )
 
-    @check
-    def _elements_join_two_places(self) -> Iterator[Wrong]:
-        for k in range(len(self.elements)):
-            with suppress(Unknown):
-                if reason := _unfit(self.elements[k], self.nodes):
-                    yield Wrong(("elements", k), reason, self.elements[k])
-
-    @check
-    def _one_mass_a_node(self) -> Iterator[Wrong]:
-        if self.node_masses is not None and (reason := other_length(self.node_masses, self.nodes)):
-            yield Wrong(("node_masses",), reason)
-
-    @check
-    def _fixed_are_nodes(self) -> Iterator[Wrong]:
-        fixed, count = self.fixed or (), len(self.nodes)
-        for k in range(len(fixed)):
-            with suppress(Unknown):
-                if not 0 <= fixed[k] < count:
-                    yield Wrong(("fixed", k), no_node(fixed[k], count), fixed[k])
-
-    @check
-    def _every_node_has_mass(self) -> Iterator[Wrong]:
-        joined, count = {node for pair in self.elements for node in pair}, len(self.nodes)
-        masses = self.node_masses or (0.0,) * count
-        if len(masses) != count or not joined <= set(range(count)):
-            return  # told above
-        for k in range(count):
-            with suppress(Unknown):
-                if k not in joined and masses[k] == 0:
-                    reason = "this node has no mass: join it to an element or give it one in node_masses"
-                    yield Wrong(("nodes", k), reason)
-
     @property
     def n_sides(self) -> int:
         return len(self.elements)
 
 
-def _unfit(pair: tuple[int, int], nodes: tuple[Vector, ...]) -> str | None:
-    """Why `pair` cannot be an element, if it cannot."""
+def cross_checks(keys: Keys) -> Iterator[Fault]:
+    """Elements join two places, lists fit the nodes, and every node has mass."""
+    yield from each(
+        shortened(_elements_join_two_places(keys)),
+        _one_mass_a_node(keys),
+        shortened(_fixed_are_nodes(keys)),
+        shortened(_every_node_has_mass(keys)),
+    )
+
+
+# In these lists None stands for an item that is not valid.
+
+
+def _elements_join_two_places(keys: Keys) -> Iterator[Fault]:
+    for k, pair in enumerate(keys.elements):
+        if pair is not None and (reason := _unfit(pair, keys.nodes)):
+            yield Fault(f"elements[{k}]", reason)
+
+
+def _one_mass_a_node(keys: Keys) -> Iterator[Fault]:
+    if keys.node_masses is not None and (reason := other_length(keys.node_masses, keys.nodes)):
+        yield Fault("node_masses", reason)
+
+
+def _fixed_are_nodes(keys: Keys) -> Iterator[Fault]:
+    for k, node in enumerate(keys.fixed or ()):
+        if node is not None and not 0 <= node < len(keys.nodes):
+            yield Fault(f"fixed[{k}]", no_node(node, len(keys.nodes)))
+
+
+def _every_node_has_mass(keys: Keys) -> Iterator[Fault]:
+    count = len(keys.nodes)
+    masses = keys.node_masses or (0.0,) * count
+    if None in keys.elements or len(masses) != count:
+        return
+    joined = {node for pair in keys.elements for node in pair}
+    if not joined <= set(range(count)):
+        return
+    for k in range(count):
+        if k not in joined and masses[k] == 0:
+            yield Fault(
+                f"nodes[{k}]", "this node has no mass: join it to an element or give it one in node_masses"
+            )
+
+
+def _unfit(pair: tuple[int, int], nodes: Sequence[Vector | None]) -> str | None:
+    """Why `pair` cannot be an element, if it cannot; None among `nodes` is one that is not valid."""
     for node in pair:
         if not 0 <= node < len(nodes):
             return no_node(node, len(nodes))
     if pair[0] == pair[1]:
         return f"joins node {pair[0]} to itself"
-    length = math.dist(nodes[pair[0]], nodes[pair[1]])
+    first, second = nodes[pair[0]], nodes[pair[1]]
+    if first is None or second is None:
+        return None
+    length = math.dist(first, second)
     if not 0 < length < math.inf:
         return f"joins nodes {pair[0]} and {pair[1]}, which are {length:g} m apart: no length for a cable"
     return None

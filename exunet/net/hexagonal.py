@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from exunet.base.faults import Wrong
-from exunet.base.table import Positive, check
+from exunet.base.errors import Fault
+from exunet.base.faults import each
+from exunet.base.table import Positive
 from exunet.net.arrays import Ints, Mesh
 from exunet.net.base import MAX_ELEMENTS, ThrownNetTable
 
@@ -31,24 +32,33 @@ class Keys(ThrownNetTable):
         ge=0, le=MAX_ELEMENTS, description="rings of meshes round the central one", examples=[3]
     )
 
-    @check
-    def _bullets_have_bridles(self) -> Iterator[Wrong]:
-        if self.bullets and not self.strings:
-            yield Wrong(("bullets",), "bullets of a hexagonal net hang on bridles: it needs [net.strings]")
-
-    @check
-    def _bridles_reach(self) -> Iterator[Wrong]:
-        if self.strings and self.strings.length <= self.mesh / 2:
-            reason = f"too short for the bridle: must be greater than half of net.mesh, {self.mesh / 2:g} m"
-            yield Wrong(("strings", "length"), f"{reason}, got {self.strings.length:g}")
-
     @property
     def n_sides(self) -> int:
         return 9 * self.rings**2 + 15 * self.rings + 6
 
     @property
+    def n_corners(self) -> int:
+        return 6
+
+    @property
     def n_strings(self) -> int:
-        return 12
+        return 2 * self.n_corners
+
+
+def cross_checks(keys: Keys) -> Iterator[Fault]:
+    """Bullets hang on bridles, which reach from corner to corner."""
+    yield from each(_bullets_have_bridles(keys), _bridles_reach(keys))
+
+
+def _bullets_have_bridles(keys: Keys) -> Iterator[Fault]:
+    if keys.is_given("bullets") and not keys.is_given("strings"):
+        yield Fault("bullets", "bullets of a hexagonal net hang on bridles: it needs [net.strings]")
+
+
+def _bridles_reach(keys: Keys) -> Iterator[Fault]:
+    if keys.strings and keys.strings.length <= keys.mesh / 2:
+        reason = f"too short for the bridle: must be greater than half of net.mesh, {keys.mesh / 2:g} m"
+        yield Fault("strings.length", f"{reason}, got {keys.strings.length:g}")
 
 
 def mesh(keys: Keys) -> Mesh:

@@ -25,7 +25,7 @@ class Keys(ThrownNetTable):
         return 2 * self.spokes * self.rings
 
     @property
-    def n_strings(self) -> int:
+    def n_corners(self) -> int:
         return self.spokes
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field
 
+from exunet.base.errors import Fault
 from exunet.base.table import FromArray, Positive
 from exunet.net.arrays import Mesh
-from exunet.net.base import ThrownNetTable, meshes, refuse_unfit
+from exunet.net.base import ThrownNetTable, mesh_divides, meshes
 
 Pair = Annotated[tuple[Positive, Positive], FromArray]
 
@@ -23,21 +25,20 @@ class Keys(ThrownNetTable):
         description="edges of a mesh along x and y [m]; each divides its size", examples=[[1.0, 0.5]]
     )
 
-    @field_validator("mesh")
-    @classmethod
-    def _divides_the_size(cls, mesh: tuple[float, float], others: ValidationInfo) -> tuple[float, float]:
-        if "size" in others.data:
-            refuse_unfit(others.data["size"], mesh)
-        return mesh
-
     @property
     def n_sides(self) -> int:
         nx, ny = map(meshes, self.size, self.mesh)
         return nx * (ny + 1) + ny * (nx + 1)
 
     @property
-    def n_strings(self) -> int:
+    def n_corners(self) -> int:
         return 4
+
+
+def cross_checks(keys: Keys) -> Iterator[Fault]:
+    """The mesh divides the size along both axes."""
+    for axis, (size, spacing) in enumerate(zip(keys.size, keys.mesh, strict=True)):
+        yield from mesh_divides(f"mesh[{axis}]", size, spacing)
 
 
 def mesh(keys: Keys) -> Mesh:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field
 
+from exunet.base.errors import Fault
 from exunet.base.table import Positive
 from exunet.net.arrays import Mesh
-from exunet.net.base import ThrownNetTable, meshes
+from exunet.net.base import ThrownNetTable, mesh_divides, meshes
 from exunet.net.rectangular import grid
 
 
@@ -19,21 +21,19 @@ class Keys(ThrownNetTable):
     size: Positive = Field(description="edge of the net [m]", examples=[5.0])
     mesh: Positive = Field(description="edge of a mesh [m]; divides size", examples=[1.0])
 
-    @field_validator("mesh")
-    @classmethod
-    def _divides_the_size(cls, mesh: float, others: ValidationInfo) -> float:
-        if "size" in others.data:
-            meshes(others.data["size"], mesh)
-        return mesh
-
     @property
     def n_sides(self) -> int:
         n = meshes(self.size, self.mesh)
         return 2 * n * (n + 1)
 
     @property
-    def n_strings(self) -> int:
+    def n_corners(self) -> int:
         return 4
+
+
+def cross_checks(keys: Keys) -> Iterator[Fault]:
+    """The mesh divides the size."""
+    yield from mesh_divides("mesh", keys.size, keys.mesh)
 
 
 def mesh(keys: Keys) -> Mesh:

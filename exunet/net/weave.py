@@ -158,7 +158,7 @@ def _refuse_overflow(mass: Floats, position: Floats) -> None:
         reason = (
             f"node {node} has a mass of {mass[node]:g} kg at {position[node].tolist()} m; a node needs both"
         )
-        raise BeyondFloats([Fault("", "net", reason + " a mass above 0 and a finite position")])
+        raise BeyondFloats([Fault("net", reason + " a mass above 0 and a finite position")])
 
 
 def _net(

@@ -19,10 +19,10 @@ class Agreement:
     speed_difference    : (n,) [m/s], the largest over the bullets (over the nodes if there are none)
     allowed             : the speed difference up to which the two agree [m/s]
     allowed_position    : the same for positions [m]
-    agrees_until        : when one of the two first passes what is allowed, or is no number [s]; None: never
+    agrees_until        : when one of the two first exceeds what is allowed, or is NaN [s]; None: never
     apart_from          : the first stored time from which it never comes back within both [s], or None.
-                          Earlier passes are single instants inside a snap, where a shift of 1e-7 s in its
-                          beginning shows as 1e-4 m/s
+                          Earlier disagreement is that of single instants within a snap, where a shift of
+                          its beginning by 1e-7 s shows as 1e-4 m/s
     reference_speeds    : (n, n_bullets) speeds of the bullets in the reference [m/s]
     """
 

@@ -13,8 +13,9 @@ from scipy.spatial import cKDTree
 from exunet.base.errors import InputError
 from exunet.results.agreement import Agreement
 from exunet.results.reading import load_result
-from exunet.results.reference_file import read_arrays
+from exunet.results.reference_file import read_reference
 from exunet.results.result import Result
+from exunet.results.rows import BLOCK_BYTES, spans
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -98,7 +99,7 @@ def read_states(path: str | Path) -> States:
     """States of a result.h5 of exunet or an .npz of reference_impl; raises InputError if it is neither."""
     if Path(path).suffix.lower() != ".npz":
         return States.of(load_result(path))
-    file = read_arrays(path)
+    file = read_reference(path)
     return States(
         file["t"],
         file["position"],
@@ -179,27 +180,41 @@ def compare(a: States, b: States) -> Agreement:
     at_a, at_b = _common_times(a.time, b.time)
     if len(at_a) == 0:
         raise InputError("the two runs have no stored time in common")
-    velocity_a, velocity_b = a.velocity[at_a], b.velocity[at_b][:, match]
-    position = np.linalg.norm(a.position[at_a] - b.position[at_b][:, match], axis=-1)
-    shown = a.bullet_nodes if len(a.bullet_nodes) else np.arange(len(a.reference_position))
-    speeds_a, speeds_b = (np.linalg.norm(v[:, shown], axis=-1) for v in (velocity_a, velocity_b))
-    speed = np.abs(speeds_a - speeds_b).max(axis=1)
+    nodes = len(a.reference_position)
+    found = [
+        _differences(a, b, match, at_a[start:stop], at_b[start:stop])
+        for start, stop in spans(len(at_a), max(1, BLOCK_BYTES // (24 * nodes)))
+    ]
+    position, speed, reference_speeds = (np.concatenate(values) for values in zip(*found, strict=True))
     scale = float(np.linalg.norm(a.velocity[0], axis=-1).max()) or 1.0
     allowed = ALLOWED_PER_SPEED * scale
     allowed_position = ALLOWED_PER_SIZE * float(np.linalg.norm(np.ptp(a.reference_position, axis=0)))
     time = a.time[at_a]
-    apart = ~((speed <= allowed) & (position.max(axis=1) <= allowed_position))  # what is no number is apart
+    apart = ~((speed <= allowed) & (position <= allowed_position))  # as a NaN is
     first = int(np.argmax(apart)) if apart.any() else len(time)
     last_within = int(np.flatnonzero(~apart)[-1]) if not apart.all() else -1
     return Agreement(
         time=time,
-        position_difference=position.max(axis=1),
+        position_difference=position,
         speed_difference=speed,
         allowed=allowed,
         allowed_position=allowed_position,
         agrees_until=float(time[first]) if first < len(time) else None,
         apart_from=float(time[last_within + 1]) if last_within + 1 < len(time) else None,
-        reference_speeds=np.linalg.norm(velocity_b[:, a.bullet_nodes], axis=-1),
+        reference_speeds=reference_speeds,
+    )
+
+
+def _differences(a: States, b: States, match: Ints, at_a: Ints, at_b: Ints) -> tuple[Floats, Floats, Floats]:
+    """Of some rows of both: largest differences of positions and speeds (k,), b's bullet speeds (k, n)."""
+    velocity_a, velocity_b = a.velocity[at_a], b.velocity[at_b][:, match]
+    position = np.linalg.norm(a.position[at_a] - b.position[at_b][:, match], axis=-1)
+    shown = a.bullet_nodes if len(a.bullet_nodes) else np.arange(len(a.reference_position))
+    speeds_a, speeds_b = (np.linalg.norm(v[:, shown], axis=-1) for v in (velocity_a, velocity_b))
+    return (
+        position.max(axis=1),
+        np.abs(speeds_a - speeds_b).max(axis=1),
+        np.linalg.norm(velocity_b[:, a.bullet_nodes], axis=-1),
     )
 
 

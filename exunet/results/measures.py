@@ -17,12 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.net.arrays import Net
 from exunet.results.result import Result
+from exunet.results.rows import over_blocks
 
 Floats = NDArray[np.float64]
 
@@ -74,7 +76,7 @@ def mesh_area(net: Net, position: Floats) -> Floats:
 
 def centre_of_mass(result: Result) -> Floats:
     """Centre of mass of net, strings and bullets, but not of a chaser: (n_times, 3) [m]."""
-    return _centre(result.net, result.position)
+    return over_blocks(partial(_centre, result.net), result.position)
 
 
 def _centre(net: Net, position: Floats) -> Floats:
@@ -86,7 +88,8 @@ def _centre(net: Net, position: Floats) -> Floats:
 
 def bullet_speeds(result: Result) -> Floats:
     """Speeds of the bullets, in the order of `net.bullet_nodes`: (n_times, n_bullets) [m/s]."""
-    return np.linalg.norm(result.velocity[:, result.net.bullet_nodes], axis=-1)
+    bullets = result.net.bullet_nodes
+    return over_blocks(lambda velocity: np.linalg.norm(velocity[:, bullets], axis=-1), result.velocity)
 
 
 def deployment(result: Result) -> Deployment | None:
@@ -102,13 +105,13 @@ def deployment_of(net: Net, time: Floats, position: Floats) -> Deployment | None
     reference = float(mouth_area(net, net.reference_position))
     if reference == 0.0:
         return None
-    area = mouth_area(net, position)
+    area = over_blocks(partial(mouth_area, net), position)
     at = int(np.argmax(area))
-    centre = _centre(net, position)
+    centre = _centre(net, position[np.array([0, at])])
     return Deployment(
         largest_area=float(area[at]),
         time_of_largest=float(time[at]),
-        distance=float(np.linalg.norm(centre[at] - centre[0])),
+        distance=float(np.linalg.norm(centre[1] - centre[0])),
         time_open=time_above(time, area, NEARLY_OPEN * reference),
         reference_area=reference,
         relative_area=float(area[at]) / reference,

@@ -1,4 +1,4 @@
-"""The .npz files of reference_impl, read as what any program may have left under that name."""
+"""Reads the .npz files of reference_impl; nothing in them is taken on trust."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NODES = {"element_nodes": "e2", "bullet_nodes": "b", "fixed_nodes": "f"}
 _SINGLE = ("format", "complete")
 
 
-def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
+def read_reference(path: str | Path) -> dict[str, NDArray[Any]]:
     """The arrays of a run and of its net by name, as reference_impl's README lists them.
 
     All are finite and have shapes that fit together; times increase, node numbers are those of nodes. Raises
@@ -49,7 +49,7 @@ def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
             raise InputError(f"{path}: {name} has shape {values.shape}, unlike the other arrays")
         if name in _NUMBERS and not np.isfinite(values).all():
             where = [int(k) for k in np.argwhere(~np.isfinite(values))[0]]
-            raise InputError(f"{path}: {name} is not finite everywhere (first at {where})")
+            raise InputError(f"{path}: {name} contains NaN or infinity (first at {where})")
         if name in _NODES and np.any((values < 0) | (values >= sizes["n"])):
             raise InputError(f"{path}: {name} refers to a node that the net does not have")
         checked[name] = values.astype(np.int64 if name in _NODES else np.float64)

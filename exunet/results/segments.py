@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from exunet.base.blob import read_arrays, write_arrays
 from exunet.base.errors import InputError
 from exunet.base.files import cannot_write, sweep
+from exunet.base.interrupt import postponed
 from exunet.net.arrays import Net
 from exunet.results.columns import Column, MassProperties
 from exunet.results.net_arrays import from_arrays, to_arrays
@@ -170,6 +171,7 @@ class SegmentStore(Segments):
     def __len__(self) -> int:
         return super().__len__() + self._block.count
 
+    @postponed()  # Ctrl-C between the steps of one of these would count rows twice
     def append(self, rows: Mapping[str, Floats]) -> None:
         """Add k rows: an array (k, *row) of each column, by path. They are copied.
 
@@ -183,6 +185,7 @@ class SegmentStore(Segments):
             if self._block.count == self._block.capacity:
                 self.flush()
 
+    @postponed()
     def flush(self, checkpoint: str | None = None) -> None:
         """Write what is in memory, so that it survives the process.
 
@@ -203,6 +206,7 @@ class SegmentStore(Segments):
         if count or checkpoint is not None:
             self._index()
 
+    @postponed()
     def drop_after(self, count: int) -> None:
         """Keep the first `count` rows only; those of the last checkpoint can still be returned to."""
         if not 0 <= count <= len(self):
@@ -214,6 +218,7 @@ class SegmentStore(Segments):
             self._index()
             self._tidy()
 
+    @postponed()
     def back_to_checkpoint(self) -> None:
         """Make the rows of the last checkpoint those of the store; ValueError if there was none."""
         if self.checkpoint is None:
@@ -306,9 +311,9 @@ def _locked(folder: Path) -> int:
         import fcntl
 
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except ImportError:  # Windows: there it remains with the user
-        pass
-    except OSError as error:
+    except BlockingIOError as error:
         os.close(descriptor)
         raise InputError(f"{folder}: another process is writing there") from error
+    except (ImportError, OSError):  # Windows, or a file system without locks: it is left to the user
+        pass
     return descriptor

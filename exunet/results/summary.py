@@ -11,10 +11,11 @@ from exunet.base.files import replacing
 from exunet.results.agreement import Agreement
 from exunet.results.measures import deployment, energy_balance, energy_in_play
 from exunet.results.result import Result
+from exunet.results.rows import blocks
 
 
 def summarise(result: Result, check: Agreement | str | None = None) -> dict[str, Any]:
-    """Numbers of a result in SI units, ready for JSON; check: what it found, or why it could not be made."""
+    """Numbers of a result in SI units, ready for JSON; check: its outcome, or why there is none."""
     provenance = result.provenance
     measures = deployment(result)
     summary: dict[str, Any] = {
@@ -30,7 +31,7 @@ def summarise(result: Result, check: Agreement | str | None = None) -> dict[str,
         "energy_in_play_J": energy_in_play(result),
         "dissipated_J": float(result.dissipated[-1]),
         "largest_tension": provenance.get("largest_tension"),
-        "largest_stored_tension_N": float(result.tension.max(initial=0.0)),
+        "largest_stored_tension_N": max(float(block.max(initial=0.0)) for block in blocks(result.tension)),
         "deployment": asdict(measures) if measures else None,
         "engine": {k: v for k, v in provenance.items() if k not in ("text", "title")},
     }
@@ -100,11 +101,11 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """A head for the rows that tell of the states, of which a run that stopped has kept a part only."""
+    """A heading for the rows about the stored states, which do not reach the end of a run that stopped."""
     if summary["complete"]:
         return []
     until = summary["simulated_until_s"]
-    return [("of the part kept", f"until t = {until:.6g} s, before what the verdict tells:")]
+    return [("stored states", f"until t = {until:.6g} s; what follows is about them:")]
 
 
 def _peak(summary: dict[str, Any]) -> str:
@@ -112,7 +113,7 @@ def _peak(summary: dict[str, Any]) -> str:
     if not peak:
         return f"{summary['largest_stored_tension_N']:.4g} N at the stored times"
     if peak["element"] < 0:
-        return "0 N: no element ever pulled"
+        return "0 N: no element was ever taut"
     return f"{peak['tension_N']:.4g} N in element {peak['element']} at t = {peak['time_s']:.6g} s"
 
 
@@ -156,5 +157,5 @@ def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:
 def _apart_row(apart_from: float | None) -> list[tuple[str, str]]:
     if apart_from is None:
         return []
-    words = f"from t = {apart_from:.3f} s (passes before it are instants inside a snap)"
+    words = f"from t = {apart_from:.3f} s (earlier disagreement is that of single instants within a snap)"
     return [("check: apart for good", words)]

@@ -10,20 +10,20 @@ import tomllib
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.codegen.compile import numba_installed
+from exunet.methods.method import METHODS, Method, NetForm, TimeLoop
 
 Floats = NDArray[np.float64]
-Loop = Literal["exudyn", "compiled"]
-Form = Literal["connectors", "fused"]
 
 # Packing from which on a start counts as nearly deployed: all threads snap soon and together, after which the
 # same tolerance leaves far larger errors. Between the packings 0.7 and 0.9 of the measured scenes.
 NEARLY_DEPLOYED = 0.8
+_NO_NUMBA = "since Numba is not installed (pip install 'exunet[fast]')"
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class Measured:
     cheapest : (accuracy, method with the fewest right-hand sides), increasing
     """
 
-    adaptive: dict[str, Adaptive]
-    cheapest: tuple[tuple[float, str], ...]
+    adaptive: dict[Method, Adaptive]
+    cheapest: tuple[tuple[float, Method], ...]
 
 
 @dataclass(frozen=True)
@@ -91,15 +91,15 @@ def table() -> Measurements:
 
 def _measured(read: dict[str, Any]) -> Measured:
     adaptive = {
-        name: Adaptive(np.array(sorted(rows["tolerance"])), np.array(sorted(rows["expected_error"])))
+        Method(name): Adaptive(np.array(sorted(rows["tolerance"])), np.array(sorted(rows["expected_error"])))
         for name, rows in read.items()
         if isinstance(rows, dict)
     }
-    cheapest = sorted((float(accuracy), str(method)) for accuracy, method in read["cheapest"])
+    cheapest = sorted((float(accuracy), Method(method)) for accuracy, method in read["cheapest"])
     return Measured(adaptive, tuple(cheapest))
 
 
-def choose_method(accuracy: float, able: Collection[str], measured: Measured) -> tuple[str, str]:
+def choose_method(accuracy: float, able: Collection[Method], measured: Measured) -> tuple[Method, str]:
     """The method of `able` that was measured as cheapest at an accuracy or the next tighter one, and why."""
     rows = [row for row in measured.cheapest if row[1] in able]
     tighter = [row for row in rows if row[0] <= accuracy * (1 + 1e-9)]
@@ -107,33 +107,39 @@ def choose_method(accuracy: float, able: Collection[str], measured: Measured) ->
     return method, f"fewest right-hand sides of all methods at {level:.0e}, as measured"
 
 
-def choose_net(n_elements: int, *, implicit: bool) -> tuple[Form, str]:
+def choose_net(n_elements: int, *, implicit: bool) -> tuple[NetForm, str]:
     """The form of the net that was measured as faster at this size, and why.
 
     An implicit method takes the fused net wherever there is one: its derivatives are exact, those of the
     connectors are numerical.
     """
     if not numba_installed():
-        return "connectors", "auto: connectors, since Numba is not installed (pip install 'exunet[fast]')"
+        return (
+            NetForm.CONNECTORS,
+            "auto: connectors, since Numba is not installed (pip install 'exunet[fast]')",
+        )
     if implicit:
-        return "fused", "auto: fused net, whose derivatives are exact"
+        return NetForm.FUSED, "auto: fused net, whose derivatives are exact"
     rows = table().seconds
     connectors, fused = (_between(float(n_elements), rows[:, 0], rows[:, k]) for k in (1, 2))
     words = (
         f"{n_elements} elements, {1e6 * fused:.3g} µs a right-hand side fused, {1e6 * connectors:.3g} µs not"
     )
     if fused < connectors:
-        return "fused", f"auto: fused net ({words}, as measured)"
-    return "connectors", f"auto: connectors ({words}, as measured)"
+        return NetForm.FUSED, f"auto: fused net ({words}, as measured)"
+    return NetForm.CONNECTORS, f"auto: connectors ({words}, as measured)"
 
 
-def choose_loop(method: str, able: Collection[str]) -> tuple[Loop, str]:
-    """Who steps in time where the case leaves it open, and why; able: methods of the compiled loop."""
+def choose_loop(method: Method) -> tuple[TimeLoop, str]:
+    """Who steps in time where the case leaves it open, and why."""
     if not numba_installed():
-        return "exudyn", "auto: Exudyn steps, since Numba is not installed (pip install 'exunet[fast]')"
-    if method not in able:
-        return "exudyn", f"auto: Exudyn steps, since the compiled loop has no {method}"
-    return "compiled", "auto: the compiled loop steps, not Exudyn (a net alone)"
+        return (
+            TimeLoop.EXUDYN,
+            "auto: Exudyn steps, since Numba is not installed (pip install 'exunet[fast]')",
+        )
+    if not METHODS[method].compiled:
+        return TimeLoop.EXUDYN, f"auto: Exudyn steps, since the compiled loop has no {method}"
+    return TimeLoop.COMPILED, "auto: the compiled loop steps, not Exudyn (a net alone)"
 
 
 def _between(at: float, x: Floats, y: Floats) -> float:

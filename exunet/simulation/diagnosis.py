@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces import cable
-from exunet.methods.methods import METHODS, Plan
+from exunet.methods.method import METHODS, Kind
+from exunet.methods.plan import Plan
 from exunet.system import energy
 from exunet.system.system import State, System
 
@@ -44,7 +45,7 @@ def step_advice(plan: Plan | None) -> str:
             f"Likely cause: the tolerance {plan.tolerance:.2g} lets steps pass that jump over a snap. "
             "Give a smaller solver.accuracy (or solver.tolerance)"
         )
-    kind = "an adaptive method" if METHODS[plan.method].kind == "explicit" else "an explicit method"
+    kind = "an adaptive method" if METHODS[plan.method].kind == Kind.EXPLICIT else "an explicit method"
     return (
         f"Likely cause: the step {plan.step:.3g} s is too long for {plan.method} where cables snap taut. "
         f"Give a smaller solver.step (`exunet check` tells the stable one) or {kind} (solver.method = DOPRI5)"

@@ -13,7 +13,7 @@ from exunet.base.errors import RunStopped
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.cable_term import INTACT
 from exunet.forces.terms import Change
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.simulation.diagnosis import COLLAPSE_ADVICE, LOAD_ADVICE, state_of_worst, step_advice
 from exunet.simulation.envelope import Envelope
 from exunet.simulation.guards import Guards, Look

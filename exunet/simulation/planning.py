@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import CaseError, Fault
-from exunet.case.scene import COMPILED_METHODS, Scene
+from exunet.base.errors import Fault
+from exunet.case.scene import Scene
 from exunet.case.stored_times import stored_times
-from exunet.methods.methods import METHODS, Plan, Solver
+from exunet.methods.keys import AUTO
+from exunet.methods.method import COMPILED_METHODS, METHODS, Kind, Method, TimeLoop
+from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation import auto
 from exunet.system.stability import (
@@ -32,21 +34,27 @@ LONGEST = 30.0
 STIFF = 10.0
 
 
-def make_plan(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan:
-    """How this scene is integrated; velocity (n_nodes, 3) is the initial one [m/s]."""
+def make_plan(scene: Scene, system: System, velocity: NDArray[np.float64]) -> tuple[Plan, list[Fault]]:
+    """How this scene is integrated, and what is wrong with that; velocity (n_nodes, 3): initial one [m/s]."""
     solver = scene.solver
-    if solver.method == "auto":
-        return _chosen(scene, system, velocity)
-    if METHODS[solver.method].kind == "adaptive":
-        return _adaptive(solver.method, scene, system, velocity)
+    if solver.method == AUTO:
+        return _chosen(scene, system, velocity), []
+    method = Method(solver.method)
+    if METHODS[method].kind == Kind.ADAPTIVE:
+        return _adaptive(method, scene, system, velocity), []
     spacing = float(np.diff(stored_times(scene.time)).max())
-    limit = step_limit(solver.method, largest_frequency(system), largest_damping_rate(system))
+    limit = step_limit(method, largest_frequency(system), largest_damping_rate(system))
     if solver.step is not None:
-        notes = _above(limit, min(solver.step, spacing), solver)
-        return _fixed(solver.method, solver.step, spacing, *notes)
-    kind = "step limit" if METHODS[solver.method].weak else "stable step"
-    note = f"step = {SAFETY:g} x the {kind} {limit:.4g} s of {solver.method}"
-    return _fixed(solver.method, SAFETY * limit, spacing, note)
+        words, faults = _above(limit, min(solver.step, spacing), solver.step, method), []
+        if words and not solver.force:
+            less = "a smaller one" if METHODS[method].needs_step else "a smaller one or none"
+            advice = f"give {less}, or an adaptive method (DOPRI5); solver.force = true runs it anyway"
+            faults = [Fault("solver.step", f"{words}; {advice}")]
+        notes = [f"step {words}: forced"] if words else []
+        return _fixed(method, solver.step, spacing, *notes), faults
+    kind = "step limit" if METHODS[method].weak else "stable step"
+    note = f"step = {SAFETY:g} x the {kind} {limit:.4g} s of {method}"
+    return _fixed(method, SAFETY * limit, spacing, note), []
 
 
 def _chosen(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan:
@@ -57,17 +65,17 @@ def _chosen(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan
     """
     solver = scene.solver
     measured = auto.table().at(scene.initial.packing)
-    able = tuple(measured.adaptive) if scene.engine.loop == "exudyn" else COMPILED_METHODS
+    able = tuple(measured.adaptive) if scene.engine.loop == TimeLoop.EXUDYN else COMPILED_METHODS
     method, why = auto.choose_method(solver.accuracy, able, measured)
     if measured is auto.table().nearly_deployed:
         why += " on nearly deployed starts"
     if solver.tolerance is not None:
-        method, why = "DOPRI5", "for a given tolerance"
+        method, why = Method.DOPRI5, "for a given tolerance"
     plan = _adaptive(method, scene, system, velocity)
     notes = [f"auto: {method}, tolerance {plan.tolerance:.2g} ({why})"]
     rate, frequency = largest_damping_rate(system), largest_frequency(system)
     if rate > STIFF * frequency:
-        steps = scene.time.end / stable_step("RK44", frequency, rate)
+        steps = scene.time.end / stable_step(Method.RK44, frequency, rate)
         notes.append(f"stiff damping ({rate:.2g}/s): it, not the accuracy, asks for some {steps:.2g} steps")
     if plan.expected_error is not None:
         median, worst = plan.expected_error
@@ -82,44 +90,44 @@ def with_forms(scene: Scene, net: Net, plan: Plan) -> tuple[Scene, Plan]:
     """The scene with "auto" of engine.net and engine.loop replaced, and the plan that says by what."""
     engine, notes = scene.engine, plan.notes
     if engine.loop == "auto":
-        loop, why = auto.choose_loop(plan.method, COMPILED_METHODS)
+        loop, why = auto.choose_loop(plan.method)
         engine, notes = engine.model_copy(update={"loop": loop}), (*notes, why)
     if engine.net == "auto":
-        form, why = auto.choose_net(net.n_elements, implicit=METHODS[plan.method].kind == "implicit")
+        form, why = auto.choose_net(net.n_elements, implicit=METHODS[plan.method].kind == Kind.IMPLICIT)
         # The compiled loop has a form of its own.
         engine, notes = (
             engine.model_copy(update={"net": form}),
-            notes if engine.loop == "compiled" else (*notes, why),
+            notes if engine.loop == TimeLoop.COMPILED else (*notes, why),
         )
+    if engine.loop == TimeLoop.EXUDYN and plan.tolerance is not None:
+        # The engine's longest step, a whole part of the run, has always been measured so.
+        longest = scene.time.end / max(1, math.ceil(scene.time.end / plan.longest_step))
+        plan = replace(plan, longest_step=longest)
     return scene.model_copy(update={"engine": engine}), replace(plan, notes=notes)
 
 
-def _above(limit: float, step: float, solver: Solver) -> list[str]:
-    """Refuse a step above the limit, or note that it is forced."""
+def _above(limit: float, step: float, given_step: float, method: Method) -> str:
+    """Words for a step [s] above the limit, else ""; given_step: that of the case."""
     if step <= limit:
-        return []
-    given = f"{solver.step:.4g} s"
-    if solver.step is not None and step < solver.step:
+        return ""
+    given = f"{given_step:.4g} s"
+    if step < given_step:
         given += f" (shortened to the {step:.4g} s between stored times)"
-    words = f"{given} is above the stable step {limit:.4g} s of {solver.method} on this net"
-    if METHODS[solver.method].weak:
-        words = f"{given} is above the step limit {limit:.4g} s of {solver.method} on this net, at which its"
+    words = f"{given} is above the stable step {limit:.4g} s of {method} on this net"
+    if METHODS[method].weak:
+        words = f"{given} is above the step limit {limit:.4g} s of {method} on this net, at which its"
         words += f" fastest mode grows by {WEAK_GROWTH:.0%} a step"
-    if solver.force:
-        return [f"step {words}: forced"]
-    less = "a smaller one" if METHODS[solver.method].needs_step else "a smaller one or none"
-    advice = f"give {less}, or an adaptive method (DOPRI5); solver.force = true runs it anyway"
-    raise CaseError([Fault("", "solver.step", f"{words}; {advice}")])
+    return words
 
 
-def _fixed(method: str, step: float, spacing: float, *notes: str) -> Plan:
+def _fixed(method: Method, step: float, spacing: float, *notes: str) -> Plan:
     """A fixed step no longer than the widest gap between stored times, which are hit exactly."""
     if step > spacing:
         notes = (*notes, f"step shortened from {step:.4g} s to the {spacing:.4g} s between stored times")
     return Plan(method, step=min(step, spacing), notes=notes)
 
 
-def _adaptive(method: str, scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan:
+def _adaptive(method: Method, scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan:
     solver = scene.solver
     notes: tuple[str, ...] = ()
     tolerance, expected = solver.tolerance, None

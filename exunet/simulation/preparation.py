@@ -1,4 +1,4 @@
-"""From a case to all that a run begins from: the system, its state at the start, and how it is integrated."""
+"""From a case to all that a run begins from: the system, its state at the start, how it is integrated."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import BeyondFloats, Fault
+from exunet.base.faults import collected
 from exunet.case.casefile import Case
-from exunet.case.fault_location import placing
+from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.planning import make_plan, with_forms
 from exunet.system import energy
 from exunet.system.assembly import assemble
 from exunet.system.effect_survey import chosen
-from exunet.system.limits import refuse_start, refuse_steps, within_floats
+from exunet.system.limits import start_faults, step_faults, within_floats
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
@@ -57,17 +58,18 @@ def prepare(scene: Scene) -> Start:
     scene, notes = chosen(scene)
     system, state = assemble(scene)
     _refuse_overflow(system, state)
-    refuse_start(scene, system, state)
-    with within_floats(system.net):
-        plan = make_plan(scene, system, state.velocity)
-    refuse_steps(scene, system.net, plan)
+    with collected() as faults:
+        faults += start_faults(scene, system, state)
+        with within_floats(system.net):
+            plan, wrong_steps = make_plan(scene, system, state.velocity)
+        faults += wrong_steps + step_faults(scene, system.net, plan)
     scene, plan = with_forms(scene, system.net, plan)
     return Start(scene, system, state, replace(plan, notes=plan.notes + notes))
 
 
 def prepare_case(case: Case) -> Start:
     """`prepare` for a case's scene; its faults name the line of the file or the override."""
-    with placing(case):
+    with located_faults(case):
         return prepare(case.scene)
 
 
@@ -78,7 +80,7 @@ def _refuse_overflow(system: System, state: State) -> None:
             "elastic energy": (energy.elastic(system.forces, state.position), "initial.packing"),
         }
     faults = [
-        Fault("", where, f"the {name} at the start is beyond what floating-point numbers can hold")
+        Fault(where, f"the {name} at the start is outside the range of floating-point numbers")
         for name, (value, where) in energies.items()
         if not np.isfinite(value)
     ]

@@ -14,7 +14,7 @@ from exunet.backends.protocol import StepCounts
 from exunet.base.version import VERSION
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.results.assembly import assemble
 from exunet.results.columns import Column, MassProperties, body_path, declare
 from exunet.results.result import Result

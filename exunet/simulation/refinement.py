@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 
 LEAST_TOLERANCE = 1e-12  # below this, steps are rejected for round-off and nothing is gained
 FINER_STEP = 0.5

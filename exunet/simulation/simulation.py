@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -18,7 +18,7 @@ from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.bodies.rigid import rotation_matrix
 from exunet.case.casefile import Case, load
 from exunet.case.scene import Scene
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.recorder import Recorder

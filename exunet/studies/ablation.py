@@ -1,9 +1,9 @@
 """What each effect changes, measured: the scene run with that effect toggled, beside its estimate.
 
 A net's motion is sensitive: after some time any difference grows to the size of the net. So the scene is also
-run once with nothing changed but its errors (a start that differs by 1e-12 of the size, finer steps), and an
-effect's displacement is measured while it is at least three times as large as that run's; the estimate beside
-it is for the same time. An effect that never stands out of that noise is not measured.
+run once with nothing changed but its errors (the start moved by a little, another accuracy), and an effect's
+displacement is measured while it is at least three times as large as that run's; the estimate beside it is
+for the same time. An effect that never stands out of that noise is not measured.
 """
 
 from __future__ import annotations
@@ -17,19 +17,18 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.case.scene import Scene
-from exunet.forces.effects import misfits
+from exunet.forces.effects import cross_checks
 from exunet.results.measures import Deployment, deployment
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
+from exunet.studies.neighbours import moved, of_other_accuracy
 from exunet.system.effect_survey import Finding, chosen, finding, survey
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-PUSH = 1e-12  # of the net's size: the change of the start in the run that shows the noise
 CLEAR = 3.0  # times the noise, from which on a displacement counts as the effect's
-FINER = 0.5  # of the tolerance or step in that run
 BRIEF = 1e-4  # of the duration, run before each run that is timed
 
 
@@ -95,7 +94,7 @@ def _toggle(scene: Scene, found: Finding, base: Result, noise: _Noise, progress:
     if found.keys is None:
         return Toggled(found, failure="nothing to assume for this scene")
     other = toggled(scene, found)
-    if wrongs := _misfits(other):
+    if wrongs := _contradictions(other):
         return Toggled(found, failure=f"cannot be toggled alone: {wrongs[0]}")
     try:
         result = _run(other, f"{found.name} {'off' if found.on else 'on'}", progress)
@@ -104,15 +103,14 @@ def _toggle(scene: Scene, found: Finding, base: Result, noise: _Noise, progress:
             raise
         return Toggled(found, failure=str(stop))
     with_it, without = (base, result) if found.on else (result, base)
-    moved = _distance(base, result)
-    size = float(np.ptp(base.net.reference_position, axis=0).max(initial=0.0)) or 1.0
+    apart = _distance(base, result)
     until, measured, estimate = 0.0, 0.0, 0.0
-    clear = np.flatnonzero(moved > CLEAR * noise.moved)
+    clear = np.flatnonzero(apart > CLEAR * noise.moved)
     if len(clear):
-        lost = np.flatnonzero(moved[clear[0] :] <= CLEAR * noise.moved[clear[0] :])
-        last = clear[0] + lost[0] - 1 if len(lost) else len(moved) - 1
+        lost = np.flatnonzero(apart[clear[0] :] <= CLEAR * noise.moved[clear[0] :])
+        last = clear[0] + lost[0] - 1 if len(lost) else len(apart) - 1
         until = float(base.time[last])
-        measured = float(moved[: last + 1].max()) / size
+        measured = float(apart[: last + 1].max()) / base.net.size
         estimate = finding(scene, found.name, until).relative
     seconds = [float(run.provenance["integration_seconds"]) for run in (with_it, without)]
     return Toggled(
@@ -140,21 +138,13 @@ def toggled(scene: Scene, found: Finding) -> Scene:
     return scene.model_copy(update=update)
 
 
-def _misfits(scene: Scene) -> list[str]:
-    return [f"{wrong.where[0]} {wrong.reason}" for wrong in misfits(scene)]
+def _contradictions(scene: Scene) -> list[str]:
+    return [f"{fault.path[0]} {fault.reason}" for fault in cross_checks(scene)]
 
 
 def _perturbed(start: Start) -> Start:
-    """The same start but for errors: of the size of round-off, and of finer steps."""
-    size = float(np.ptp(start.net.reference_position, axis=0).max(initial=0.0)) or 1.0
-    push = PUSH * size * np.random.default_rng(1).standard_normal(start.position.shape)
-    push[start.net.fixed_nodes] = 0.0
-    plan = start.plan
-    if plan.step is not None:
-        plan = replace(plan, step=FINER * plan.step)
-    elif plan.tolerance is not None:
-        plan = replace(plan, tolerance=FINER * plan.tolerance)
-    return replace(start, position=start.position + push, plan=plan)
+    """The same start but for errors: a little moved, and integrated at another accuracy."""
+    return replace(moved(start), plan=of_other_accuracy(start.plan))
 
 
 def _run(

@@ -6,7 +6,7 @@ This is where exunet imports reference_impl. The two share the case file and not
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,12 +21,15 @@ from exunet.backends.exudyn.probe import Probe
 from exunet.backends.exudyn.stepper import EngineFailed, Stepper
 from exunet.base.errors import InputError
 from exunet.case.casefile import Case, load
-from exunet.case.fault_location import placing
+from exunet.case.fault_location import located_faults
+from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
-from exunet.methods.methods import Plan
+from exunet.methods.method import Method, NetForm, TimeLoop
+from exunet.methods.plan import Plan
 from exunet.results.comparison import States, match_nodes
 from exunet.simulation.preparation import Start, build, prepare
+from exunet.studies.neighbours import launch_speed
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -43,49 +46,36 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Pair:
-    """A case as both codes see it.
+class BothCodes:
+    """A case as both codes see it; all states are in exunet's numbering unless a name says otherwise.
 
-    name    : for tables
-    path    : of the case file
-    start   : exunet's
-    theirs  : the reference's case
-    net, system : the reference's net and equations of motion
+    name   : for tables
+    path   : of the case file
+    start  : exunet's
+    theirs : the reference's case, net, equations of motion and start
     """
 
     name: str
     path: Path
     start: Start
-    theirs: reference.Case
-    net: reference.Net
-    system: reference.System
+    theirs: reference.Scene
 
     @cached_property
-    def to_theirs(self) -> Ints:
+    def reference_nodes(self) -> Ints:
         """(n_nodes,) for each node of exunet the node of the reference at the same place."""
-        return match_nodes(self.ours_at_start, self.theirs_at_start)
+        start, theirs = self.start, self.theirs
+        return match_nodes(
+            _at_start(start.net, start.position, start.velocity), _at_start(theirs.net, theirs.x0, theirs.v0)
+        )
 
     @cached_property
-    def elements_to_theirs(self) -> Ints:
+    def reference_elements(self) -> Ints:
         """(n_elements,) for each element of exunet the element of the reference between the same nodes."""
-        ours = np.sort(self.to_theirs[self.start.net.element_nodes], axis=1)
-        theirs = np.sort(self.net.element_nodes, axis=1)
-        there = np.lexsort(theirs.T)
+        ours = np.sort(self.reference_nodes[self.start.net.element_nodes], axis=1)
+        theirs = np.sort(self.theirs.net.element_nodes, axis=1)
         match = np.empty(len(ours), dtype=np.int64)
-        match[np.lexsort(ours.T)] = there
+        match[np.lexsort(ours.T)] = np.lexsort(theirs.T)
         return match
-
-    @property
-    def ours_at_start(self) -> States:
-        """exunet's net and initial state."""
-        start = self.start
-        return States.of_net(start.net, np.zeros(1), start.position[None], start.velocity[None])
-
-    @property
-    def theirs_at_start(self) -> States:
-        """The reference's net and initial state, in its own numbering."""
-        position, velocity = reference.initial_state(self.theirs, self.net)
-        return States.of_net(self.net, np.zeros(1), position[None], velocity[None])
 
     @property
     def effects(self) -> set[str]:
@@ -94,62 +84,60 @@ class Pair:
 
     @property
     def speed(self) -> float:
-        """Largest initial speed of a node [m/s]; 1 for a net at rest."""
-        return float(np.linalg.norm(self.start.velocity, axis=1).max(initial=0.0)) or 1.0
+        """See `launch_speed`."""
+        return launch_speed(self.start.velocity)
 
     @property
     def size(self) -> float:
-        """Largest side of the box around the reference configuration [m]."""
-        return float(np.ptp(self.start.net.reference_position, axis=0).max()) or 1.0
+        """See `Net.size`."""
+        return self.start.net.size
 
-    def give(self, values: Floats) -> Floats:
+    def to_reference(self, values: Floats) -> Floats:
         """Values (..., n, 3) of exunet's nodes in the order of the reference's."""
         result = np.empty_like(values)
-        result[..., self.to_theirs, :] = values
+        result[..., self.reference_nodes, :] = values
         return result
 
-    def take(self, values: Floats) -> Floats:
+    def from_reference(self, values: Floats) -> Floats:
         """Values (..., n, 3) of the reference's nodes in the order of exunet's."""
-        return values[..., self.to_theirs, :]
+        return values[..., self.reference_nodes, :]
 
     def probe(self) -> Probe:
         """The engine's equations of motion, in the form that also has derivatives."""
-        implicit = Plan("GeneralizedAlpha", step=1e-6)
+        implicit = Plan(Method.GENERALIZED_ALPHA, step=1e-6)
         return Probe(build(replace(self.start, plan=implicit)))
 
-    def fused(self) -> Pair:
+    def fused(self) -> BothCodes:
         """The same case with the engine's fused net in place of connectors."""
-        scene = self.start.scene
-        engine = scene.engine.model_copy(update={"net": "fused"})
-        start = replace(self.start, scene=scene.model_copy(update={"engine": engine}))
-        return replace(self, name=f"{self.name}, fused", start=start)
+        return self._in_form("fused", net=NetForm.FUSED)
 
-    def looped(self) -> Pair:
+    def compiled(self) -> BothCodes:
         """The same case stepped by exunet's compiled loop in place of the engine; needs Numba to run."""
-        scene = self.start.scene
-        engine = scene.engine.model_copy(update={"net": "fused", "loop": "compiled"})
-        start = replace(self.start, scene=scene.model_copy(update={"engine": engine}))
-        return replace(self, name=f"{self.name}, compiled", start=start)
+        return self._in_form("compiled", net=NetForm.FUSED, loop=TimeLoop.COMPILED)
 
-    def fastest(self) -> Pair:
-        """The form of the case for many runs: `looped`, or this one where Numba is not installed."""
-        return self.looped() if numba_installed() else self
+    def _in_form(self, form: str, **keys: str) -> BothCodes:
+        start = replace(self.start, scene=_with_engine(self.start.scene, **keys))
+        return replace(self, name=f"{self.name}, {form}", start=start)
 
-    def from_state(self, position: Floats, velocity: Floats) -> Pair:
-        """The same case started from another state of the free nodes (both in exunet's order)."""
+    def fastest(self) -> BothCodes:
+        """The form of the case for many runs: `compiled`, or this one where Numba is not installed."""
+        return self.compiled() if numba_installed() else self
+
+    def from_state(self, position: Floats, velocity: Floats) -> BothCodes:
+        """The same case started from another state of the free nodes."""
         fixed = self.start.net.fixed_nodes
         position, velocity = position.copy(), velocity.copy()
         position[fixed], velocity[fixed] = self.start.position[fixed], 0.0
         return replace(self, start=replace(self.start, position=position, velocity=velocity))
 
-    def engine(self, times: Floats, plan: Plan | None = None) -> Motion:
-        """Exudyn's trajectory at `times` (from 0 on), with the plan of the case or another.
+    def run_exunet(self, times: Floats, plan: Plan | None = None) -> Motion:
+        """exunet's trajectory at `times` (from 0 on), with the plan of the case or another.
 
-        That of the compiled loop, if the case is `looped`. Raises EngineFailed where the engine
-        gives up.
+        By Exudyn, or by the compiled loop where the case is `compiled`. Raises EngineFailed where the engine
+        stops.
         """
         start = replace(self.start, plan=plan or self.start.plan)
-        if start.scene.engine.loop == "compiled":
+        if start.scene.engine.loop == TimeLoop.COMPILED:
             return _compiled(start, times)
         model = build(start)
         states = [model.coordinates()]
@@ -160,18 +148,24 @@ class Pair:
         raw = [np.array(part) for part in zip(*states, strict=True)]
         return Motion(np.asarray(times), *model.unpack(raw[0], raw[1]), stepper.counts.steps)
 
-    def march(self, times: Floats, symmetric: bool = False, **how: Any) -> Motion:
+    def run_reference(self, times: Floats, **how: Any) -> Motion:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.march."""
-        system = replace(self.system, symmetric=symmetric) if symmetric else self.system
-        x0, v0 = self.give(self.start.position), self.give(self.start.velocity)
-        found = reference.march(system, x0, v0, times, **how)
-        return Motion(found.t, self.take(found.x), self.take(found.v), found.n_steps)
+        found = self.reference_trajectory(times, **how)
+        x, v = (self.from_reference(values) for values in (found.x, found.v))
+        return Motion(found.t, x, v, found.n_steps)
 
-    def bullet_speeds(self, motion: Motion) -> Floats:
-        """(t, n_bullets) [m/s]; of all nodes if there are no bullets."""
-        bullets = self.start.net.bullet_nodes
-        shown = bullets if len(bullets) else np.arange(self.start.net.n_nodes)
-        return np.linalg.norm(motion.velocity[:, shown], axis=-1)
+    def reference_trajectory(self, times: Sequence[float] | Floats, **how: Any) -> reference.Trajectory:
+        """The same as the reference gives it, in its own numbering and with its counts."""
+        x0, v0 = self.to_reference(self.start.position), self.to_reference(self.start.velocity)
+        return reference.march(self.theirs.system, x0, v0, times, **how)
+
+
+def _at_start(net: Any, position: Floats, velocity: Floats) -> States:
+    return States.of_net(net, np.zeros(1), position[None], velocity[None])
+
+
+def _with_engine(scene: Scene, **keys: str) -> Scene:
+    return scene.model_copy(update={"engine": scene.engine.model_copy(update=keys)})
 
 
 def _compiled(start: Start, times: Floats) -> Motion:
@@ -188,7 +182,7 @@ def _ignore(time: Floats, position: Floats, velocity: Floats) -> None:
     """A watcher that only lets the stepper go on."""
 
 
-def read_pair(path: str | Path, overrides: Mapping[str, str] | None = None) -> Pair:
+def read_both(path: str | Path, overrides: Mapping[str, str] | None = None) -> BothCodes:
     """The case at `path` in both codes.
 
     overrides : key to value as in `--set` (text)
@@ -197,30 +191,29 @@ def read_pair(path: str | Path, overrides: Mapping[str, str] | None = None) -> P
     """
     settings = [f"{key}={value}" for key, value in (overrides or {}).items()]
     case = load(path, settings)
-    with placing(case):
-        return pair_of(case)
+    with located_faults(case):
+        return both_of(case)
 
 
-def pair_of(case: Case) -> Pair:
-    """As `read_pair`, of a case that exunet has read."""
+def both_of(case: Case) -> BothCodes:
+    """As `read_both`, of a case that exunet has read."""
     try:
-        theirs = reference.read(case.path, dict(map(reference.parse_override, case.overrides)))
-        net = reference.weave(theirs)
+        theirs = reference.prepare(
+            reference.read(case.path, dict(map(reference.parse_override, case.overrides)))
+        )
     except reference.Refused as refused:
         raise _out_of_reach(case.name, refused) from refused
-    # The form that states the law element by element; `Pair.fused` is the other.
-    scene = case.scene
-    engine = scene.engine.model_copy(update={"net": "connectors", "loop": "exudyn"})
-    scene = scene.model_copy(update={"engine": engine})
-    return Pair(case.name, case.path, prepare(scene), theirs, net, reference.assemble(theirs, net))
+    # The form that states the law element by element; `BothCodes.fused` is the other.
+    scene = _with_engine(case.scene, net=NetForm.CONNECTORS, loop=TimeLoop.EXUDYN)
+    return BothCodes(case.name, case.path, prepare(scene), theirs)
 
 
-def pair_of_text(name: str, text: str) -> Pair:
-    """As `read_pair`, of a case that is not a file."""
+def both_of_text(name: str, text: str) -> BothCodes:
+    """As `read_both`, of a case that is not a file."""
     with tempfile.TemporaryDirectory(prefix="exunet-verify-") as folder:
         path = Path(folder) / f"{name}.toml"
         path.write_text(text, encoding="utf-8")
-        return read_pair(path)
+        return read_both(path)
 
 
 def _out_of_reach(name: str, refused: reference.Refused) -> InputError:

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from exunet.backends.compiled.loop import March, loop_kernel
 from exunet.base.errors import InputError, RunStopped
-from exunet.case.scene import COMPILED_METHODS
 from exunet.case.stored_times import stored_times
 from exunet.codegen.kernel import Kernel
+from exunet.methods.method import COMPILED_METHODS
 from exunet.results import measures as metrics
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
+from exunet.studies.neighbours import perturbed
 from exunet.system import energy
 
 Floats = NDArray[np.float64]
@@ -56,13 +57,8 @@ def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int) ->
     _whole("seed", seed, at_least=0)
     if not (isinstance(amplitude, Real) and 0.0 <= float(amplitude) < float("inf")):
         raise InputError(f"amplitude: must be a finite number of metres, 0 or more, got {amplitude!r}")
-    shifts = [
-        np.random.default_rng((seed, run)).uniform(-amplitude, amplitude, start.position.shape)
-        for run in range(runs)
-    ]
-    moved = start.position + np.array(shifts).reshape(-1, *start.position.shape)
-    moved[:, start.net.fixed_nodes] = start.position[start.net.fixed_nodes]
-    return moved
+    found = [perturbed(start.net, start.position, amplitude, (seed, run)) for run in range(runs)]
+    return np.array(found).reshape(-1, *start.position.shape)
 
 
 def run_ensemble(
@@ -77,7 +73,7 @@ def run_ensemble(
     are no finite numbers, or a number of workers that cannot be meant.
     """
     if start.plan.method not in COMPILED_METHODS:
-        words = f"an ensemble runs by {', '.join(COMPILED_METHODS[1:])}, not by {start.plan.method}"
+        words = f"an ensemble runs by {', '.join(COMPILED_METHODS)}, not by {start.plan.method}"
         if start.scene.solver.method == "auto":
             words += ', which auto chose for Exudyn: set engine.loop = "auto", or "compiled"'
         raise InputError(words)

@@ -5,20 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.case.scene import Scene
-from exunet.methods.methods import Plan
+from exunet.methods.plan import Plan
 from exunet.results.result import Result
-from exunet.simulation.preparation import Start, prepare
+from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
-
-Floats = NDArray[np.float64]
-
-LEAST_TOLERANCE = 1e-12  # [m, m/s]; below, steps are rejected for round-off and nothing is gained
-FINER = 0.1  # of the tolerance; a fixed step is halved
-PUSH = 1e-12  # [m], of each coordinate of the moved start
-SEED = 20210616
+from exunet.studies.neighbours import MOVE, bullet_speeds, launch_speed, moved, of_other_accuracy
 
 
 @dataclass(frozen=True)
@@ -28,7 +21,7 @@ class ErrorEstimate:
     accuracy    : what was asked for
     at_end      : at the last stored time, to the run with the other setting
     largest     : the same, largest over the stored times (instants inside a snap included)
-    sensitivity : at the last stored time, to the run whose start is moved by up to PUSH
+    sensitivity : at the last stored time, to the run whose start is moved by up to `move` [m]
     lost_from   : the first stored time [s] from which the difference stays above the accuracy; None: nowhere
     best        : the error at the last stored time before that
     other       : the other setting, in words
@@ -40,6 +33,7 @@ class ErrorEstimate:
     sensitivity: float
     lost_from: float | None
     best: float
+    move: float
     other: str
 
     def rows(self) -> list[tuple[str, str]]:
@@ -59,8 +53,8 @@ class ErrorEstimate:
             found.append(
                 (
                     "sensitive start",
-                    f"a start moved by {PUSH:.0e} m changes the speeds at the end by {self.sensitivity:.1e}: "
-                    "they hold for exactly this start only",
+                    f"a start moved by {self.move:.0e} m changes the speeds at the end by "
+                    f"{self.sensitivity:.1e}: they hold for exactly this start only",
                 )
             )
         return found
@@ -69,11 +63,14 @@ class ErrorEstimate:
 def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
     """Run the scene again, twice, and compare with `result`; raises RunStopped if one of them stops."""
     start = prepare(scene)
-    plan, other = _other(start.plan)
-    scale = float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0)) or 1.0
-    ours = _speeds(result)
-    difference = np.abs(ours - _speeds(simulate(replace(start, plan=plan)))).max(axis=1) / scale
-    moved = np.abs(ours[-1] - _speeds(simulate(_moved(start)))[-1]).max() / scale
+    plan = of_other_accuracy(start.plan)
+    scale = launch_speed(start.velocity)
+    ours = bullet_speeds(result.net, result.velocity)
+    again, nearby = (
+        bullet_speeds(start.net, simulate(other).velocity)
+        for other in (replace(start, plan=plan), moved(start))
+    )
+    difference = np.abs(ours - again).max(axis=1) / scale
     accuracy = scene.solver.accuracy
     within = np.flatnonzero(difference <= accuracy)
     last = int(within[-1]) if len(within) else 0
@@ -82,30 +79,15 @@ def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
         accuracy=accuracy,
         at_end=float(difference[-1]),
         largest=float(difference.max()),
-        sensitivity=float(moved),
+        sensitivity=float(np.abs(ours[-1] - nearby[-1]).max() / scale),
         lost_from=float(result.time[last + 1]) if lost else None,
         best=float(difference[last]),
-        other=other,
+        move=MOVE * start.net.size,
+        other=_words(plan),
     )
 
 
-def _other(plan: Plan) -> tuple[Plan, str]:
-    """A plan with a finer setting, or a coarser one where no finer one helps."""
-    if plan.tolerance is None:
-        assert plan.step is not None
-        return replace(plan, step=0.5 * plan.step), f"against step {0.5 * plan.step:.3g} s"
-    factor = FINER if FINER * plan.tolerance >= LEAST_TOLERANCE else 1.0 / FINER
-    tolerance = factor * plan.tolerance
-    return replace(plan, tolerance=tolerance), f"against tolerance {tolerance:.2g}"
-
-
-def _moved(start: Start) -> Start:
-    push = np.random.default_rng(SEED).uniform(-PUSH, PUSH, start.position.shape)
-    push[start.net.fixed_nodes] = 0.0
-    return replace(start, position=start.position + push)
-
-
-def _speeds(result: Result) -> Floats:
-    bullets = result.net.bullet_nodes
-    velocity = result.velocity[:, bullets] if len(bullets) else result.velocity
-    return np.asarray(np.linalg.norm(velocity, axis=-1))
+def _words(plan: Plan) -> str:
+    return (
+        f"against tolerance {plan.tolerance:.2g}" if plan.step is None else f"against step {plan.step:.3g} s"
+    )

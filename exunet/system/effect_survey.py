@@ -19,6 +19,7 @@ from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import Points
 from exunet.forces.terms import LinearTerm
 from exunet.forces.total import Contribution
+from exunet.methods.method import NetForm, TimeLoop
 from exunet.net import weave
 from exunet.system.initial import initial_state
 
@@ -151,9 +152,9 @@ def cost_of(terms: tuple[Contribution, ...], points: Points, form: str) -> float
 
 
 def _form(scene: Scene) -> str:
-    if scene.engine.loop == "compiled":
+    if scene.engine.loop == TimeLoop.COMPILED:
         return "compiled"
-    return "fused" if scene.engine.net == "fused" else "connectors"
+    return "fused" if scene.engine.net == NetForm.FUSED else "connectors"
 
 
 def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:

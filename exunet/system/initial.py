@@ -31,7 +31,7 @@ def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
 
 def bodies_at_start(scene: Scene) -> tuple[tuple[RigidBody, ...], RigidStates]:
     """The rigid bodies of a scene, and their states."""
-    tables = getattr(scene, "bodies", {})  # PENDING
+    tables = scene.bodies
     bodies = tuple(RigidBody(name, keys.mass, keys.inertia) for name, keys in tables.items())
     if not bodies:
         return (), RigidStates.none()

@@ -1,4 +1,4 @@
-"""What is refused before it runs: starts beyond the cables' law; steps that are too small, or too many."""
+"""What is refused before it runs: starts outside the cable law's validity; steps too small, or too many."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import BeyondFloats, CaseError, Fault
+from exunet.base.errors import BeyondFloats, Fault
 from exunet.case.scene import Scene
 from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
-from exunet.methods.methods import SHORTEST_STEP, Plan
+from exunet.methods.keys import SHORTEST_STEP
+from exunet.methods.plan import Plan
 from exunet.net import explicit
 from exunet.net.arrays import Net
 from exunet.system.system import State, System
@@ -23,16 +24,16 @@ RESOLUTION = 1e-3  # of the shortest element, by which positions may be apart
 MOST_STEPS = 1e10  # of a run; at a microsecond each, three hours for the smallest net
 
 
-def refuse_start(scene: Scene, system: System, start: State) -> None:
-    """Raise CaseError for a start that no run could go on from.
+def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
+    """What is wrong with a start from which no run could continue.
 
-    An element must not begin longer than the law has sense, nor its nodes part so fast that it would be so
-    within the shortest step; and where the net flies, positions must still tell its shape.
+    An element must not start longer than the law is valid for, nor may its nodes separate so fast that this
+    happens within the shortest step; and where the net flies to, positions must still resolve its shape.
     """
     net, position, velocity = system.net, start.position, start.velocity
     natural = system.forces.cable.law.natural_length
     if not len(natural):
-        return
+        return []
     with np.errstate(all="ignore"):  # speeds beyond floats are refused here too
         stretch = cable.lengths(net, position) / natural
         rate = np.linalg.norm(cable.spans(net, velocity), axis=-1) / natural
@@ -42,16 +43,16 @@ def refuse_start(scene: Scene, system: System, start: State) -> None:
         given = isinstance(scene.net, explicit.Keys) and scene.initial.node_positions is not None
         reason = (
             f"{_element(net, longest)} starts {stretch[longest]:.4g} times as long as when free of stress; "
-            f"beyond {STRETCH_BOUND:g} the law of the cables has no sense. Start it shorter"
+            f"above {STRETCH_BOUND:g} it is outside the cable law's validity. Start it shorter"
         )
-        faults.append(Fault("", "initial.node_positions" if given else "initial.packing", reason))
+        faults.append(Fault("initial.node_positions" if given else "initial.packing", reason))
     if not rate[fastest] * SHORTEST_STEP <= 1.0:
         launched = scene.launch and np.isin(net.element_nodes[fastest], net.bullet_nodes).any()
         reason = (
-            f"the nodes of {_element(net, fastest)} part at {rate[fastest]:.3g} times its length a second, "
-            f"which no step of {SHORTEST_STEP:g} s or more can follow. Give smaller speeds"
+            f"the nodes of {_element(net, fastest)} separate at {rate[fastest]:.3g} times its length a "
+            f"second, which no step of {SHORTEST_STEP:g} s or more can follow. Give smaller speeds"
         )
-        faults.append(Fault("", "launch" if launched else "initial", reason))
+        faults.append(Fault("launch" if launched else "initial", reason))
     far = float(np.abs(position).max() + np.abs(velocity).max() * scene.time.end)
     apart, shortest = np.spacing(far), natural.min()
     if not faults and not apart <= RESOLUTION * shortest:
@@ -59,30 +60,29 @@ def refuse_start(scene: Scene, system: System, start: State) -> None:
             f"until time.end a node may get {far:.3g} m away, where positions are {apart:.2g} m apart; "
             f"the shortest element has {shortest:.3g} m. Start slower, or nearer to the origin"
         )
-        faults.append(Fault("", "initial", reason))
-    if faults:
-        raise CaseError(faults)
+        faults.append(Fault("initial", reason))
+    return faults
 
 
 @contextmanager
 def within_floats(net: Net) -> Iterator[None]:
-    """Raise BeyondFloats where the frequencies of the net, or what is made of them here, are no numbers."""
+    """Raise BeyondFloats where the frequencies of the net, or results of them, overflow."""
     fastest, rate = _fastest(net)
-    words = f"the frequency of {fastest} is beyond what floating-point numbers can hold"
+    words = f"the frequency of {fastest} is outside the range of floating-point numbers"
     if not np.isfinite(rate):
-        raise BeyondFloats([Fault("", "net", words)])
+        raise BeyondFloats([Fault("net", words)])
     try:
         yield
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        raise BeyondFloats([Fault("", "net", words)]) from error
+        raise BeyondFloats([Fault("net", words)]) from error
 
 
-def refuse_steps(scene: Scene, net: Net, plan: Plan) -> None:
-    """Raise CaseError for steps that are below the shortest one, or too many to come to an end."""
+def step_faults(scene: Scene, net: Net, plan: Plan) -> list[Fault]:
+    """What is wrong with steps that are below the shortest one, or too many for a run to end."""
     step = plan.longest_step if plan.step is None else plan.step
     number = scene.time.end / step if step > 0.0 else np.inf
     if step >= SHORTEST_STEP and number <= MOST_STEPS:
-        return
+        return []
     if scene.solver.step is not None:
         key, why = "solver.step", "Give a longer one, or a shorter time.end"
     else:
@@ -90,7 +90,7 @@ def refuse_steps(scene: Scene, net: Net, plan: Plan) -> None:
         why = f"Fastest is {_fastest(net)[0]}: make it longer, heavier or softer, damping weaker, "
         why += "or time.end shorter"
     words = f"steps of {step:.3g} s, {number:.3g} of them, are too small or too many (allowed: "
-    raise CaseError([Fault("", key, f"{words}{SHORTEST_STEP:g} s, {MOST_STEPS:g}). {why}")])
+    return [Fault(key, f"{words}{SHORTEST_STEP:g} s, {MOST_STEPS:g}). {why}")]
 
 
 def _fastest(net: Net) -> tuple[str, float]:

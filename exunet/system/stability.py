@@ -17,7 +17,7 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import ArpackError, eigsh
 
 from exunet.forces.cable import reference_tangent_stiffness
-from exunet.methods.methods import METHODS
+from exunet.methods.method import METHODS, Kind, Method
 from exunet.system.system import System
 
 # Measured on the three planar cases to t = 2 s, 5 starts each, as the largest error of the energy balance:
@@ -30,11 +30,6 @@ SAFETY = 0.2
 # within 0.025) and not at twice that step; ExplicitMidpoint needs a third of it, ExplicitEuler far less.
 WEAK_GROWTH = 0.01
 _ROUND_OFF = 1e-9
-
-_ORDER = {"ExplicitEuler": 1, "ExplicitMidpoint": 2, "RK33": 3, "RK44": 4, "RK67": 6}
-# Coefficient of z^7 in RK67's stability polynomial, read off one step of the engine on a linear
-# oscillator (tests/test_stability.py reads it again); the other methods have as many stages as order.
-_RK67_SEVENTH = -4.4945388576385706e-4
 
 
 def _symmetric(matrix: csr_array, mass: NDArray[np.float64]) -> csr_array:
@@ -89,27 +84,27 @@ def _free_coordinates(system: System) -> NDArray[np.int64]:
     return np.flatnonzero(np.repeat(system.free, 3))
 
 
-def stable_step(method: str, frequency: float, damping_rate: float = 0.0) -> float:
+def stable_step(method: Method, frequency: float, damping_rate: float = 0.0) -> float:
     """Largest step [s] at which `method` damps or keeps a mode of that frequency and damping rate.
 
     frequency    : angular frequency of the undamped mode [rad/s]
     damping_rate : c in x'' + c x' + w^2 x = 0 [1/s]
     Zero for a method that makes every such mode grow, infinity if nothing limits it (implicit methods too).
     """
-    if METHODS[method].kind == "implicit" or (frequency == 0.0 and damping_rate == 0.0):
+    if METHODS[method].kind == Kind.IMPLICIT or (frequency == 0.0 and damping_rate == 0.0):
         return math.inf
-    if method == "VelocityVerlet":
+    if method == Method.VELOCITY_VERLET:
         # Central differences with the damping force taken at the start of the step.
         ratio = damping_rate / (2.0 * frequency) if frequency else math.inf
         return 2.0 / frequency * (math.hypot(1.0, ratio) - ratio) if frequency else 0.0
     return _explicit_limit(method, frequency, damping_rate, _ROUND_OFF)
 
 
-def step_limit(method: str, frequency: float, damping_rate: float = 0.0) -> float:
+def step_limit(method: Method, frequency: float, damping_rate: float = 0.0) -> float:
     """Largest step [s] that is run without being forced: the stable one.
 
-    Where a method makes every undamped mode grow, or from far smaller steps on than matter (`Method.weak`),
-    it is the step at which a mode grows by WEAK_GROWTH in each.
+    Where a method makes every undamped mode grow, or from far smaller steps on than
+    matter (`MethodFacts.weak`), it is the step at which a mode grows by WEAK_GROWTH in each.
     """
     limit = stable_step(method, frequency, damping_rate)
     if not METHODS[method].weak or math.isinf(limit):
@@ -117,18 +112,15 @@ def step_limit(method: str, frequency: float, damping_rate: float = 0.0) -> floa
     return _explicit_limit(method, frequency, damping_rate, WEAK_GROWTH)
 
 
-def _explicit_limit(method: str, frequency: float, damping_rate: float, growth: float) -> float:
+def _explicit_limit(method: Method, frequency: float, damping_rate: float, growth: float) -> float:
     half = damping_rate / 2.0
     root = complex(half**2 - frequency**2) ** 0.5
     return min(_polynomial_limit(method, z, growth) for z in {-half + root, -half - root} if z != 0)
 
 
-def _polynomial_limit(method: str, eigenvalue: complex, growth: float) -> float:
+def _polynomial_limit(method: Method, eigenvalue: complex, growth: float) -> float:
     """Largest h with |R(h z)| <= 1 + growth on the ray of an eigenvalue: bisection of the first crossing."""
-    coefficients = [1.0 / math.factorial(k) for k in range(_ORDER[method] + 1)]
-    if method == "RK67":
-        coefficients.append(_RK67_SEVENTH)
-    polynomial = np.polynomial.Polynomial(coefficients)
+    polynomial = np.polynomial.Polynomial(METHODS[method].stability_polynomial)
     direction = eigenvalue / abs(eigenvalue)
 
     def grows(radius: NDArray[np.float64] | float) -> NDArray[np.bool_]:

@@ -4,40 +4,44 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.codegen.compile import numba_installed
-from exunet.methods.methods import Plan, Solver
+from exunet.methods.keys import Solver
+from exunet.methods.plan import Plan
 from exunet.simulation.planning import make_plan
-from exunet.studies.both_codes import Motion, Pair
-from exunet.verification.check import Check, Finding, Plate, left_out
+from exunet.studies.both_codes import BothCodes, Motion
+from exunet.studies.neighbours import bullet_speeds
+from exunet.verification.check import Check, Finding, Plate, difference, left_out
 from exunet.verification.figures import curves
-from exunet.verification.growth import BOOST, Growth, boosted, distance
+from exunet.verification.growth import BOOST, Growth, boosted, distances
 from exunet.verification.tolerances import CONVERGED, LEFT_OUT, TRAJECTORY
 
 Floats = NDArray[np.float64]
 
 INSTANTS = 48  # compared times, evenly spaced up to the horizon
 SHOWN_PAST = 1.2  # of the horizon
-OWN = (
-    4e-11,
-    4e-12,
-)  # tolerances of Exudyn's DOPRI5 per unit of the launch speed; below, round-off takes over
+OWN = (4e-11, 4e-12)  # tolerances of Exudyn's DOPRI5, see `best_plan`; below, round-off takes over
 THEIRS = ((1e-10, 1e-12), (1e-12, 1e-13))  # rtol, atol of the reference's DOP853
+LARGE = 0.25  # [1/s] times the size: round-off of positions lets larger nets have no smaller tolerance
 
 
-def best_plan(pair: Pair, tolerance: float) -> Plan:
-    """DOPRI5 with an absolute tolerance [m, m/s]."""
-    start = pair.start
-    scene = start.scene.model_copy(
-        update={"solver": Solver.model_validate({"method": "DOPRI5", "tolerance": tolerance})}
-    )
-    return make_plan(scene, start.net, start.terms, start.velocity)
+def with_tolerance(case: BothCodes, method: str, tolerance: float) -> Plan:
+    """An adaptive method with an absolute tolerance [m, m/s]."""
+    start, solver = case.start, Solver.model_validate({"method": method, "tolerance": tolerance})
+    scene = start.scene.model_copy(update={"solver": solver})
+    return make_plan(scene, start.net, start.terms, start.velocity)[0]
 
 
-def converged(pair: Pair, grown: Growth) -> Iterator[Finding]:
+def best_plan(case: BothCodes, tolerance: float) -> Plan:
+    """DOPRI5 with a tolerance relative to the launch speed, or to `LARGE` sizes if that is more."""
+    return with_tolerance(case, "DOPRI5", tolerance * max(case.speed, LARGE * case.size))
+
+
+def converged(case: BothCodes, grown: Growth) -> Iterator[Finding]:
     """Positions and bullet speeds up to the horizon of rung 7, while each code agrees with itself.
 
     Each code runs at two tolerances, a factor of ten or more apart. Instants at which one of them has not
@@ -50,60 +54,80 @@ def converged(pair: Pair, grown: Growth) -> Iterator[Finding]:
     beyond = np.arange(spacing, min(SHOWN_PAST * end, float(grown.time[-1])) - end + 1e-9 * end, spacing)
     times = np.concatenate([np.linspace(0.0, end, INSTANTS + 1), end + beyond])
     apart: dict[str, Floats] = {}
-    for label, start in (("as the case starts", pair), (f"moving along at {BOOST} m/s", boosted(pair))):
+    for label, start in (("as the case starts", case), (f"moving along at {BOOST} m/s", boosted(case))):
         if start is None:
             continue
-        theirs = [start.march(times, rtol=rtol, atol=atol) for rtol, atol in THEIRS]
-        forms = (start, start.looped()) if numba_installed() and start is pair else (start.fastest(),)
+        theirs = [start.run_reference(times, rtol=rtol, atol=atol) for rtol, atol in THEIRS]
+        forms = (start, start.compiled()) if numba_installed() and start is case else (start.fastest(),)
         for form in forms:
-            ours = [form.engine(times, best_plan(start, start.speed * tolerance)) for tolerance in OWN]
+            ours = [form.run_exunet(times, best_plan(start, tolerance)) for tolerance in OWN]
             own = np.array([_own(start, *ours), _own(start, *theirs)])[..., : INSTANTS + 1]
-            yield from _compared(form, own, ours[-1], theirs[-1], grown.horizon)
-            apart.setdefault(label, distance(ours[-1], theirs[-1]))
-    yield _apart(pair, times, apart, grown.horizon)
+            for check in _compared(form, own, ours[-1], theirs[-1], grown.horizon):
+                yield replace(check, subject=form.name)
+            apart.setdefault(label, distances(ours[-1], theirs[-1]).max(axis=1))
+    yield _apart(case, times, apart, grown.horizon)
 
 
-def _own(pair: Pair, a: Motion, b: Motion) -> Floats:
+def _own(case: BothCodes, a: Motion, b: Motion) -> Floats:
     """(2, t) largest differences of a position and of a bullet's speed, of size and launch speed."""
-    speeds = np.abs(pair.bullet_speeds(a) - pair.bullet_speeds(b)).max(axis=1)
-    return np.array([distance(a, b) / pair.size, speeds / pair.speed])
+    net = case.start.net
+    speeds = np.abs(bullet_speeds(net, a.velocity) - bullet_speeds(net, b.velocity)).max(axis=1)
+    return np.array([distances(a, b).max(axis=1) / case.size, speeds / case.speed])
 
 
-def _compared(form: Pair, own: Floats, ours: Motion, theirs: Motion, horizon: float) -> Iterator[Check]:
+def _compared(form: BothCodes, own: Floats, ours: Motion, theirs: Motion, horizon: float) -> Iterator[Check]:
     """own : (2, 2, t) for each code the differences between its own tolerances, as `_own`.
 
-    An error of its own that is no number, or that is there at the start, where nothing has been calculated,
-    fails.
+    An error of its own that is NaN or infinite, or that is there at the start, where nothing has been
+    calculated, fails.
     """
     times, end = ours.time, float(ours.time[own.shape[-1] - 1])
-    for name, compare, errors in zip(
-        ("positions", "bullet speeds"), (_positions, _speeds), own.max(axis=0), strict=True
-    ):
-        beyond = np.flatnonzero(~(errors <= CONVERGED.value))
-        kept = int(beyond[0]) if len(beyond) else len(errors)
+    for name, errors in zip(("positions", "bullet speeds"), own.max(axis=0), strict=True):
+        unconverged = np.flatnonzero(~(errors <= CONVERGED.value))
+        kept = int(unconverged[0]) if len(unconverged) else len(errors)
         if kept == 0 or not np.isfinite(errors).all():
-            at = int(np.argmax(~np.isfinite(errors)))  # 0 if all are numbers
+            at = int(np.argmax(~np.isfinite(errors)))  # 0 if all are finite
             words = f"t = {times[at]:.4g} s"
-            yield Check(5, form.name, f"{name}: a code's own error", float(errors[at]), CONVERGED, words)
+            yield Check(f"{name}: a code's own error", float(errors[at]), CONVERGED, words)
             if kept == 0:
                 continue
         if kept < len(errors):
             what = f"of the time to {'the horizon' if math.isfinite(horizon) else 'the end'}, t = {end:.4g} s"
             words = f"a code's own error at t = {times[kept]:.4g} s: {errors[kept]:.2g}"
             share = 1.0 - float(times[kept - 1]) / end
-            excused = False
-            if compare is _positions and share > LEFT_OUT.value and not math.isfinite(horizon):
+            demanded = name == "positions" and share > LEFT_OUT.value
+            if demanded and not math.isfinite(horizon):
                 excused, more = _within_own(form, own[:, 0], ours, theirs, kept)
-                words += more
-            if compare is _positions and share > LEFT_OUT.value and not excused:
-                yield Check(5, form.name, f"{name}: part left out {what}", share, LEFT_OUT, words)
+                demanded, words = not excused, words + more
+            if demanded:
+                yield Check(f"{name}: part left out {what}", share, LEFT_OUT, words)
             else:
-                yield left_out(5, form.name, f"{name}: {share:.0%} {what}", words)
-        until = f"{kept - 1} instants to t = {times[kept - 1]:.4g} s"
-        yield compare(form, until, ours, theirs, kept)
+                yield left_out(f"{name}: {share:.0%} {what}", words)
+        until = f"{name}, {kept - 1} instants to t = {times[kept - 1]:.4g} s"
+        yield (
+            _positions(form, until, ours, theirs, kept)
+            if name == "positions"
+            else difference(
+                until,
+                bullet_speeds(form.start.net, ours.velocity)[:kept],
+                bullet_speeds(form.start.net, theirs.velocity)[:kept],
+                TRAJECTORY,
+                ("instant", "bullet"),
+                "m/s",
+                scale=form.speed,
+            )
+        )
 
 
-def _within_own(form: Pair, own: Floats, ours: Motion, theirs: Motion, kept: int) -> tuple[bool, str]:
+def _positions(form: BothCodes, name: str, a: Motion, b: Motion, kept: int) -> Check:
+    gap = distances(a, b)[:kept]
+    at, node = (int(k) for k in np.unravel_index(int(np.argmax(gap)), gap.shape))
+    places = (", ".join(f"{c:.12g}" for c in motion.position[at, node]) for motion in (a, b))
+    worst = f"t = {a.time[at]:.4g} s, node {node}: " + " and ".join(f"({place}) m" for place in places)
+    return Check(name, float(gap[at, node]) / form.size, TRAJECTORY, worst)
+
+
+def _within_own(form: BothCodes, own: Floats, ours: Motion, theirs: Motion, kept: int) -> tuple[bool, str]:
     """Whether the codes differ by no more than their own errors together, from instant `kept` on; in words.
 
     own : (2, t) of positions; an error that was there remains, even where two tolerances happen to meet
@@ -112,7 +136,7 @@ def _within_own(form: Pair, own: Floats, ours: Motion, theirs: Motion, kept: int
     difference of two right codes (triangle inequality), not that of a wrong one from a right one.
     """
     allowed = np.maximum.accumulate(own, axis=1).sum(axis=0)[kept:]
-    gap = distance(ours, theirs)[kept : own.shape[1]] / form.size
+    gap = distances(ours, theirs).max(axis=1)[kept : own.shape[1]] / form.size
     outside = np.flatnonzero(~(gap <= allowed))
     at = int(outside[0]) if len(outside) else int(np.argmax(gap))
     more = "more" if len(outside) else "no more"
@@ -122,38 +146,13 @@ def _within_own(form: Pair, own: Floats, ours: Motion, theirs: Motion, kept: int
     )
 
 
-def _apart(pair: Pair, times: Floats, apart: dict[str, Floats], horizon: float) -> Plate:
-    figure = curves(
-        f"{pair.name}: the two codes, each with its best method",
-        "largest difference of a position [m]",
-        times,
-        apart,
-        {f"horizon, t = {horizon:.3g} s": horizon},
-    )
-    return Plate(
-        5,
-        f"trajectories_{pair.name}",
-        figure,
-        f"{pair.name}: distance between the codes. A symmetric start may keep them together for longer than "
+def _apart(case: BothCodes, times: Floats, apart: dict[str, Floats], horizon: float) -> Plate:
+    title = f"{case.name}: the two codes, each with its best method"
+    marks = {f"horizon, t = {horizon:.3g} s": horizon}
+    figure = curves(title, "largest difference of a position [m]", times, apart, marks)
+    caption = (
+        f"{case.name}: distance between the codes. A symmetric start may keep them together for longer than "
         "the horizon allows, since the errors of integrators are symmetric too; in a moving frame the motion "
-        "is the same (but for forces that depend on the speed), its round-off and the steps are not.",
+        "is the same (but for forces that depend on the speed), its round-off and the steps are not."
     )
-
-
-def _positions(pair: Pair, until: str, a: Motion, b: Motion, kept: int) -> Check:
-    gap = np.linalg.norm(a.position[:kept] - b.position[:kept], axis=-1)
-    at, node = (int(k) for k in np.unravel_index(int(np.argmax(gap)), gap.shape))
-    places = (", ".join(f"{c:.12g}" for c in motion.position[at, node]) for motion in (a, b))
-    worst = f"t = {a.time[at]:.4g} s, node {node}: " + " and ".join(f"({place}) m" for place in places)
-    return Check(5, pair.name, f"positions, {until}", float(gap[at, node]) / pair.size, TRAJECTORY, worst)
-
-
-def _speeds(pair: Pair, until: str, a: Motion, b: Motion, kept: int) -> Check:
-    ours, theirs = pair.bullet_speeds(a)[:kept], pair.bullet_speeds(b)[:kept]
-    gap = np.abs(ours - theirs)
-    at, bullet = (int(k) for k in np.unravel_index(int(np.argmax(gap)), gap.shape))
-    values = f"{ours[at, bullet]:.12g} and {theirs[at, bullet]:.12g} m/s"
-    worst = f"t = {a.time[at]:.4g} s, bullet {bullet}: {values}"
-    return Check(
-        5, pair.name, f"bullet speeds, {until}", float(gap[at, bullet]) / pair.speed, TRAJECTORY, worst
-    )
+    return Plate(f"trajectories_{case.name}", figure, caption)

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -30,70 +29,22 @@ def curves(
     marks: Mapping[str, float] | None = None,
     floor: float = 1e-17,
 ) -> Figure:
-    """Lines (t,) over time [s] on a logarithmic scale; marks are named instants [s]."""
-    figure = values(title, y_label, time, {k: _positive(v, floor) for k, v in lines.items()}, marks)
-    figure.axes[0].set_yscale("log")
-    return figure
-
-
-def values(
-    title: str,
-    y_label: str,
-    time: Floats,
-    lines: Mapping[str, Floats],
-    marks: Mapping[str, float] | None = None,
-) -> Figure:
-    """Lines (t,) over time [s]; marks are named instants [s]."""
+    """Lines (t,) over time [s] on a logarithmic scale, zeros at its `floor`; marks are named instants [s]."""
     figure = blank(6.4, 3.8)
     axes = figure.add_axes((0.12, 0.13, 0.84, 0.77))
     figure.suptitle(title, fontsize=10)
     for (label, line), style in zip(lines.items(), STYLES, strict=False):
-        axes.plot(time, line, label=label, **style)
+        axes.plot(time, np.maximum(line, floor), label=label, **style)
     for (label, instant), dashes in zip((marks or {}).items(), ("-", "--", ":"), strict=False):
         if np.isfinite(instant) and instant <= time[-1]:
             axes.axvline(instant, color="0.45", linewidth=1.0, linestyle=dashes, label=label)
-    _finish(axes, time, y_label)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(y_label)
+    axes.grid(color="0.92", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.set_xlim(float(time[0]), float(time[-1]))
+    axes.set_yscale("log")
     axes.legend(loc="best")
-    return figure
-
-
-def families(
-    title: str,
-    y_label: str,
-    panels: Mapping[str, tuple[Floats, Mapping[str, Floats]]],
-    marks: Mapping[str, float],
-    columns: int = 2,
-) -> Figure:
-    """Panels of many curves each, from light to dark: name -> (time, label -> values); marks as in `values`.
-
-    Zeros are not drawn; a panel says how many of its curves are nothing else.
-    """
-    rows = -(-len(panels) // columns)
-    figure = blank(3.9 * columns, 2.7 * rows + 0.9)
-    figure.suptitle(title, fontsize=10)
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    handles: Sequence[Any] = ()
-    names: Sequence[str] = ()
-    for axes, (name, (time, lines)) in zip(grid.flat, panels.items(), strict=False):
-        for (label, values), style in zip(lines.items(), _shades(len(lines)), strict=True):
-            axes.plot(time, np.where(values > 0.0, values, np.nan), label=label, **style)
-        if equal := sum(not values.any() for values in lines.values()):
-            note = f"{equal} of {len(lines)} runs: zero to the last bit"
-            axes.text(0.03, 0.93, note, transform=axes.transAxes, fontsize=8, va="top")
-        for label, instant in marks.items():
-            axes.axvline(instant, color="0.45", linewidth=1.0, linestyle="--", label=label)
-        axes.set_title(name, fontsize=9)
-        _finish(axes, time, "")
-        axes.set_yscale("log")
-        handles, names = axes.get_legend_handles_labels()
-    for axes in grid[:-1].flat:
-        axes.set_xlabel("")
-    figure.supylabel(y_label, fontsize=9)
-    height = figure.get_figheight()
-    figure.legend(handles, names, loc="lower center", ncols=6, frameon=False)
-    figure.subplots_adjust(
-        left=0.11, right=0.98, top=1 - 0.62 / height, bottom=0.95 / height, wspace=0.12, hspace=0.22
-    )
     return figure
 
 
@@ -161,16 +112,3 @@ def _shades(count: int) -> list[dict[str, Any]]:
     colours = colormaps["cividis_r"](np.linspace(0.0, 1.0, max(count, 2)))
     widths = np.linspace(2.2, 0.9, max(count, 2))
     return [{"color": colours[k], "linewidth": widths[k]} for k in range(count)]
-
-
-def _positive(values: Floats, floor: float) -> Floats:
-    """Zeros, which a logarithmic scale cannot show, at its lower edge."""
-    return np.maximum(values, floor)
-
-
-def _finish(axes: Axes, time: Floats, y_label: str) -> None:
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(y_label)
-    axes.grid(color="0.92", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.set_xlim(float(time[0]), float(time[-1]))

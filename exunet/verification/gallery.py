@@ -14,31 +14,12 @@ import numpy as np
 
 from exunet.case.stored_times import stored_times
 from exunet.results.result import Result
-from exunet.simulation.preparation import prepare
 from exunet.system.stability import largest_frequency, stable_step
-from exunet.verification.tolerances import (
-    HARD_ADAPTIVE,
-    HARD_ANGULAR,
-    HARD_ANGULAR_FIXED,
-    HARD_DAMPING_SETS,
-    HARD_DRIFT,
-    HARD_EXACT_TIMES,
-    HARD_FIXED,
-    HARD_GROWTH,
-    HARD_LONG,
-    HARD_MOMENTUM,
-    HARD_NEAR_LIMIT,
-    HARD_NO_STATE_LOST,
-    HARD_REVOLUTIONS,
-    HARD_SMOOTH,
-    HARD_STOPPED,
-    HARD_TAUT,
-    HARD_TREND,
-    Tolerance,
-)
+from exunet.verification import tolerances as tol
+from exunet.verification.check import Check
+from exunet.verification.tolerances import Tolerance
 
-Finding = tuple[str, float, Tolerance | None]
-More = Callable[[Any, Any], Iterator[Finding]]
+Findings = Callable[[Any, Any], Iterator[Check]]
 
 ITEMS = {
     1: "Coincident nodes",
@@ -64,31 +45,31 @@ class Hard:
     momentum, angular : bounds of the change of linear and angular momentum; None: something external acts
     short     : end [s] in the forms of the engine in which the whole run takes more than some minutes
     reference : how the reference runs it; a text says why it is out of its reach
-    of_both   : further findings, from a result or the reference's states as one, and the start (or None)
-    more      : further findings, from a result and the start
+    of_both   : further checks, from a result or the reference's states as one, and the start (or None)
+    more      : further checks, from a result and the start
     """
 
     item: int
     case: str
-    energy: Tolerance = HARD_ADAPTIVE
-    momentum: Tolerance | None = HARD_MOMENTUM
-    angular: Tolerance | None = HARD_ANGULAR
+    energy: Tolerance = tol.HARD_ADAPTIVE
+    momentum: Tolerance | None = tol.HARD_MOMENTUM
+    angular: Tolerance | None = tol.HARD_ANGULAR
     short: dict[str, float] = field(default_factory=dict)
     reference: dict[str, Any] | str = field(default_factory=dict)
-    of_both: More | None = None
-    more: More | None = None
+    of_both: Findings | None = None
+    more: Findings | None = None
 
 
-def _drift(result: Any, _start: Any) -> Iterator[Finding]:
+def _drift(result: Any, _start: Any) -> Iterator[Check]:
     energy = _relative_energy(result)
-    yield "energy drift per second", abs(float(np.polyfit(result.time, energy, 1)[0])), HARD_DRIFT
+    yield Check("energy drift per second", abs(float(np.polyfit(result.time, energy, 1)[0])), tol.HARD_DRIFT)
 
 
-def _trend(result: Any, _start: Any) -> Iterator[Finding]:
+def _trend(result: Any, _start: Any) -> Iterator[Check]:
     energy = _relative_energy(result)
     seconds = np.diff(np.interp(np.arange(0.0, result.time[-1] + 0.5), result.time, energy))
     error = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
-    yield "trend of the energy", abs(float(seconds.mean())) / error, HARD_TREND
+    yield Check("trend of the energy", abs(float(seconds.mean())) / error, tol.HARD_TREND)
 
 
 def _relative_energy(result: Any) -> Any:
@@ -96,38 +77,38 @@ def _relative_energy(result: Any) -> Any:
     return energy / energy[0]
 
 
-def _turns(result: Any, _start: Any) -> Iterator[Finding]:
+def _turns(result: Any, _start: Any) -> Iterator[Check]:
     node = int(np.argmax(np.linalg.norm(result.net.reference_position, axis=1)))
     angle = np.unwrap(np.arctan2(result.position[:, node, 1], result.position[:, node, 0]))
     turns = float(angle[-1] - angle[0]) / (2.0 * math.pi)
-    yield "100 revolutions, turned", abs(turns - 100.0), HARD_REVOLUTIONS
-    yield "slack elements", float((result.strain <= 0.0).sum()), HARD_TAUT
+    yield Check("100 revolutions, turned", abs(turns - 100.0), tol.HARD_REVOLUTIONS)
+    yield Check("slack elements", float((result.strain <= 0.0).sum()), tol.HARD_TAUT)
 
 
-def _growth(result: Result, _start: Any) -> Iterator[Finding]:
+def _growth(result: Result, _start: Any) -> Iterator[Check]:
     energy = result.kinetic + result.elastic
     swing = float((energy - result.elastic[0]).max())
-    yield "growth in 1e6 steps", swing / float(result.kinetic[0]), HARD_GROWTH
+    yield Check("growth in 1e6 steps", swing / float(result.kinetic[0]), tol.HARD_GROWTH)
 
 
-def _damping_sets(result: Result, start: Any) -> Iterator[Finding]:
+def _damping_sets(result: Result, start: Any) -> Iterator[Check]:
     alone = stable_step(start.plan.method, largest_frequency(start.net, start.terms))
-    yield "step that damping allows", float(start.plan.step / alone), HARD_DAMPING_SETS
+    yield Check("step that damping allows", float(start.plan.step / alone), tol.HARD_DAMPING_SETS)
 
 
-def _stands(result: Result, _start: Any) -> Iterator[Finding]:
+def _stands(result: Result, _start: Any) -> Iterator[Check]:
     speed = np.linalg.norm(result.velocity, axis=-1).max(axis=1)
-    yield "speed left", float(speed[-1] / speed[0]), HARD_STOPPED
+    yield Check("speed left", float(speed[-1] / speed[0]), tol.HARD_STOPPED)
 
 
-def _every_step(result: Result, _start: Any) -> Iterator[Finding]:
+def _every_step(result: Result, _start: Any) -> Iterator[Check]:
     steps = result.provenance["steps"]
-    yield "states missing", float(abs(steps + 1 - len(result.time))), HARD_NO_STATE_LOST
+    yield Check("states missing", float(abs(steps + 1 - len(result.time))), tol.HARD_NO_STATE_LOST)
 
 
-def _times(result: Result, start: Any) -> Iterator[Finding]:
+def _times(result: Result, start: Any) -> Iterator[Check]:
     asked = stored_times(start.scene.time)
-    yield "stored times", float(np.abs(result.time - asked).max()), HARD_EXACT_TIMES
+    yield Check("stored times", float(np.abs(result.time - asked).max()), tol.HARD_EXACT_TIMES)
 
 
 COARSE = {"method": "EM", "step": 0.01}
@@ -143,15 +124,15 @@ GALLERY = (
     Hard(3, "stiff_strings"),
     Hard(3, "soft_threads"),
     Hard(
-        4, "long_undamped", HARD_LONG, angular=HARD_ANGULAR_FIXED, short={"connectors": 6.0},
+        4, "long_undamped", tol.HARD_LONG, angular=tol.HARD_ANGULAR_FIXED, short={"connectors": 6.0},
         reference=COARSE, of_both=_drift, more=_trend,
     ),
-    Hard(4, "spinning", HARD_SMOOTH, angular=HARD_ANGULAR_FIXED, reference=COARSE, of_both=_turns),
+    Hard(4, "spinning", tol.HARD_SMOOTH, angular=tol.HARD_ANGULAR_FIXED, reference=COARSE, of_both=_turns),
     Hard(
-        6, "near_limit", HARD_NEAR_LIMIT, momentum=None, angular=None, more=_growth,
+        6, "near_limit", tol.HARD_NEAR_LIMIT, momentum=None, angular=None, more=_growth,
         reference="10^6 steps of NumPy take a quarter of an hour",
     ),
-    Hard(7, "strong_damping", HARD_FIXED, angular=None, reference=COARSE, more=_damping_sets),
+    Hard(7, "strong_damping", tol.HARD_FIXED, angular=None, reference=COARSE, more=_damping_sets),
     Hard(7, "stopped_by_alpha", momentum=None, angular=None, more=_stands),
     Hard(8, "mesh_1x1"),
     Hard(8, "mesh_1x20"),
@@ -162,12 +143,6 @@ GALLERY = (
     Hard(9, "launch_250"),
     Hard(9, "taut_string"),
     Hard(9, "tether"),
-    Hard(10, "every_step", HARD_FIXED, angular=HARD_ANGULAR_FIXED, more=_every_step),
-    Hard(10, "odd_times", HARD_FIXED, angular=HARD_ANGULAR_FIXED, more=_times),
+    Hard(10, "every_step", tol.HARD_FIXED, angular=tol.HARD_ANGULAR_FIXED, more=_every_step),
+    Hard(10, "odd_times", tol.HARD_FIXED, angular=tol.HARD_ANGULAR_FIXED, more=_times),
 )  # fmt: skip
-
-
-def above_limit(scene: Any) -> float:
-    """1.02 of the stable step [s] of a scene's method."""
-    start = prepare(scene)
-    return 1.02 * stable_step(start.plan.method, largest_frequency(start.net, start.terms))

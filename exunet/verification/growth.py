@@ -1,7 +1,8 @@
 """How fast two neighbouring motions of one case part: the sensitivity that bounds every prediction.
 
 Both motions are computed with the same fixed steps of RK44, so that their difference is that of the start,
-carried along, and not that of two sequences of steps.
+carried along, and not that of two sequences of steps. Lengths are parts of the net's size, so that the same
+motion at another scale is judged alike. They are written as lengths [m] in the paper's net.
 """
 
 from __future__ import annotations
@@ -12,32 +13,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.methods.methods import Plan
-from exunet.studies.both_codes import Motion, Pair
+from exunet.methods.method import Method
+from exunet.methods.plan import Plan
+from exunet.studies.both_codes import BothCodes, Motion
+from exunet.studies.neighbours import MOVE, PAPER_SIZE, SEED, perturbed
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 
 Floats = NDArray[np.float64]
 
-ROUND_OFF, VISIBLE = 1e-16, 1e-3  # [m]: the horizon is where the one has become the other
-AMPLITUDES = (ROUND_OFF, 1e-12, 1e-10, 1e-6)  # [m], of the perturbation of each coordinate of the start
-LONE = 1e-12  # [m]: the amplitude whose growth is compared with that of others
-SEED = 20210616
+ROUND_OFF = 1e-16 / PAPER_SIZE
+VISIBLE = 1e-3 / PAPER_SIZE  # the horizon is where `ROUND_OFF` has become this
+FURTHER = 1e-10 / PAPER_SIZE
+AMPLITUDE = 1e-6 / PAPER_SIZE  # of the starts of ensembles
+AMPLITUDES = (ROUND_OFF, MOVE, FURTHER, AMPLITUDE)  # of the perturbation of each coordinate
 SEEDS = (SEED, SEED + 1, SEED + 2)  # the start's last bits are moved once with each
 STATES = 400  # stored states of a run; they also cut it into stretches
 STEP_PART = 0.25  # of the stable step: RK44 then keeps the energy of a snapping net to 1 %
 MOST_WORK = 20_000_000  # elements x steps of one run
 BOOST = (1.0, 0.3, 0.7)  # [m/s], added to all nodes; along no axis of symmetry
-LINEAR = 1e-3  # [m]: differences above this part no longer in proportion to their start
+LINEAR = 1e-3 / PAPER_SIZE  # differences above this part no longer in proportion to their start
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Differences between a motion and its perturbed neighbours.
+    """Differences between a motion and its perturbed neighbours; lengths are parts of the net's size.
 
     time       : (t,) [s]
-    amplitudes : (k,) [m]
-    difference : (k, t) largest distance between the two positions of a node [m]; for `ROUND_OFF` the largest
-                 over `SEEDS`
+    amplitudes : (k,)
+    difference : (k, t) largest distance between the two positions of a node; for `ROUND_OFF` the largest over
+                 `SEEDS`
     nodes      : (k, t) the node that is so far apart
     rates      : (k,) exponential rate fitted where the difference grows from 10 to 1e7 times its amplitude,
                  but not above `LINEAR` [1/s]; NaN where it never gets so far, or is of the size of round-off
@@ -59,71 +63,68 @@ class Growth:
     def horizon(self) -> float:
         """Time [s] at which starts `ROUND_OFF` apart are `VISIBLE` apart; infinite if not in this run.
 
-        Measured, like all of `reaches`: between snaps differences hardly grow, so no mean rate tells it. The
-        round-off of the steps is in it too; it is what a calculation in double precision can foretell.
+        Measured, like all of `reaches`: between snaps differences hardly grow, so no mean rate gives it. The
+        round-off of the steps is in it too; it is what a calculation in double precision can predict.
         """
         return self.reaches(ROUND_OFF)
 
     def reaches(self, amplitude: float, level: float = VISIBLE) -> float:
-        """Time [s] at which starts moved by `amplitude` are `level` [m] apart; infinite if not here."""
+        """Time [s] at which starts moved by `amplitude` are `level` apart; infinite if not here."""
         at = np.flatnonzero(self.of(amplitude) >= level)
         return float(self.time[at[0]]) if len(at) else math.inf
 
     def of(self, amplitude: float) -> Floats:
-        """(t,) difference [m] from a start moved by one of the `amplitudes`."""
+        """(t,) difference from a start moved by one of the `amplitudes`."""
         return self.difference[int(np.flatnonzero(self.amplitudes == amplitude)[0])]
 
 
-def fixed_plan(pair: Pair, spacing: float, part: float = STEP_PART) -> Plan:
+def fixed_plan(case: BothCodes, spacing: float, part: float = STEP_PART) -> Plan:
     """RK44 with a whole number of equal steps in `spacing` [s], within a part of the stable step."""
-    net, terms = pair.start.net, pair.start.terms
-    limit = part * stable_step("RK44", largest_frequency(net, terms), largest_damping_rate(net, terms))
-    return Plan("RK44", step=spacing / max(1, math.ceil(spacing / limit)))
+    net, terms = case.start.net, case.start.terms
+    limit = part * stable_step(Method.RK44, largest_frequency(net, terms), largest_damping_rate(net, terms))
+    return Plan(Method.RK44, step=spacing / max(1, math.ceil(spacing / limit)))
 
 
-def grid(pair: Pair, end: float | None = None) -> tuple[Floats, Plan]:
+def grid(case: BothCodes, end: float | None = None) -> tuple[Floats, Plan]:
     """Stored times and fixed steps for a run of the case; a costly one is cut short."""
-    end = min(end or math.inf, pair.start.scene.time.end)
-    step = fixed_plan(pair, end / STATES).step or end
-    end = min(end, step * MOST_WORK / pair.start.net.n_elements)
-    return np.linspace(0.0, end, STATES + 1), fixed_plan(pair, end / STATES)
+    end = min(end or math.inf, case.start.scene.time.end)
+    step = fixed_plan(case, end / STATES).step or end
+    end = min(end, step * MOST_WORK / case.start.net.n_elements)
+    return np.linspace(0.0, end, STATES + 1), fixed_plan(case, end / STATES)
 
 
-def perturbed(pair: Pair, amplitude: float, seed: int = SEED) -> Pair:
-    """The case with each coordinate of the start moved by up to `amplitude` [m], at least by its last bit."""
-    random, place = np.random.default_rng(seed), pair.start.position
-    shift = random.uniform(-amplitude, amplitude, size=place.shape)
-    last_bit = np.spacing(np.abs(place))
-    shift = np.where(last_bit > amplitude, np.copysign(last_bit, shift), shift)
-    return pair.from_state(place + shift, pair.start.velocity)
+def moved(case: BothCodes, part: float, seed: int = SEED) -> BothCodes:
+    """The case with each coordinate of the start moved by up to a part of its size; see `perturbed`."""
+    start = case.start
+    return case.from_state(perturbed(start.net, start.position, part * case.size, seed), start.velocity)
 
 
-def boosted(pair: Pair) -> Pair | None:
+def boosted(case: BothCodes) -> BothCodes | None:
     """The case in a frame that moves at -`BOOST`: the same motion with other round-off, not symmetric.
 
     None with fixed nodes, which cannot move along.
     """
-    if len(pair.start.net.fixed_nodes):
+    if len(case.start.net.fixed_nodes):
         return None
-    moved = pair.from_state(pair.start.position, pair.start.velocity + np.array(BOOST))
-    return replace(moved, name=f"{pair.name}, boosted")
+    flying = case.from_state(case.start.position, case.start.velocity + np.array(BOOST))
+    return replace(flying, name=f"{case.name}, boosted")
 
 
-def distance(a: Motion, b: Motion) -> Floats:
-    """(t,) largest distance between the places of a node in two motions [m]."""
-    return np.linalg.norm(a.position - b.position, axis=-1).max(axis=1)
+def distances(a: Motion, b: Motion) -> Floats:
+    """(t, n) distances between the places of each node in two motions [m]."""
+    return np.asarray(np.linalg.norm(a.position - b.position, axis=-1))
 
 
-def growth(pair: Pair, end: float | None = None, amplitudes: tuple[float, ...] = AMPLITUDES) -> Growth:
+def growth(case: BothCodes, end: float | None = None, amplitudes: tuple[float, ...] = AMPLITUDES) -> Growth:
     """Perturbs the start of a case and follows the differences, up to `end` [s] at most."""
-    times, plan = grid(pair, end)
-    fast = pair.fastest()
-    base = fast.engine(times, plan)
-    apart = np.zeros((len(amplitudes), len(times), pair.start.net.n_nodes))
+    times, plan = grid(case, end)
+    fast = case.fastest()
+    base = fast.run_exunet(times, plan)
+    apart = np.zeros((len(amplitudes), len(times), case.start.net.n_nodes))
     for row, amplitude in zip(apart, amplitudes, strict=True):
         for seed in SEEDS if amplitude == ROUND_OFF else SEEDS[:1]:
-            moved = perturbed(fast, amplitude, seed).engine(times, plan)
-            np.maximum(row, np.linalg.norm(base.position - moved.position, axis=-1), out=row)
+            nearby = moved(fast, amplitude, seed).run_exunet(times, plan)
+            np.maximum(row, distances(base, nearby) / case.size, out=row)
     difference = apart.max(axis=2)
     rates = [_rate(times, row, a) for row, a in zip(difference, amplitudes, strict=True)]
     return Growth(times, np.array(amplitudes), difference, apart.argmax(axis=2), np.array(rates))

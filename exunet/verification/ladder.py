@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import reference_impl as reference
 from exunet.backends.exudyn.stepper import EngineFailed
 from exunet.base.errors import ExunetError, InputError, Interrupted
-from exunet.studies.both_codes import Pair, read_pair
+from exunet.codegen.compile import numba_installed
+from exunet.studies.both_codes import BothCodes, read_both
+from exunet.studies.neighbours import MOVE
+from exunet.verification import (
+    converged,
+    forces,
+    growth,
+    horizon,
+    matrices,
+    measures,
+    stepping,
+    symmetry,
+    topology,
+)
+from exunet.verification.answers import ANSWERS
 from exunet.verification.check import Check, Finding, left_out
-from exunet.verification.growth import Growth
+from exunet.verification.shipped import shipped
 from exunet.verification.tolerances import RAN
 
 RUNGS = {
@@ -25,6 +40,11 @@ RUNGS = {
     7: "Horizon",
 }
 MOST_ELEMENTS = 2000  # larger nets are compared at given states and over one step, not over whole runs
+# The paper's case, with its damping, without, and packed as the paper says elsewhere.
+PAPER = ("planar_deployment", "planar_undamped", "planar_deployment_006")
+LONG_ANSWERS = {"snap_from_slack"}
+QUICK_PART = 0.5  # of the run that --quick follows
+WHOLE_RUNS = "rungs 4, 5 and 7"
 
 
 @dataclass(frozen=True)
@@ -32,81 +52,55 @@ class Step:
     """A part of the ladder; `run` yields what it finds, and fails where a code stops."""
 
     rung: int
-    title: str
-    work: Callable[[], Iterator[Finding]]
+    subject: str
+    work: Callable[[], Iterable[Finding]]
 
     def run(self) -> Iterator[Finding]:
-        """The findings of the step; a run that stops becomes a failed check."""
+        """The findings of the step, under its rung and subject; a run that stops becomes a failed check."""
         try:
-            yield from self.work()
+            for finding in self.work():
+                yield self._signed(finding)
         except Interrupted:
             raise KeyboardInterrupt from None
         except (ExunetError, EngineFailed, reference.Diverged) as stop:
-            yield Check(self.rung, self.title, "ran to its end", math.inf, RAN, str(stop).split("\n")[0])
+            yield self._signed(Check("ran to its end", math.inf, RAN, str(stop).split("\n")[0]))
+
+    def _signed(self, finding: Finding) -> Finding:
+        rung = finding.rung or self.rung
+        if isinstance(finding, Check):
+            return replace(finding, rung=rung, subject=finding.subject or self.subject)
+        return replace(finding, rung=rung)
 
 
-def shipped(folder: str = "") -> list[Path]:
-    """Case files that come with exunet: cases/ or a folder in it, of the working directory or the sources.
-
-    Raises InputError if there are none.
-    """
-    for place in _places(folder):
-        if found := sorted(place.glob("*.toml")):
-            return found
-    raise InputError(_MISSING.format(Path("cases") / folder))
-
-
-def _places(folder: str) -> tuple[Path, Path]:
-    return Path("cases") / folder, Path(__file__).resolve().parents[2] / "cases" / folder
-
-
-_MISSING = (
-    "{}: no such folder with the cases that come with exunet, neither here nor beside the program; "
-    "verify from a copy of the sources"
-)
-
-
-def answers() -> dict[str, Path]:
-    """The cases of the known answers by name; raises InputError if they are not all there."""
-    from exunet.verification.answers import ANSWERS
-
-    names = {name for name, _ in ANSWERS}
-    for place in _places("verification"):
-        paths = {name: place / f"{name}.toml" for name in names}
-        if all(path.is_file() for path in paths.values()):
-            return paths
-    raise InputError(_MISSING.format("cases/verification"))
-
-
-def read_cases(paths: Sequence[Path]) -> list[Pair]:
-    """The cases in both codes.
+def read_cases(paths: Sequence[Path]) -> list[BothCodes]:
+    """The cases in both codes; the shipped ones if none is named.
 
     Raises InputError for the first that the reference does not know, and for two of one name: rows and
     figures go by it.
     """
-    paths = paths or (*shipped(), *shipped("verification/trajectories"))
+    paths = paths or (*shipped().values(), *shipped("verification/trajectories").values())
     named: dict[str, Path] = {}
     for path in paths:
         if (first := named.setdefault(path.stem, path)) is not path:
             raise InputError(f"two cases are called {path.stem}, {first} and {path}: rename one")
-    return [read_pair(path) for path in paths]
+    return [read_both(path) for path in paths]
 
 
 class Ladder:
     """The rungs over some cases.
 
     quick : one case only for what takes whole runs, fewer random nets; rungs 1 to 3 are the same
-    study : also look into the separation of the paper's bullet curves
+    paper : also check that round-off alone separates the bullets of the paper's nets
     Raises InputError without the cases of the known answers.
     """
 
-    def __init__(self, pairs: Sequence[Pair], *, quick: bool, study: bool) -> None:
-        self._pairs = pairs
+    def __init__(self, cases: Sequence[BothCodes], *, quick: bool, paper: bool) -> None:
+        self._cases = cases
         self._quick = quick
-        self._study = study
+        self._paper = paper
         self._different: set[str] = set()
-        self._grown: dict[str, Growth] = {}
-        self._known = answers()
+        self._grown: dict[str, growth.Growth] = {}
+        self._known = shipped("verification")
 
     def steps(self) -> Iterator[Step]:
         """The steps in order; which come later may depend on what earlier ones found."""
@@ -116,112 +110,97 @@ class Ladder:
         yield from self._horizons()
 
     def _states(self) -> Iterator[Step]:
-        from exunet.verification import forces, matrices, measures, stepping, topology
-
-        for pair in self._pairs:
-            yield Step(1, pair.name, lambda pair=pair: self._topology(pair))  # type: ignore[misc]
+        for case in self._cases:
+            yield Step(1, case.name, partial(self._topology, case))
         count = 30 if self._quick else 300
-        yield Step(1, "random nets", lambda: topology.random_topologies(count))
-        for rung, what in (
-            (2, forces.forces),
-            (2, measures.measures),
-            (3, matrices.matrices),
-            (4, stepping.one_step),
-        ):
-            # What is measured at a state is the same in all forms.
-            for pair in self._same_nets() if what is measures.measures else self._forms(rung):
-                yield Step(rung, pair.name, lambda pair=pair, what=what: what(pair))  # type: ignore[misc]
+        yield Step(1, f"{count} random nets", partial(topology.random_topologies, count))
+        for case in self._forms():
+            yield Step(2, case.name, partial(forces.forces, case))
+        for case in self._same_nets():  # what is measured at a state is the same in all forms
+            yield Step(2, case.name, partial(measures.measures, case))
+        for case in self._forms():
+            yield Step(3, case.name, partial(matrices.matrices, case))
+        for case in self._forms(in_time=True):
+            yield Step(4, case.name, partial(stepping.one_step, case))
 
-    def _topology(self, pair: Pair) -> Iterator[Check]:
-        from exunet.verification.topology import topology
-
-        for check in topology(pair):
+    def _topology(self, case: BothCodes) -> Iterator[Check]:
+        for check in topology.topology(case):
             if not check.holds:
-                self._different.add(pair.name)
+                self._different.add(case.name)
             yield check
 
-    def _same_nets(self) -> list[Pair]:
+    def _same_nets(self) -> list[BothCodes]:
         """Cases whose nets are the same in both codes: only these can be compared further."""
-        return [pair for pair in self._pairs if pair.name not in self._different]
+        return [case for case in self._cases if case.name not in self._different]
 
-    def _forms(self, rung: int) -> list[Pair]:
+    def _forms(self, *, in_time: bool = False) -> list[BothCodes]:
         """The cases with the engine's connectors and, where Numba is installed, with its fused net.
 
         For steps in time also with the compiled loop, which has the forces of the fused net.
         """
-        from exunet.codegen.compile import numba_installed
-
-        pairs = self._same_nets()
-        forms = [*pairs]
-        if numba_installed():
-            forms += [pair.fused() for pair in pairs]
-            forms += [pair.looped() for pair in pairs] if rung == 4 else []
-        return forms
+        cases = self._same_nets()
+        if not numba_installed():
+            return cases
+        fused = [case.fused() for case in cases]
+        return [*cases, *fused, *(case.compiled() for case in cases if in_time)]
 
     def _runs(self) -> Iterator[Step]:
-        for number, pair in enumerate(self._same_nets()):
-            work = self._trajectories if number == 0 or not self._quick else self._not_followed
-            yield Step(4, pair.name, lambda pair=pair, work=work: work(pair))  # type: ignore[misc]
+        for number, case in enumerate(self._same_nets()):
+            if number == 0 or not self._quick:
+                yield Step(4, case.name, partial(self._trajectories, case))
+            else:
+                row = left_out(f"whole runs and horizon, {WHOLE_RUNS}", "--quick follows one case")
+                yield Step(4, case.name, partial(iter, [row]))
 
-    def _not_followed(self, pair: Pair) -> Iterator[Finding]:
-        yield left_out(4, pair.name, "whole runs and horizon, rungs 4, 5 and 7", "--quick follows one case")
-
-    def _trajectories(self, pair: Pair) -> Iterator[Finding]:
-        from exunet.verification import converged, growth, stepping
-
-        if (count := pair.start.net.n_elements) > MOST_ELEMENTS:
+    def _trajectories(self, case: BothCodes) -> Iterator[Finding]:
+        if (count := case.start.net.n_elements) > MOST_ELEMENTS:
             why = f"for up to {MOST_ELEMENTS} elements, not {count}"
-            yield left_out(4, pair.name, "whole runs and horizon, rungs 4, 5 and 7", why)
+            yield left_out(f"whole runs and horizon, {WHOLE_RUNS}", why)
             return
-        followed = (QUICK_END, (growth.ROUND_OFF, growth.LONE)) if self._quick else ()
-        grown = growth.growth(pair, *followed)
-        self._grown[pair.name] = grown
-        reached, end = float(grown.time[-1]), pair.start.scene.time.end
+        end = case.start.scene.time.end
+        quick_end = QUICK_PART * end
+        followed = (quick_end, (growth.ROUND_OFF, MOVE)) if self._quick else ()
+        grown = growth.growth(case, *followed)
+        self._grown[case.name] = grown
+        reached = float(grown.time[-1])
         if reached < 0.999 * end:
-            limit = f"{growth.MOST_WORK:.0e} elements x steps"
-            why = "--quick goes no further" if self._quick and reached == QUICK_END else f"more than {limit}"
-            what = f"whole runs from t = {reached:.3g} s on, of {end:g} s: rungs 4, 5 and 7"
-            yield left_out(4, pair.name, what, why)
-        yield from stepping.same_scheme(pair, grown)
-        yield from converged.converged(pair, grown)
+            stopped = self._quick and reached == quick_end
+            why = (
+                "--quick goes no further" if stopped else f"more than {growth.MOST_WORK:.0e} elements x steps"
+            )
+            yield left_out(f"whole runs from t = {reached:.3g} s on, of {end:g} s: {WHOLE_RUNS}", why)
+        yield from stepping.same_scheme(case, grown)
+        for finding in converged.converged(case, grown):
+            yield replace(finding, rung=5)
 
     def _answers(self) -> Iterator[Step]:
-        from exunet.verification.answers import ANSWERS
-
         for name, answer in ANSWERS:
-            path = self._known[name]
             if self._quick and name in LONG_ANSWERS:
-                row = left_out(6, name, "the known answers of this case", "--quick leaves out the long ones")
-                yield Step(6, name, lambda row=row: iter([row]))  # type: ignore[misc]
+                row = left_out("the known answers of this case", "--quick leaves out the long ones")
+                yield Step(6, name, partial(iter, [row]))
             else:
-                yield Step(6, name, lambda path=path, answer=answer: answer(read_pair(path)))  # type: ignore[misc]
+                yield Step(6, name, partial(_known, self._known, name, answer))
 
     def _horizons(self) -> Iterator[Step]:
-        from exunet.verification import horizon, separation
-
-        pairs = {pair.name: pair for pair in self._pairs if pair.name in self._grown}
-        for name, pair in pairs.items():
-            grown = self._grown[name]
-            yield Step(7, name, lambda pair=pair, grown=grown: horizon.sensitivity(pair, grown))  # type: ignore[misc]
+        cases = {case.name: case for case in self._cases if case.name in self._grown}
+        for name, case in cases.items():
+            yield Step(7, name, partial(horizon.sensitivity, case, self._grown[name]))
         if self._quick:
-            why = "--quick leaves out what takes many runs"
-            rows = [left_out(7, name, "what perturbed runs have in common", why) for name in list(pairs)[:1]]
-            yield Step(7, "ensembles", lambda: iter(rows))
+            row = left_out("what perturbed runs have in common", "--quick leaves out what takes many runs")
+            for name in list(cases)[:1]:
+                yield Step(7, name, partial(iter, [row]))
             return
-        papers = [pairs[name] for name in PAPER if name in pairs] if self._study else []
-        for pair in papers[:2] if self._study else pairs.values():
-            grown, both = self._grown[pair.name], pair.name not in PAPER[1:]
-            title = f"{pair.name}, ensemble"
-            yield Step(
-                7,
-                title,
-                lambda pair=pair, grown=grown, both=both: horizon.after_it(pair, grown, both),  # type: ignore[misc]
-            )
-        if len(papers) == len(PAPER):
-            yield Step(7, "the paper's case", lambda: separation.separation(*papers))
+        papers = [cases[name] for name in PAPER if name in cases] if self._paper else []
+        for case in papers[:2] if self._paper else cases.values():
+            both = case.name not in PAPER[1:]
+            yield Step(7, case.name, partial(horizon.after_it, case, self._grown[case.name], both))
+        for case in papers:
+            yield Step(7, case.name, partial(symmetry.symmetry, case))
 
 
-# The paper's case, with its damping, without, and packed as the paper says elsewhere.
-PAPER = ("planar_deployment", "planar_undamped", "planar_deployment_006")
-LONG_ANSWERS = {"snap_from_slack"}
-QUICK_END = 1.0  # [s] of the run that --quick follows
+def _known(
+    paths: dict[str, Path], name: str, answer: Callable[[BothCodes], Iterator[Finding]]
+) -> Iterator[Finding]:
+    if name not in paths:
+        raise InputError(f"cases/verification/{name}.toml: the case of this answer is not there")
+    return answer(read_both(paths[name]))

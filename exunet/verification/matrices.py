@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import reference_impl as reference
-from exunet.studies.both_codes import Pair
-from exunet.verification.check import Check, left_out, worst_of
+from exunet.methods.method import NetForm
+from exunet.studies.both_codes import BothCodes
+from exunet.verification.check import Check, difference, left_out, worst_of
 from exunet.verification.states import HALF_SLACK, NO_HALF_SLACK, smooth_states
 from exunet.verification.tolerances import (
     DAMPING,
@@ -20,7 +21,6 @@ from exunet.verification.tolerances import (
     SECANT_FORCE,
     SECANT_SYMMETRY,
     STIFFNESS,
-    Tolerance,
 )
 from reference_impl import forces as formulas
 
@@ -33,73 +33,72 @@ WITH_FORMULAS = {"gravity", "rayleigh_damping", "mass_damping", "material_dampin
 # Effects with which the engine differentiates numerically by the velocities too: a tension that depends on
 # them, or a constant load beside a constant damping matrix.
 DIFFERENTIATED = {"material_damping", "gravity"}
+ENTRY = ("row", "column")  # coordinates: three a node
 MOST_NODES = 500  # the engine's matrices are dense here
 
 
-def matrices(pair: Pair) -> Iterator[Check]:
+def matrices(case: BothCodes) -> Iterator[Check]:
     """Mass, damping (eq. 13), tangent (eqs. 5, 14) and secant stiffness (eqs. 3, 12) of one case."""
-    net = pair.start.net
+    net = case.start.net
     if net.n_nodes > MOST_NODES:
-        yield left_out(3, pair.name, "matrices", f"dense, for up to {MOST_NODES} nodes, not {net.n_nodes}")
+        yield left_out("matrices", f"dense, for up to {MOST_NODES} nodes, not {net.n_nodes}")
         return
-    probe, system = pair.probe(), pair.system
-    yield _compare(pair, "mass matrix", probe.mass(), np.diag(_masses(pair)), MASS)
-    at_rest = np.zeros_like(net.reference_position)
+    probe, system = case.probe(), case.theirs.system
+    yield difference("mass matrix", probe.mass(), np.diag(_masses(case)), MASS, ENTRY)
     found: dict[str, list[Check]] = {}
-    beyond = sorted(pair.effects - WITH_FORMULAS)
-    how = f" by differences ({', '.join(beyond)})" if beyond else ""
-    numerical = pair.start.scene.engine.net != "fused"  # the engine's connectors are differentiated by it
-    exact = DIFFERENCED if beyond else EXACT_STIFFNESS
-    viscous = numerical and not pair.effects.isdisjoint(DIFFERENTIATED)
+    others = sorted(case.effects - WITH_FORMULAS)
+    how = f" by differences ({', '.join(others)})" if others else ""
+    numerical = case.start.scene.engine.net != NetForm.FUSED  # the engine differentiates connectors
+    viscous = numerical and not case.effects.isdisjoint(DIFFERENTIATED)
+    exact = DIFFERENCED if others else EXACT_STIFFNESS
+    of_stiffness = STIFFNESS if numerical else exact
+    of_damping = STIFFNESS if viscous else DIFFERENCED if others else DAMPING
     least = RESOLVED.value * float((net.youngs_modulus * net.area).max()) if viscous else 0.0
-    of_damping = STIFFNESS if viscous else DIFFERENCED if beyond else DAMPING
     states = smooth_states(net, np.random.default_rng(SEED))
     if HALF_SLACK not in states:
-        yield left_out(3, pair.name, f"matrices, {HALF_SLACK}", NO_HALF_SLACK)
+        yield left_out(f"matrices, {HALF_SLACK}", NO_HALF_SLACK)
+    at_rest = np.zeros_like(net.reference_position)
+    held = (3 * case.reference_nodes[net.fixed_nodes][:, None] + np.arange(3)).ravel()
     for kind, position in states.items():
-        position[net.fixed_nodes] = pair.start.position[net.fixed_nodes]
-        there = pair.give(position)
-        tangent, damping = _differences(pair, there) if beyond else _formulas(pair, there)
+        position[net.fixed_nodes] = case.start.position[net.fixed_nodes]
+        there = case.to_reference(position)
+        tangent, damping = _differences(case, there) if others else _formulas(case, there)
         secant = formulas.secant(system, there).toarray()
         compared = [
-            (
-                f"tangent stiffness{how}",
-                probe.stiffness(position, at_rest),
-                tangent,
-                STIFFNESS if numerical else exact,
-                0.0,
-            ),
+            (f"tangent stiffness{how}", probe.stiffness(position, at_rest), tangent, of_stiffness, 0.0),
             (f"damping matrix{how}", probe.damping(position, at_rest), damping, of_damping, least),
             ("secant stiffness, S - S^T", secant, secant.T, SECANT_SYMMETRY, 0.0),
         ]
-        if not beyond:
-            pull = pair.take((secant @ there.ravel()).reshape(-1, 3))
-            felt = probe.accelerations(position, at_rest) - _gravity(pair)
-            force = -_masses(pair).reshape(-1, 3) * felt
-            force[net.fixed_nodes] = pull[net.fixed_nodes]  # the engine's fixed points feel nothing
+        if not others:
+            pull = secant @ there.ravel()
+            felt = case.to_reference(probe.accelerations(position, at_rest) - _gravity(case)).ravel()
+            force = -np.repeat(case.theirs.net.mass, 3) * felt
+            force[held] = pull[held]  # the engine's fixed points feel nothing
             compared.append(("forces against S(x) x", force, pull, SECANT_FORCE, 0.0))
         for name, a, b, allowed, floor in compared:
-            found.setdefault(name, []).append(_compare(pair, kind, a, b, allowed, floor))
+            found.setdefault(name, []).append(difference(kind, a, b, allowed, ENTRY[: a.ndim], least=floor))
     for name, checks in found.items():
         yield worst_of(f"{name}, {' and '.join(check.name for check in checks)}", checks)
 
 
-def _formulas(pair: Pair, there: Floats) -> tuple[Floats, Floats]:
+def _formulas(case: BothCodes, there: Floats) -> tuple[Floats, Floats]:
     """Tangent stiffness and damping matrix of the reference, (3n, 3n) in exunet's order."""
-    tangent, damping = formulas.tangent(pair.system, there), formulas.damping(pair.system, there)
-    return _ours(pair, tangent.toarray()), _ours(pair, damping.toarray())
+    system = case.theirs.system
+    tangent, damping = formulas.tangent(system, there), formulas.damping(system, there)
+    return _ours(case, tangent.toarray()), _ours(case, damping.toarray())
 
 
-def _differences(pair: Pair, there: Floats) -> tuple[Floats, Floats]:
+def _differences(case: BothCodes, there: Floats) -> tuple[Floats, Floats]:
     """The same from central differences of the reference's accelerations at rest."""
-    mass = np.repeat(pair.net.mass, 3)
+    mass = np.repeat(case.theirs.net.mass, 3)
     still = np.zeros_like(there)
-    step = 1e-6 * float(pair.net.reference_length.min())  # no strain of `smooth_states` changes its sign
-    pace = 1e-3 if "material_damping" in pair.effects else 1.0  # [m/s]; all else is linear in the velocity
+    # A step that changes the sign of no strain of `smooth_states`.
+    step = 1e-6 * float(case.theirs.net.reference_length.min())
+    pace = 1e-3 if "material_damping" in case.effects else 1.0  # [m/s]; all else is linear in the velocity
 
     def change(x: Floats, v: Floats) -> Floats:
         forth, back = (
-            reference.acceleration(pair.system, 0.0, there + sign * x, still + sign * v)
+            reference.acceleration(case.theirs.system, 0.0, there + sign * x, still + sign * v)
             for sign in (1.0, -1.0)
         )
         return -0.5 * mass * (forth - back).ravel()
@@ -107,38 +106,26 @@ def _differences(pair: Pair, there: Floats) -> tuple[Floats, Floats]:
     each = np.eye(there.size).reshape(there.size, *there.shape)
     stiffness = np.array([change(step * unit, still) for unit in each]).T / step
     damping = np.array([change(still, pace * unit) for unit in each]).T / pace
-    return _ours(pair, stiffness), _ours(pair, damping)
+    return _ours(case, stiffness), _ours(case, damping)
 
 
-def _masses(pair: Pair) -> Floats:
+def _masses(case: BothCodes) -> Floats:
     """(3n,) the reference's masses in exunet's order, zero where fixed."""
-    mass = pair.net.mass[pair.to_theirs].copy()
-    mass[pair.start.net.fixed_nodes] = 0.0
+    mass = case.theirs.net.mass[case.reference_nodes].copy()
+    mass[case.start.net.fixed_nodes] = 0.0
     return np.repeat(mass, 3)
 
 
-def _gravity(pair: Pair) -> Floats:
+def _gravity(case: BothCodes) -> Floats:
     """(n, 3) accelerations of the reference where no cable pulls: all nodes at rest on one spot."""
-    nowhere = np.zeros_like(pair.net.reference_position)
-    return pair.take(reference.acceleration(pair.system, 0.0, nowhere, nowhere))
+    nowhere = np.zeros_like(case.theirs.net.reference_position)
+    return case.from_reference(reference.acceleration(case.theirs.system, 0.0, nowhere, nowhere))
 
 
-def _ours(pair: Pair, matrix: Floats) -> Floats:
+def _ours(case: BothCodes, matrix: Floats) -> Floats:
     """A matrix of the reference (3n, 3n) in exunet's order, with zero rows and columns for fixed nodes."""
-    place = (3 * pair.to_theirs[:, None] + np.arange(3)).ravel()
+    place = (3 * case.reference_nodes[:, None] + np.arange(3)).ravel()
     result = matrix[np.ix_(place, place)]
-    fixed = (3 * pair.start.net.fixed_nodes[:, None] + np.arange(3)).ravel()
+    fixed = (3 * case.start.net.fixed_nodes[:, None] + np.arange(3)).ravel()
     result[fixed], result[:, fixed] = 0.0, 0.0
     return result
-
-
-def _compare(
-    pair: Pair, name: str, ours: Floats, theirs: Floats, allowed: Tolerance, least: float = 0.0
-) -> Check:
-    """Largest difference of two arrays with a row for each coordinate, over the largest entry or `least`."""
-    gap = np.abs(ours - theirs)
-    at = np.unravel_index(int(np.argmax(gap)), gap.shape)
-    scale = max(float(np.abs(ours).max()), float(np.abs(theirs).max()), least) or 1.0
-    nodes = " and ".join(str(int(k) // 3) for k in at) if gap.shape[1] > 3 else str(int(at[0]))
-    worst = f"node {nodes}: {ours[at]:.16g} and {theirs[at]:.16g}"
-    return Check(3, pair.name, name, float(gap[at]) / scale, allowed, worst)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from exunet.results.result import Result
 from exunet.simulation.recorder import Recorder
-from exunet.studies.both_codes import Pair
-from exunet.verification.check import Check, worst_of
+from exunet.studies.both_codes import BothCodes
+from exunet.verification.check import Check, difference, worst_of
 from exunet.verification.states import KINDS, random_states
 from exunet.verification.tolerances import MEASURES
 from reference_impl import energy as theirs
@@ -22,40 +22,41 @@ SEED = 20210620
 STATES_OF_A_KIND = 20  # six kinds: 120 states a case
 
 
-def measures(pair: Pair, states_of_a_kind: int = STATES_OF_A_KIND) -> Iterator[Check]:
+def measures(case: BothCodes, states_of_a_kind: int = STATES_OF_A_KIND) -> Iterator[Check]:
     """Energies, momenta, strains and tensions: a row for each, of the kind of state that differs most.
 
     The states are those of `random_states`, moved as a whole, the first of each kind at rest. Differences are
     parts of the largest value among the states of a kind.
     """
-    net, random = pair.start.net, np.random.default_rng(SEED)
+    net, random = case.start.net, np.random.default_rng(SEED)
     found: dict[str, list[Check]] = {}
     for kind in KINDS:
         states = random_states(net, kind, states_of_a_kind, random)
         position, velocity = (np.array(part) for part in zip(*states, strict=True))
         # Off the origin the nodes' shares of a potential or of an angular momentum do not cancel.
-        position += pair.size * random.normal(size=(len(position), 1, 3))
-        position[:, net.fixed_nodes], velocity[:, net.fixed_nodes] = pair.start.position[net.fixed_nodes], 0.0
+        position += case.size * random.normal(size=(len(position), 1, 3))
+        position[:, net.fixed_nodes], velocity[:, net.fixed_nodes] = case.start.position[net.fixed_nodes], 0.0
         velocity[0] = 0.0
-        ours = _stored(pair, position, velocity)
-        for name, unit, a, b in _quantities(pair, ours):
-            found.setdefault(name, []).append(_compare(pair, kind, unit, a, b))
+        ours = _stored(case, position, velocity)
+        for name, unit, a, b in _quantities(case, ours):
+            axes = ("state", "number")[: a.ndim]
+            found.setdefault(name, []).append(difference(kind, a, b, MEASURES, axes, unit))
     for name, checks in found.items():
         yield worst_of(f"{name}, {states_of_a_kind * len(KINDS)} random states", checks)
 
 
-def _stored(pair: Pair, position: Floats, velocity: Floats) -> Result:
+def _stored(case: BothCodes, position: Floats, velocity: Floats) -> Result:
     """What exunet stores of a run through these states."""
-    record = Recorder(pair.start, {})
+    record = Recorder(case.start, {})
     for number, state in enumerate(zip(position, velocity, strict=True)):
         record.store(float(number), state, 0.0)
     return record.result("ok")
 
 
-def _quantities(pair: Pair, ours: Result) -> Iterator[tuple[str, str, Floats, Floats]]:
+def _quantities(case: BothCodes, ours: Result) -> Iterator[tuple[str, str, Floats, Floats]]:
     """Name, unit, and the values (states, ...) of exunet and of the reference."""
-    system, elements = pair.system, pair.elements_to_theirs
-    x, v = pair.give(ours.position), pair.give(ours.velocity)
+    system, elements = case.theirs.system, case.reference_elements
+    x, v = case.to_reference(ours.position), case.to_reference(ours.velocity)
     yield "kinetic energy", "J", ours.kinetic, theirs.kinetic(system, v)
     yield "elastic energy", "J", ours.elastic, theirs.elastic(system, x)
     potential = theirs.potential(system, x)
@@ -65,16 +66,5 @@ def _quantities(pair: Pair, ours: Result) -> Iterator[tuple[str, str, Floats, Fl
     yield "angular momentum", "kg m2/s", ours.angular_momentum, theirs.angular_momentum(system, x, v)
     yield "strain", "", ours.strain, formulas.strain(system, x)[:, elements]
     # The reference tells the elastic tension; with a viscous one beside it the two are the same at rest.
-    resting = ~ours.velocity.any(axis=(1, 2)) | ("material_damping" not in pair.effects)
+    resting = ~ours.velocity.any(axis=(1, 2)) | ("material_damping" not in case.effects)
     yield "tension", "N", ours.tension[resting], formulas.tension(system, x[resting])[:, elements]
-
-
-def _compare(pair: Pair, kind: str, unit: str, ours: Floats, theirs: Floats) -> Check:
-    gap = np.abs(ours - theirs)
-    state, *of = (int(k) for k in np.unravel_index(int(np.argmax(gap)), gap.shape))
-    largest = float(max(np.abs(ours).max(), np.abs(theirs).max()))
-    measured = float(gap.max()) / (largest or 1.0)
-    place = (state, *of)
-    which = f", number {of[0]}" if of else ""
-    words = f"state {state}{which}: {ours[place]:.16g} and {theirs[place]:.16g} {unit}".rstrip()
-    return Check(2, pair.name, kind, measured, MEASURES, words)

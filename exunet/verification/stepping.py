@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from exunet.studies.both_codes import Pair
-from exunet.verification.check import Check, Finding, Plate, left_out, worst_first
+from exunet.studies.both_codes import BothCodes
+from exunet.studies.neighbours import MOVE
+from exunet.verification.check import Check, Finding, Plate, difference, left_out, worst_of
 from exunet.verification.figures import curves
-from exunet.verification.growth import LONE, VISIBLE, Growth, distance, fixed_plan
+from exunet.verification.growth import VISIBLE, Growth, distances, fixed_plan
 from exunet.verification.states import HALF_SLACK, NO_HALF_SLACK, smooth_states
 from exunet.verification.tolerances import ONE_STEP, SAME_SCHEME
 
@@ -17,32 +18,30 @@ SEED = 20210617
 SHOWN_PAST = 1.15  # of the horizon
 
 
-def one_step(pair: Pair) -> Iterator[Check]:
+def one_step(case: BothCodes) -> Iterator[Check]:
     """Exudyn's RK44 and the reference's RK4, one step from a taut and from a half-slack state."""
-    net, random = pair.start.net, np.random.default_rng(SEED)
-    plan = fixed_plan(pair, pair.start.scene.time.end)
+    net, random = case.start.net, np.random.default_rng(SEED)
+    plan = fixed_plan(case, case.start.scene.time.end)
     times = np.array([0.0, plan.step])
     states = smooth_states(net, random)
     if HALF_SLACK not in states:
-        yield left_out(4, pair.name, f"one step, {HALF_SLACK}", NO_HALF_SLACK)
+        yield left_out(f"one step, {HALF_SLACK}", NO_HALF_SLACK)
     for kind, position in states.items():
-        velocity = pair.speed * random.normal(size=position.shape)
-        moved = pair.from_state(position, velocity)
-        ours, theirs = moved.engine(times, plan), moved.march(times, method="RK4", step=plan.step)
-        gaps = []
-        for name, a, b in (
-            ("position", ours.position[1], theirs.position[1]),
-            ("velocity", ours.velocity[1], theirs.velocity[1]),
-        ):
-            gap = np.abs(a - b)
-            node, axis = np.unravel_index(int(np.argmax(gap)), gap.shape)
-            values = f"{name} of node {node}, {'xyz'[axis]}: {a[node, axis]:.16g} and {b[node, axis]:.16g}"
-            gaps.append((float(gap.max() / (np.abs(b).max() or 1.0)), values))
-        measured, worst = max(gaps, key=lambda found: worst_first(found[0]))
-        yield Check(4, pair.name, f"one step of {plan.step:.3g} s, {kind}", measured, ONE_STEP, worst)
+        velocity = case.speed * random.normal(size=position.shape)
+        there = case.from_state(position, velocity)
+        ours, theirs = there.run_exunet(times, plan), there.run_reference(times, method="RK4", step=plan.step)
+        yield worst_of(
+            f"one step of {plan.step:.3g} s, {kind}",
+            [
+                difference("position", ours.position[1], theirs.position[1], ONE_STEP, ("node", "xyz"), "m"),
+                difference(
+                    "velocity", ours.velocity[1], theirs.velocity[1], ONE_STEP, ("node", "xyz"), "m/s"
+                ),
+            ],
+        )
 
 
-def same_scheme(pair: Pair, grown: Growth) -> Iterator[Finding]:
+def same_scheme(case: BothCodes, grown: Growth) -> Iterator[Finding]:
     """The growth of the difference over the run, against the growth of a perturbation of the start.
 
     grown : of this case, over the time to compare
@@ -50,38 +49,30 @@ def same_scheme(pair: Pair, grown: Growth) -> Iterator[Finding]:
     Compared until the round-off of all steps may have become `VISIBLE`: a bound above that says nothing.
     """
     shown = grown.time <= max(SHOWN_PAST * grown.horizon, grown.time[1])
-    times, lone = grown.time[shown], grown.of(LONE)[shown]
-    plan = fixed_plan(pair, float(times[1]))
-    ours, theirs = pair.engine(times, plan), pair.march(times, method="RK4", step=plan.step)
-    apart = distance(ours, theirs)
-    round_off = ours.steps * np.finfo(float).eps * max(pair.size, float(np.abs(theirs.position).max()))
-    bound = np.maximum.accumulate(lone) * round_off / LONE
-    kept = max(1, int(np.count_nonzero(~(bound >= VISIBLE))))  # the bound never falls; no number is no end
+    times, size = grown.time[shown], case.size
+    plan = fixed_plan(case, float(times[1]))
+    ours, theirs = case.run_exunet(times, plan), case.run_reference(times, method="RK4", step=plan.step)
+    apart, lone = distances(ours, theirs).max(axis=1), size * grown.of(MOVE)[shown]
+    round_off = ours.steps * np.finfo(float).eps * max(size, float(np.abs(theirs.position).max()))
+    bound = np.maximum.accumulate(lone) * round_off / (MOVE * size)
+    kept = max(1, int(np.count_nonzero(~(bound >= VISIBLE * size))))  # it never falls; NaN is no end
     share = (apart / np.where(apart > 0.0, bound, 1.0))[:kept]
     at = int(np.argmax(share))
-    node = int(np.argmax(np.linalg.norm(ours.position[at] - theirs.position[at], axis=1)))
+    node = int(np.argmax(distances(ours, theirs)[at]))
     a, b = (", ".join(f"{c:.12g}" for c in run.position[at, node]) for run in (ours, theirs))
-    yield Check(
-        4,
-        pair.name,
-        f"equal steps to t = {times[kept - 1]:.3g} s, part of the bound",
-        float(share[at]),
-        SAME_SCHEME,
-        f"t = {times[at]:.4g} s, node {node}: ({a}) and ({b}) m; bound {bound[at]:.2g} m",
+    words = f"t = {times[at]:.4g} s, node {node}: ({a}) and ({b}) m; bound {bound[at]:.2g} m"
+    name = f"equal steps to t = {times[kept - 1]:.3g} s, part of the bound"
+    yield Check(name, float(share[at]), SAME_SCHEME, words)
+    ended = f"bound {VISIBLE * size:.0e} m, compared until here"
+    figure = curves(
+        f"{case.name}: Exudyn RK44 and reference RK4, step {plan.step:.3g} s",
+        "largest difference of a position [m]",
+        times,
+        {"Exudyn and reference": apart, f"one code, start moved by {MOVE * size:.0e} m": lone},
+        {ended: float(times[kept - 1])} if kept < len(times) else {},
     )
-    ended = (
-        {f"bound {VISIBLE:.0e} m, compared until here": float(times[kept - 1])} if kept < len(times) else {}
+    caption = (
+        f"{case.name}: the same scheme with the same step in both codes. The difference begins as round-off "
+        "and grows as fast as any small change of the start does."
     )
-    yield Plate(
-        4,
-        f"same_scheme_{pair.name}",
-        curves(
-            f"{pair.name}: Exudyn RK44 and reference RK4, step {plan.step:.3g} s",
-            "largest difference of a position [m]",
-            times,
-            {"Exudyn and reference": apart, f"one code, start moved by {LONE:.0e} m": lone},
-            ended,
-        ),
-        f"{pair.name}: the same scheme with the same step in both codes. The difference begins as round-off "
-        "and grows as fast as any small change of the start does.",
-    )
+    yield Plate(f"same_scheme_{case.name}", figure, caption)

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import exunet
 from exunet.simulation.preparation import prepare
-from exunet.studies.both_codes import pair_of
+from exunet.studies.both_codes import both_of
 from exunet.studies.cost.converged import converge
-from exunet.studies.cost.measure import launch_speed
 from exunet.studies.cost.runners import Subject
 
 HERE = Path(__file__).parent
@@ -56,7 +55,7 @@ def main(names: list[str]) -> None:
     for name in names or SCENES:
         file, changes, end = SCENES[name]
         case = exunet.load(CASES / file, changes)
-        subject = Subject(prepare(case.scene), pair_of(case), (0.0, end))
+        subject = Subject(prepare(case.scene), both_of(case), (0.0, end))
         found = converge(subject, compiled=True)
         text = [
             "# Written by tests/data/make_converged.py; errors relative to the launch speed.",
@@ -64,7 +63,7 @@ def main(names: list[str]) -> None:
             f'case = "{file}"',
             f"changes = {json.dumps(changes)}",
             f"end = {end!r}  # s",
-            f"launch_speed = {launch_speed(subject.start)!r}  # m/s",
+            f"launch_speed = {subject.speed!r}  # m/s",
             f"uncertainty = {found.uncertainty:.2e}",
             f"speeds = {found.speeds.tolist()!r}  # m/s, of the bullets",
         ]

@@ -1,9 +1,10 @@
-"""Plants the errors of exunet.verification.planted, one at a time, with pytest's monkeypatch."""
+"""Errors that the quick ladder must catch; each is planted with pytest's monkeypatch."""
 
 from __future__ import annotations
 
 import dataclasses
 import sys
+from collections.abc import Callable
 
 import numpy as np
 
@@ -19,12 +20,40 @@ from exunet.system import energy
 
 march = sys.modules["reference_impl.march"]  # the package has a function of that name
 
+EXUDYN, REFERENCE = "Exudyn's net", "reference"
 
+
+@dataclasses.dataclass(frozen=True)
+class Planted:
+    """An error: what is wrong, in which code, the rung that fails first, and the case that shows it."""
+
+    what: str
+    code: str
+    rung: int
+    case: str
+    plant: Callable
+
+
+PLANTED: dict[str, Planted] = {}
+
+
+def planted(rung, what, code=EXUDYN, case="planar_deployment"):
+    """Enters the decorated function, which plants an error, into the list."""
+
+    def enter(plant):
+        PLANTED[plant.__name__] = Planted(what, code, rung, case, plant)
+        return plant
+
+    return enter
+
+
+@planted(2, "factor 1/2 missing in the Green-Lagrange strain")
 def strain_without_half(patch):
     right = cable.green_lagrange_strain
     patch.setattr(cable, "green_lagrange_strain", lambda length, reference: 2.0 * right(length, reference))
 
 
+@planted(2, "length ratio L/L0 missing in the tension")
 def no_length_ratio(patch):
     def wrong(length, reference, stiffness, maximum=np.maximum):
         return stiffness * maximum(cable.green_lagrange_strain(length, reference), 0.0)
@@ -32,10 +61,12 @@ def no_length_ratio(patch):
     patch.setattr(cable, "tension", wrong)
 
 
+@planted(2, "engineering strain in place of Green-Lagrange")
 def engineering_strain(patch):
     patch.setattr(cable, "green_lagrange_strain", lambda length, reference: length / reference - 1.0)
 
 
+@planted(2, "slack cables push")
 def compression(patch):
     def wrong(length, reference, stiffness, maximum=np.maximum):
         return stiffness * cable.green_lagrange_strain(length, reference) * (length / reference)
@@ -49,10 +80,12 @@ def _other_net(patch, change):
     patch.setattr(exunet.simulation.preparation, "weave", lambda keys: change(right(keys)))
 
 
+@planted(1, "strings with the area of the net's cable")
 def string_area(patch):
     _other_net(patch, lambda net: dataclasses.replace(net, area=np.full_like(net.area, net.area.min())))
 
 
+@planted(1, "bullet masses left out")
 def bullet_mass_lost(patch):
     def change(net):
         mass = net.mass.copy()
@@ -62,6 +95,7 @@ def bullet_mass_lost(patch):
     _other_net(patch, change)
 
 
+@planted(1, "one element joined to the wrong node")
 def swapped_node(patch):
     def change(net):
         nodes = net.element_nodes.copy()
@@ -71,6 +105,7 @@ def swapped_node(patch):
     _other_net(patch, change)
 
 
+@planted(1, "whole element mass at each of its ends")
 def lumping_whole(patch):
     def change(net):
         whole = np.bincount(
@@ -92,19 +127,23 @@ def _other_damping(patch, **changes):
     patch.setattr(rayleigh_damping, "terms", wrong)
 
 
+@planted(2, "alpha with the wrong sign")
 def damping_wrong_sign(patch):
     _other_damping(patch, alpha=lambda alpha: -alpha)
 
 
+@planted(2, "beta T left out of the damping")
 def beta_lost(patch):
     _other_damping(patch, beta=lambda beta: 0.0)
 
 
+@planted(1, "bullets launched inwards")
 def launch_inwards(patch):
     right = exunet.system.initial._launch_velocity
     patch.setattr(exunet.system.initial, "_launch_velocity", lambda launch, net: -right(launch, net))
 
 
+@planted(2, "elements slightly too long in the engine alone")
 def stale_length(patch):
     right = Model.cable_element
 
@@ -119,18 +158,22 @@ def _doubled(patch, module, name):
     patch.setattr(module, name, lambda *state: 2.0 * right(*state))
 
 
+@planted(2, "factor 1/2 missing in the kinetic energy")
 def kinetic_doubled(patch):
     _doubled(patch, energy, "kinetic")
 
 
+@planted(2, "factor 1/2 missing in the elastic energy")
 def elastic_doubled(patch):
     _doubled(patch, energy, "elastic")
 
 
+@planted(2, "stored tensions twice as large")
 def tension_doubled(patch):
     _doubled(patch, cable, "element_tension")
 
 
+@planted(6, "factor 1/2 missing in the area of the mouth")
 def mouth_doubled(patch):
     _doubled(patch, metrics, "mouth_area")
 
@@ -140,14 +183,17 @@ def _other_terms(patch, effect, change):
     patch.setattr(effect, "terms", lambda *keys: change(right(*keys)))
 
 
+@planted(2, "Coriolis force with the wrong sign", case="orbit")
 def coriolis_sign(patch):
     _other_terms(patch, orbit, lambda terms: dataclasses.replace(terms, gyroscopic=-terms.gyroscopic))
 
 
+@planted(2, "mass damping that pushes on", case="mass_damping")
 def mass_damping_sign(patch):
     _other_terms(patch, mass_damping, lambda terms: dataclasses.replace(terms, damping=-terms.damping))
 
 
+@planted(2, "viscous stress that pushes", case="material_damping")
 def viscous_compression(patch):
     right = cable.viscous_tension
 
@@ -157,28 +203,34 @@ def viscous_compression(patch):
     patch.setattr(cable, "viscous_tension", wrong)
 
 
+@planted(2, "potential with the wrong sign", REFERENCE, case="orbit")
 def reference_potential_sign(patch):
     right = reference_energy.potential
     patch.setattr(reference_energy, "potential", lambda *state: -right(*state))
 
 
+@planted(2, "factor 1/2 missing in the kinetic energy", REFERENCE)
 def reference_kinetic_doubled(patch):
     _doubled(patch, reference_energy, "kinetic")
 
 
+@planted(2, "factor 1/2 missing in the elastic energy", REFERENCE)
 def reference_elastic_doubled(patch):
     _doubled(patch, reference_energy, "elastic")
 
 
+@planted(2, "stored tensions twice as large", REFERENCE)
 def reference_tension_doubled(patch):
     _doubled(patch, forces, "tension")
 
 
+@planted(2, "stored strains of slack cables positive", REFERENCE)
 def reference_strain_sign(patch):
     right = forces.strain
     patch.setattr(forces, "strain", lambda system, x: np.abs(right(system, x)))
 
 
+@planted(2, "T at the current state in the damping", REFERENCE)
 def reference_current_tangent(patch):
     right = forces._element_forces
 
@@ -194,11 +246,13 @@ def reference_current_tangent(patch):
     patch.setattr(forces, "_element_forces", wrong)
 
 
+@planted(2, "factor 1/2 missing in the Green-Lagrange strain", REFERENCE)
 def reference_no_half(patch):
     right = forces._strain
     patch.setattr(forces, "_strain", lambda system, d: 2.0 * right(system, d))
 
 
+@planted(2, "slack cables push", REFERENCE)
 def reference_compression(patch):
     right = forces._pull
 
@@ -208,6 +262,7 @@ def reference_compression(patch):
     patch.setattr(forces, "_pull", wrong)
 
 
+@planted(3, "geometric part missing in the tangent stiffness", REFERENCE)
 def reference_tangent_formula(patch):
     right = forces.tangent_element
     patch.setattr(
@@ -215,6 +270,7 @@ def reference_tangent_formula(patch):
     )
 
 
+@planted(3, "sign error in one block of Delta, eq. (4)", REFERENCE)
 def reference_asymmetric_secant(patch):
     right = forces.secant_element
 
@@ -226,6 +282,7 @@ def reference_asymmetric_secant(patch):
     patch.setattr(forces, "secant_element", wrong)
 
 
+@planted(4, "weights of RK4 of the midpoint method", REFERENCE)
 def reference_rk4_weights(patch):
     from reference_impl.fixed import whole_steps
 

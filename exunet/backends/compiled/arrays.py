@@ -150,8 +150,14 @@ def motion_of(system: System, state: State, data: tuple[Any, ...]) -> Motion:
 def clock_at(time: float, first_step: float) -> Clock:
     """A clock at a time [s] with its first step [s]."""
     none = np.zeros(1, dtype=np.int64)
-    zeros = [np.zeros(1) for _ in range(4)]
-    return Clock(np.array([time]), np.array([first_step]), *zeros, none, none.copy())
+    zero = np.zeros(1)
+    return Clock(
+        np.array([time]),
+        np.array([first_step]),
+        *(zero, zero.copy(), zero.copy(), zero.copy()),
+        steps=none,
+        rejections=none.copy(),
+    )
 
 
 def seen_nothing(system: System) -> Seen:

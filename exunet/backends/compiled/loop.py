@@ -18,7 +18,8 @@ from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.cable_term import INTACT
-from exunet.methods.methods import METHODS, Plan
+from exunet.methods.method import METHODS, Kind, Method
+from exunet.methods.plan import Plan
 from exunet.system.system import Layout, State, System
 
 Floats = NDArray[np.float64]
@@ -43,8 +44,8 @@ class March:
 
     def __init__(self, system: System, state: State, plan: Plan, kernel: Kernel) -> None:
         self._system, self._layout, self._plan = system, Layout.of(system), plan
-        self._chosen = METHODS[plan.method].kind == "adaptive"
-        self._verlet = plan.method == "VelocityVerlet"
+        self._chosen = METHODS[plan.method].kind == Kind.ADAPTIVE
+        self._verlet = plan.method == Method.VELOCITY_VERLET
         self._kernel, self._module = kernel, kernel.module
         self._motion = motion_of(system, state, kernel.data(state.memory))
         self._clock = clock_at(state.time, plan.first_step)

@@ -290,8 +290,8 @@ def chosen_steps(
         if not (error <= 1.0 or ((h <= least or across) and error < np.inf)):
             clock.rejections[0] += 1
             if JUMPS and clock.beyond[0] == 0.0:
-                if jump_ahead(h, control.tolerance, clock.time[0], m, seen)[0] < np.inf:
-                    clock.beyond[0] = h
+                after, over = jump_ahead(h, control.tolerance, clock.time[0], m, seen)
+                clock.beyond[0] = h if after < np.inf else 0.0
             clock.rejected[0] = 1.0
             shrink = 0.2 if error == np.inf else max(0.2, 0.9 * error**-0.2)
             clock.step[0] = max(least, h * shrink)

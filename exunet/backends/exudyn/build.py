@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-
 from exunet.backends.exudyn.applied_kernel import AppliedKernel
 from exunet.backends.exudyn.model import Model
 from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel, net_kernel, term_kernel
 from exunet.codegen.linearised import Linearised
-from exunet.methods.methods import METHODS, Plan
+from exunet.methods.method import METHODS, Kind
+from exunet.methods.plan import Plan
 from exunet.system.system import State, System
 
 
@@ -20,7 +20,7 @@ def build(system: System, state: State, plan: Plan, *, fused: bool, pushed: bool
     pushed : with room for forces from outside (the fused form always has it)
     """
     model = Model()
-    implicit = METHODS[plan.method].kind == "implicit"
+    implicit = METHODS[plan.method].kind == Kind.IMPLICIT
     if fused:
         require_numba('engine.net = "fused"')
         _points(model, system, state, massive=False)

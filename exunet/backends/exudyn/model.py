@@ -129,7 +129,7 @@ class Model:
             )
         )
         inertia = [*body.inertia, 0.0, 0.0, 0.0]
-        item = self._items.ObjectRigidBody(mass=body.mass, nodeNumber=int(node), inertia6D=inertia)
+        item = self._items.ObjectRigidBody(mass=body.mass, nodeNumber=int(node), inertia=inertia)
         self._bodies.append(int(node))
         return self._add_object(item, "ObjectRigidBody")
 

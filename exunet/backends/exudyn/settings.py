@@ -7,7 +7,8 @@ from typing import Any
 
 from exunet.backends.exudyn.loading import exudyn
 from exunet.backends.exudyn.model import Model
-from exunet.methods.methods import METHODS, Plan
+from exunet.methods.method import METHODS, Kind, Method
+from exunet.methods.plan import Plan
 
 _GAP = 1e-10  # [s]: the engine ends a stretch at a step that ends so near to its end
 _FAR = 1e300  # [s]: the end of a run, which is asked for stretch by stretch
@@ -25,7 +26,7 @@ def settings_for(model: Model, plan: Plan, begin: float) -> Any:
     integration.verboseMode = 0
     integration.solverType = getattr(engine.DynamicSolverType, plan.method)
     integration.startTime, integration.endTime = begin, begin + 1.0
-    integration.adaptiveStep = integration.automaticStepSize = method.kind == "adaptive"
+    integration.adaptiveStep = integration.automaticStepSize = method.kind == Kind.ADAPTIVE
     integration.numberOfSteps = 1
     # At its least step the engine accepts one step, whatever its error, and rejects all after it: never.
     integration.minimumStepSize = 1e-300
@@ -36,10 +37,12 @@ def settings_for(model: Model, plan: Plan, begin: float) -> Any:
     explicit = integration.explicit
     explicit.useLieGroupIntegration = model.has_bodies
     explicit.computeMassMatrixInversePerBody = model.all_points_alone
-    explicit.computeEndOfStepAccelerations = plan.method == "VelocityVerlet"  # others would pay for nothing
-    if method.kind == "implicit":
+    explicit.computeEndOfStepAccelerations = (
+        plan.method == Method.VELOCITY_VERLET
+    )  # others would pay for nothing
+    if method.kind == Kind.IMPLICIT:
         integration.newton.useModifiedNewton = False
-        trapezoidal = plan.method == "TrapezoidalIndex2"
+        trapezoidal = plan.method == Method.TRAPEZOIDAL_INDEX2
         integration.generalizedAlpha.useNewmark = trapezoidal
         integration.generalizedAlpha.useIndex2Constraints = trapezoidal
     return settings

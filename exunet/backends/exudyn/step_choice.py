@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.jumps import Jump
-from exunet.methods.methods import METHODS, Plan
+from exunet.methods.method import METHODS
+from exunet.methods.plan import Plan
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,8 @@ from exunet.backends.protocol import Arrays, Batch, IntegrationFailed, Observer,
 from exunet.base.interrupt import postponed
 from exunet.forces.cable_term import INTACT
 from exunet.forces.jumps import Jump, jump_ahead
-from exunet.methods.methods import METHODS, Plan
+from exunet.methods.method import METHODS, Kind
+from exunet.methods.plan import Plan
 from exunet.system.energy import law_of
 from exunet.system.system import State, System
 
@@ -38,7 +39,7 @@ class Stepper:
     def __init__(self, system: System, state: State, plan: Plan, observer: Observer, *, fused: bool) -> None:
         self._system, self._plan, self._observer, self._fused = system, plan, observer, fused
         self._method = METHODS[plan.method]
-        self._adaptive = self._method.kind == "adaptive"
+        self._adaptive = self._method.kind == Kind.ADAPTIVE
         self._events = Events(system.forces, state.memory, observer)
         self._counts = StepCounts()
         self._pushed: Floats | None = None
@@ -75,7 +76,7 @@ class Stepper:
         engine = exudyn()
         self._model.system.SetPreStepUserFunction(self._before_attempt)
         self._model.look_again()
-        implicit = self._method.kind == "implicit"
+        implicit = self._method.kind == Kind.IMPLICIT
         solver = engine.MainSolverImplicitSecondOrder() if implicit else engine.MainSolverExplicit()
         try:
             started = solver.InitializeSolver(self._model.system, self._settings)
@@ -90,7 +91,7 @@ class Stepper:
     @property
     def counts(self) -> StepCounts:
         attempts = self._counts.steps + self._counts.rejected
-        if self._method.kind == "implicit":  # residuals; Jacobians not counted
+        if self._method.kind == Kind.IMPLICIT:  # residuals; Jacobians not counted
             evaluations = attempts + self._counts.newton_iterations
         else:
             evaluations = attempts * self._method.stages
@@ -102,7 +103,7 @@ class Stepper:
 
     @property
     def can_restart(self) -> bool:
-        return self._method.kind != "implicit"  # whose algorithmic accelerations the engine does not give
+        return self._method.kind != Kind.IMPLICIT  # whose algorithmic accelerations the engine does not give
 
     def advance(self, until: float) -> None:
         while self.time < until:

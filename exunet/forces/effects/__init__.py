@@ -1,6 +1,6 @@
 """Effects: one file each, listed here. A table [effects.NAME] in the case switches NAME on.
 
-A new effect is a module, one line in `EFFECTS`, a section of `cases/README.md` and a test. The module has
+An effect's module has
 
 - `Keys`, a Table: keys, units, bounds; no default for a physical quantity;
 - `terms(keys, points)`: what it adds to the equations of motion, a tuple of `KernelTerm`, `LinearTerm` (see
@@ -8,11 +8,16 @@ A new effect is a module, one line in `EFFECTS`, a section of `cases/README.md` 
 - `nominal(basis) -> (Keys, assumption)`: what to assume where an estimate is asked for and the case is
   silent; None if nothing can be assumed for this scene;
 - `magnitude(keys, basis) -> Estimate`: the order of magnitude of what leaving it out would change;
-- if it needs something of the rest of the case, or contradicts it, `needs(keys, around) -> Iterator[Wrong]`;
+- if it contradicts other effects or needs them, `EXCLUDES` or `REQUIRES`: their names, with the reasons;
+- if it acts on bullets only, `NEEDS_BULLETS = True`; if keys are given if and only if there are bullets,
+  `BULLET_KEYS`: their names;
+- for whatever else its keys demand of each other and of the rest of the case,
+  `cross_checks(keys, rest) -> Iterator[Fault]` (exunet.forces.requirements, exunet.base.faults);
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
 - if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`.
 
-Its energy is that of the terms: a potential, or work that is integrated along the run.
+Its energy is that of the terms: a potential, or work that is integrated along the run. A new effect is this
+module, one line in `EFFECTS`, a section of `cases/README.md` and a test.
 """
 
 from __future__ import annotations
@@ -26,8 +31,8 @@ import numpy as np
 from pydantic import ConfigDict, Field, create_model
 
 from exunet.base.errors import BeyondFloats, Fault
-from exunet.base.faults import Wrong
-from exunet.base.table import Positive, Table, check
+from exunet.base.faults import each, within
+from exunet.base.table import Positive, Table
 from exunet.forces.effects import (
     air_drag,
     bending,
@@ -44,7 +49,7 @@ from exunet.forces.effects import (
     thermal_strain,
 )
 from exunet.forces.points import PointMass, Points
-from exunet.forces.requirements import Surroundings
+from exunet.forces.requirements import RestOfCase, declared, excluded, required
 from exunet.forces.terms import largest_number
 from exunet.forces.total import Contribution, Forces
 
@@ -68,14 +73,24 @@ EFFECTS: dict[str, ModuleType] = {
 LARGEST = 1e100  # of a number in an effect's terms; products of three are still numbers
 
 
+def _pairs_schema() -> dict[str, Any]:
+    """What effects demand of each other, as a JSON schema."""
+    absent: dict[str, dict[str, Any]] = {
+        name: {"properties": dict.fromkeys(excluded(module), False)}
+        for name, module in EFFECTS.items()
+        if excluded(module)
+    }
+    undamped = {"rayleigh_damping": {"properties": {"beta": {"const": 0}}}}
+    absent["breaking"] = {"properties": undamped}
+    needed = {name: list(required(module)) for name, module in EFFECTS.items() if required(module)}
+    both = {"choose": ["threshold"], "threshold": ["choose"]}
+    return {"dependentRequired": both | needed, "dependentSchemas": absent}
+
+
 class Choice(Table):
     """The effects that are on."""
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "dependentRequired": {"choose": ["threshold"], "threshold": ["choose"], "j2": ["orbit"]}
-        }
-    )
+    model_config = ConfigDict(json_schema_extra=_pairs_schema())
 
     choose: Literal["auto"] | None = Field(
         None,
@@ -87,13 +102,6 @@ class Choice(Table):
         description="displacement over the scene that matters, as a part of the net's size (for choose)",
         examples=[1e-3],
     )
-
-    @check
-    def _both_or_neither(self) -> Iterator[Wrong]:
-        if self.gives("choose") and not self.gives("threshold"):
-            yield Wrong((), 'choose = "auto" needs threshold, a part of the net\'s size')
-        if self.gives("threshold") and not self.gives("choose"):
-            yield Wrong(("threshold",), 'is for choose = "auto" only')
 
 
 _fields: dict[str, Any] = {
@@ -108,13 +116,26 @@ def switched_on(effects: Table) -> dict[str, Table]:
     return {name: keys for name in EFFECTS if (keys := getattr(effects, name)) is not None}
 
 
-def misfits(scene: Any) -> Iterator[Wrong]:
-    """What the effects that are on in a Scene miss in it, and where they contradict each other."""
-    around = Surroundings(switched_on(scene.effects), scene)
-    for name, keys in around.on.items():
-        if hasattr(EFFECTS[name], "needs"):
-            for wrong in EFFECTS[name].needs(keys, around):
-                yield Wrong((name, *wrong.where), wrong.reason, wrong.value)
+def cross_checks(scene: Any) -> Iterator[Fault]:
+    """What the effects of a Scene demand of each other and of the rest of the case."""
+    effects, rest = scene.effects, RestOfCase(scene)
+    given = [name for name in EFFECTS if effects.is_given(name)]
+    yield from each(
+        _threshold(effects),
+        *(within(name, declared(EFFECTS[name], name, rest)) for name in given),
+        *(within(name, _own(name, rest)) for name in given if hasattr(EFFECTS[name], "cross_checks")),
+    )
+
+
+def _own(name: str, rest: RestOfCase) -> Iterator[Fault]:
+    yield from EFFECTS[name].cross_checks(rest.effect(name), rest)
+
+
+def _threshold(effects: Table) -> Iterator[Fault]:
+    if effects.is_given("choose") and not effects.is_given("threshold"):
+        yield Fault("", 'choose = "auto" needs threshold, a part of the net\'s size')
+    if effects.is_given("threshold") and not effects.is_given("choose"):
+        yield Fault("threshold", 'is for choose = "auto" only')
 
 
 def point_masses(effects: Table) -> tuple[PointMass, ...]:
@@ -148,5 +169,5 @@ def terms_of(name: str, keys: Table, points: Points) -> tuple[Contribution, ...]
 
 def beyond_floats(name: str) -> BeyondFloats:
     """The error for an effect whose numbers cannot be computed with."""
-    words = "leads to numbers beyond what floating-point can hold: give it, or the scene, real values"
-    return BeyondFloats([Fault("", f"effects.{name}", words)])
+    words = "leads to numbers outside the range of floating-point: give it, or the scene, realistic values"
+    return BeyondFloats([Fault(f"effects.{name}", words)])

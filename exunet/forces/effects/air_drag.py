@@ -8,22 +8,24 @@ not shrink with the distance of its nodes, so L is its reference length; its dir
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
-from exunet.base.faults import Wrong
 from exunet.base.table import NonNegative, Positive, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import Points
-from exunet.forces.requirements import Surroundings, bullet_key, excludes
 from exunet.forces.surface import bullet_disc, widths
 from exunet.forces.terms import KernelTerm
 
 NO_LENGTH = 1e-9  # of the reference length: below it the direction of an element is round-off
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
+EXCLUDES = {
+    "molecular_drag": "one is for the air of the ground, one for that of an orbit",
+    "orbit": "there is no continuous air in orbit; use molecular_drag",
+}
+BULLET_KEYS = ("bullet_drag_coefficient", "bullet_area")
 
 
 class Keys(Table):
@@ -92,16 +94,6 @@ def add_bullet_drag(t: float, x: Any, v: Any, bullets: Any, factor: float, force
         speed = math.sqrt(v[k] * v[k] + v[k + 1] * v[k + 1] + v[k + 2] * v[k + 2])
         for axis in range(3):
             force[k + axis] -= factor * speed * v[k + axis]
-
-
-def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
-    """The bullets' keys with bullets; not in orbit."""
-    yield from bullet_key(around, keys, "bullet_drag_coefficient")
-    yield from bullet_key(around, keys, "bullet_area")
-    yield from excludes(
-        around, "molecular_drag", "one is for the air of the ground, one for that of an orbit"
-    )
-    yield from excludes(around, "orbit", "there is no continuous air in orbit; use molecular_drag")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

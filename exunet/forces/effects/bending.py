@@ -11,20 +11,18 @@ within, is softer.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from pydantic import Field
 from scipy.sparse import csr_array, kron
 
-from exunet.base.faults import Wrong
 from exunet.base.table import NonNegative, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import Points
-from exunet.forces.requirements import Surroundings, excludes
 from exunet.forces.terms import LinearTerm
 from exunet.net.arrays import Net
 
+EXCLUDES = {"breaking": "the springs would remain across a broken element"}
 STRAIGHT = 1e-6  # sine of the largest angle in the reference configuration over which a thread runs on
 
 
@@ -80,11 +78,6 @@ def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
     turn = csr_array((weight.ravel(), (rows, nodes.ravel())), shape=(len(nodes), points.n_points))
     along = csr_array(turn.T @ (turn * constant[:, None]))
     return (LinearTerm(stiffness=csr_array(kron(along, np.eye(3)))),)
-
-
-def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
-    """Threads that do not break."""
-    yield from excludes(around, "breaking", "the springs would go on across a broken element")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

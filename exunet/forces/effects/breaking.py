@@ -8,28 +8,25 @@ summary says by how much it was too large.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from exunet.base.faults import Wrong, refuse_with, unless_one
-from exunet.base.incomplete import Unknown
-from exunet.base.table import Positive, Table, exactly_one
+from exunet.base.errors import Fault
+from exunet.base.faults import each
+from exunet.base.table import Positive, Table
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis, hardest_strain, snap_of
 from exunet.forces.points import Points
-from exunet.forces.requirements import Surroundings
-
-# They use, in the step after a break, the acceleration of the step before it.
-REMEMBERING = ("VelocityVerlet", "GeneralizedAlpha", "TrapezoidalIndex2")
+from exunet.forces.requirements import RestOfCase
+from exunet.methods.method import METHODS, Method
 
 
 class Keys(Table):
     """Elements break for good at a strain or a force."""
 
-    model_config = exactly_one("strain", "force")
+    EXACTLY_ONE: ClassVar = ("strain", "force")
 
     strain: Positive | None = Field(
         None,
@@ -42,11 +39,6 @@ class Keys(Table):
         examples=[500.0],
     )
 
-    @model_validator(mode="wrap")
-    @classmethod
-    def _one_limit(cls, keys: Any, handler: Any) -> Any:
-        return refuse_with(unless_one(("strain", "force"), keys), keys, handler)
-
 
 def terms(keys: Keys, points: Points) -> tuple[ElementLaw, ...]:
     """The limit of every element."""
@@ -57,16 +49,21 @@ def terms(keys: Keys, points: Points) -> tuple[ElementLaw, ...]:
     return (ElementLaw(breaking_force=keys.force * everywhere),)
 
 
-def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
+def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
     """A method that starts each step afresh, and no damping along elements that may be gone."""
-    with suppress(Unknown):
-        if around.method in REMEMBERING:
-            words = f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {around.method}"
-            yield Wrong((), words)
-    with suppress(Unknown):
-        if getattr(around.on.get("rayleigh_damping"), "beta", 0.0) > 0.0:
-            words = "contradicts effects.rayleigh_damping.beta, which damps along broken elements too"
-            yield Wrong((), f"{words}; use material_damping")
+    yield from each(_starts_afresh(rest), _no_damping_of_broken(rest))
+
+
+def _starts_afresh(rest: RestOfCase) -> Iterator[Fault]:
+    if rest.method in METHODS and METHODS[Method(rest.method)].remembers_acceleration:
+        yield Fault("", f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {rest.method}")
+
+
+def _no_damping_of_broken(rest: RestOfCase) -> Iterator[Fault]:
+    damping = rest.effect("rayleigh_damping")
+    if damping is not None and damping.beta > 0.0:
+        words = "contradicts effects.rayleigh_damping.beta, which damps along broken elements too"
+        yield Fault("", f"{words}; use material_damping")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

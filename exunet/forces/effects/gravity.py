@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from pydantic import Field
 
-from exunet.base.faults import Wrong
 from exunet.base.table import Table, Vector
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import Points
-from exunet.forces.requirements import Surroundings, excludes
 from exunet.forces.terms import LinearTerm
 
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
+EXCLUDES = {"orbit": "in the frame of an orbit the Earth's gravity is already in it; keep one"}
 
 
 class Keys(Table):
@@ -27,13 +25,6 @@ class Keys(Table):
 def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
     """Load m g on each node."""
     return (LinearTerm(load=np.outer(points.mass, keys.acceleration).ravel()),)
-
-
-def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
-    """Not in orbit: there the gravity of the Earth is the orbit's own."""
-    yield from excludes(
-        around, "orbit", "in the frame of an orbit the Earth's gravity is already in it; keep one"
-    )
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

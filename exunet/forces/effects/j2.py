@@ -11,21 +11,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from exunet.base.faults import Wrong
-from exunet.base.incomplete import Unknown
-from exunet.forces.directions import EARTH_MU, EARTH_RADIUS, OrbitKeys
+from exunet.base.errors import Fault
+from exunet.base.faults import each
+from exunet.forces.directions import EARTH_MU, EARTH_RADIUS, OrbitKeys, at_right_angles
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.lumped import each_node
 from exunet.forces.points import Points
-from exunet.forces.requirements import Surroundings
+from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import LinearTerm
 
+REQUIRES = {"orbit": "of which it is a correction"}
 J2 = 1.08262668e-3  # EGM-96, Vallado table D-1
 LONGEST = 0.05  # of an orbit, during which the gradient is taken as constant
 
@@ -57,23 +57,27 @@ def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
     return (LinearTerm(stiffness=each_node(points.mass, -gradient(keys))),)
 
 
-def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
-    """The same orbit as effects.orbit, which must be on, and a scene that is short against it."""
-    orbit = around.on.get("orbit")
-    if not isinstance(orbit, OrbitKeys):
-        yield Wrong((), "needs [effects.orbit], of which it is a correction")
+def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    """The same orbit as effects.orbit, and a scene that is short compared with it."""
+    shared = ("altitude", "mean_motion", "radial", "along_track")
+    yield from each(
+        at_right_angles(keys), *(_same_orbit(keys, rest, key) for key in shared), _short(keys, rest)
+    )
+
+
+def _same_orbit(keys: Keys, rest: RestOfCase, key: str) -> Iterator[Fault]:
+    orbit = rest.effect("orbit")
+    if orbit is not None and getattr(keys, key) != getattr(orbit, key):
+        yield Fault(key, f"differs from that of effects.orbit, {getattr(orbit, key)}")
+
+
+def _short(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    if keys.is_given("altitude") == keys.is_given("mean_motion"):
         return
-    for key in ("altitude", "mean_motion", "radial", "along_track"):
-        with suppress(Unknown):
-            if getattr(keys, key) != getattr(orbit, key):
-                yield Wrong(
-                    (key,), f"is not that of effects.orbit, {getattr(orbit, key)}", getattr(keys, key)
-                )
-    with suppress(Unknown):
-        longest = LONGEST * 2.0 * math.pi / keys.rate
-        if around.duration > longest:
-            lasts = f"the scene lasts {around.duration:g} s"
-            yield Wrong((), f"is constant, which holds for {longest:.0f} s of this orbit; {lasts}")
+    longest = LONGEST * 2.0 * math.pi / keys.rate
+    if rest.duration > longest:
+        lasts = f"the scene lasts {rest.duration:g} s"
+        yield Fault("", f"is constant, which holds for {longest:.0f} s of this orbit; {lasts}")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

@@ -15,20 +15,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from exunet.base.faults import Wrong
-from exunet.base.incomplete import Unknown
-from exunet.base.table import Positive, Table, check
+from exunet.base.errors import Fault
+from exunet.base.faults import each
+from exunet.base.table import Positive, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import PointMass, Points
-from exunet.forces.requirements import Surroundings
+from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
+
+NEEDS_BULLETS = True
 
 
 class Keys(Table):
@@ -60,14 +61,6 @@ class Keys(Table):
         None, gt=1.0, description='gamma of the adiabatic expansion [-]; just for "gas"', examples=[1.4]
     )
 
-    @check
-    def _gas_has_its_keys(self) -> Iterator[Wrong]:
-        for name in ("dead_length", "exponent"):
-            if self.kind == "gas" and not self.gives(name):
-                yield Wrong((), f'needs {name} for kind = "gas"')
-            if self.kind == "spring" and self.gives(name):
-                yield Wrong((name,), 'is for kind = "gas" only')
-
     @property
     def work(self) -> float:
         """Done on one bullet and the chaser over the whole stroke [J]."""
@@ -93,11 +86,14 @@ def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
     data: tuple[Any, ...] = (nodes, 3 * chaser, axes, start, keys.force, keys.stroke)
     couples = np.stack([net.bullet_nodes, np.full(len(nodes), chaser)], axis=1)
     if keys.kind == "spring":
-        add, potential = add_spring_launch, spring_launch_potential
+        term = KernelTerm(_PUSHED, add_spring_launch, data, spring_launch_potential, couples=couples)
     else:
-        add, potential = add_gas_launch, gas_launch_potential  # type: ignore[assignment]
         data = (*data, keys.dead_length, keys.exponent)
-    return (KernelTerm("bullets and chaser", add, data, potential, couples=couples),)
+        term = KernelTerm(_PUSHED, add_gas_launch, data, gas_launch_potential, couples=couples)
+    return (term,)
+
+
+_PUSHED = "bullets and chaser"
 
 
 def barrels(keys: Keys, net: Net) -> np.ndarray:
@@ -189,14 +185,22 @@ def gas_launch_potential(
     return total
 
 
-def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
-    """Bullets, and no other launch."""
-    with suppress(Unknown):
-        if not around.has_bullets:
-            yield Wrong((), "there are no bullets to launch: add [net.bullets] or remove this table")
-    with suppress(Unknown):
-        if around.has_launch:
-            yield Wrong((), "contradicts [launch], which gives the bullets their speed already; keep one")
+def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    """The keys of gas if it is gas that pushes, and no other launch."""
+    yield from each(_gas_has_its_keys(keys), _no_other_launch(rest))
+
+
+def _gas_has_its_keys(keys: Keys) -> Iterator[Fault]:
+    for name in ("dead_length", "exponent"):
+        if keys.kind == "gas" and not keys.is_given(name):
+            yield Fault("", f'needs {name} for kind = "gas"')
+        if keys.kind == "spring" and keys.is_given(name):
+            yield Fault(name, 'is for kind = "gas" only')
+
+
+def _no_other_launch(rest: RestOfCase) -> Iterator[Fault]:
+    if rest.scene.is_given("launch"):
+        yield Fault("", "contradicts [launch], which gives the bullets their speed already; keep one")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str] | None:

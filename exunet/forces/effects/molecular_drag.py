@@ -9,27 +9,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from exunet.base.faults import Wrong, refuse_with, unless_one
-from exunet.base.incomplete import Unknown
-from exunet.base.table import NonNegative, Positive, Table, Vector, exactly_one
+from exunet.base.errors import Fault
+from exunet.base.table import NonNegative, Positive, Table, Vector
 from exunet.forces.atmosphere import HIGHEST, LOWEST, exponential_density
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import Points
-from exunet.forces.requirements import Surroundings, bullet_key, excludes
+from exunet.forces.requirements import RestOfCase
 from exunet.forces.surface import bullet_disc, tumbling_areas
 from exunet.forces.terms import KernelTerm
+
+EXCLUDES = {"gravity": "uniform gravity is for the ground, free-molecular flow for orbits"}
+BULLET_KEYS = ("bullet_area",)
 
 
 class Keys(Table):
     """Drag of the thin gas in orbit on tumbling cables and on bullets."""
 
-    model_config = exactly_one("density", "altitude")
+    EXACTLY_ONE: ClassVar = ("density", "altitude")
 
     density: Positive | None = Field(None, description="density of the gas [kg/m3]", examples=[1e-12])
     altitude: float | None = Field(
@@ -48,11 +49,6 @@ class Keys(Table):
         description="area of a bullet across the flow [m2]; just when there are bullets",
         examples=[4e-3],
     )
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _one_density(cls, keys: Any, handler: Any) -> Any:
-        return refuse_with(unless_one(("density", "altitude"), keys), keys, handler)
 
     @property
     def gas_density(self) -> float:
@@ -81,16 +77,12 @@ def add_molecular_drag(t: float, x: Any, v: Any, factor: Any, flow: Any, force: 
         force[k + 2] += scale * uz
 
 
-def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
-    """The bullets' area with bullets; the height of the orbit, if there is one; not on the ground."""
-    yield from bullet_key(around, keys, "bullet_area")
-    yield from excludes(
-        around, "gravity", "uniform gravity is for the ground, free-molecular flow for orbits"
-    )
-    with suppress(Unknown):
-        orbit = getattr(around.on.get("orbit"), "altitude", None)
-        if keys.altitude is not None and orbit is not None and orbit != keys.altitude:
-            yield Wrong(("altitude",), f"is not that of effects.orbit, {orbit:g} m", keys.altitude)
+def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    """The height of the orbit, if there is one."""
+    orbit = rest.effect("orbit")
+    height = orbit.altitude if orbit is not None else None
+    if keys.altitude is not None and height is not None and height != keys.altitude:
+        yield Fault("altitude", f"differs from that of effects.orbit, {height:g} m")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

@@ -9,15 +9,18 @@ Astrodynamics", sec. 8.3).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from exunet.forces.directions import OrbitKeys
+from exunet.base.errors import Fault
+from exunet.forces.directions import OrbitKeys, at_right_angles
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.lumped import each_node
 from exunet.forces.points import Points
+from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm, LinearTerm, Term
 
 
@@ -75,6 +78,11 @@ def two_body_potential(x: Any, mass: Any, rate: float, radius: float, radial: An
         inward = radius * radius * q * q * (u + 2.0) / (u * (1.0 + u) * (1.0 + u))
         total += 0.5 * mass[node] * rate * rate * (across * across - inward)
     return total
+
+
+def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    """Directions at right angles."""
+    yield from at_right_angles(keys)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

@@ -7,20 +7,19 @@ is the mean over all orientations, pi d L0 / 4; nodes do not shade each other, a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from pydantic import Field, field_validator
 
-from exunet.base.faults import Wrong
 from exunet.base.table import NonNegative, Positive, Table, Vector
 from exunet.forces.directions import refuse_other_than_unit
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import Points
-from exunet.forces.requirements import Surroundings, bullet_key, excludes
 from exunet.forces.surface import bullet_disc, tumbling_areas
 from exunet.forces.terms import LinearTerm
 
+EXCLUDES = {"gravity": "uniform gravity is for the ground, sunlight in vacuum for orbits"}
+BULLET_KEYS = ("bullet_area",)
 LIGHT = 299792458.0  # [m/s]
 
 
@@ -53,12 +52,6 @@ def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
     pressure = keys.pressure_coefficient * keys.flux / LIGHT
     area = tumbling_areas(points, keys.bullet_area)
     return (LinearTerm(load=np.outer(pressure * area, keys.direction).ravel()),)
-
-
-def needs(keys: Keys, around: Surroundings) -> Iterator[Wrong]:
-    """The bullets' area with bullets; not on the ground."""
-    yield from bullet_key(around, keys, "bullet_area")
-    yield from excludes(around, "gravity", "uniform gravity is for the ground, sunlight in vacuum for orbits")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

@@ -5,17 +5,19 @@ The free stretch is 1 + alpha dT, so the free Green-Lagrange strain is alpha dT 
 
 from __future__ import annotations
 
-from typing import Self
+from collections.abc import Iterator
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
+from exunet.base.errors import Fault
 from exunet.base.table import Table
 from exunet.forces import cable
 from exunet.forces.cable import Law
 from exunet.forces.cable_term import CableTerm, ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import Points
+from exunet.forces.requirements import RestOfCase
 
 
 class Keys(Table):
@@ -25,14 +27,6 @@ class Keys(Table):
     expansion_coefficient: float = Field(
         description="alpha, along the cable [1/K]; negative for aramids", examples=[-2.4e-6]
     )
-
-    @model_validator(mode="after")
-    def _some_length_left(self) -> Self:
-        if not abs(self.stretch - 1.0) <= 0.1:
-            raise ValueError(
-                f"the thermal strain alpha dT must be between -0.1 and 0.1, got {self.stretch - 1.0:.3g}"
-            )
-        return self
 
     @property
     def stretch(self) -> float:
@@ -45,6 +39,13 @@ def terms(keys: Keys, points: Points) -> tuple[ElementLaw, ...]:
     if keys.stretch == 1.0:
         return ()
     return (ElementLaw(free_strain=np.full(points.net.n_elements, 0.5 * (keys.stretch**2 - 1.0))),)
+
+
+def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    """Some length is left, and the strain is small."""
+    strain = keys.stretch - 1.0
+    if not abs(strain) <= 0.1:
+        yield Fault("", f"the thermal strain alpha dT must be between -0.1 and 0.1, got {strain:.3g}")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

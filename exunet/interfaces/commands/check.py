@@ -5,7 +5,7 @@ from __future__ import annotations
 from exunet.case.casefile import Case
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import EFFECTS, switched_on
-from exunet.methods.methods import METHODS
+from exunet.methods.method import METHODS, Kind, Method, TimeLoop
 from exunet.simulation.preparation import Start, build, prepare_case
 from exunet.system.stability import (
     WEAK_GROWTH,
@@ -22,7 +22,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
     net, plan = start.net, start.plan
     on = switched_on(case.scene.effects)
     off = [name for name in EFFECTS if name not in on]
-    compiled = case.scene.engine.loop == "compiled"
+    compiled = case.scene.engine.loop == TimeLoop.COMPILED
     items = "none: compiled loop" if compiled else _items(start)
     setting = f"tolerance {plan.tolerance:.3g}" if plan.tolerance is not None else f"step {plan.step:.4g} s"
     times = stored_times(case.scene.time)
@@ -48,12 +48,12 @@ def _items(start: Start) -> str:
 def _stable_steps(start: Start) -> str:
     frequency = largest_frequency(start.net, start.terms)
     rate = largest_damping_rate(start.net, start.terms)
-    limits = []
-    for name in ("VelocityVerlet", "RK33", "RK44"):
+    limits, common = [], (Method.VELOCITY_VERLET, Method.RK33, Method.RK44)
+    for name in common:
         limit = stable_step(name, frequency, rate)
         limits.append(f"{limit:.4g} s ({name})")
     own = start.plan.method
-    if METHODS[own].kind == "explicit" and own not in ("VelocityVerlet", "RK33", "RK44"):
+    if METHODS[own].kind == Kind.EXPLICIT and own not in common:
         limit = step_limit(own, frequency, rate)
         limits.insert(0, f"{limit:.4g} s ({own}: a mode grows by {WEAK_GROWTH:.0%} a step)")
     return ", ".join(limits)

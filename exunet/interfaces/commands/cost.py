@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 import time as clock
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -13,19 +10,20 @@ import numpy as np
 
 from exunet.base.errors import InputError
 from exunet.base.files import cannot_write, replacing
+from exunet.base.markdown import markdown_table
 from exunet.case.casefile import Case
 from exunet.case.scene import SHORTEST
 from exunet.codegen.compile import numba_installed
 from exunet.figures.style import drawing
-from exunet.interfaces.commands.table import print_table
+from exunet.interfaces.commands.table import print_table, status
 from exunet.simulation.preparation import prepare_case
-from exunet.studies.both_codes import pair_of
+from exunet.studies.both_codes import both_of
 from exunet.studies.cost.after_horizon import measure_rows
 from exunet.studies.cost.converged import INSTANTS, Converged, converge
 from exunet.studies.cost.figure import work_precision
 from exunet.studies.cost.runners import Subject
 from exunet.studies.cost.settings import base
-from exunet.studies.cost.study import Say, Study, all_rungs, climb
+from exunet.studies.cost.study import Study, all_rungs, climb
 from exunet.studies.cost.table import answer_rows, write_csv
 
 INTERRUPTED = 130
@@ -48,7 +46,7 @@ def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
     subject, refusal = _subject(case, until)
     _ready(folder)
     compiled = numba_installed()
-    with _status() as say:
+    with status() as say:
         say("converged solution")
         converged = converge(subject, compiled=compiled)
         if not converged.predicts:
@@ -82,7 +80,7 @@ def _subject(case: Case, until: float | None) -> tuple[Subject, str]:
         end = until
     start = prepare_case(case)
     try:
-        return Subject(start, pair_of(case), (0.0, end)), ""
+        return Subject(start, both_of(case), (0.0, end)), ""
     except InputError as error:
         return Subject(start, None, (0.0, end)), f"without the reference: {error}"
 
@@ -93,7 +91,7 @@ def _head(converged: Converged, subject: Subject) -> list[tuple[str, str]]:
     if not converged.predicts:
         rows.append(
             (
-                "beyond the horizon",
+                "after the horizon",
                 f"from about t = {converged.horizon:.3g} s on no speed is predictable here: errors below are "
                 "those of the energy balance, the measures of deployment stand beside. For speeds give a "
                 "shorter --until",
@@ -163,21 +161,7 @@ def _write_words(folder: Path, title: str, study: Study, rows: list[tuple[str, s
     what = "Errors are those of speeds at the end, relative to the launch speed."
     if not study.converged.predicts:
         what = "Errors are those of the energy balance, relative to the energy in play."
-    lines = [f"# {title}", "", what, "", "| | |", "|---|---|"]
-    lines += [f"| {name} | {words} |" for name, words in rows]
-    lines += ["", "![work-precision diagram](work_precision.png)"]
+    lines = [f"# {title}", "", what, "", *markdown_table(("", ""), rows)]
+    lines += ["![work-precision diagram](work_precision.png)"]
     with replacing(folder / WORDS) as part:
         part.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-@contextmanager
-def _status() -> Iterator[Say]:
-    """A function that names the run at work on stderr; it says nothing when that is not a terminal."""
-    if not sys.stderr.isatty():
-        yield lambda words: None
-        return
-    from rich.console import Console
-
-    console = Console(stderr=True, markup=False, emoji=False, highlight=False)
-    with console.status("") as status:
-        yield lambda words: status.update(words)

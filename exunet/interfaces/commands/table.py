@@ -1,6 +1,10 @@
-"""Plain two-column tables for the terminal."""
+"""Plain two-column tables for the terminal, and the line that names what is running."""
 
 from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rich.console import Console
 from rich.table import Table
@@ -17,3 +21,14 @@ def print_table(title: str, rows: list[tuple[str, str]]) -> None:
     if not console.is_terminal:
         console = Console(markup=False, emoji=False, highlight=False, width=110)
     console.print(table)
+
+
+@contextmanager
+def status() -> Iterator[Callable[[str], None]]:
+    """A function that names the work in progress on stderr; it says nothing when that is no terminal."""
+    if not sys.stderr.isatty():
+        yield lambda words: None
+        return
+    console = Console(stderr=True, markup=False, emoji=False, highlight=False)
+    with console.status("") as line:
+        yield line.update

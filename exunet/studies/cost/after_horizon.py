@@ -1,4 +1,4 @@
-"""Beyond the horizon no speed can be predicted: the measures of deployment and how far they are spread."""
+"""After the horizon no speed can be predicted: the measures of deployment and how far they are spread."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def measure_rows(study: Study) -> list[tuple[str, str]]:
 
 
 def _words(entry: Entry, bounds: list[tuple[float, float]]) -> str:
-    assert entry.errors is not None
+    assert entry.measures is not None
     head = f"{entry.setting.name}, {entry.setting.value}: "
-    if entry.errors.deployment is None:
+    if entry.measures.deployment is None:
         return head + "no measures"
-    return head + ", ".join(_against(four(entry.errors.deployment), bounds))
+    return head + ", ".join(_against(four(entry.measures.deployment), bounds))
 
 
 def _against(found: tuple[float, ...], bounds: list[tuple[float, float]]) -> Iterator[str]:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from exunet.figures.style import BLACK, BLUE, RED, REFERENCE, YELLOW, blank
 from exunet.studies.cost.study import Entry, Study
-from exunet.studies.cost.table import Work, evaluations, pareto, wall_time
+from exunet.studies.cost.table import Effort, evaluations, pareto, wall_time
 
 _COLOURS = {"connectors": BLUE, "fused": RED, "compiled loop": BLACK, "reference": YELLOW}
 # One marker for a kind of method, the same in all codes.
@@ -40,7 +40,7 @@ def work_precision(study: Study, title: str) -> Figure:
     left.set_ylim(_LEAST / 3 if _least(study) < 1e-11 else _least(study) / 5, 3.0)
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc="center left", bbox_to_anchor=(0.76, 0.5), frameon=False, fontsize=7)
-    note = "" if predicts else " (beyond the horizon: speeds cannot be predicted)"
+    note = "" if predicts else " (after the horizon: speeds cannot be predicted)"
     stopped = "\nINCOMPLETE: interrupted" if study.interrupted else ""
     figure.suptitle(title + note + stopped, fontsize=10, parse_math=False)
     figure.subplots_adjust(left=0.075, right=0.75, bottom=0.1, top=0.9, wspace=0.06)
@@ -55,7 +55,7 @@ def _drawn(study: Study, entry: Entry) -> float:
     return max(study.error(entry), _LEAST)
 
 
-def _panel(axes: Axes, study: Study, label: str, work: Work) -> None:
+def _panel(axes: Axes, study: Study, label: str, effort: Effort) -> None:
     ranked = study.ranked
     names = sorted({entry.setting.name: entry.setting for entry in study.measured}.items())
     for name, setting in sorted(names, key=lambda one: (list(_COLOURS).index(one[1].code), one[0])):
@@ -64,14 +64,14 @@ def _panel(axes: Axes, study: Study, label: str, work: Work) -> None:
             key=lambda entry: -(entry.setting.tolerance or entry.setting.step or 0.0),
         )
         axes.plot(
-            [work(entry) for entry in ladder], [_drawn(study, entry) for entry in ladder],
+            [effort(entry) for entry in ladder], [_drawn(study, entry) for entry in ladder],
             color=_COLOURS[setting.code], marker=_MARKERS.get(setting.method, "."), markersize=4.5,
             linewidth=0.9, label=name if ladder[0] in ranked else f"{name}: not ranked",
             linestyle="-" if ladder[0] in ranked else ":",
         )  # fmt: skip
-    front = pareto(study, work)
+    front = pareto(study, effort)
     axes.plot(
-        [work(entry) for entry in front], [_drawn(study, entry) for entry in front],
+        [effort(entry) for entry in front], [_drawn(study, entry) for entry in front],
         color=REFERENCE, linewidth=6, zorder=0, solid_joinstyle="round", label="Pareto front",
     )  # fmt: skip
     axes.set_xscale("log")

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from exunet.results.measures import Deployment, deployment_of
 from exunet.simulation.preparation import Start
+from exunet.studies.neighbours import bullet_speeds
 from exunet.system import energy
+from exunet.system.energy_scale import InPlay
 
 Floats = NDArray[np.float64]
 
@@ -35,8 +37,8 @@ class Measures:
 
     speeds: Floats
     energy: float
-    momentum: float | None
-    deployment: Deployment | None
+    momentum: float | None = None
+    deployment: Deployment | None = None
 
 
 def four(found: Deployment) -> tuple[float, ...]:
@@ -44,28 +46,19 @@ def four(found: Deployment) -> tuple[float, ...]:
     return found.relative_area, found.time_of_largest, found.distance, found.time_open
 
 
-def shown_nodes(start: Start) -> NDArray[np.int64]:
-    """The nodes whose speeds count."""
-    bullets = start.net.bullet_nodes
-    return bullets if len(bullets) else np.arange(start.net.n_nodes)
-
-
-def launch_speed(start: Start) -> float:
-    """Largest initial speed of a node [m/s], the unit of all speed errors; 1 for a net at rest."""
-    return float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0)) or 1.0
-
-
 def measures(start: Start, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> Measures:
-    """Measures of a trajectory; time (t,) [s], position, velocity (t, n_nodes, 3), dissipated (t,) [J]."""
+    """Measures of a trajectory; time (t,) [s], position, velocity (t, n_nodes, 3), dissipated (t,) [J].
+
+    The energy is relative to what the guards go by: the energy in play, without the common flight.
+    """
     net, terms = start.net, start.terms
-    kinetic = energy.kinetic(net, velocity)
-    elastic = energy.elastic(net, terms, position)
-    change = energy.potential(terms, position)
-    change = change - change[0]
-    total = kinetic + elastic + change + dissipated
-    scale = float(kinetic[0] + elastic[0] + np.abs(change).max()) or float(kinetic.max()) or 1.0
+    kinetic, potential = energy.kinetic(net, velocity), energy.potential(terms, position)
+    total = kinetic + energy.elastic(net, terms, position) + (potential - potential[0]) + dissipated
+    in_play = InPlay(net, terms, start.position, start.velocity)
+    gained = in_play.gained(position, velocity, potential, dissipated)[0]
+    scale = in_play.start + float(gained.max()) or float(kinetic.max()) or 1.0
     return Measures(
-        speeds=np.linalg.norm(velocity[-1, shown_nodes(start)], axis=-1),
+        speeds=bullet_speeds(net, velocity[-1]),
         energy=float(np.abs(total - total[0]).max()) / scale,
         momentum=_momentum(start, velocity),
         deployment=deployment_of(net, time, position),

@@ -1,9 +1,8 @@
-"""One run at one setting, in whichever code, with its wall time, counts and measures."""
+"""One run at one setting, in whichever code, with its wall time, work and measures."""
 
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,18 +11,19 @@ from numpy.typing import NDArray
 import reference_impl as reference
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.case.scene import Engine, Scene, Time
-from exunet.methods.methods import Solver
+from exunet.methods.keys import Solver
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
-from exunet.studies.both_codes import Pair
-from exunet.studies.cost.measure import Measures, launch_speed, measures
+from exunet.studies.both_codes import BothCodes
+from exunet.studies.cost.measure import Measures, measures
 from exunet.studies.cost.settings import Setting
+from exunet.studies.neighbours import launch_speed
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Counts:
+class Work:
     """Work of a run: `right_hand_sides` evaluations of the forces, residuals of implicit methods among them;
     Newton iterations of those (linear systems solved)."""
 
@@ -34,11 +34,23 @@ class Counts:
 
 
 @dataclass(frozen=True)
+class Trajectory:
+    """Stored states in exunet's numbering, (t, n_nodes, 3), with the wall time of the stepping [s]."""
+
+    time: Floats
+    position: Floats
+    velocity: Floats
+    dissipated: Floats
+    work: Work
+    seconds: float
+
+
+@dataclass(frozen=True)
 class Trial:
     """One run: wall time of its stepping [s], and what came out, or why it failed."""
 
     seconds: float
-    counts: Counts | None = None
+    work: Work | None = None
     measures: Measures | None = None
     reason: str = ""
 
@@ -47,16 +59,14 @@ class Trial:
 class Subject:
     """The scene under study.
 
-    start  : exunet's, to `times[-1]`
-    pair   : the same in both codes; None if the reference does not know it
-    times  : stored times from 0 to the end [s]
-    moved  : (n_nodes, 3) added to the initial positions [m]
+    start : exunet's, to `times[-1]`
+    both  : the same in both codes; None if the reference does not know it
+    times : stored times from 0 to the end [s]
     """
 
     start: Start
-    pair: Pair | None
+    both: BothCodes | None
     times: tuple[float, ...]
-    moved: Floats | None = None
 
     @property
     def end(self) -> float:
@@ -64,9 +74,9 @@ class Subject:
         return self.times[-1]
 
     @property
-    def position(self) -> Floats:
-        """Initial positions (n_nodes, 3) [m]."""
-        return self.start.position if self.moved is None else self.start.position + self.moved
+    def speed(self) -> float:
+        """See `launch_speed`."""
+        return launch_speed(self.start.velocity)
 
     def at(self, times: tuple[float, ...]) -> Subject:
         """The same with other stored times."""
@@ -75,26 +85,48 @@ class Subject:
 
 def run(subject: Subject, setting: Setting, until: float | None = None) -> Trial:
     """Run to the subject's end (or `until`). Raises KeyboardInterrupt on Ctrl-C, nothing else."""
-    subject = subject if until is None else subject.at((0.0, until))
+    began = clock.perf_counter()
     try:
-        return _RUNNERS.get(setting.code, _exunet)(subject, setting)
+        found = trajectory(subject if until is None else subject.at((0.0, until)), setting)
+    except Exception as error:  # noqa: BLE001 - a method that cannot run the scene stays in the table
+        return Trial(clock.perf_counter() - began, reason=str(error))
+    shown = measures(subject.start, found.time, found.position, found.velocity, found.dissipated)
+    return Trial(found.seconds, found.work, shown)
+
+
+def trajectory(subject: Subject, setting: Setting) -> Trajectory:
+    """The stored states; raises RunStopped if the run stops, KeyboardInterrupt on Ctrl-C."""
+    try:
+        return (_by_reference if setting.code == "reference" else _by_exunet)(subject, setting)
     except (Interrupted, reference.Interrupted):
         raise KeyboardInterrupt from None
+    except reference.Diverged as stop:
+        raise RunStopped(f"the reference {stop}") from stop
 
 
-def trajectory(subject: Subject, setting: Setting) -> tuple[Floats, Floats]:
-    """Position and velocity (t, n_nodes, 3) at the stored times; raises RunStopped or reference.Diverged."""
-    if setting.code == "reference":
-        found = _march(subject, setting)
-        assert subject.pair is not None
-        return subject.pair.take(found.x), subject.pair.take(found.v)
-    result = simulate(_start(subject, setting))
-    return result.position, result.velocity
+def _by_exunet(subject: Subject, setting: Setting) -> Trajectory:
+    scene = with_setting(subject.start.scene, setting, subject.speed, subject.times)
+    result = simulate(replace(prepare(scene), position=subject.start.position))
+    cost = result.provenance
+    work = Work(
+        cost["steps"], cost["rejected_steps"], cost["right_hand_sides"], cost.get("newton_iterations", 0)
+    )
+    states = result.time, result.position, result.velocity, result.dissipated
+    return Trajectory(*states, work, cost["integration_seconds"])
 
 
-def _start(subject: Subject, setting: Setting) -> Start:
-    scene = with_setting(subject.start.scene, setting, launch_speed(subject.start), subject.times)
-    return replace(prepare(scene), position=subject.position)
+def _by_reference(subject: Subject, setting: Setting) -> Trajectory:
+    assert subject.both is not None
+    both = subject.both.from_state(subject.start.position, subject.start.velocity)
+    how: dict[str, object] = {"step": setting.step}
+    if setting.tolerance is not None:
+        how = {"rtol": setting.tolerance, "atol": setting.tolerance * subject.speed}
+    began = clock.perf_counter()
+    found = both.reference_trajectory(subject.times, method=setting.method, **how)
+    seconds = clock.perf_counter() - began
+    x, v = both.from_reference(found.x), both.from_reference(found.v)
+    work = Work(found.n_steps, found.n_rejected, found.n_rhs, found.n_newton)
+    return Trajectory(found.t, x, v, found.dissipated, work, seconds)
 
 
 def with_setting(scene: Scene, setting: Setting, speed: float, times: tuple[float, ...]) -> Scene:
@@ -102,15 +134,10 @@ def with_setting(scene: Scene, setting: Setting, speed: float, times: tuple[floa
     solver: dict[str, object] = {"method": setting.method, "retry": 0}
     if setting.tolerance is not None:
         solver["tolerance"] = setting.tolerance * speed
-    else:
-        solver |= {
-            "step": setting.step,
-            "force": True,
-        }  # a setting beyond the stable step shows what comes of it
-    loop = setting.code == "compiled loop"
-    form = {"loop": "compiled"} if loop else {"net": setting.code}
-    end = times[-1]
-    time = {"end": end, "output_times": [t for t in times if t > 0.0]}
+    else:  # a setting above the stable step shows what comes of it
+        solver |= {"step": setting.step, "force": True}
+    form = {"loop": "compiled"} if setting.code == "compiled loop" else {"net": setting.code}
+    time = {"end": times[-1], "output_times": [t for t in times if t > 0.0]}
     return scene.model_copy(
         update={
             "solver": Solver.model_validate(solver),
@@ -118,50 +145,3 @@ def with_setting(scene: Scene, setting: Setting, speed: float, times: tuple[floa
             "time": Time.model_validate(time),
         }
     )
-
-
-def _exunet(subject: Subject, setting: Setting) -> Trial:
-    began = clock.perf_counter()
-    try:
-        result = simulate(_start(subject, setting))
-    except Interrupted:
-        raise
-    except RunStopped as stop:
-        return Trial(clock.perf_counter() - began, reason=str(stop))
-    except Exception as error:  # noqa: BLE001 - a method that cannot run the scene stays in the table
-        return Trial(clock.perf_counter() - began, reason=str(error))
-    cost = result.provenance
-    counts = Counts(
-        cost["steps"], cost["rejected_steps"], cost["right_hand_sides"], cost.get("newton_iterations", 0)
-    )
-    found = measures(subject.start, result.time, result.position, result.velocity, result.dissipated)
-    return Trial(cost["integration_seconds"], counts, found)
-
-
-def _reference(subject: Subject, setting: Setting) -> Trial:
-    assert subject.pair is not None
-    began = clock.perf_counter()
-    try:
-        found = _march(subject, setting)
-    except reference.Diverged as stop:
-        return Trial(clock.perf_counter() - began, reason=str(stop))
-    seconds = clock.perf_counter() - began
-    take: Callable[[Floats], Floats] = subject.pair.take
-    counts = Counts(found.n_steps, found.n_rejected, found.n_rhs, found.n_newton)
-    x, v = take(found.x), take(found.v)
-    return Trial(seconds, counts, measures(subject.start, found.t, x, v, found.dissipated))
-
-
-def _march(subject: Subject, setting: Setting) -> reference.Trajectory:
-    pair = subject.pair
-    assert pair is not None
-    how: dict[str, float] = {}
-    if setting.tolerance is not None:
-        how = {"rtol": setting.tolerance, "atol": setting.tolerance * launch_speed(subject.start)}
-    else:
-        how = {"step": float(setting.step or 0.0)}
-    x0, v0 = pair.give(subject.position), pair.give(subject.start.velocity)
-    return reference.march(pair.system, x0, v0, subject.times, method=setting.method, **how)  # type: ignore[arg-type]
-
-
-_RUNNERS: dict[str, Callable[[Subject, Setting], Trial]] = {"reference": _reference}

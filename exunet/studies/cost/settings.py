@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from exunet.methods.methods import METHODS
+from exunet.methods.method import COMPILED_METHODS, METHODS, Kind, Method
 
 Code = Literal["connectors", "fused", "compiled loop", "reference"]
 
@@ -17,7 +18,7 @@ IMPLICIT_PARTS = (64.0, 16.0, 4.0, 1.0, 0.4)
 # Methods whose stable step vanishes without damping: of that of velocity Verlet. At 0.1 the forward
 # Euler method lets the fastest mode grow by 2 % a step.
 UNSTABLE_PARTS = (0.1, 0.02, 0.005)
-LOOP_METHODS = ("DOPRI5", "RK44", "VelocityVerlet")
+OF_REFERENCE = {"RK4": "RK44", "Verlet": "VelocityVerlet"}  # fixed-step methods: exunet's names
 
 
 @dataclass(frozen=True)
@@ -44,71 +45,61 @@ class Setting:
         return self.method == "EM"
 
     @property
+    def size(self) -> float:
+        """Tolerance or step: smaller is tighter, among settings of one name."""
+        return float(self.tolerance or self.step or 0.0)
+
+    @property
     def value(self) -> str:
         """The setting in words."""
-        if self.tolerance is not None:
-            return f"tolerance {self.tolerance:.0e}"
-        return f"step {self.step:.3g} s"
+        return f"tolerance {self.tolerance:.0e}" if self.tolerance is not None else f"step {self.step:.3g} s"
 
 
-@dataclass(frozen=True)
-class Limits:
-    """What the ladder must know of a scene.
-
-    stable    : method -> its stable step [s]
-    """
-
-    stable: dict[str, float]
-    end: float
-
-
-def ladders(limits: Limits, *, compiled: bool, reference: tuple[str, ...]) -> list[list[Setting]]:
+def ladders(
+    stable: Mapping[str, float], end: float, *, compiled: bool, reference: tuple[str, ...]
+) -> list[list[Setting]]:
     """For each method and code its settings, loosest first.
 
+    stable    : method -> its stable step on the scene [s]
+    end       : of the run [s]; of the steps longer than a hundredth of it only one is on the ladder
     compiled  : Numba is installed: fused net and compiled loop
     reference : the reference's methods that can run the scene
     """
-    found: list[list[Setting]] = []
+
+    def steps(code: Code, method: str, unit: str, parts: tuple[float, ...]) -> list[Setting]:
+        found = {min(part * stable[unit], end / 100.0) for part in parts}
+        return [Setting(code, method, step=step) for step in sorted(found, reverse=True)]
+
+    def of_exunet(code: Code, method: str) -> list[Setting]:
+        facts = METHODS[Method(method)]
+        if facts.kind == Kind.ADAPTIVE:
+            return adaptive(code, method)
+        if facts.kind == Kind.IMPLICIT:
+            return steps(code, method, "RK44", IMPLICIT_PARTS)
+        if facts.needs_step:
+            return steps(code, method, "VelocityVerlet", UNSTABLE_PARTS)
+        return steps(code, method, method, PARTS)
+
+    def of_reference(method: str) -> list[Setting]:
+        if method in OF_REFERENCE:
+            return steps("reference", method, OF_REFERENCE[method], PARTS)
+        if method == "EM":
+            return steps("reference", method, "RK44", IMPLICIT_PARTS)
+        tolerances = TOLERANCES if method == "DOP853" else TOLERANCES[:6]
+        return [Setting("reference", method, tolerance=t) for t in tolerances]
+
     forms: tuple[Code, ...] = ("fused", "connectors") if compiled else ("connectors",)
-    for form in forms:
-        found += [_of_engine(form, method, limits) for method in METHODS]
-    if compiled:
-        found += [_of_engine("compiled loop", method, limits) for method in LOOP_METHODS]
-    return found + [_of_reference(method, limits) for method in reference]
+    found = [of_exunet(form, method) for form in forms for method in METHODS]
+    found += [of_exunet("compiled loop", method) for method in COMPILED_METHODS if compiled]
+    return found + [of_reference(method) for method in reference]
+
+
+def adaptive(code: Code, method: str) -> list[Setting]:
+    """The ladder of an adaptive method of exunet."""
+    tolerances = TOLERANCES if METHODS[Method(method)].order > 3 else LOW_ORDER_TOLERANCES
+    return [Setting(code, method, tolerance=t) for t in tolerances]
 
 
 def base(*, compiled: bool) -> list[Setting]:
     """The ladder that is climbed whatever the budget: that of the converged solution's own method."""
-    return _adaptive("compiled loop" if compiled else "connectors", "DOPRI5")
-
-
-def _adaptive(code: Code, method: str) -> list[Setting]:
-    tolerances = TOLERANCES if METHODS[method].order > 3 else LOW_ORDER_TOLERANCES
-    return [Setting(code, method, tolerance=t) for t in tolerances]
-
-
-def _of_engine(code: Code, method: str, limits: Limits) -> list[Setting]:
-    if METHODS[method].kind == "adaptive":
-        return _adaptive(code, method)
-    if METHODS[method].kind == "implicit":
-        return _steps(code, method, limits.stable["RK44"], IMPLICIT_PARTS, limits)
-    if METHODS[method].needs_step:
-        return _steps(code, method, limits.stable["VelocityVerlet"], UNSTABLE_PARTS, limits)
-    return _steps(code, method, limits.stable[method], PARTS, limits)
-
-
-def _of_reference(method: str, limits: Limits) -> list[Setting]:
-    if method in ("RK45", "DOP853"):
-        tolerances = TOLERANCES if method == "DOP853" else TOLERANCES[:6]
-        return [Setting("reference", method, tolerance=t) for t in tolerances]
-    if method == "EM":
-        return _steps("reference", method, limits.stable["RK44"], IMPLICIT_PARTS, limits)
-    own = {"RK4": "RK44", "Verlet": "VelocityVerlet"}[method]
-    return _steps("reference", method, limits.stable[own], PARTS, limits)
-
-
-def _steps(code: Code, method: str, unit: float, parts: tuple[float, ...], limits: Limits) -> list[Setting]:
-    """Steps as parts of `unit` [s]; of those longer than a hundredth of the run only one."""
-    longest = limits.end / 100.0
-    steps = sorted({min(part * unit, longest) for part in parts}, reverse=True)
-    return [Setting(code, method, step=step) for step in steps]
+    return adaptive("compiled loop" if compiled else "connectors", "DOPRI5")

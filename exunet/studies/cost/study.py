@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -9,14 +10,14 @@ from typing import get_args
 
 import numpy as np
 
-from exunet.methods.methods import METHODS
-from exunet.results.measures import Deployment
-from exunet.simulation.preparation import Start
+from exunet.methods.method import METHODS, Kind, Method
 from exunet.studies.cost.converged import Converged
-from exunet.studies.cost.measure import launch_speed
-from exunet.studies.cost.runners import Counts, Subject, Trial, run
-from exunet.studies.cost.settings import Code, Limits, Setting, ladders
+from exunet.studies.cost.measure import Measures
+from exunet.studies.cost.runners import Subject, Trial, Work, run
+from exunet.studies.cost.settings import Code, Setting, ladders
 from exunet.system.stability import largest_damping_rate, largest_frequency, step_limit
+from reference_impl.march import METHODS as REFERENCE_METHODS
+from reference_impl.march import unsupported
 
 REPEATS = 3
 _WARM_UP = 1e-3  # of the run: compiles what is to be compiled
@@ -27,32 +28,21 @@ _NEXT = 1.6  # an adaptive run at the next decade of tolerance costs at most thi
 Say = Callable[[str], None]
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Errors of one setting; the first relative to the launch speed, the others as in `Measures`.
-
-    speed : largest difference of a speed at the end from the converged solution's
-    """
-
-    speed: float
-    energy: float
-    momentum: float | None
-    deployment: Deployment | None
-
-
 @dataclass
 class Entry:
     """A setting, its runs so far, and what they showed.
 
-    seconds : wall times of the repeats [s]
-    reason  : why there are no errors: it failed, or was left out
-    failed  : it ran and failed
+    seconds     : wall times of the repeats [s]
+    speed_error : largest difference of a speed at the end from the converged one, over the launch speed
+    reason      : why there are no measures: it failed, or was left out
+    failed      : it ran and failed
     """
 
     setting: Setting
     seconds: list[float] = field(default_factory=list)
-    counts: Counts | None = None
-    errors: Errors | None = None
+    work: Work | None = None
+    measures: Measures | None = None
+    speed_error: float = math.inf
     reason: str = ""
     failed: bool = False
 
@@ -79,31 +69,23 @@ class Study:
 
     @property
     def measured(self) -> list[Entry]:
-        """The entries that have errors."""
-        return [entry for entry in self.entries if entry.errors is not None]
+        """The entries that have measures."""
+        return [entry for entry in self.entries if entry.measures is not None]
 
     @property
     def ranked(self) -> list[Entry]:
-        """Those whose error tells how good they are: not beyond the horizon, if they conserve energy."""
+        """Those whose error tells how good they are: not after the horizon, if they conserve energy."""
         return [entry for entry in self.measured if self.converged.predicts or not entry.setting.conserves]
 
     def error(self, entry: Entry) -> float:
-        """The error that counts: of the speed, or beyond the horizon that of the energy balance.
+        """The error that counts: of the speed, or after the horizon that of the energy balance.
 
         A speed cannot be told closer than the converged solution knows it; some settings are part of that.
         """
-        assert entry.errors is not None
+        assert entry.measures is not None
         if self.converged.predicts:
-            return max(entry.errors.speed, self.converged.uncertainty)
-        return entry.errors.energy
-
-
-def limits(start: Start, end: float) -> Limits:
-    """Stable steps of the fixed-step methods on this scene."""
-    frequency = largest_frequency(start.net, start.terms)
-    rate = largest_damping_rate(start.net, start.terms)
-    explicit = [name for name, method in METHODS.items() if method.kind == "explicit"]
-    return Limits({name: step_limit(name, frequency, rate) for name in explicit}, end)
+            return max(entry.speed_error, self.converged.uncertainty)
+        return entry.measures.energy
 
 
 def climb(
@@ -164,9 +146,9 @@ def _first_round(
 
 def _learn(rate: dict[Code, float], entry: Entry) -> bool:
     """Note what a right-hand side costs [s]; False if the entry does not tell."""
-    if entry.counts is None or not entry.counts.right_hand_sides:
+    if entry.work is None or not entry.work.right_hand_sides:
         return False
-    rate[entry.setting.code] = entry.median / entry.counts.right_hand_sides
+    rate[entry.setting.code] = entry.median / entry.work.right_hand_sides
     return True
 
 
@@ -189,16 +171,17 @@ def _work(setting: Setting, end: float) -> float:
     """Right-hand sides to expect of a first rung; of an adaptive method, a few thousand."""
     if setting.step is None:
         return _ADAPTIVE
-    stages = METHODS[setting.method].stages if setting.method in METHODS else 4
+    stages = METHODS[Method(setting.method)].stages if setting.method in METHODS else 4
     return stages * end / setting.step
 
 
 def _entry(setting: Setting, trial: Trial, converged: Converged, subject: Subject) -> Entry:
-    entry = Entry(setting, [trial.seconds], trial.counts, reason=trial.reason, failed=bool(trial.reason))
-    found = trial.measures
-    if found is not None:
-        off = float(np.abs(found.speeds - converged.speeds).max()) / launch_speed(subject.start)
-        entry.errors = Errors(off, found.energy, found.momentum, found.deployment)
+    entry = Entry(setting, [trial.seconds], trial.work, trial.measures, reason=trial.reason)
+    if trial.measures is None:
+        entry.failed = True
+    else:
+        gaps = np.abs(trial.measures.speeds - converged.speeds)
+        entry.speed_error = float(gaps.max()) / subject.speed
     return entry
 
 
@@ -220,10 +203,13 @@ def _repeats(study: Study, subject: Subject, left: Callable[[], float], say: Say
 
 def all_rungs(subject: Subject, *, compiled: bool) -> list[list[Setting]]:
     """The ladders of every method and code that can run the scene."""
-    methods: tuple[str, ...] = ()
-    if subject.pair is not None:
-        from reference_impl.march import METHODS as THEIRS
-        from reference_impl.march import unsupported
-
-        methods = tuple(m for m in THEIRS if m != "EM" or not unsupported(subject.pair.system))
-    return ladders(limits(subject.start, subject.end), compiled=compiled, reference=methods)
+    theirs: tuple[str, ...] = ()
+    if subject.both is not None:
+        conserving = not unsupported(subject.both.theirs.system)
+        theirs = tuple(method for method in REFERENCE_METHODS if method != "EM" or conserving)
+    start = subject.start
+    frequency = largest_frequency(start.net, start.terms)
+    rate = largest_damping_rate(start.net, start.terms)
+    explicit = [name for name, method in METHODS.items() if method.kind == Kind.EXPLICIT]
+    stable = {str(name): step_limit(name, frequency, rate) for name in explicit}
+    return ladders(stable, subject.end, compiled=compiled, reference=theirs)

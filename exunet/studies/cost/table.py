@@ -13,7 +13,7 @@ from exunet.studies.cost.study import Entry, Study
 LEVELS = tuple(10.0**-k for k in range(2, 9))
 _RESOLVED = 3.0  # an error must be this many times the converged solution's own uncertainty to be told
 
-Work = Callable[[Entry], float]
+Effort = Callable[[Entry], float]
 
 
 def wall_time(entry: Entry) -> float:
@@ -23,15 +23,15 @@ def wall_time(entry: Entry) -> float:
 
 def evaluations(entry: Entry) -> float:
     """Evaluations of the forces."""
-    assert entry.counts is not None
-    return float(max(entry.counts.right_hand_sides, 1))
+    assert entry.work is not None
+    return float(max(entry.work.right_hand_sides, 1))
 
 
-def pareto(study: Study, work: Work = wall_time) -> list[Entry]:
-    """The entries that no other one beats in both work and error, cheapest first."""
+def pareto(study: Study, effort: Effort = wall_time) -> list[Entry]:
+    """The entries that no other one beats in both effort and error, cheapest first."""
     front: list[Entry] = []
     best = float("inf")
-    for entry in sorted(study.ranked, key=lambda one: (work(one), study.error(one))):
+    for entry in sorted(study.ranked, key=lambda one: (effort(one), study.error(one))):
         if study.error(entry) < best:
             front.append(entry)
             best = study.error(entry)
@@ -52,18 +52,18 @@ def reliable(study: Study, entry: Entry, level: float) -> bool:
 
 def confirmed(study: Study, entry: Entry) -> bool:
     """True if a tighter setting of the same ladder was measured too."""
-    return any(other.errors is not None for other in _tighter(study, entry))
+    return any(other.measures is not None for other in _tighter(study, entry))
 
 
 def _tighter(study: Study, entry: Entry) -> list[Entry]:
     """Those that were run."""
-    ladder = [other for other in study.entries if other.setting.name == entry.setting.name]
-    ran = [other for other in ladder if other.failed or other.errors is not None]
-    return [other for other in ran if _knob(other) < _knob(entry)]
-
-
-def _knob(entry: Entry) -> float:
-    return float(entry.setting.tolerance or entry.setting.step or 0.0)
+    return [
+        other
+        for other in study.entries
+        if other.setting.name == entry.setting.name
+        and other.setting.size < entry.setting.size
+        and (other.failed or other.measures is not None)
+    ]
 
 
 def cheapest(study: Study, level: float) -> Entry | None:
@@ -89,8 +89,7 @@ def answer_rows(study: Study) -> list[tuple[str, str]]:
 
 
 def _told(study: Study, entry: Entry) -> str:
-    assert entry.errors is not None
-    if study.converged.predicts and entry.errors.speed <= study.converged.uncertainty:
+    if study.converged.predicts and entry.speed_error <= study.converged.uncertainty:
         return f"at most the {study.converged.uncertainty:.1e} by which the converged solutions differ"
     return f"{study.error(entry):.1e}"
 
@@ -119,28 +118,22 @@ def write_csv(study: Study, path: Path) -> None:
 
 
 def _cells(study: Study, entry: Entry, on_front: bool) -> Sequence[object]:
-    setting, errors, counts = entry.setting, entry.errors, entry.counts
-    found: Sequence[object] = ("",) * 7
-    if errors is not None:
+    setting, found, work = entry.setting, entry.measures, entry.work
+    measures: Sequence[object] = ("",) * 7
+    if found is not None:
         speed = f"{study.error(entry):.3e}" if study.converged.predicts else ""
-        momentum = "" if errors.momentum is None else f"{errors.momentum:.3e}"
-        measures = [f"{value:.8g}" for value in four(errors.deployment)] if errors.deployment else [""] * 4
-        found = (speed, f"{errors.energy:.3e}", momentum, *measures)
-    work: Sequence[object] = ("", "", "", "")
-    if counts is not None:
-        work = (counts.steps, counts.rejected, counts.right_hand_sides, counts.newton)
-    timing: Sequence[object] = ("", "", 0)
-    if entry.seconds:
-        noise = "" if entry.noise is None else f"{entry.noise:.3f}"
-        timing = (f"{entry.median:.6g}", noise, len(entry.seconds))
+        momentum = "" if found.momentum is None else f"{found.momentum:.3e}"
+        opening = [f"{value:.8g}" for value in four(found.deployment)] if found.deployment else [""] * 4
+        measures = (speed, f"{found.energy:.3e}", momentum, *opening)
+    noise = "" if entry.noise is None else f"{entry.noise:.3f}"
     return (
         setting.code,
         setting.method,
         "" if setting.tolerance is None else f"{setting.tolerance:g}",
         "" if setting.step is None else f"{setting.step:.6g}",
-        *found,
-        *timing,
-        *work,
+        *measures,
+        *((f"{entry.median:.6g}", noise, len(entry.seconds)) if entry.seconds else ("", "", 0)),
+        *((work.steps, work.rejected, work.right_hand_sides, work.newton) if work else [""] * 4),
         "yes" if on_front else "",
         entry.reason or "ran",
     )

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from exunet.studies.both_codes import Pair
+from exunet.studies.both_codes import BothCodes
 from exunet.verification.answers import balance, modes, mouth, orders, rest, rotation, snap, verlet
 from exunet.verification.check import Finding
 
-Answer = Callable[[Pair], Iterator[Finding]]
+Answer = Callable[[BothCodes], Iterator[Finding]]
 
 # What is known of the case of that name under cases/verification/.
 ANSWERS: tuple[tuple[str, Answer], ...] = (

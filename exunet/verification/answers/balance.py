@@ -7,20 +7,20 @@ from collections.abc import Iterator
 import numpy as np
 
 from exunet.case.stored_times import stored_times
-from exunet.studies.both_codes import Pair
+from exunet.studies.both_codes import BothCodes
 from exunet.system import energy
 from exunet.verification.answers.both import best
 from exunet.verification.check import Check
 from exunet.verification.tolerances import ANGULAR, ENERGY, MOMENTUM, Tolerance
 
 
-def free_net(pair: Pair) -> Iterator[Check]:
+def free_net(case: BothCodes) -> Iterator[Check]:
     """Largest change of each over the stored times."""
-    net = pair.start.net
-    shares = net.mass[:, None] * pair.start.velocity
-    turning = np.cross(pair.start.position, shares)
-    for code, motion in best(pair, stored_times(pair.start.scene.time)):
-        total = energy.kinetic(net, motion.velocity) + energy.elastic(net, pair.start.terms, motion.position)
+    net = case.start.net
+    shares = net.mass[:, None] * case.start.velocity
+    turning = np.cross(case.start.position, shares)
+    for code, motion in best(case, stored_times(case.start.scene.time)):
+        total = energy.kinetic(net, motion.velocity) + energy.elastic(net, case.start.terms, motion.position)
         kept: tuple[tuple[str, np.ndarray, float, Tolerance], ...] = (
             ("momentum", energy.momentum(net, motion.velocity), _size(shares), MOMENTUM),
             (
@@ -35,9 +35,7 @@ def free_net(pair: Pair) -> Iterator[Check]:
             change = np.linalg.norm(values - values[0], axis=1)
             at = int(np.argmax(change))
             words = f"t = {motion.time[at]:.4g} s: {values[at]} at first: {values[0]}"
-            yield Check(
-                6, pair.name, f"{name}, {code}: relative change", float(change[at]) / scale, allowed, words
-            )
+            yield Check(f"{name}, {code}: relative change", float(change[at]) / scale, allowed, words)
 
 
 def _size(shares: np.ndarray) -> float:

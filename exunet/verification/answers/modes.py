@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.studies.both_codes import Pair
+from exunet.studies.both_codes import BothCodes
 from exunet.verification.answers.both import against, in_steps
 from exunet.verification.check import Check
 from exunet.verification.tolerances import FREQUENCY
@@ -31,17 +31,17 @@ def frequency(amplitude: float, rate: float, start: float, time: float, expected
     return (2 * math.pi * turns + phase) / time
 
 
-def waves(pair: Pair) -> Iterator[Check]:
+def waves(case: BothCodes) -> Iterator[Check]:
     """Wave speeds in the reference frame: sqrt(E/rho (3 lambda^2 - 1)/2) and, transverse, sqrt(E E11/rho).
 
     The chain of N elements of length l is displaced in its first mode; a standing wave of wave number k has
     the frequency 2 c / l sin(k l / 2), which tells c.
     """
-    net = pair.start.net
+    net = case.start.net
     count, element = net.n_elements, float(net.reference_length[0])
     ends = net.fixed_nodes
     total = float(np.ptp(net.reference_position[:, 0]))
-    stretch = float(np.ptp(pair.start.position[ends, 0])) / total
+    stretch = float(np.ptp(case.start.position[ends, 0])) / total
     modulus = float(net.youngs_modulus[0] / net.density[0])
     shape = np.sin(np.pi * net.reference_position[:, 0] / total)
     rest = stretch * net.reference_position
@@ -50,14 +50,14 @@ def waves(pair: Pair) -> Iterator[Check]:
         "longitudinal": (0, math.sqrt(modulus * (3 * stretch**2 - 1) / 2)),
         "transverse": (1, math.sqrt(modulus * 0.5 * (stretch**2 - 1))),
     }
-    end = pair.start.scene.time.end
-    for code, motion in in_steps(pair, np.array([0.0, end]), 1 / 8):
+    end = case.start.scene.time.end
+    for code, motion in in_steps(case, np.array([0.0, end]), 1 / 8):
         for name, (axis, speed) in known.items():
             start, now = ((motion.position[k] - rest)[:, axis] @ shape for k in (0, 1))
             rate = motion.velocity[1][:, axis] @ shape
             found = frequency(now, rate, start, end, factor * speed) / factor
             text = f"{name} wave speed, stretch {stretch:g}, {code}"
-            yield against(pair, text, found, speed, FREQUENCY, "m/s")
+            yield against(text, found, speed, FREQUENCY, "m/s")
 
 
 @dataclass(frozen=True)
@@ -86,31 +86,31 @@ class Modes:
         return self.shapes.T @ (self.root * velocity[self.free].ravel())
 
 
-def modes_of(pair: Pair) -> Modes:
+def modes_of(case: BothCodes) -> Modes:
     """Eigenvalues of M^-1 T, eq. (14) of the reference, of a net that its supports stretch evenly."""
-    net = pair.start.net
+    net = case.start.net
     fixed = net.fixed_nodes
     stretch = float(
-        np.linalg.norm(pair.start.position[fixed[0]]) / np.linalg.norm(net.reference_position[fixed[0]])
+        np.linalg.norm(case.start.position[fixed[0]]) / np.linalg.norm(net.reference_position[fixed[0]])
     )
     rest = stretch * net.reference_position
     free = np.setdiff1d(np.arange(net.n_nodes), fixed)
-    place = (3 * pair.to_theirs[free][:, None] + np.arange(3)).ravel()
-    stiffness = formulas.tangent(pair.system, pair.give(rest)).toarray()[np.ix_(place, place)]
+    place = (3 * case.reference_nodes[free][:, None] + np.arange(3)).ravel()
+    stiffness = formulas.tangent(case.theirs.system, case.to_reference(rest)).toarray()[np.ix_(place, place)]
     root = np.sqrt(np.repeat(net.mass[free], 3))
     squares, shapes = np.linalg.eigh(stiffness / np.outer(root, root))
     return Modes(rest, free, root, squares, shapes)
 
 
-def vibration(pair: Pair) -> Iterator[Check]:
+def vibration(case: BothCodes) -> Iterator[Check]:
     """Frequencies of the modes that the start contains, against the eigenvalues."""
-    modes = modes_of(pair)
-    end = pair.start.scene.time.end
-    begin = modes.amplitudes(pair.start.position)
+    modes = modes_of(case)
+    end = case.start.scene.time.end
+    begin = modes.amplitudes(case.start.position)
     shown = np.flatnonzero(np.abs(begin) > SHARE * np.abs(begin).max())
-    for code, motion in in_steps(pair, np.array([0.0, end]), 1 / 32):
+    for code, motion in in_steps(case, np.array([0.0, end]), 1 / 32):
         now, rate = modes.amplitudes(motion.position[1]), modes.rates(motion.velocity[1])
         for k in shown:
             known = math.sqrt(modes.squares[k])
             found = frequency(now[k], rate[k], begin[k], end, known)
-            yield against(pair, f"frequency of mode {k + 1}, {code}", found, known, FREQUENCY, "rad/s")
+            yield against(f"frequency of mode {k + 1}, {code}", found, known, FREQUENCY, "rad/s")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.net import radial, square
 from exunet.results import measures as metrics
-from exunet.studies.both_codes import Pair
+from exunet.studies.both_codes import BothCodes
 from exunet.verification.check import Check, worst_of
 from exunet.verification.tolerances import AREA
 
@@ -21,22 +21,22 @@ SEED = 20210621
 SHAPES = 10
 
 
-def areas(pair: Pair) -> Iterator[Check]:
+def areas(case: BothCodes) -> Iterator[Check]:
     """The net stretched, sheared and turned by linear maps; mouth and openings then cover the same plane.
 
     A map A takes an area S in the plane of x and y to S |A e_x x A e_y|. A square of side s has S = s^2, a
     polygon of n corners at the distance r has S = n r^2 sin(2 pi / n) / 2.
     """
-    net, flat = pair.start.net, _flat(pair)
+    net, flat = case.start.net, _flat(case)
     maps = [np.eye(3), *np.random.default_rng(SEED).normal(size=(SHAPES, 3, 3))]
     shapes = [(f"shape {k}", net.reference_position @ a.T, flat * _stretch(a)) for k, a in enumerate(maps)]
-    of_mouth = [_against(pair, name, metrics.mouth_area(net, x), known) for name, x, known in shapes]
-    of_openings = [_against(pair, name, metrics.mesh_area(net, x), known) for name, x, known in shapes]
+    of_mouth = [_against(name, metrics.mouth_area(net, x), known) for name, x, known in shapes]
+    of_openings = [_against(name, metrics.mesh_area(net, x), known) for name, x, known in shapes]
     yield worst_of(f"area of the mouth, {len(maps)} flat shapes", of_mouth)
     yield worst_of(f"area of all openings, {len(maps)} flat shapes", of_openings)
-    if isinstance(pair.start.scene.net, square.Keys):
+    if isinstance(case.start.scene.net, square.Keys):
         folded = metrics.mouth_area(net, _folded(net.reference_position))
-        yield _against(pair, "area of the mouth, folded by a right angle", folded, flat * FOLDED)
+        yield _against("area of the mouth, folded by a right angle", folded, flat * FOLDED)
 
 
 # Of a unit square folded by a right angle about a diagonal, as a fan from the mean of its corners: with
@@ -45,14 +45,14 @@ def areas(pair: Pair) -> Iterator[Check]:
 FOLDED = math.sqrt(11.0) / 4.0
 
 
-def _flat(pair: Pair) -> float:
+def _flat(case: BothCodes) -> float:
     """Area [m2] in the reference configuration."""
-    match pair.start.scene.net:
+    match case.start.scene.net:
         case square.Keys(size=side):
             return side**2
         case radial.Keys(spokes=corners, radius=distance):
             return 0.5 * corners * distance**2 * math.sin(2.0 * math.pi / corners)
-    raise InputError(f"{pair.name}: the area of the mouth is known of square and radial nets only")
+    raise InputError(f"{case.name}: the area of the mouth is known of square and radial nets only")
 
 
 def _folded(place: Floats) -> Floats:
@@ -65,6 +65,6 @@ def _stretch(a: Floats) -> float:
     return float(np.linalg.norm(np.cross(a[:, 0], a[:, 1])))
 
 
-def _against(pair: Pair, name: str, found: Floats | float, known: float) -> Check:
+def _against(name: str, found: Floats | float, known: float) -> Check:
     words = f"{float(found):.16g} m2, known: {known:.16g} m2"
-    return Check(6, pair.name, name, abs(float(found) - known) / known, AREA, words)
+    return Check(name, abs(float(found) - known) / known, AREA, words)

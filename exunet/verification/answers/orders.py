@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.methods.methods import METHODS, Plan, Solver
-from exunet.simulation.planning import make_plan
-from exunet.studies.both_codes import Motion, Pair
+from exunet.methods.method import METHODS, Kind, Method
+from exunet.methods.plan import Plan
+from exunet.studies.both_codes import BothCodes, Motion
 from exunet.verification.check import Check, Finding, Plate
+from exunet.verification.converged import with_tolerance
 from exunet.verification.figures import convergence
 from exunet.verification.tolerances import ADAPTIVE_ORDER, KINK, ORDER
 
@@ -61,38 +62,32 @@ class Series:
         )
 
 
-def all_series(pairs: Sequence[Pair]) -> list[Series]:
+def all_series(cases: Sequence[BothCodes]) -> list[Series]:
     """Every integrator of both codes over the whole case, against the reference's finest motion.
 
-    The error is the root mean square over `pairs`: the same case with different starts.
+    The error is the root mean square over `cases`: the same case with different starts.
     """
-    end = pairs[0].start.scene.time.end
+    end = cases[0].start.scene.time.end
     times = np.array([0.0, end])
-    exact = [pair.march(times, rtol=3e-14, atol=1e-15) for pair in pairs]
+    exact = [case.run_reference(times, rtol=3e-14, atol=1e-15) for case in cases]
     found = []
     for method, facts in METHODS.items():
-        plans = _plans(pairs[0], method, end)
-        runs = [[pair.engine(times, plan) for pair in pairs] for plan in plans]
-        found.append(_series(f"Exudyn {method}", facts.order, facts.kind == "adaptive", runs, exact))
-    for method, order in REFERENCE.items():
+        plans = _plans(cases[0], method, end)
+        runs = [[case.run_exunet(times, plan) for case in cases] for plan in plans]
+        found.append(_series(f"Exudyn {method}", facts.order, facts.kind == Kind.ADAPTIVE, runs, exact))
+    for theirs, order in REFERENCE.items():
         settings: list[dict[str, Any]] = [{"step": end / n} for n in STEPS]
-        if method in ADAPTIVE:
+        if theirs in ADAPTIVE:
             settings = [{"rtol": t, "atol": t} for t in TOLERANCES]
-        runs = [[pair.march(times, method=method, **how) for pair in pairs] for how in settings]
-        found.append(_series(f"reference {method}", order, method in ADAPTIVE, runs, exact))
+        runs = [[case.run_reference(times, method=theirs, **how) for case in cases] for how in settings]
+        found.append(_series(f"reference {theirs}", order, theirs in ADAPTIVE, runs, exact))
     return found
 
 
-def _plans(pair: Pair, method: str, end: float) -> list[Plan]:
-    if METHODS[method].kind != "adaptive":
+def _plans(case: BothCodes, method: Method, end: float) -> list[Plan]:
+    if METHODS[method].kind != Kind.ADAPTIVE:
         return [Plan(method, step=end / n) for n in STEPS]
-    start = pair.start
-    plans = []
-    for tolerance in TOLERANCES:
-        solver = Solver.model_validate({"method": method, "tolerance": tolerance})
-        scene = start.scene.model_copy(update={"solver": solver})
-        plans.append(make_plan(scene, start.net, start.terms, start.velocity))
-    return plans
+    return [with_tolerance(case, method, tolerance) for tolerance in TOLERANCES]
 
 
 def _series(
@@ -112,50 +107,48 @@ def _series(
     return Series(label, order, adaptive, steps, errors, apart.max(axis=1).argmax(axis=1).tolist())
 
 
-def smooth(pair: Pair) -> Iterator[Finding]:
+def smooth(case: BothCodes) -> Iterator[Finding]:
     """Where no element ever goes slack, every method must show its declared order."""
-    found = all_series([pair])
+    found = all_series([case])
     for series in found:
         observed = series.observed(FITTED)
         words = f"observed {observed:.2f}, declared {series.order}; {series.ends()}"
         allowed = ADAPTIVE_ORDER if series.adaptive else ORDER
-        yield Check(
-            6, pair.name, f"order of {series.label}: off by", abs(observed - series.order), allowed, words
-        )
-    yield _plate(pair, found, "always taut", "Every method shows its declared order.")
+        yield Check(f"order of {series.label}: off by", abs(observed - series.order), allowed, words)
+    yield _plate(case, found, "always taut", "Every method shows its declared order.")
 
 
-def with_kink(pair: Pair) -> Iterator[Finding]:
+def with_kink(case: BothCodes) -> Iterator[Finding]:
     """Where a cable becomes taut and slack again: second order is left of any higher one with equal steps."""
-    found = all_series(_shifted(pair))
+    found = all_series(_shifted(case))
     for series in found:
         observed = series.observed(len(series.steps))
         words = f"observed {observed:.2f}, declared {series.order}; {series.ends()}"
         if series.adaptive or series.order < KINK_ORDER:
-            yield Check(6, pair.name, f"order of {series.label}: observed", observed, None, words)
+            yield Check(f"order of {series.label}: observed", observed, None, words)
         else:
             gap = abs(observed - KINK_ORDER)
-            yield Check(6, pair.name, f"order of {series.label}: off 2 by", gap, KINK, words)
+            yield Check(f"order of {series.label}: off 2 by", gap, KINK, words)
     caption = (
         "Equal steps keep second order, whatever the order of the method on smooth motion, because the kink "
         "lies somewhere inside a step (root mean square over eight starts); adaptive methods cut their steps "
         "at the kink and keep their advantage."
     )
-    yield _plate(pair, found, "a snap inside the run", caption)
+    yield _plate(case, found, "a snap inside the run", caption)
 
 
-def _shifted(pair: Pair) -> list[Pair]:
+def _shifted(case: BothCodes) -> list[BothCodes]:
     """The case with its nodes moved apart by up to what they travel in the longest step."""
     random = np.random.default_rng(SEED)
-    start = pair.start
+    start = case.start
     step = start.scene.time.end / STEPS[0]
     return [
-        pair.from_state(start.position + share * step * start.velocity, start.velocity)
+        case.from_state(start.position + share * step * start.velocity, start.velocity)
         for share in random.random(STARTS)
     ]
 
 
-def _plate(pair: Pair, found: list[Series], what: str, caption: str) -> Plate:
+def _plate(case: BothCodes, found: list[Series], what: str, caption: str) -> Plate:
     lines = {series.label: (series.steps, np.maximum(series.errors, 1e-17)) for series in found}
     ours = [label for label in lines if label.startswith("Exudyn")]
     panels = {
@@ -163,4 +156,4 @@ def _plate(pair: Pair, found: list[Series], what: str, caption: str) -> Plate:
         "Exudyn, implicit; reference": ours[8:] + [label for label in lines if label not in ours],
     }
     figure = convergence(f"Errors against the number of steps: {what}", "steps", lines, panels)
-    return Plate(6, f"orders_{pair.name}", figure, f"{pair.name}: {what}. {caption}")
+    return Plate(f"orders_{case.name}", figure, f"{case.name}: {what}. {caption}")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from exunet.forces import cable
-from exunet.studies.both_codes import Pair
+from exunet.studies.both_codes import BothCodes
 from exunet.verification.answers.both import CODES, against, best
 from exunet.verification.check import Check
 from exunet.verification.tolerances import SNAP
@@ -48,32 +48,32 @@ def known_snap(axial_stiffness: float, length: float, reduced_mass: float, speed
     )
 
 
-def snap(pair: Pair) -> Iterator[Check]:
+def snap(case: BothCodes) -> Iterator[Check]:
     """The peak at half the contact time; contact time and rebound from the slack flight afterwards."""
-    net = pair.start.net
-    speed = float(np.linalg.norm(pair.start.velocity[1] - pair.start.velocity[0]))
+    net = case.start.net
+    speed = float(np.linalg.norm(case.start.velocity[1] - case.start.velocity[0]))
     mass = float(1.0 / (1.0 / net.mass).sum())
     length = float(net.reference_length[0])
     known = known_snap(float(net.axial_stiffness[0]), length, mass, speed)
-    end = pair.start.scene.time.end
-    for code, motion in best(pair, np.array([0.0, known.contact_time / 2, end])):
-        span, strain, force = _by_code(pair, code, motion.position)
+    end = case.start.scene.time.end
+    for code, motion in best(case, np.array([0.0, known.contact_time / 2, end])):
+        span, strain, force = _by_code(case, code, motion.position)
         rebound = float(np.linalg.norm(motion.velocity[2, 1] - motion.velocity[2, 0]))
         contact = end - (length - span[2]) / rebound
-        yield against(pair, f"largest strain, {code}", strain[1], known.strain, SNAP, "")
-        yield against(pair, f"peak force, {code}", force[1], known.force, SNAP, "N")
-        yield against(pair, f"contact time, {code}", contact, known.contact_time, SNAP, "s")
-        yield against(pair, f"rebound speed, {code}", rebound, speed, SNAP, "m/s")
+        yield against(f"largest strain, {code}", strain[1], known.strain, SNAP, "")
+        yield against(f"peak force, {code}", force[1], known.force, SNAP, "N")
+        yield against(f"contact time, {code}", contact, known.contact_time, SNAP, "s")
+        yield against(f"rebound speed, {code}", rebound, speed, SNAP, "m/s")
 
 
-def _by_code(pair: Pair, code: str, position: Floats) -> tuple[Floats, Floats, Floats]:
+def _by_code(case: BothCodes, code: str, position: Floats) -> tuple[Floats, Floats, Floats]:
     """Length [m], strain and tension [N] of the cable (t,), each code's motion by its own formulas."""
     if code == REFERENCE:
-        system, x = pair.system, pair.give(position)
+        system, x = case.theirs.system, case.to_reference(position)
         length, strain = formulas.length(system, x), formulas.strain(system, x)
         return length[:, 0], strain[:, 0], formulas.tension(system, x)[:, 0]
-    net = pair.start.net
+    net = case.start.net
     length = cable.lengths(net, position)
     strain = cable.green_lagrange_strain(length, net.reference_length)
-    tension = cable.element_tension(net, pair.start.terms.law(net), position, np.zeros_like(position))
+    tension = cable.element_tension(net, case.start.terms.law(net), position, np.zeros_like(position))
     return length[:, 0], strain[:, 0], tension[:, 0]

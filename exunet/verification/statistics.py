@@ -19,25 +19,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.codegen.compile import numba_installed
-from exunet.results import measures as metrics
-from exunet.studies.both_codes import Pair
+from exunet.results.measures import mouth_area
+from exunet.studies.both_codes import BothCodes
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
+from exunet.studies.neighbours import bullet_speeds
 from exunet.system import energy
 from exunet.verification.converged import best_plan
-from exunet.verification.growth import grid
+from exunet.verification.growth import AMPLITUDE, grid
 
 Floats = NDArray[np.float64]
 
-AMPLITUDE = 1e-6  # [m]
-TOLERANCE = 1e-7  # [m, m/s]: keeps the energy of the paper's undamped net to 2e-5
+TOLERANCE = 1e-7  # of `best_plan`: keeps the energy of the paper's undamped net to 2e-5
 COMPILED, EXUDYN, REFERENCE = "compiled loop", "Exudyn", "reference"
 RUNS = {COMPILED: 128, EXUDYN: 64, REFERENCE: 16}
 SEEDS = {COMPILED: 1000, EXUDYN: 1000, REFERENCE: 2000}  # the two codes draw starts of their own
 
 
 @dataclass(frozen=True)
-class Ensemble:
-    """Perturbed runs of one code.
+class Statistics:
+    """Measures of the perturbed runs of one code.
 
     code  : which
     time  : (t,) [s]
@@ -58,43 +58,41 @@ def our_code() -> str:
     return COMPILED if numba_installed() else EXUDYN
 
 
-def ensemble(pair: Pair, code: str, runs: int | None = None) -> Ensemble:
-    """Runs by the compiled loop or Exudyn (Dormand-Prince), or the reference (its pair RK45), on all cores.
+def statistics(case: BothCodes, code: str, runs: int | None = None) -> Statistics:
+    """Runs by the compiled loop or Exudyn (Dormand-Prince), or the reference (its RK45), on all cores.
 
     runs : how many; None: `RUNS`
     """
-    times = grid(pair)[0][::2]
-    start = replace(pair.start, plan=best_plan(pair, TOLERANCE * pair.speed))
-    places = perturbed_positions(start, runs or RUNS[code], AMPLITUDE, SEEDS[code])
+    times, net = grid(case)[0][::2], case.start.net
+    start = replace(case.start, plan=best_plan(case, TOLERANCE))
+    places = perturbed_positions(start, runs or RUNS[code], AMPLITUDE * case.size, SEEDS[code])
     if code == COMPILED:
         changes = {"end": times[-1], "output_times": tuple(times.tolist()), "output_step": None}
         scene = start.scene.model_copy(update={"time": start.scene.time.model_copy(update=changes)})
         found = run_ensemble(replace(start, scene=scene), places)
         area, kinetic, elastic, bullets = found.area, found.kinetic, found.elastic, found.bullet_speed
     else:
-        rows = in_parallel(_one, [(pair, code, times, place) for place in places])
+        rows = in_parallel(_one, [(case, code, times, place) for place in places])
         area, kinetic, elastic, bullets = (np.array([row[k] for row in rows]) for k in range(4))
-    net = start.net
-    full = float(metrics.mouth_area(net, net.reference_position)) or 1.0
+    full = float(mouth_area(net, net.reference_position)) or 1.0
     total = kinetic + elastic
     at_start = np.where(total[:, :1] > 0.0, total[:, :1], 1.0)
-    speed = bullets.mean(axis=-1) if bullets.shape[-1] else np.sqrt(2.0 * kinetic / net.mass.sum())
-    return Ensemble(code, times, area / full, total / at_start, speed)
+    speed = bullets.mean(axis=-1) if len(net.bullet_nodes) else np.sqrt(2.0 * kinetic / net.mass.sum())
+    return Statistics(code, times, area / full, total / at_start, speed)
 
 
-def _one(pair: Pair, code: str, times: Floats, place: Floats) -> tuple[Floats, ...]:
+def _one(case: BothCodes, code: str, times: Floats, place: Floats) -> tuple[Floats, ...]:
     """Area, kinetic and elastic energy and the bullets' speeds of one run, as in `run_ensemble`."""
-    moved = pair.from_state(place, pair.start.velocity)
+    nearby, net = case.from_state(place, case.start.velocity), case.start.net
     if code == EXUDYN:
-        motion = moved.engine(times, best_plan(pair, TOLERANCE * pair.speed))
+        motion = nearby.run_exunet(times, best_plan(case, TOLERANCE))
     else:
-        motion = moved.march(times, method="RK45", rtol=TOLERANCE, atol=TOLERANCE)
-    net, terms = pair.start.net, pair.start.terms
+        motion = nearby.run_reference(times, method="RK45", rtol=TOLERANCE, atol=TOLERANCE)
     return (
-        metrics.mouth_area(net, motion.position),
+        mouth_area(net, motion.position),
         energy.kinetic(net, motion.velocity),
-        energy.elastic(net, terms, motion.position),
-        np.linalg.norm(motion.velocity[:, net.bullet_nodes], axis=-1),
+        energy.elastic(net, case.start.terms, motion.position),
+        bullet_speeds(net, motion.velocity),
     )
 
 

@@ -1,0 +1,127 @@
+"""What the keys of a case demand of each other: plain functions, the second phase of checking.
+
+The first phase, pydantic's, looks at each key by itself. These functions take its result, a Scene, or, of a
+case that has faults, the valid part of one: to ask there for a key that is not valid raises Unknown, which
+ends the check that needs it and no other (exunet.base.faults.each).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from exunet import net
+from exunet.base.errors import Fault
+from exunet.base.faults import each, exactly_one, shortened, within
+from exunet.case.scene import Scene
+from exunet.forces import effects
+from exunet.methods import keys as solver
+from exunet.methods.method import COMPILED_METHODS, TimeLoop
+from exunet.net import explicit
+from exunet.net.base import ThrownNetTable, other_length
+
+MAX_STATES = 10_000_000
+
+
+def cross_checks(scene: Scene) -> Iterator[Fault]:
+    """Every fault between keys, at the key that is to be changed."""
+    yield from each(
+        exactly_one(scene),
+        _states_fit(scene),
+        shortened(_times_within_the_run(scene)),
+        shortened(_times_increase(scene)),
+        _loop_has_the_method(scene),
+        _positions_in_place_of_packing(scene),
+        _list_fits_the_net(scene, "node_positions"),
+        _list_fits_the_net(scene, "node_velocities"),
+        _one_form_of_launch(scene),
+        _launch_has_bullets(scene),
+        _of_the_solver(scene),
+        _of_the_net(scene),
+        _of_the_effects(scene),
+    )
+
+
+def _of_the_solver(scene: Scene) -> Iterator[Fault]:
+    yield from within("solver", solver.cross_checks(scene.solver))
+
+
+def _of_the_net(scene: Scene) -> Iterator[Fault]:
+    yield from within("net", net.cross_checks(scene.net))
+
+
+def _of_the_effects(scene: Scene) -> Iterator[Fault]:
+    yield from within("effects", effects.cross_checks(scene))
+
+
+def _states_fit(scene: Scene) -> Iterator[Fault]:
+    step, end = scene.time.output_step, scene.time.end
+    if step and end / step > MAX_STATES:
+        reason = f"would store {end / step:.3g} states; at most {MAX_STATES:,} are allowed"
+        yield Fault("time.output_step", reason)
+
+
+def _times_within_the_run(scene: Scene) -> Iterator[Fault]:
+    end = scene.time.end
+    for k, time in enumerate(scene.time.output_times or ()):
+        if time is not None and time > end:  # None: not valid
+            yield Fault(f"time.output_times[{k}]", f"must not be after time.end, {end:g} s, got {time:g}")
+
+
+def _times_increase(scene: Scene) -> Iterator[Fault]:
+    before = -math.inf
+    for k, time in enumerate(scene.time.output_times or ()):
+        if time is None:  # not valid
+            continue
+        if time <= before:
+            reason = f"must be greater than the time before it, {before:g} s, got {time:g}"
+            yield Fault(f"time.output_times[{k}]", reason)
+        before = time
+
+
+def _loop_has_the_method(scene: Scene) -> Iterator[Fault]:
+    method = scene.solver.method
+    if scene.engine.loop == TimeLoop.COMPILED and method not in ("auto", *COMPILED_METHODS):
+        known = ", ".join(("auto", *COMPILED_METHODS))
+        yield Fault("engine.loop", f"the compiled loop has {known}, not solver.method = {method}")
+
+
+def _positions_in_place_of_packing(scene: Scene) -> Iterator[Fault]:
+    initial = scene.initial
+    if initial.is_given("node_positions") and initial.packing != 1:
+        yield Fault("initial.node_positions", f"needs initial.packing = 1, got {initial.packing:g}")
+
+
+def _list_fits_the_net(scene: Scene, name: str) -> Iterator[Fault]:
+    if not scene.initial.is_given(name):
+        return
+    if scene.net.topology != "explicit":
+        yield Fault(f"initial.{name}", f'is for net.topology = "explicit", not "{scene.net.topology}"')
+    elif isinstance(scene.net, explicit.Keys) and (
+        reason := other_length(getattr(scene.initial, name), scene.net.nodes)
+    ):
+        yield Fault(f"initial.{name}", reason)
+
+
+def _one_form_of_launch(scene: Scene) -> Iterator[Fault]:
+    launch = scene.launch
+    if launch is None:
+        return
+    plain, polar = ("radial_speed", "axial_speed"), ("speed", "spread_angle")
+    given, other = (polar, plain) if any(map(launch.is_given, polar)) else (plain, polar)
+    for name in given:
+        if not launch.is_given(name):
+            yield Fault("launch", f"missing {name}: {type(launch).model_fields[name].description}")
+    for name in other:
+        if launch.is_given(name):
+            reason = "give either radial_speed and axial_speed, or speed and spread_angle"
+            yield Fault(f"launch.{name}", reason)
+
+
+def _launch_has_bullets(scene: Scene) -> Iterator[Fault]:
+    if not scene.is_given("launch"):
+        return
+    if not isinstance(scene.net, ThrownNetTable):
+        yield Fault("launch", f'a net of topology "{scene.net.topology}" has no bullets to launch')
+    elif not scene.net.is_given("bullets"):
+        yield Fault("launch", "there are no bullets to launch: add [net.bullets] or remove [launch]")

@@ -1,0 +1,95 @@
+"""The keys of [solver], which choose an integration method, and what they demand of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field
+
+from exunet.base.errors import Fault
+from exunet.base.table import Positive, Table
+from exunet.methods.method import METHODS, Kind, Method
+
+AUTO: Literal["auto"] = "auto"
+SHORTEST_STEP = 1e-12  # [s]
+
+if TYPE_CHECKING:
+    MethodKey = Method | Literal["auto"]
+else:  # made from the enum, which a type checker cannot follow
+    MethodKey = Literal[(AUTO, *Method)]
+
+
+def takes_tolerance(method: Method | Literal["auto"]) -> bool:
+    """True for methods that choose their own steps, and for "auto", which chooses such a method."""
+    return method == AUTO or METHODS[Method(method)].kind == Kind.ADAPTIVE
+
+
+def _methods_schema() -> dict[str, Any]:
+    """What `cross_checks` demands, as a JSON schema: tolerance or step, by the method ("auto" if absent)."""
+
+    def of(*methods: str) -> dict[str, Any]:
+        return {"properties": {"method": {"enum": list(methods)}}}
+
+    fixed = [method.value for method in METHODS if not takes_tolerance(method)]
+    needing = [method.value for method, facts in METHODS.items() if facts.needs_step]
+    is_fixed = of(*fixed) | {"required": ["method"]}
+    return {
+        "allOf": [
+            {
+                "if": is_fixed,
+                "then": {"properties": {"tolerance": False}},
+                "else": {"properties": {"step": False}},
+            },
+            {"if": of(*needing) | {"required": ["method"]}, "then": {"required": ["step"]}},
+        ]
+    }
+
+
+class Solver(Table):
+    """Keys of [solver]."""
+
+    model_config = ConfigDict(json_schema_extra=_methods_schema())
+
+    method: MethodKey = Field(
+        AUTO, description="integration method; auto: what was measured as cheapest for the accuracy"
+    )
+    accuracy: Positive = Field(
+        1e-4,
+        le=1.0,
+        description="speed error aimed at, relative to the launch speed; sets an adaptive tolerance",
+    )
+    tolerance: Positive | None = Field(
+        None,
+        description="absolute tolerance of an adaptive method [m, m/s]; absent: from accuracy",
+        examples=[1e-6],
+    )
+    step: Annotated[float, Field(ge=SHORTEST_STEP)] | None = Field(
+        None,
+        description="step of a fixed-step method [s]; absent: from the stable step",
+        examples=[1e-5],
+    )
+    force: bool = Field(
+        False, description="run also with a step above the stable one, which is refused otherwise"
+    )
+    retry: int = Field(
+        2,
+        ge=0,
+        le=20,
+        description="how often a run that is spoiled by its steps continues from its last good state with "
+        "finer ones",
+    )
+
+
+def cross_checks(keys: Solver) -> Iterator[Fault]:
+    """Tolerance and step go with the method."""
+    method = keys.method
+    if keys.is_given("tolerance") and not takes_tolerance(method):
+        yield Fault("tolerance", f"{method} has a fixed step: give step instead of tolerance")
+    if keys.is_given("step"):
+        if method == AUTO:
+            yield Fault("step", "auto chooses its own step: name the fixed-step method that it is for")
+        elif takes_tolerance(method):
+            yield Fault("step", f"{method} chooses its own step: give accuracy or tolerance instead")
+    elif not takes_tolerance(method) and METHODS[Method(method)].needs_step:
+        yield Fault("step", f"{method} has no stable step of its own: give step")

@@ -1,0 +1,134 @@
+"""The integration methods, the forms of a model that they step, and all facts about them in one table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Method(StrEnum):
+    """An integration method; the value is its name in a case."""
+
+    DOPRI5 = "DOPRI5"
+    ODE23 = "ODE23"
+    EXPLICIT_EULER = "ExplicitEuler"
+    EXPLICIT_MIDPOINT = "ExplicitMidpoint"
+    RK33 = "RK33"
+    RK44 = "RK44"
+    RK67 = "RK67"
+    VELOCITY_VERLET = "VelocityVerlet"
+    GENERALIZED_ALPHA = "GeneralizedAlpha"
+    TRAPEZOIDAL_INDEX2 = "TrapezoidalIndex2"
+
+
+class Kind(StrEnum):
+    """Who chooses the steps of a method, and whether they solve equations."""
+
+    ADAPTIVE = "adaptive"  # explicit, steps chosen from an error estimate
+    EXPLICIT = "explicit"  # fixed step
+    IMPLICIT = "implicit"  # fixed step
+
+
+class TimeLoop(StrEnum):
+    """Who steps in time: the engine, or the compiled loop of exunet's own."""
+
+    EXUDYN = "exudyn"
+    COMPILED = "compiled"
+
+
+class NetForm(StrEnum):
+    """How the engine holds the net: an item for each element, or one object with compiled forces."""
+
+    CONNECTORS = "connectors"
+    FUSED = "fused"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodFacts:
+    """What the program must know of an integration method.
+
+    order      : declared order of convergence
+    stages     : right-hand sides of one step
+    weak       : an undamped mode grows at any step, if slowly; stability.py says which growth is refused
+    needs_step : no stable step follows from the net's frequencies (or, implicit, any would do)
+    compiled   : the compiled loop has it
+    remembers_acceleration : a step uses the acceleration of the step before, which a sudden change of the
+        forces (a break, a restart) makes wrong
+    restarts_in_exudyn : positions, velocities and time are enough to continue bitwise in Exudyn
+    rotation_order : order of convergence of the attitude of turning bodies in Exudyn, where it is not `order`
+    stability_polynomial : coefficients of R(z) from z^0 on, of explicit Runge-Kutta methods with fixed steps
+    """
+
+    kind: Kind
+    order: int
+    stages: int
+    weak: bool = False
+    needs_step: bool = False
+    compiled: bool = False
+    remembers_acceleration: bool = False
+    restarts_in_exudyn: bool = True
+    rotation_order: int | None = None
+    stability_polynomial: tuple[float, ...] = ()
+
+    def restarts_exactly(self, loop: TimeLoop) -> bool:
+        """True if a run that is continued from a snapshot is bitwise the run that was not interrupted."""
+        return self.compiled if loop == TimeLoop.COMPILED else self.restarts_in_exudyn
+
+
+def _taylor(order: int, *higher: float) -> tuple[float, ...]:
+    """1, 1, 1/2, ... 1/order!: all that a method has with as many stages as its order, and `higher` ones."""
+    return (*(1.0 / math.factorial(k) for k in range(order + 1)), *higher)
+
+
+# Orders and right-hand sides a step as measured on the engine; tests/test_methods.py measures them again.
+# Coefficient of z^7 of RK67: read off one step of the engine on a linear oscillator (tests/test_stability.py
+# reads it again). Exact restarts and the attitude of VelocityVerlet: measured on the engine, which has no
+# access to the algorithmic accelerations of the implicit methods.
+METHODS: Mapping[Method, MethodFacts] = {
+    Method.DOPRI5: MethodFacts(kind=Kind.ADAPTIVE, order=5, stages=7, compiled=True),
+    Method.ODE23: MethodFacts(kind=Kind.ADAPTIVE, order=3, stages=4),
+    Method.EXPLICIT_EULER: MethodFacts(
+        kind=Kind.EXPLICIT, order=1, stages=1, weak=True, needs_step=True, stability_polynomial=_taylor(1)
+    ),
+    Method.EXPLICIT_MIDPOINT: MethodFacts(
+        kind=Kind.EXPLICIT, order=2, stages=2, weak=True, needs_step=True, stability_polynomial=_taylor(2)
+    ),
+    Method.RK33: MethodFacts(kind=Kind.EXPLICIT, order=3, stages=3, stability_polynomial=_taylor(3)),
+    Method.RK44: MethodFacts(
+        kind=Kind.EXPLICIT, order=4, stages=4, compiled=True, stability_polynomial=_taylor(4)
+    ),
+    Method.RK67: MethodFacts(
+        kind=Kind.EXPLICIT,
+        order=6,
+        stages=7,
+        weak=True,
+        stability_polynomial=_taylor(6, -4.4945388576385706e-4),
+    ),
+    Method.VELOCITY_VERLET: MethodFacts(
+        kind=Kind.EXPLICIT,
+        order=2,
+        stages=1,
+        compiled=True,
+        remembers_acceleration=True,
+        rotation_order=1,
+    ),
+    Method.GENERALIZED_ALPHA: MethodFacts(
+        kind=Kind.IMPLICIT,
+        order=2,
+        stages=1,
+        needs_step=True,
+        remembers_acceleration=True,
+        restarts_in_exudyn=False,
+    ),
+    Method.TRAPEZOIDAL_INDEX2: MethodFacts(
+        kind=Kind.IMPLICIT,
+        order=2,
+        stages=1,
+        needs_step=True,
+        remembers_acceleration=True,
+        restarts_in_exudyn=False,
+    ),
+}
+COMPILED_METHODS = tuple(method for method, facts in METHODS.items() if facts.compiled)

@@ -1,0 +1,32 @@
+"""The plan of one run: method, tolerance or step, and what the user should know of the choice."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass
+
+from exunet.methods.method import Method
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How one run is integrated: what the solver keys came to on this scene.
+
+    tolerance  : absolute tolerance per step [m, m/s] of an adaptive method, else None
+    step       : longest step [s] of a fixed-step method, else None
+    first_step : first attempt of an adaptive method [s]
+    longest_step: longest step of an adaptive method [s]
+    least_step : steps below this count as collapsed [s]
+    expected_error: speed errors of the measured scenes relative to the launch speed, median and worst
+    notes      : what the user should know of the choice
+    """
+
+    method: Method
+    _: KW_ONLY
+    tolerance: float | None = None
+    step: float | None = None
+    first_step: float = 0.0
+    longest_step: float = math.inf
+    least_step: float = 0.0
+    expected_error: tuple[float, float] | None = None
+    notes: tuple[str, ...] = ()

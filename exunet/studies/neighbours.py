@@ -1,0 +1,58 @@
+"""Neighbours of a run: the start moved by a little, another accuracy; and the speeds that are compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.methods.plan import Plan
+from exunet.net.arrays import Net
+from exunet.simulation.preparation import Start
+from exunet.simulation.refinement import FINER_TOLERANCE, finer
+
+Floats = NDArray[np.float64]
+
+PAPER_SIZE = 7.0  # [m], of the paper's net with its strings
+MOVE = 1e-12 / PAPER_SIZE  # of the net's size: far above round-off, far below what any figure shows
+SEED = 20210616
+
+
+def perturbed(net: Net, position: Floats, amplitude: float, seed: int | Sequence[int] = SEED) -> Floats:
+    """(n_nodes, 3) positions [m] with each coordinate of a free node moved by up to +-amplitude [m].
+
+    A coordinate whose neighbouring floating-point numbers are further away than that moves by its last bit.
+    """
+    shift = np.random.default_rng(seed).uniform(-amplitude, amplitude, position.shape)
+    if amplitude > 0.0:
+        last_bit = np.spacing(np.abs(position))
+        shift = np.where(last_bit > amplitude, np.copysign(last_bit, shift), shift)
+    shift[net.fixed_nodes] = 0.0
+    return position + shift
+
+
+def moved(start: Start, part: float = MOVE, seed: int = SEED) -> Start:
+    """The start with its positions moved by up to a part of the net's size."""
+    net = start.net
+    return replace(start, position=perturbed(net, start.position, part * net.size, seed))
+
+
+def of_other_accuracy(plan: Plan) -> Plan:
+    """A finer plan; a coarser one where round-off leaves nothing to gain."""
+    if found := finer(plan):
+        return found
+    assert plan.tolerance is not None  # there is always a shorter step
+    return replace(plan, tolerance=plan.tolerance / FINER_TOLERANCE)
+
+
+def launch_speed(velocity: Floats) -> float:
+    """Largest speed [m/s] of a node with the velocities (n_nodes, 3), the unit of errors; 1 at rest."""
+    return float(np.linalg.norm(velocity, axis=1).max(initial=0.0)) or 1.0
+
+
+def bullet_speeds(net: Net, velocity: Floats) -> Floats:
+    """(..., k) speeds [m/s] of the bullets, of all nodes where there are none; velocity (..., n_nodes, 3)."""
+    nodes = net.bullet_nodes if len(net.bullet_nodes) else np.arange(net.n_nodes)
+    return np.asarray(np.linalg.norm(velocity[..., nodes, :], axis=-1))

@@ -1,0 +1,101 @@
+"""A million stored states of the paper's net: written, joined, read, measured and drawn in 500 MB."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CASE = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
+STATES = 10**6
+MEMORY = 500.0  # MB, the bound that was set for such a result
+
+# Each bullet flies on a circle of its own, so that the net opens and closes; the numbers of all columns are
+# full floating-point numbers, as those of a run. One element pulls 1000 N in one state, and one speed peaks.
+PROGRAM = """
+import json, resource, sys
+from pathlib import Path
+import numpy as np
+import exunet
+from exunet.results.columns import PATHS, declare
+from exunet.results.comparison import States, compare
+from exunet.results.measures import bullet_speeds, energy_balance
+from exunet.results.reading import load_result
+from exunet.results.segments import SegmentStore
+from exunet.results.summary import rows, summarise
+from exunet.results.writing import join
+from exunet.net import weave
+from exunet.figures import save_figures
+
+case, folder, states = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
+net = weave(exunet.load(case).scene.net)
+memory = {}
+
+def reached(what):
+    memory[what] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+columns = declare(net.n_nodes, net.n_elements, {})
+provenance = {
+    "title": "Large", "energy_in_play_J": 1.0, "method": "DOPRI5", "tolerance": 1e-9, "steps": states,
+    "rejected_steps": 0, "right_hand_sides": 6, "build_seconds": 0.0, "integration_seconds": 1.0,
+}
+store = SegmentStore.create(folder / "unfinished", columns, net, {}, provenance)
+reached("start")
+random = np.random.default_rng(0)
+for first in range(0, states, 1000):
+    time = 1e-5 * np.arange(first, first + 1000)
+    one = np.sin(time)
+    position = (0.5 + 0.4 * np.cos(time))[:, None, None] * net.reference_position
+    strain = 0.01 * one[:, None] * random.random(net.n_elements)
+    values = {
+        "time": time, "position": position, "velocity": 0.1 * position, "strain": strain,
+        "tension": np.abs(strain), "kinetic": one**2, "elastic": 1.0 - one**2, "potential": 0 * one,
+        "dissipated": 0 * one, "momentum": position[:, 0], "angular_momentum": position[:, 1],
+        "largest_elastic": 1.1 - one**2, "least_kinetic": 0.9 * one**2,
+    }
+    if first == states // 2:
+        values["tension"][321, 5] = 1000.0
+        values["velocity"][321, net.bullet_nodes[1]] = (0.0, 0.0, 50.0)
+    store.append({PATHS[name]: array for name, array in values.items()})
+store.flush()
+reached("stored")
+join(store, folder / "result.h5", net, {}, provenance, "ok", True)
+reached("joined")
+unfinished = load_result(folder / "unfinished")
+assert len(unfinished.time) == states
+del unfinished
+store.discard()
+result = load_result(folder)
+reached("read")
+summary = summarise(result)
+rows(summary)
+assert summary["largest_stored_tension_N"] == 1000.0
+assert bullet_speeds(result)[:, 1].max() == 50.0
+assert energy_balance(result) < 1e-12
+reached("summarised")
+agreement = compare(States.of(result), States.of(result))
+assert agreement.agrees_until is None
+reached("compared")
+save_figures(result, folder, agreement)
+reached("drawn")
+assert sum(len(part.time) for part in result.parts(100_000)) == states
+reached("in parts")
+print(json.dumps(memory))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="asks for the largest memory of a process")
+def test_a_million_states_stay_below_the_bound(tmp_path):
+    """3 GB of numbers, about as much on the disk as segments and again as a file: some minutes."""
+    command = [sys.executable, "-c", PROGRAM, str(CASE), str(tmp_path), str(STATES)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    (tmp_path / "result.h5").unlink(missing_ok=True)
+    assert done.returncode == 0, done.stderr
+    memory = json.loads(done.stdout)
+    print(memory)  # noqa: T201 - what it needed, with -s
+    assert max(memory.values()) < MEMORY, memory
