@@ -82,7 +82,7 @@ assert agreement.agrees_until is None
 reached("compared")
 save_figures(result, folder, agreement)
 reached("drawn")
-assert sum(len(part.time) for part in result.parts(100_000)) == states
+assert sum(len(part.time) for part in result.parts(5_000)) == states
 reached("in parts")
 print(json.dumps(memory))
 """

@@ -205,7 +205,7 @@ def plot_command(
     from exunet.figures import save_figures
     from exunet.results.reading import load_result
 
-    for path in save_figures(load_result(result), out or result.parent):
+    for path in save_figures(load_result(result), out or (result if result.is_dir() else result.parent)):
         typer.echo(path)
 
 

@@ -22,7 +22,7 @@ from exunet.simulation.run import Progress, provenance, simulate
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.verification.reference_run import ReferenceRun
 
-FIGURES = ("reference_net", "snapshots", "bullet_speeds", "energies", "area", "agreement")
+FIGURES = ("reference_net", "snapshots", "bullet_speeds", "energies", "area", "rotation", "agreement")
 DESCRIPTIONS = ("summary.json", *(f"{figure}.png" for figure in FIGURES))
 
 
