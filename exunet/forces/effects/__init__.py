@@ -4,13 +4,12 @@ A new effect is a module, and one line in `EFFECTS`. The module has
 
 - `Keys`, a Table: keys, units, bounds; no default for a physical quantity;
 - `terms(keys, net) -> Terms`, or `terms_from(keys, net, position)` where it depends on the initial position;
-- `nominal(setting) -> (Keys, assumption)`: what to assume where an estimate is asked for and the case is
-silent;
-  None if nothing can be assumed for this scene;
-- `magnitude(keys, setting) -> Estimate`: the order of magnitude of what leaving it out would change;
+- `nominal(basis) -> (Keys, assumption)`: what to assume for an estimate if the case does not have the
+  effect; None if nothing can be assumed for this scene;
+- `magnitude(keys, basis) -> Estimate`: the order of magnitude of what leaving it out would change;
 - if it contradicts other effects or needs them, `EXCLUDES` or `REQUIRES`: their names, with the reasons;
-- if it acts on bullets only, `NEEDS_BULLETS = True`; if keys are given if and only if there are bullets,
-  `BULLET_KEYS`: their names;
+- if it acts on bullets only, `NEEDS_BULLETS = True`; if it gives them their speed, `REPLACES_LAUNCH = True`;
+- if keys must be given if and only if there are bullets, `BULLET_KEYS`: their names;
 - for whatever else its keys demand of each other and of the rest of the case,
   `cross_checks(keys, rest) -> Iterator[Fault]` (exunet.forces.requirements, exunet.base.faults);
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
