@@ -9,7 +9,7 @@ Names are imported when they are first used, so that `import exunet` itself cost
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from exunet.base.version import VERSION as __version__
 
 if TYPE_CHECKING:
     from exunet.base.errors import CaseError as CaseError
@@ -22,13 +22,19 @@ if TYPE_CHECKING:
     from exunet.results.reading import load_result as load_result
     from exunet.results.result import Result as Result
     from exunet.results.writing import save as save
+    from exunet.simulation.run import resume as resume
     from exunet.simulation.run import run as run
+    from exunet.simulation.simulation import Simulation as Simulation
+    from exunet.simulation.snapshot import Snapshot as Snapshot
     from exunet.studies.ensemble import perturbed_positions as perturbed_positions
     from exunet.studies.ensemble import run_ensemble as run_ensemble
 
 _HOME = {
     "load": "exunet.case.casefile",
     "run": "exunet.simulation.run",
+    "resume": "exunet.simulation.run",
+    "Simulation": "exunet.simulation.simulation",
+    "Snapshot": "exunet.simulation.snapshot",
     "Result": "exunet.results.result",
     "load_result": "exunet.results.reading",
     "save": "exunet.results.writing",

@@ -231,7 +231,7 @@ def test_faults_of_a_crlf_file_have_their_lines(case: Any, ends: str) -> None:
         ("[net.bullets]\nmass = 0.5\n", "", 21, "launch", "no bullets to launch"),
         ("packing = 0.1", "packing = 1\nnode_positions = [[0, 0, 0]]", 23, "initial.node_positions", "expl"),
         ("packing = 0.1", "packing = 1\nnode_velocities = []", 23, "initial.node_velocities", "explicit"),
-        ("end = 1.0", f"end = 0x{'f' * 5000}", 4, "time.end", "64 bits"),
+        ("end = 1.0", f"end = 0x{'f' * 5000}", 4, "time.end", "64-bit"),
     ],
 )  # fmt: skip
 def test_one_fault(case: Any, old: str, new: str, line: int, key: str, words: str) -> None:

@@ -114,6 +114,38 @@ def test_what_is_no_number_does_not_agree(files, name):
         assert found.apart_from is None  # there alone
 
 
+def test_runs_that_meet_again_are_apart_for_good_from_their_last_parting_on(files):
+    """Positions 1 mm apart at rows 30 and 31 and from row 60 on; rows are 0.005 s apart."""
+    ours = read_states(files[0])
+    position = ours.position.copy()
+    position[[30, 31, *range(60, 101)], 3, 2] += 1e-3
+    found = compare(ours, dataclasses.replace(ours, position=position))
+    assert found.agrees_until == pytest.approx(30 * 0.005)
+    assert found.apart_from == pytest.approx(60 * 0.005)
+    assert np.flatnonzero(found.position_difference).tolist() == [30, 31, *range(60, 101)]
+
+
+@pytest.mark.parametrize(
+    ("apart", "until", "since"),
+    [(slice(100, 101), 0.5, 0.5), (slice(0, 100), 0.0, None), (slice(0, 101), 0.0, 0.0)],
+    ids=["at the last time", "but at the last time", "always"],
+)
+def test_times_from_which_runs_are_apart(files, apart, until, since):
+    ours = read_states(files[0])
+    position = ours.position.copy()
+    position[apart, 3, 2] += 1e-3
+    found = compare(ours, dataclasses.replace(ours, position=position))
+    assert (found.agrees_until, found.apart_from) == (until, since)
+
+
+def test_the_first_and_the_last_time_are_printed(files, monkeypatch, capsys):
+    """Twenty of the 101 times in common, from 0 s to 0.5 s."""
+    assert run(monkeypatch, "compare", *files) == 0
+    times = re.findall(r"^t = ([\d.]+) s", capsys.readouterr().out, re.MULTILINE)
+    assert len(times) == 20
+    assert (times[0], times[-1]) == ("0", "0.5")
+
+
 def test_the_limit_that_decides_is_printed(files, tmp_path, monkeypatch, capsys):
     """Positions 1e-3 m apart from 0.25 s on; speeds are the same."""
     with np.load(files[1]) as file:

@@ -13,13 +13,13 @@ import exunet
 from exunet.base.errors import CaseError, RunStopped
 from exunet.forces.terms import Terms
 from exunet.methods.plan import Plan
-from exunet.results.measures import energy_balance, energy_in_play
+from exunet.results.measures import energy_balance, energy_scale
 from exunet.simulation.guards import ENERGY_BOUND, STRETCH_BOUND
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.system import energy
-from exunet.system.energy_scale import TRANSLATION_PART, InPlay
+from exunet.system.energy_scale import TRANSLATION_PART, WORK_PART, InPlay
 from exunet.system.stability import largest_frequency, stable_step
 
 WORDS = re.compile(
@@ -230,7 +230,7 @@ def test_what_moves_the_whole_net_hides_no_loss(form, effect):
         assert partial is not None
         # Four bullets at 5 m/s; of the energy of the common motion, some 2e3 J, a part of 1e-5.
         bullets = partial.net.mass[partial.net.bullet_nodes].sum()
-        assert energy_in_play(partial) == pytest.approx(0.5 * bullets * 5.0**2, abs=0.1)
+        assert energy_scale(partial) == pytest.approx(0.5 * bullets * 5.0**2, abs=0.1)
         stops.append(partial.time[-1])
     assert stops[1] == pytest.approx(stops[0], abs=0.1)  # round-off differs, so snaps do
 
@@ -281,6 +281,53 @@ def test_potentials_of_held_nets_and_of_parts_are_in_play():
     play, in_all = InPlay(free.net, free.terms, free.position, free.velocity).gained(*states)
     assert in_all == pytest.approx(free.net.mass.sum() * 10.0 * 0.4)
     assert play == pytest.approx(TRANSLATION_PART * in_all)
+
+
+def test_a_potential_at_the_start_is_not_in_play():
+    """Free fall by 0.4 m of two masses that start 50 m above the origin of the potential, and in flight.
+
+    All that gravity does here goes into the common motion, whatever the potential was at the start. Catches
+    a change of potential that is counted from zero, or the start's potential added to it.
+    """
+    start = prepare(
+        pair_of_masses(
+            initial={
+                "packing": 1.0,
+                "node_positions": [[49.5, 0, 0], [50.5, 0, 0]],
+                "velocity": [-3.0, 0, 0],
+            },
+            effects={"gravity": {"acceleration": [-10.0, 0.0, 0.0]}},
+        )
+    )
+    in_play = InPlay(start.net, start.terms, start.position, start.velocity)
+    assert abs(float(energy.potential(start.terms, start.position[None])[0])) > 100.0
+    fallen = start.position - np.array([0.4, 0, 0])
+    speed = np.tile([-np.sqrt(3.0**2 + 2 * 10.0 * 0.4), 0, 0], (2, 1))
+    states = (fallen[None], speed[None], energy.potential(start.terms, fallen[None]), np.zeros(1))
+    play, in_all = in_play.gained(*states)
+    work = start.net.mass.sum() * 10.0 * 0.4
+    assert in_all == pytest.approx(work)
+    assert play == pytest.approx(TRANSLATION_PART * work, rel=1e-3)  # the change loses digits to the 500 J
+
+
+def test_work_that_forces_do_is_in_play_but_for_what_the_whole_net_gains():
+    """Forces without a potential push two masses that fly at 3 m/s to 5 m/s, and do 2 J more on them.
+
+    The momentum theorem gives the former to the common motion: m (25 - 9) / 2. Catches a common motion that
+    is counted from rest, and work that is left out.
+    """
+    start = prepare(
+        pair_of_masses(
+            initial={"packing": 0.5, "velocity": [0, 0, 3.0]}, effects={"mass_damping": {"alpha": 0.1}}
+        )
+    )
+    pushed = 0.5 * start.net.mass.sum() * (5.0**2 - 3.0**2)
+    speed = np.tile([0, 0, 5.0], (2, 1))
+    taken = np.array([-(pushed + 2.0)])
+    in_play = InPlay(start.net, start.terms, start.position, start.velocity)
+    play, in_all = in_play.gained(start.position[None], speed[None], np.zeros(1), taken)
+    assert in_all == pytest.approx(pushed + 2.0, rel=1e-12)
+    assert play == pytest.approx(2.0 + WORK_PART * (pushed + 2.0), rel=1e-9)
 
 
 def test_newtons_failure_is_told_with_step_and_state(monkeypatch):

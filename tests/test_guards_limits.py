@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from small_nets import CABLE, pair_of_masses, thrown
 
@@ -74,9 +73,14 @@ def test_speeds_that_no_step_can_follow_are_refused():
 
 
 def test_places_where_positions_have_no_digits_left_are_refused():
-    """At 5e14 m, doubles are 0.0625 m apart (np.spacing)."""
-    assert np.spacing(5e14) == 0.0625
-    refused("initial", "positions are 0.062 m apart", initial={"packing": 0.5, "velocity": [1e15, 0.0, 0.0]})
+    """Doubles of 52 digits are 2^-10 m apart below 2^43 m, and twice that above; 1e-3 of 1 m lies between.
+
+    Reached within 0.5 s at 2^44 m/s. Catches a limit elsewhere, and one that forgets the way or its duration.
+    """
+    fast = {"packing": 0.5, "velocity": [0.999 * 2.0**44, 0.0, 0.0]}
+    assert prepare(thrown({}, initial=fast)).plan.method
+    fast["velocity"] = [1.001 * 2.0**44, 0.0, 0.0]
+    refused("initial", "8.8e[+]12 m away, where positions are 0.002 m apart", initial=fast)
 
 
 @pytest.mark.parametrize("engine", FORMS, ids=str)

@@ -20,6 +20,7 @@ from exunet.figures.style import drawing, shortened
 from exunet.figures.thinning import BINS, thinned, thinned_band
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
+from exunet.results.result import BodyStates
 from exunet.simulation.preparation import prepare
 
 THROWN_NET = {
@@ -135,9 +136,8 @@ def test_figures_of_odd_results(name):
     ):
         np.testing.assert_array_equal(curve[label].get_xdata(), of.time)
         np.testing.assert_allclose(curve[label].get_ydata(), values / unit, rtol=1e-15)
-        assert (
-            energies.get_ylim()[0] <= (values / unit).min() <= (values / unit).max() <= energies.get_ylim()[1]
-        )
+        low, high = energies.get_ylim()
+        assert low <= (values / unit).min() <= (values / unit).max() <= high
     assert ("potential, change" in curve) == (name == "falling")
 
 
@@ -358,3 +358,15 @@ def test_figures_of_a_long_run_are_drawn_without_warnings():
         curve = drawn[f"node {node}"].get_ydata()
         assert len(curve) <= 4 * BINS
         assert (curve.min(), curve.max()) == (speeds[:, k].min(), speeds[:, k].max())
+
+
+def test_rotation_is_drawn_for_rigid_bodies():
+    """A point mass has none; of two rigid bodies each component of both is a curve."""
+    turning = np.linspace(0.0, 1.0, 21).reshape(7, 3)
+    still, upright = np.zeros((7, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (7, 1))
+    rigid = BodyStates(2.0, np.eye(3), still, still, upright, turning)
+    alone = replace(THROWN, bodies={"chaser": BodyStates(500.0, None, still, still)})
+    assert "rotation" not in checked(alone)
+    drawn = curves(checked(replace(THROWN, bodies={"a": rigid, "b": rigid}))["rotation"])
+    assert list(drawn) == [f"{name}, {axis}" for name in "ab" for axis in "xyz"]
+    np.testing.assert_array_equal(drawn["b, y"].get_ydata(), turning[:, 1])

@@ -17,6 +17,7 @@ from result_samples import net, result, square_net, unfolding
 from exunet.base.errors import InputError
 from exunet.results.reading import load_result
 from exunet.results.result import BodyStates
+from exunet.results.summary import summarise
 from exunet.results.writing import FILE_FORMAT, save
 
 
@@ -349,3 +350,10 @@ def test_a_file_that_cannot_grow_is_one_line_and_no_file(part, tmp_path):
     assert done.stdout.strip() == f"{path}: cannot be written: File too large"
     assert done.stderr == ""
     assert list(tmp_path.iterdir()) == []
+
+
+def test_bodies_have_a_row_in_the_summary():
+    """The sample's chaser goes from (0, 1, 2) m to (18, 19, 20) m: 18 m along each axis."""
+    summary = summarise(unfolding(square_net(), bodies=BODIES))
+    assert summary["bodies"]["chaser"] == {"mass_kg": 500.0, "displacement_m": pytest.approx(18 * 3**0.5)}
+    assert summary["bodies"]["target"] == {"mass_kg": 2000.0, "displacement_m": 0.0}

@@ -76,6 +76,12 @@ def test_damping_rate_of_rayleigh_damping():
     assert largest_damping_rate(start.net, Terms()) == 0.0
 
 
+def test_damping_rate_of_viscous_stress():
+    """S = E tau E' along a taut cable: a damper tau EA / L0, so tau w^2 with w^2 = 100 / s^2."""
+    start = prepare(oscillator(effects={"material_damping": {"relaxation_time": 2e-4}}))
+    assert largest_damping_rate(start.net, start.terms) == pytest.approx(2e-4 * 100.0, rel=1e-10)
+
+
 @pytest.mark.parametrize(
     ("method", "limit"),
     [("VelocityVerlet", 2.0), ("RK33", math.sqrt(3.0)), ("RK44", 2.0 * math.sqrt(2.0))],
@@ -111,22 +117,23 @@ def test_implicit_methods_have_no_limit():
     assert math.isinf(stable_step("GeneralizedAlpha", 1e5))
 
 
-def test_damped_verlet_limit_is_where_the_engine_starts_to_grow():
-    """h = 2/w (sqrt(1 + z^2) - z): damping force taken at the start of the step."""
+def test_damped_verlet_limit_is_where_the_step_starts_to_grow():
+    """h = 2/w (sqrt(1 + z^2) - z), z = c / 2w: the damping force is that of half a step before.
+
+    Then v(n+1/2) = v(n-1/2) + h a(x(n), v(n-1/2)) and x(n+1) = x(n) + h v(n+1/2), whose largest eigenvalue
+    passes -1 there. Catches a limit that is too large as well as one that is too small.
+    """
     frequency, rate = 10.0, 6.0
     limit = stable_step("VelocityVerlet", frequency, rate)
 
     def radius(h: float) -> float:
-        # x1 = x + h v + h^2/2 a(x, v); v1 = v + h/2 (a(x, v) + a(x1, v + h a(x, v)))
-        columns = []
-        for x, v in ((1.0, 0.0), (0.0, 1.0)):
-            a = -(frequency**2) * x - rate * v
-            x1 = x + h * v + 0.5 * h * h * a
-            v1 = v + 0.5 * h * (a - frequency**2 * x1 - rate * (v + h * a))
-            columns.append((x1, v1))
-        return float(np.abs(np.linalg.eigvals(np.array(columns).T)).max())
+        faster = np.array([-h * frequency**2, 1.0 - h * rate])  # v(n+1/2) from (x(n), v(n-1/2))
+        step = np.array([np.array([1.0, 0.0]) + h * faster, faster])
+        return float(np.abs(np.linalg.eigvals(step)).max())
 
-    assert radius(0.98 * limit) < 1.0
+    assert limit == pytest.approx(2.0 / 10.0 * (math.sqrt(1.0 + 0.3**2) - 0.3), rel=1e-12)
+    assert radius(0.999 * limit) < 1.0
+    assert radius(1.001 * limit) > 1.0
 
 
 def test_sixth_order_methods_last_coefficient():

@@ -61,7 +61,7 @@ def parse_case(text: str, path: Path, overrides: Sequence[str] = ()) -> Case:
     huge = _take_huge_integers(document)
     scene, found = checked(document)
     found = [one for one in found if one[0] not in huge]
-    found += [(place, "is a whole number of more than the 64 bits of TOML") for place in huge]
+    found += [(place, "is outside the 64-bit whole numbers of TOML") for place in huge]
     if found or scene is None:
         raise CaseError(_located(found, text, path, changes))
     return Case(scene, path, text, tuple(overrides))
@@ -172,7 +172,7 @@ def key_path(key: str) -> tuple[str, ...]:
 
 
 def _value(text: str) -> Any:
-    """The TOML value that `text` is; any other text, unless it looks like broken TOML, is a string."""
+    """`text` as a TOML value; text that is not TOML, unless it looks like an attempt, is a string."""
     try:
         content = tomllib.loads(f"value = {text}")
         if list(content) == ["value"]:
@@ -215,13 +215,13 @@ def _apply_one(change: _Change, document: dict[str, Any]) -> None:
         raise ValueError("there is no such key to remove")
 
 
-# Placing faults
+# Lines of faults
 
 
 def _take_huge_integers(document: dict[str, Any]) -> list[KeyPath]:
-    """Where whole numbers beyond the 64 bits of TOML stand, which tomllib passes on.
+    """Where whole numbers of more than 64 bits stand, which TOML does not have but tomllib accepts.
 
-    NaN, which no key takes, comes in their place.
+    They are replaced by NaN, which no key accepts.
     """
     found: list[KeyPath] = []
     waiting: list[tuple[KeyPath, Any]] = [((), document)]

@@ -12,7 +12,7 @@ from exunet.case.casefile import Case, located
 from exunet.case.checking import KeyPath
 from exunet.case.scene import Scene
 
-REAL = 1e50  # no quantity of a net is larger in SI units, or smaller than its inverse
+REALISTIC = 1e50  # no quantity of a net is larger in SI units, or smaller than its inverse
 
 
 @contextmanager
@@ -27,14 +27,14 @@ def located_faults(case: Case) -> Iterator[None]:
         if any(fault.place for fault in error.faults):
             raise
         found: list[tuple[KeyPath, str]] = [(fault.path, fault.reason) for fault in error.faults]
-        if isinstance(error, BeyondFloats) and (absurd := list(_absurd(case.scene))):
+        if isinstance(error, BeyondFloats) and (extreme := list(_extreme(case.scene))):
             words = "; ".join(f"{fault.key}: {fault.reason}" for fault in error.faults)
-            found = [(path, f"{value:g} is not a value of a real net ({words})") for path, value in absurd]
+            found = [(path, f"{value:g} is not realistic ({words})") for path, value in extreme]
         raise CaseError(located(found, case)) from None
 
 
-def _absurd(scene: Scene) -> Iterator[tuple[KeyPath, float]]:
-    """The numbers of a scene that are larger than `REAL` or smaller than its inverse, each with its key."""
+def _extreme(scene: Scene) -> Iterator[tuple[KeyPath, float]]:
+    """The numbers of a scene above `REALISTIC` or below its inverse, each with its key."""
     tables = ("time", "net", "initial", "launch", "bodies", "effects")
     waiting: list[tuple[KeyPath, Any]] = [((), scene.model_dump(include=set(tables)))]
     while waiting:
@@ -43,5 +43,5 @@ def _absurd(scene: Scene) -> Iterator[tuple[KeyPath, float]]:
             waiting.extend(((*path, key), inner) for key, inner in value.items())
         elif isinstance(value, tuple):
             waiting.extend(((*path, index), inner) for index, inner in enumerate(value))
-        elif isinstance(value, float) and value and abs(math.log10(abs(value))) > math.log10(REAL):
+        elif isinstance(value, float) and value and abs(math.log10(abs(value))) > math.log10(REALISTIC):
             yield path, value

@@ -123,13 +123,13 @@ class Engine(Table):
 
     loop: LoopKey = Field(
         TimeLoop.EXUDYN,
-        description="who steps in time: the engine, or a compiled loop of exunet's own (a net alone); "
-        "auto: the latter where it can",
+        description="what steps in time: Exudyn, or exunet's own compiled loop; "
+        "auto: the compiled loop if it has the method",
     )
     net: FormKey = Field(
         "auto",
         description="an engine item for each element, or one object for the whole net with compiled forces; "
-        "auto: what was measured as faster",
+        "auto: the one that was measured as faster",
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS
-from exunet.forces.requirements import bullet_keys, needs_bullets
+from exunet.forces.requirements import bullet_keys, needs_bullets, replaces_launch
 from exunet.methods.method import COMPILED_METHODS, METHODS, TimeLoop
 from exunet.net import TOPOLOGIES
 
@@ -41,7 +41,6 @@ def _between_tables() -> Iterator[Node]:
     """What keys of different tables demand of each other."""
     bullets, effect = _given("net", "bullets"), functools.partial(_given, "effects")
     yield {"if": {"required": ["launch"]}, "then": bullets}
-    yield {"if": {"required": ["launch"]}, "then": {"not": effect("launch_force")}}
     compiled = _given("engine", "loop", {"const": TimeLoop.COMPILED.value})
     known = ["auto", *(method.value for method in COMPILED_METHODS)]
     yield {"if": compiled, "then": _at("solver", "method", {"enum": known})}
@@ -50,6 +49,8 @@ def _between_tables() -> Iterator[Node]:
     for name, module in EFFECTS.items():
         if needs_bullets(module):
             yield {"if": effect(name), "then": bullets}
+        if replaces_launch(module):
+            yield {"if": effect(name), "then": {"properties": {"launch": False}}}
         if keys := bullet_keys(module):
             with_keys, without = {"required": list(keys)}, {"properties": dict.fromkeys(keys, False)}
             yield {

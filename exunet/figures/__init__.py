@@ -19,6 +19,7 @@ def figures(result: Result, agreement: Agreement | None = None) -> dict[str, Fig
     Always there  : reference_net, snapshots, energies
     With bullets  : bullet_speeds
     With openings : area (a mouth or mesh openings that have an area in the reference configuration)
+    With a body   : rotation (a rigid one)
     If given      : agreement; the reference's speeds are then drawn in bullet_speeds too
     """
     from exunet.figures import curves, nets
@@ -31,6 +32,7 @@ def figures(result: Result, agreement: Agreement | None = None) -> dict[str, Fig
             "bullet_speeds": curves.bullet_speeds(result, agreement),
             "energies": curves.energies(result),
             "area": curves.area(result),
+            "rotation": curves.rotation(result),
             "agreement": curves.agreement(result, agreement) if agreement is not None else None,
         }
     return {name: figure for name, figure in drawn.items() if figure is not None}

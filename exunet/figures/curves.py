@@ -122,6 +122,25 @@ def area(result: Result) -> Figure | None:
     return figure
 
 
+def rotation(result: Result) -> Figure | None:
+    """Angular velocity of each rigid body over time, in body axes; None without rigid bodies."""
+    turning = {
+        name: np.asarray(body.angular_velocity)
+        for name, body in result.bodies.items()
+        if body.angular_velocity is not None
+    }
+    if not turning:
+        return None
+    figure, axes = _curve_axes(result, "Rotation of the bodies, in body axes", "angular velocity [rad/s]")
+    for k, (name, values) in enumerate(turning.items()):
+        line = ("-", "--", ":", "-.")[k % 4]
+        for axis, color, width in zip("xyz", (YELLOW, RED, BLUE), (2.4, 1.6, 1.0), strict=True):
+            style: dict[str, Any] = {"color": color, "linewidth": width, "linestyle": line}
+            _curve(axes, result.time, values[:, "xyz".index(axis)], label=f"{name}, {axis}", **style)
+    _legend(result, figure, axes)
+    return figure
+
+
 def agreement(result: Result, found: Agreement) -> Figure:
     """Differences between two codes over time, on a logarithmic scale (zeros are left out)."""
     figure, axes = _curve_axes(result, "Difference from the reference", "largest difference")

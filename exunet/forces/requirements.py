@@ -47,7 +47,7 @@ class RestOfCase:
         return getattr(self.scene.effects, name)
 
 
-# What a module of an effect may declare as data, for reader and JSON schema.
+# What the module of an effect may declare as data, for reader and JSON schema.
 
 
 def excluded(module: ModuleType) -> Mapping[str, str]:
@@ -70,11 +70,17 @@ def needs_bullets(module: ModuleType) -> bool:
     return getattr(module, "NEEDS_BULLETS", False)
 
 
+def replaces_launch(module: ModuleType) -> bool:
+    """True if the effect gives the bullets their speed, in place of [launch]."""
+    return getattr(module, "REPLACES_LAUNCH", False)
+
+
 def declared(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]:
     """Faults of what the module of the effect `name` declares as data."""
     yield from each(
         _others(module, rest.scene.effects),
         _bullets(module, rest),
+        _launch(module, rest),
         *(_bullet_key(rest, name, key) for key in bullet_keys(module)),
     )
 
@@ -91,6 +97,11 @@ def _others(module: ModuleType, effects: Table) -> Iterator[Fault]:
 def _bullets(module: ModuleType, rest: RestOfCase) -> Iterator[Fault]:
     if needs_bullets(module) and not rest.has_bullets:
         yield Fault("", "there are no bullets to push: add [net.bullets] or remove this table")
+
+
+def _launch(module: ModuleType, rest: RestOfCase) -> Iterator[Fault]:
+    if replaces_launch(module) and rest.scene.is_given("launch"):
+        yield Fault("", "contradicts [launch], which gives the bullets their speed already; keep one")
 
 
 def _bullet_key(rest: RestOfCase, name: str, key: str) -> Iterator[Fault]:

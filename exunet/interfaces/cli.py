@@ -73,14 +73,32 @@ def run_command(
     estimate: Annotated[
         bool, typer.Option("--estimate-error", help="also run twice more and tell the error")
     ] = False,
+    checkpoint_every: Annotated[
+        float | None,
+        typer.Option(help="simulated time between two checkpoints [s]", metavar="SECONDS", min=0.0),
+    ] = None,
 ) -> None:
     """Simulate a case; write result.h5, figures and summary.json into results/CASE/."""
     from exunet.case.casefile import load
     from exunet.interfaces.commands.run import run_case
 
     loaded = load(case, overrides)
-    stopped = run_case(loaded, out or Path("results") / loaded.name, check=check, estimate=estimate)
+    folder = out or Path("results") / loaded.name
+    stopped = run_case(loaded, folder, check=check, estimate=estimate, checkpoint_every=checkpoint_every)
     if stopped:
+        raise stopped
+
+
+@app.command("resume")
+def resume_command(
+    folder: Annotated[
+        Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=_path)
+    ],
+) -> None:
+    """Go on with a run that was killed, from its last checkpoint; the result is the same to the last bit."""
+    from exunet.interfaces.commands.run import resume_run
+
+    if stopped := resume_run(folder):
         raise stopped
 
 
@@ -205,7 +223,7 @@ def plot_command(
     from exunet.figures import save_figures
     from exunet.results.reading import load_result
 
-    for path in save_figures(load_result(result), out or result.parent):
+    for path in save_figures(load_result(result), out or (result if result.is_dir() else result.parent)):
         typer.echo(path)
 
 

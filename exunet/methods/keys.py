@@ -52,7 +52,7 @@ class Solver(Table):
     model_config = ConfigDict(json_schema_extra=_methods_schema())
 
     method: MethodKey = Field(
-        AUTO, description="integration method; auto: what was measured as cheapest for the accuracy"
+        AUTO, description="integration method; auto: the one that was measured as cheapest at the accuracy"
     )
     accuracy: Positive = Field(
         1e-4,
@@ -70,7 +70,7 @@ class Solver(Table):
         examples=[1e-5],
     )
     force: bool = Field(
-        False, description="run also with a step above the stable one, which is refused otherwise"
+        False, description="run even with a step above the stable one, which is refused otherwise"
     )
     retry: int = Field(
         2,

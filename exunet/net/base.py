@@ -58,7 +58,7 @@ class NetTable(Table, ABC):
     """Keys of [net] that every topology has.
 
     A topology derives its `Keys` from this (or from `ThrownNetTable`), adds `topology: Literal["its name"]`,
-    and counts its sides, so that an absurd net is refused before anything of its size is made.
+    and counts its sides (and corners), so that a net that is too large is refused before it is woven.
     """
 
     if TYPE_CHECKING:

@@ -99,7 +99,7 @@ def _unfit(pair: tuple[int, int], nodes: Sequence[Vector | None]) -> str | None:
         return None
     length = math.dist(first, second)
     if not 0 < length < math.inf:
-        return f"joins nodes {pair[0]} and {pair[1]}, which are {length:g} m apart: no length for a cable"
+        return f"joins nodes {pair[0]} and {pair[1]}, which are {length:g} m apart: not the length of a cable"
     return None
 
 

@@ -132,20 +132,20 @@ def energy_balance(result: Result) -> float:
     """Largest error of the energy balance over the stored times, relative to the energy in play.
 
     The error is |K + U + V + W - (K + U + V + W at the first stored time)|, with the kinetic, elastic and
-    potential energies K, U, V and the dissipated work W; for the divisor see `energy_in_play`. If that is
+    potential energies K, U, V and the dissipated work W; for the divisor see `energy_scale`. If that is
     zero (a net at rest without loads), it is the largest of K, U and |W|; if that is zero too, nothing ever
     moved and the error is 0. So it is where it is no more than the round-off of V.
     """
     kinetic, elastic, potential = result.kinetic, result.elastic, result.potential
     total = kinetic + elastic + (potential - potential[0]) + result.dissipated
-    scale = energy_in_play(result)
+    scale = energy_scale(result)
     if scale == 0.0:
         scale = float(np.max([kinetic, elastic, np.abs(result.dissipated)]))
     error = float(np.max(np.abs(total - total[0])))
     return error / scale if error > 1e-14 * float(np.max(np.abs(potential))) else 0.0
 
 
-def energy_in_play(result: Result) -> float:
+def energy_scale(result: Result) -> float:
     """Energy [J] that could deform the net, over the stored times: what errors of the energy are measured by.
 
     A run tells it (see `exunet.system.energy_scale`): kinetic and elastic energy at the start without the
@@ -153,8 +153,9 @@ def energy_in_play(result: Result) -> float:
     centres of mass. Of a result that does not tell, it is the initial K + U plus the largest change of V
     (V itself depends on the choice of the origin) and the largest work -W that forces have put in.
     """
-    if "energy_in_play_J" in result.provenance:
-        return float(result.provenance["energy_in_play_J"])
+    for name in ("energy_scale_J", "energy_in_play_J"):  # the second is what older files say
+        if name in result.provenance:
+            return float(result.provenance[name])
     change = float(np.max(np.abs(result.potential - result.potential[0])))
     put_in = float(np.max(-result.dissipated, initial=0.0))
     return float(result.kinetic[0] + result.elastic[0]) + change + put_in

@@ -7,10 +7,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from exunet.base.files import replacing
 from exunet.results.agreement import Agreement
-from exunet.results.measures import deployment, energy_balance, energy_in_play
-from exunet.results.result import Result
+from exunet.results.measures import deployment, energy_balance, energy_scale
+from exunet.results.result import BodyStates, Result
 from exunet.results.rows import blocks
 
 
@@ -26,9 +28,10 @@ def summarise(result: Result, check: Agreement | str | None = None) -> dict[str,
         "nodes": result.net.n_nodes,
         "elements": result.net.n_elements,
         "mass_kg": float(result.net.mass.sum()),
+        "bodies": {name: _body(body) for name, body in result.bodies.items()},
         "initial_energy_J": float(result.kinetic[0] + result.elastic[0] + result.potential[0]),
         "energy_balance": energy_balance(result),
-        "energy_in_play_J": energy_in_play(result),
+        "energy_scale_J": energy_scale(result),
         "dissipated_J": float(result.dissipated[-1]),
         "largest_tension": provenance.get("largest_tension"),
         "largest_stored_tension_N": max(float(block.max(initial=0.0)) for block in blocks(result.tension)),
@@ -40,6 +43,11 @@ def summarise(result: Result, check: Agreement | str | None = None) -> dict[str,
     elif check is not None:
         summary["check"] = _found(check)
     return summary
+
+
+def _body(body: BodyStates) -> dict[str, float]:
+    way = np.linalg.norm(body.position[-1] - body.position[0])
+    return {"mass_kg": body.mass, "displacement_m": float(way)}
 
 
 def _found(agreement: Agreement) -> dict[str, Any]:
@@ -84,12 +92,13 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("verdict", summary["verdict"]),
         ("nodes, elements", f"{summary['nodes']}, {summary['elements']}"),
         ("mass", f"{summary['mass_kg']:.6f} kg"),
+        *_body_rows(summary["bodies"]),
         ("method", f"{engine['method']}, {setting}"),
         ("steps", steps),
         ("right-hand sides", f"{engine['right_hand_sides']}"),
         ("wall time", f"{wall:.2f} s (build and integration)"),
         *_part_row(summary),
-        ("energy balance", f"{summary['energy_balance']:.1e} of {summary['energy_in_play_J']:.6g} J in play"),
+        ("energy balance", f"{summary['energy_balance']:.1e} of {summary['energy_scale_J']:.6g} J, the energy that can deform the net"),
         ("largest tension", _peak(summary)),
     ]
     if broken := engine.get("broken"):
@@ -98,6 +107,13 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
     table += [("note", note) for note in engine.get("notes", [])]
     return table + _deployment_rows(summary["deployment"]) + _check_rows(summary.get("check"))
+
+
+def _body_rows(bodies: dict[str, dict[str, float]]) -> list[tuple[str, str]]:
+    return [
+        (f"body {name}", f"{one['mass_kg']:.6g} kg, at the end {one['displacement_m']:.4g} m from its start")
+        for name, one in bodies.items()
+    ]
 
 
 def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:

@@ -16,19 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 import reference_impl as reference
+from exunet.backends import integrator
 from exunet.backends.compiled.loop import March, loop_kernel
+from exunet.backends.exudyn.build import build
 from exunet.backends.exudyn.probe import Probe
-from exunet.backends.exudyn.stepper import EngineFailed, Stepper
+from exunet.backends.protocol import Batch, Extremes, IntegrationFailed
 from exunet.base.errors import InputError
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
+from exunet.forces.terms import Change
 from exunet.methods.method import Method, NetForm, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.results.comparison import States, match_nodes
-from exunet.simulation.preparation import Start, build, prepare
+from exunet.simulation.preparation import Start, prepare
 from exunet.studies.neighbours import launch_speed
 
 Floats = NDArray[np.float64]
@@ -105,7 +108,8 @@ class BothCodes:
     def probe(self) -> Probe:
         """The engine's equations of motion, in the form that also has derivatives."""
         implicit = Plan(Method.GENERALIZED_ALPHA, step=1e-6)
-        return Probe(build(replace(self.start, plan=implicit)))
+        fused = self.start.scene.engine.net == NetForm.FUSED
+        return Probe(build(self.start.system, self.start.state, implicit, fused=fused))
 
     def fused(self) -> BothCodes:
         """The same case with the engine's fused net in place of connectors."""
@@ -128,25 +132,26 @@ class BothCodes:
         fixed = self.start.net.fixed_nodes
         position, velocity = position.copy(), velocity.copy()
         position[fixed], velocity[fixed] = self.start.position[fixed], 0.0
-        return replace(self, start=replace(self.start, position=position, velocity=velocity))
+        return replace(self, start=self.start.moved(position, velocity))
 
     def run_exunet(self, times: Floats, plan: Plan | None = None) -> Motion:
         """exunet's trajectory at `times` (from 0 on), with the plan of the case or another.
 
-        By Exudyn, or by the compiled loop where the case is `compiled`. Raises EngineFailed where the engine
+        By Exudyn, or by the compiled loop where the case is `compiled`. Raises IntegrationFailed where the engine
         stops.
         """
         start = replace(self.start, plan=plan or self.start.plan)
         if start.scene.engine.loop == TimeLoop.COMPILED:
             return _compiled(start, times)
-        model = build(start)
-        states = [model.coordinates()]
-        stepper = Stepper(model, start.plan, float(times[-1]), _ignore)
+        stepper = integrator(start.scene.engine, start.system, start.state, start.plan, _Unobserved())
+        states = [start.state]
         for until in times[1:].tolist():
             stepper.advance(until)
-            states.append(model.coordinates())
-        raw = [np.array(part) for part in zip(*states, strict=True)]
-        return Motion(np.asarray(times), *model.unpack(raw[0], raw[1]), stepper.counts.steps)
+            states.append(stepper.state())
+        position, velocity = (
+            np.array([getattr(state, name) for state in states]) for name in ("position", "velocity")
+        )
+        return Motion(np.asarray(times), position, velocity, stepper.counts.steps)
 
     def run_reference(self, times: Floats, **how: Any) -> Motion:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.march."""
@@ -169,17 +174,24 @@ def _with_engine(scene: Scene, **keys: str) -> Scene:
 
 
 def _compiled(start: Start, times: Floats) -> Motion:
-    march = March(start, loop_kernel(start))
-    reached, position, velocity, _ = march.through(times)
-    if len(reached) < len(times):
-        raise EngineFailed(march.collapse())
+    march = March(start.system, start.state, start.plan, loop_kernel(start.system))
+    batch = march.through(times)
+    position, velocity = batch.position, batch.velocity
+    if len(batch.time) < len(times):
+        raise IntegrationFailed(march.collapse())
     if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
-        raise EngineFailed("the state in the compiled loop is no longer finite")
+        raise IntegrationFailed("the state in the compiled loop is no longer finite")
     return Motion(np.asarray(times), position, velocity, march.counts.steps)
 
 
-def _ignore(time: Floats, position: Floats, velocity: Floats) -> None:
-    """A watcher that only lets the stepper go on."""
+class _Unobserved:
+    """An observer that only lets the integrator go on."""
+
+    def take(self, batch: Batch) -> None: ...
+
+    def between(self, until: float, extremes: Extremes) -> None: ...
+
+    def changed(self, time: float, memory: str, change: Change) -> None: ...
 
 
 def read_both(path: str | Path, overrides: Mapping[str, str] | None = None) -> BothCodes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
@@ -77,20 +77,20 @@ def run_ensemble(
         if start.scene.solver.method == "auto":
             words += ', which auto chose for Exudyn: set engine.loop = "auto", or "compiled"'
         raise InputError(words)
-    if start.terms.breaking is not None:
+    if start.system.forces.cable.breaks:
         raise InputError("an ensemble does not look for elements that break: remove effects.breaking")
     if workers is not None:
         _whole("workers", workers, at_least=1)
-    position = _states("position", position, start.net.n_nodes, None)
+    position = _states("position", position, start.system.points.n_points, None)
     if velocity is None:
         speeds = np.broadcast_to(start.velocity, position.shape)
     else:
-        speeds = _states("velocity", velocity, start.net.n_nodes, len(position))
+        speeds = _states("velocity", velocity, start.system.points.n_points, len(position))
     times = stored_times(start.scene.time)
-    kernel = loop_kernel(start)
+    kernel = loop_kernel(start.system)
 
     def one(run: int) -> tuple[Any, ...]:
-        return _one(replace(start, position=position[run], velocity=speeds[run]), kernel, times, run)
+        return _one(start.moved(position[run], speeds[run]), kernel, times, run)
 
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         found = list(pool.map(one, range(len(position))))
@@ -102,14 +102,14 @@ def _whole(name: str, given: object, at_least: int) -> None:
         raise InputError(f"{name}: must be a whole number, {at_least} or more, got {given!r}")
 
 
-def _states(name: str, given: object, n_nodes: int, runs: int | None) -> Floats:
-    """(runs, n_nodes, 3) finite floats, at least one run."""
-    wanted = f"({'runs' if runs is None else runs}, {n_nodes}, 3)"
+def _states(name: str, given: object, n_points: int, runs: int | None) -> Floats:
+    """(runs, n_points, 3) finite floats, at least one run."""
+    wanted = f"({'runs' if runs is None else runs}, {n_points}, 3)"
     try:
         states = np.asarray(given)
     except ValueError:
         raise InputError(f"{name}: initial states must be {wanted}, got rows of different lengths") from None
-    if states.ndim != 3 or states.shape[1:] != (n_nodes, 3) or len(states) != (runs or len(states)):
+    if states.ndim != 3 or states.shape[1:] != (n_points, 3) or len(states) != (runs or len(states)):
         raise InputError(f"{name}: initial states must be {wanted}, got {states.shape}")
     if not len(states):
         raise InputError(f"{name}: there is no run in it")
@@ -123,21 +123,21 @@ def _stacked(found: Sequence[tuple[Any, ...]]) -> list[Any]:
 
 
 def _one(start: Start, kernel: Kernel, times: Floats, run: int) -> tuple[Any, ...]:
-    net, terms = start.net, start.terms
-    march = March(start, kernel)
-    time, place, speed, taken = march.through(times)
+    system, net = start.system, start.net
+    march = March(system, start.state, start.plan, kernel)
+    batch = march.through(times)
     try:
-        Monitor(net, terms, start.position, start.velocity, every=1)(time, place, speed, taken)
+        Monitor(system, start.state, every=1).take(batch)
     except RunStopped as stop:
         raise RunStopped(f"run {run} of the ensemble {stop}") from stop
-    if len(time) < len(times):
+    if len(batch.time) < len(times):
         raise RunStopped(f"run {run} of the ensemble stopped: {march.collapse()}")
     return (
-        np.linalg.norm(speed[:, net.bullet_nodes], axis=-1),
-        metrics.mouth_area(net, place),
-        energy.kinetic(net, speed),
-        energy.elastic(net, terms, place),
-        energy.potential(terms, place),
-        taken,
-        march.right_hand_sides,
+        np.linalg.norm(batch.velocity[:, net.bullet_nodes], axis=-1),
+        metrics.mouth_area(net, batch.position),
+        energy.kinetic(system.mass, batch.velocity),
+        energy.elastic(system.forces, batch.position),
+        energy.potential(system.forces, batch.position),
+        batch.taken,
+        march.counts.right_hand_sides,
     )

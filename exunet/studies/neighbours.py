@@ -36,7 +36,7 @@ def perturbed(net: Net, position: Floats, amplitude: float, seed: int | Sequence
 def moved(start: Start, part: float = MOVE, seed: int = SEED) -> Start:
     """The start with its positions moved by up to a part of the net's size."""
     net = start.net
-    return replace(start, position=perturbed(net, start.position, part * net.size, seed))
+    return start.moved(perturbed(net, start.position, part * net.size, seed))
 
 
 def of_other_accuracy(plan: Plan) -> Plan:

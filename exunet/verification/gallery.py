@@ -92,7 +92,7 @@ def _growth(result: Result, _start: Any) -> Iterator[Check]:
 
 
 def _damping_sets(result: Result, start: Any) -> Iterator[Check]:
-    alone = stable_step(start.plan.method, largest_frequency(start.net, start.terms))
+    alone = stable_step(start.plan.method, largest_frequency(start.system))
     yield Check("step that damping allows", float(start.plan.step / alone), tol.HARD_DAMPING_SETS)
 
 

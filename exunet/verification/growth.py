@@ -80,8 +80,8 @@ class Growth:
 
 def fixed_plan(case: BothCodes, spacing: float, part: float = STEP_PART) -> Plan:
     """RK44 with a whole number of equal steps in `spacing` [s], within a part of the stable step."""
-    net, terms = case.start.net, case.start.terms
-    limit = part * stable_step(Method.RK44, largest_frequency(net, terms), largest_damping_rate(net, terms))
+    system = case.start.system
+    limit = part * stable_step(Method.RK44, largest_frequency(system), largest_damping_rate(system))
     return Plan(Method.RK44, step=spacing / max(1, math.ceil(spacing / limit)))
 
 

@@ -187,7 +187,7 @@ def above(form: str) -> Iterator[Check]:
     """1.02 of the stable step: refused; forced, stopped by a guard."""
     path = case_path("near_limit")
     start = prepare(load(path, FORMS[form]).scene)
-    step = 1.02 * stable_step(start.plan.method, largest_frequency(start.net, start.terms))
+    step = 1.02 * stable_step(start.plan.method, largest_frequency(start.system))
     name, setting = "1.02 of the stable step", (f"solver.step={step!r}", *FORMS[form])
     try:
         prepare(load(path, setting).scene)

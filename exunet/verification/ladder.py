@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import reference_impl as reference
-from exunet.backends.exudyn.stepper import EngineFailed
+from exunet.backends.protocol import IntegrationFailed
 from exunet.base.errors import ExunetError, InputError, Interrupted
 from exunet.codegen.compile import numba_installed
 from exunet.studies.both_codes import BothCodes, read_both
@@ -62,7 +62,7 @@ class Step:
                 yield self._signed(finding)
         except Interrupted:
             raise KeyboardInterrupt from None
-        except (ExunetError, EngineFailed, reference.Diverged) as stop:
+        except (ExunetError, IntegrationFailed, reference.Diverged) as stop:
             yield self._signed(Check("ran to its end", math.inf, RAN, str(stop).split("\n")[0]))
 
     def _signed(self, finding: Finding) -> Finding:

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.results.result import Result
-from exunet.simulation.recorder import Recorder
+from exunet.bodies.rigid import RigidStates
 from exunet.studies.both_codes import BothCodes
+from exunet.system.states import States
 from exunet.verification.check import Check, difference, worst_of
 from exunet.verification.states import KINDS, random_states
 from exunet.verification.tolerances import MEASURES
@@ -45,15 +45,14 @@ def measures(case: BothCodes, states_of_a_kind: int = STATES_OF_A_KIND) -> Itera
         yield worst_of(f"{name}, {states_of_a_kind * len(KINDS)} random states", checks)
 
 
-def _stored(case: BothCodes, position: Floats, velocity: Floats) -> Result:
-    """What exunet stores of a run through these states."""
-    record = Recorder(case.start, {})
-    for number, state in enumerate(zip(position, velocity, strict=True)):
-        record.store(float(number), state, 0.0)
-    return record.result("ok")
+def _stored(case: BothCodes, position: Floats, velocity: Floats) -> States:
+    """What exunet makes of these states, as it stores them."""
+    number = len(position)
+    system, none = case.start.system, RigidStates.none(number)
+    return States(system, np.arange(float(number)), position, velocity, none, case.start.state.memory)
 
 
-def _quantities(case: BothCodes, ours: Result) -> Iterator[tuple[str, str, Floats, Floats]]:
+def _quantities(case: BothCodes, ours: States) -> Iterator[tuple[str, str, Floats, Floats]]:
     """Name, unit, and the values (states, ...) of exunet and of the reference."""
     system, elements = case.theirs.system, case.reference_elements
     x, v = case.to_reference(ours.position), case.to_reference(ours.velocity)

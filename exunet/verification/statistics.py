@@ -90,8 +90,8 @@ def _one(case: BothCodes, code: str, times: Floats, place: Floats) -> tuple[Floa
         motion = nearby.run_reference(times, method="RK45", rtol=TOLERANCE, atol=TOLERANCE)
     return (
         mouth_area(net, motion.position),
-        energy.kinetic(net, motion.velocity),
-        energy.elastic(net, case.start.terms, motion.position),
+        energy.kinetic(net.mass, motion.velocity),
+        energy.elastic(case.start.system.forces, motion.position),
         bullet_speeds(net, motion.velocity),
     )
 

@@ -46,14 +46,31 @@ def test_rectangular_counts(net, nx, ny):
     assert grid.mass.sum() == pytest.approx(length * CABLE_MASS + 4 * (0.5 + 2**0.5 * STRING_MASS), rel=1e-14)
 
 
+def cells(at, ring):
+    """Middles (k, 2) of the hexagons whose six corners, middle - ring (6, 2), are among the points `at`."""
+    middles = np.unique(np.round((at[:, None] + ring).reshape(-1, 2), 9) + 0.0, axis=0, return_counts=True)
+    return middles[0][middles[1] == 6]
+
+
 @pytest.mark.parametrize("rings", [0, 1, 2, 5])
 def test_hexagonal_counts(net, rings):
-    """V = 6 (R+1)^2 knots, 9 R^2 + 15 R + 6 sides: Euler's V - S + C = 1 with C = 3 R (R+1) + 1 cells."""
+    """V = 6 (R+1)^2 knots, S = 9 R^2 + 15 R + 6 sides: Euler's V - S + C = 1 with C = 3 R (R+1) + 1 cells.
+
+    Two or three sides meet in a knot: 6 R + 6 corners of the rim and, as 2 S = 2 n2 + 3 n3, 6 R (R+1) inside.
+    The cells are told by their middles, which have six knots at the distance of a side, 0.5 m.
+    """
     comb = net("hexagonal", rings=rings)
     knots, sides = 6 * (rings + 1) ** 2, 9 * rings**2 + 15 * rings + 6
-    assert knots - sides + 3 * rings * (rings + 1) + 1 == 1
     assert (len(comb.mass), len(comb.element_nodes)) == (knots + 6, sides + 12)
     assert comb.mass.sum() == pytest.approx(0.5 * sides * CABLE_MASS + 6 * 0.5 + 12 * 2**0.5 * STRING_MASS)
+    of_cable = ~np.isin(comb.element_nodes, comb.bullet_nodes).any(axis=1)
+    meeting = np.bincount(comb.element_nodes[of_cable].ravel(), minlength=len(comb.mass))
+    inside = [6 * rings * (rings + 1)] if rings else []
+    assert np.bincount(meeting).tolist() == [6, 0, 6 * rings + 6, *inside]  # the bullets have strings only
+    at = np.delete(comb.reference_position, comb.bullet_nodes, axis=0)[:, :2]
+    ring = [(math.cos(angle), math.sin(angle)) for angle in math.pi / 3 * (np.arange(6) + 0.5)]
+    ring = 0.5 * np.array(ring)  # with a corner straight up
+    assert len(cells(at, ring)) == 3 * rings * (rings + 1) + 1
     bullets = comb.reference_position[comb.bullet_nodes]
     radius = (rings + 0.5) * 3**0.5 * 0.5 + (2 - 0.5**2 / 4) ** 0.5
     angle = math.pi / 3 * np.arange(-3, 3)

@@ -26,9 +26,7 @@ class Probe:
         self._engine = exudyn()
         self._model = model
         self._system = model.system
-        nothing = np.zeros(model.n_coordinates)
-        self._reference, _ = model.unpack(nothing, nothing)
-        self._free = model.unpack(nothing, nothing + 1.0)[1][:, 0] != 0.0
+        self._reference, self._free = model.reference, model.free
         settings = self._engine.SimulationSettings()
         settings.solution.file.write = False  # else the engine writes into the working directory
         settings.solution.sensors.active = False

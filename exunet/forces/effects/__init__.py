@@ -5,12 +5,12 @@ An effect's module has
 - `Keys`, a Table: keys, units, bounds; no default for a physical quantity;
 - `terms(keys, points)`: what it adds to the equations of motion, a tuple of `KernelTerm`, `LinearTerm` (see
   `exunet.forces.terms`) or `ElementLaw` (`exunet.forces.cable_term`);
-- `nominal(basis) -> (Keys, assumption)`: what to assume where an estimate is asked for and the case is
-  silent; None if nothing can be assumed for this scene;
+- `nominal(basis) -> (Keys, assumption)`: what to assume for an estimate if the case does not have the
+  effect; None if nothing can be assumed for this scene;
 - `magnitude(keys, basis) -> Estimate`: the order of magnitude of what leaving it out would change;
 - if it contradicts other effects or needs them, `EXCLUDES` or `REQUIRES`: their names, with the reasons;
-- if it acts on bullets only, `NEEDS_BULLETS = True`; if keys are given if and only if there are bullets,
-  `BULLET_KEYS`: their names;
+- if it acts on bullets only, `NEEDS_BULLETS = True`; if it gives them their speed, `REPLACES_LAUNCH = True`;
+- if keys must be given if and only if there are bullets, `BULLET_KEYS`: their names;
 - for whatever else its keys demand of each other and of the rest of the case,
   `cross_checks(keys, rest) -> Iterator[Fault]` (exunet.forces.requirements, exunet.base.faults);
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;

@@ -36,10 +36,10 @@ class Keys(Table):
         description="of the cables in cross-flow, on diameter x length [-]", examples=[1.1]
     )
     bullet_drag_coefficient: NonNegative | None = Field(
-        None, description="of the bullets [-]; just when there are bullets", examples=[0.47]
+        None, description="of the bullets [-]; if and only if the net has bullets", examples=[0.47]
     )
     bullet_area: NonNegative | None = Field(
-        None, description="frontal area of a bullet [m2]; just when there are bullets", examples=[4e-3]
+        None, description="frontal area of a bullet [m2]; if and only if the net has bullets", examples=[4e-3]
     )
 
 

@@ -1,8 +1,8 @@
-"""Breaking: an element whose strain or force exceeds a limit at the end of a step carries nothing any more.
+"""Breaking: an element whose strain or force exceeds a limit at the end of a step carries no load afterwards.
 
-The elastic energy that it held is booked as dissipated. Its mass stays lumped at its nodes. Methods that
-choose their step shorten it near a limit, so that this energy is right to about 1e-3; with equal steps the
-summary says by how much it was too large.
+Its elastic energy counts as dissipated; its mass remains lumped at its nodes. Adaptive methods shorten their
+steps near a limit, so that this energy is accurate to about 1e-3; with equal steps the summary says by how
+much it was too large.
 """
 
 from __future__ import annotations

@@ -76,8 +76,8 @@ def _short(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
         return
     longest = LONGEST * 2.0 * math.pi / keys.rate
     if rest.duration > longest:
-        lasts = f"the scene lasts {rest.duration:g} s"
-        yield Fault("", f"is constant, which holds for {longest:.0f} s of this orbit; {lasts}")
+        words = f"its gradient is taken as constant, which is valid for {longest:.0f} s of this orbit"
+        yield Fault("", f"{words}; the scene lasts {rest.duration:g} s")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

@@ -21,7 +21,6 @@ import numpy as np
 from pydantic import ConfigDict, Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
 from exunet.base.table import Positive, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import PointMass, Points
@@ -30,6 +29,7 @@ from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
 
 NEEDS_BULLETS = True
+REPLACES_LAUNCH = True
 
 
 class Keys(Table):
@@ -55,10 +55,10 @@ class Keys(Table):
     )
     chaser_mass: Positive = Field(description="point mass at the origin [kg]", examples=[500.0])
     dead_length: Positive | None = Field(
-        None, description='V, gas volume at the start over the bore\'s area [m]; just for "gas"'
+        None, description='V, gas volume at the start over the bore\'s area [m]; for "gas" only'
     )
     exponent: float | None = Field(
-        None, gt=1.0, description='gamma of the adiabatic expansion [-]; just for "gas"', examples=[1.4]
+        None, gt=1.0, description='gamma of the adiabatic expansion [-]; for "gas" only', examples=[1.4]
     )
 
     @property
@@ -186,21 +186,12 @@ def gas_launch_potential(
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    """The keys of gas if it is gas that pushes, and no other launch."""
-    yield from each(_gas_has_its_keys(keys), _no_other_launch(rest))
-
-
-def _gas_has_its_keys(keys: Keys) -> Iterator[Fault]:
+    """The keys of gas if and only if it is gas that pushes."""
     for name in ("dead_length", "exponent"):
         if keys.kind == "gas" and not keys.is_given(name):
             yield Fault("", f'needs {name} for kind = "gas"')
         if keys.kind == "spring" and keys.is_given(name):
             yield Fault(name, 'is for kind = "gas" only')
-
-
-def _no_other_launch(rest: RestOfCase) -> Iterator[Fault]:
-    if rest.scene.is_given("launch"):
-        yield Fault("", "contradicts [launch], which gives the bullets their speed already; keep one")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str] | None:

@@ -46,7 +46,7 @@ class Keys(Table):
     drag_coefficient: NonNegative = Field(description="C [-], about 2 to 2.4", examples=[2.2])
     bullet_area: NonNegative | None = Field(
         None,
-        description="area of a bullet across the flow [m2]; just when there are bullets",
+        description="area of a bullet across the flow [m2]; if and only if the net has bullets",
         examples=[4e-3],
     )
 

@@ -36,7 +36,7 @@ class Keys(Table):
     )
     bullet_area: NonNegative | None = Field(
         None,
-        description="area of a bullet across the light [m2]; just when there are bullets",
+        description="area of a bullet across the light [m2]; if and only if the net has bullets",
         examples=[4e-3],
     )
 

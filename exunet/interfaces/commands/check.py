@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from exunet.backends.exudyn.build import build
 from exunet.case.casefile import Case
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import EFFECTS, switched_on
-from exunet.methods.method import METHODS, Kind, Method, TimeLoop
-from exunet.simulation.preparation import Start, build, prepare_case
+from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
+from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.stability import (
     WEAK_GROWTH,
     largest_damping_rate,
@@ -42,12 +43,14 @@ def describe(case: Case) -> list[tuple[str, str]]:
 
 
 def _items(start: Start) -> str:
-    return ", ".join(f"{number} {kind}" for kind, number in build(start).items().items())
+    fused = start.scene.engine.net == NetForm.FUSED
+    model = build(start.system, start.state, start.plan, fused=fused)
+    return ", ".join(f"{number} {kind}" for kind, number in model.items().items())
 
 
 def _stable_steps(start: Start) -> str:
-    frequency = largest_frequency(start.net, start.terms)
-    rate = largest_damping_rate(start.net, start.terms)
+    frequency = largest_frequency(start.system)
+    rate = largest_damping_rate(start.system)
     limits, common = [], (Method.VELOCITY_VERLET, Method.RK33, Method.RK44)
     for name in common:
         limit = stable_step(name, frequency, rate)

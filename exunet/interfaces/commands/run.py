@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -11,26 +11,34 @@ from tempfile import TemporaryFile
 
 from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.files import cannot_write, sweep
-from exunet.case.casefile import Case
+from exunet.case.casefile import Case, parse_case
 from exunet.interfaces.commands.table import print_table
 from exunet.results.agreement import Agreement
+from exunet.results.reading import RESULT_FILE, STORE_FOLDER, load_result
 from exunet.results.result import Result
 from exunet.results.summary import rows, summarise, write_summary
-from exunet.results.writing import save
-from exunet.simulation.preparation import Start, prepare_case
-from exunet.simulation.run import Progress, provenance, simulate
+from exunet.simulation.preparation import prepare_case
+from exunet.simulation.run import Progress, resume, run_into
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.verification.reference_run import ReferenceRun
 
-FIGURES = ("reference_net", "snapshots", "bullet_speeds", "energies", "area", "agreement")
+FIGURES = ("reference_net", "snapshots", "bullet_speeds", "energies", "area", "rotation", "agreement")
 DESCRIPTIONS = ("summary.json", *(f"{figure}.png" for figure in FIGURES))
 
 
-def run_case(case: Case, folder: Path, *, check: bool, estimate: bool = False) -> ExunetError | None:
+def run_case(
+    case: Case,
+    folder: Path,
+    *,
+    check: bool,
+    estimate: bool = False,
+    checkpoint_every: float | None = None,
+) -> ExunetError | None:
     """Simulate, write result.h5, figures and summary.json into `folder`, print the table.
 
     check    : also run the reference and compare
     estimate : also estimate the error, from two more runs
+    checkpoint_every : [s] of simulated time, see `run_into`
 
     Returns the error of a run that stopped (its part is written, marked as incomplete), or of a check or an
     estimate that could not be made (the result is written), else None. Raises InputError, before the run
@@ -38,11 +46,33 @@ def run_case(case: Case, folder: Path, *, check: bool, estimate: bool = False) -
     """
     start = prepare_case(case)  # whose faults come before any folder is made
     with _made(folder):
-        return _run(case, start, folder, check=check, estimate=estimate)
+        _ready(folder)
+
+        def simulate(progress: Progress | None) -> Result:
+            _forget(folder)
+            return run_into(folder, case, start, progress, checkpoint_every)
+
+        return _run(case, simulate, folder, check=check, estimate=estimate)
 
 
-def _run(case: Case, start: Start, folder: Path, *, check: bool, estimate: bool) -> ExunetError | None:
-    _ready(folder)
+def resume_run(folder: Path) -> ExunetError | None:
+    """Go on with an unfinished run in a folder, and describe it as `run_case` does."""
+    unfinished = load_result(folder)
+    if unfinished.complete or not (folder / STORE_FOLDER).is_dir():
+        raise InputError(f"{folder}: there is no unfinished run in it")
+    story = unfinished.provenance
+    case = parse_case(story["text"], Path(story["case"]), story["overrides"])
+    return _run(case, lambda progress: resume(folder, progress), folder, check=False, estimate=False)
+
+
+def _run(
+    case: Case,
+    simulate: Callable[[Progress | None], Result],
+    folder: Path,
+    *,
+    check: bool,
+    estimate: bool,
+) -> ExunetError | None:
     stopped: ExunetError | None = None
     unchecked: ExunetError | None = None
     agreement = error_estimate = None
@@ -50,12 +80,11 @@ def _run(case: Case, start: Start, folder: Path, *, check: bool, estimate: bool)
     with ReferenceRun(case) if check else nullcontext() as reference:
         try:
             with _progress(case.scene.time.end) as progress:
-                result = simulate(start, provenance(case), progress, lambda part: _keep(part, folder))
+                result = simulate(progress)
         except RunStopped as error:
             if error.partial is None:
                 raise
             stopped, result = error, error.partial
-        _keep(result, folder)
         if reference and stopped is None:
             agreement, unchecked, no_check = _agreement(reference, result)
         elif reference:
@@ -109,16 +138,15 @@ def _ready(folder: Path) -> None:
             pass
     except OSError as error:
         raise cannot_write(folder, error) from error
-    for name in ("result.h5", *DESCRIPTIONS):
+    for name in (RESULT_FILE, *DESCRIPTIONS):
         if (folder / name).exists() and not (folder / name).is_file():
             raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
 
 
-def _keep(result: Result, folder: Path) -> None:
-    """Put result.h5 in place of an earlier one, whose summary and figures go."""
-    for name in DESCRIPTIONS:
+def _forget(folder: Path) -> None:
+    """Remove an earlier result with its summary and figures, lest it pass for the one that is being made."""
+    for name in (RESULT_FILE, *DESCRIPTIONS):
         (folder / name).unlink(missing_ok=True)
-    save(result, folder / "result.h5")
 
 
 def _describe(

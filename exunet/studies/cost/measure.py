@@ -7,11 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.bodies.rigid import RigidStates
+from exunet.forces.terms import LinearTerm
 from exunet.results.measures import Deployment, deployment_of
 from exunet.simulation.preparation import Start
 from exunet.studies.neighbours import bullet_speeds
 from exunet.system import energy
-from exunet.system.energy_scale import InPlay
+from exunet.system.energy_scale import EnergyScale
+from exunet.system.states import States
 
 Floats = NDArray[np.float64]
 
@@ -47,31 +50,32 @@ def four(found: Deployment) -> tuple[float, ...]:
 
 
 def measures(start: Start, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> Measures:
-    """Measures of a trajectory; time (t,) [s], position, velocity (t, n_nodes, 3), dissipated (t,) [J].
+    """Measures of a trajectory; time (t,) [s], position, velocity (t, n_points, 3), dissipated (t,) [J].
 
     The energy is relative to what the guards go by: the energy in play, without the common flight.
     """
-    net, terms = start.net, start.terms
-    kinetic, potential = energy.kinetic(net, velocity), energy.potential(terms, position)
-    total = kinetic + energy.elastic(net, terms, position) + (potential - potential[0]) + dissipated
-    in_play = InPlay(net, terms, start.position, start.velocity)
-    gained = in_play.gained(position, velocity, potential, dissipated)[0]
-    scale = in_play.start + float(gained.max()) or float(kinetic.max()) or 1.0
+    net, bodies = start.net, RigidStates.none(len(time))
+    states = States(start.system, time, position, velocity, bodies, start.state.memory)
+    total = states.kinetic + states.elastic + (states.potential - states.potential[0]) + dissipated
+    scales = EnergyScale(start.system, start.state)
+    gained = scales.gained(states, dissipated)[0]
+    scale = scales.start + float(gained.max()) or float(states.kinetic.max()) or 1.0
     return Measures(
         speeds=bullet_speeds(net, velocity[-1]),
         energy=float(np.abs(total - total[0]).max()) / scale,
         momentum=_momentum(start, velocity),
-        deployment=deployment_of(net, time, position),
+        deployment=deployment_of(net, time, position[:, : net.n_nodes]),
     )
 
 
 def _momentum(start: Start, velocity: Floats) -> float | None:
-    net, terms = start.net, start.terms
-    moved = energy.momentum(net, velocity)
-    scale = float(net.mass @ np.linalg.norm(velocity[0], axis=-1))
-    outside = (terms.load, terms.stiffness, terms.gyroscopic)
-    if any(term is not None for term in outside) or terms.kernels or len(net.fixed_nodes) or not scale:
+    net, mass, forces = start.net, start.system.mass, start.system.forces
+    moved = energy.momentum(mass, velocity)
+    scale = float(mass @ np.linalg.norm(velocity[0], axis=-1))
+    linear = forces.linear or LinearTerm()
+    outside = (linear.load, linear.stiffness, linear.gyroscopic)
+    if any(term is not None for term in outside) or forces.kernels or len(net.fixed_nodes) or not scale:
         return None
-    if terms.damping is not None and np.linalg.norm(moved[0]) > 1e-12 * scale:
+    if linear.damping is not None and np.linalg.norm(moved[0]) > 1e-12 * scale:
         return None  # damping of the motion as a whole
     return float(np.linalg.norm(moved - moved[0], axis=-1).max()) / scale

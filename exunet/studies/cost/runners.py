@@ -12,6 +12,7 @@ import reference_impl as reference
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.case.scene import Engine, Scene, Time
 from exunet.methods.keys import Solver
+from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import BothCodes
@@ -106,13 +107,19 @@ def trajectory(subject: Subject, setting: Setting) -> Trajectory:
 
 def _by_exunet(subject: Subject, setting: Setting) -> Trajectory:
     scene = with_setting(subject.start.scene, setting, subject.speed, subject.times)
-    result = simulate(replace(prepare(scene), position=subject.start.position))
+    result = simulate(prepare(scene).moved(subject.start.position))
     cost = result.provenance
     work = Work(
         cost["steps"], cost["rejected_steps"], cost["right_hand_sides"], cost.get("newton_iterations", 0)
     )
-    states = result.time, result.position, result.velocity, result.dissipated
-    return Trajectory(*states, work, cost["integration_seconds"])
+    position, velocity = (_of_points(subject.start, result, name) for name in ("position", "velocity"))
+    return Trajectory(result.time, position, velocity, result.dissipated, work, cost["integration_seconds"])
+
+
+def _of_points(start: Start, result: Result, quantity: str) -> Floats:
+    """(t, n_points, 3) of the net's nodes and the point masses."""
+    bodies = [getattr(result.bodies[name], quantity)[:, None] for name in start.system.points.body]
+    return np.concatenate([getattr(result, quantity), *bodies], axis=1)
 
 
 def _by_reference(subject: Subject, setting: Setting) -> Trajectory:

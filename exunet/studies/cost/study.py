@@ -208,8 +208,8 @@ def all_rungs(subject: Subject, *, compiled: bool) -> list[list[Setting]]:
         conserving = not unsupported(subject.both.theirs.system)
         theirs = tuple(method for method in REFERENCE_METHODS if method != "EM" or conserving)
     start = subject.start
-    frequency = largest_frequency(start.net, start.terms)
-    rate = largest_damping_rate(start.net, start.terms)
+    frequency = largest_frequency(start.system)
+    rate = largest_damping_rate(start.system)
     explicit = [name for name, method in METHODS.items() if method.kind == Kind.EXPLICIT]
     stable = {str(name): step_limit(name, frequency, rate) for name in explicit}
     return ladders(stable, subject.end, compiled=compiled, reference=theirs)

@@ -20,12 +20,13 @@ def free_net(case: BothCodes) -> Iterator[Check]:
     shares = net.mass[:, None] * case.start.velocity
     turning = np.cross(case.start.position, shares)
     for code, motion in best(case, stored_times(case.start.scene.time)):
-        total = energy.kinetic(net, motion.velocity) + energy.elastic(net, case.start.terms, motion.position)
+        total = energy.kinetic(net.mass, motion.velocity)
+        total = total + energy.elastic(case.start.system.forces, motion.position)
         kept: tuple[tuple[str, np.ndarray, float, Tolerance], ...] = (
-            ("momentum", energy.momentum(net, motion.velocity), _size(shares), MOMENTUM),
+            ("momentum", energy.momentum(net.mass, motion.velocity), _size(shares), MOMENTUM),
             (
                 "angular momentum",
-                energy.angular_momentum(net, motion.position, motion.velocity),
+                energy.angular_momentum(net.mass, motion.position, motion.velocity),
                 _size(turning),
                 ANGULAR,
             ),

@@ -45,7 +45,7 @@ def braking(case: BothCodes) -> Iterator[Check]:
     for code, motion in best(case, times):
         span = motion.position[:, 1] - motion.position[:, 0]
         angle = float(np.unwrap(np.arctan2(span[:, 1], span[:, 0]))[-1])
-        spin = energy.angular_momentum(net, motion.position, motion.velocity)[:, 2]
+        spin = energy.angular_momentum(net.mass, motion.position, motion.velocity)[:, 2]
         known = beta * stiffness * length**2 * (angle / 2 - math.sin(2 * angle) / 4)
         found = float(spin[0] - spin[-1])
         yield against(f"momentum taken by damping, {code}", found, known, BRAKING, "kg m2/s")

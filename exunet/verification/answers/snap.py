@@ -75,5 +75,7 @@ def _by_code(case: BothCodes, code: str, position: Floats) -> tuple[Floats, Floa
     net = case.start.net
     length = cable.lengths(net, position)
     strain = cable.green_lagrange_strain(length, net.reference_length)
-    tension = cable.element_tension(net, case.start.terms.law(net), position, np.zeros_like(position))
+    tension = cable.element_tension(
+        net, case.start.system.forces.cable.law, position, np.zeros_like(position)
+    )
     return length[:, 0], strain[:, 0], tension[:, 0]

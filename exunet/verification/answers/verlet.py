@@ -10,11 +10,13 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import eigsh
 
-from exunet.forces.terms import Terms
+from exunet.forces.points import Points
+from exunet.forces.total import Forces
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.system.stability import largest_frequency, stable_step
+from exunet.system.system import System
 from exunet.verification.answers.modes import modes_of
 from exunet.verification.check import Check
 from exunet.verification.tolerances import EIGENVALUE, FIELD_DIGITS, STABLE, UNSTABLE
@@ -33,7 +35,9 @@ def stable_steps(case: BothCodes) -> Iterator[Check]:
     for meshes, known in KNOWN.items():
         larger = read_both(case.path, {"net.size": str(float(meshes))})
         net = larger.start.net
-        step = stable_step(Method.VELOCITY_VERLET, largest_frequency(net, Terms()))
+        step = stable_step(
+            Method.VELOCITY_VERLET, largest_frequency(System(Points.of_net(net), Forces.of(net)))
+        )
         theirs = 2.0 / math.sqrt(_largest_eigenvalue(larger))
         name, values = f"{meshes} x {meshes} meshes", f"{step:.9g} s and {theirs:.9g} s"
         yield Check(f"Verlet step, {name}: codes differ by", abs(step / theirs - 1), EIGENVALUE, values)
