@@ -9,7 +9,9 @@ Names are imported when they are first used, so that `import exunet` itself cost
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from exunet.base.version import VERSION as __version__
+from exunet.base import version
+
+__version__ = version.VERSION
 
 if TYPE_CHECKING:
     from exunet.base.errors import CaseError as CaseError

@@ -1,4 +1,4 @@
-"""What every integrator offers, and what it tells while it goes on; who uses one need not know which it is."""
+"""What every integrator offers, and what it tells on its way; who uses one need not know which it is."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Observer(Protocol):
 
 @dataclass
 class StepCounts:
-    """What the integration cost: accepted and rejected steps, Newton iterations, evaluations of the forces."""
+    """What an integration cost: accepted and rejected steps, Newton iterations, right-hand sides."""
 
     steps: int = 0
     rejected: int = 0
@@ -116,4 +116,4 @@ class Integrator(Protocol):
         """All that the next step depends on, as copies, and the states that are not handed over yet."""
 
     def restore(self, arrays: Arrays) -> None:
-        """Go back to a snapshot of an integrator of the same scene and plan: what follows is bitwise the same."""
+        """Go back to a snapshot of the same scene and plan; what follows is bitwise the same."""

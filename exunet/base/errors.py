@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from exunet.results.result import Result
+from typing import Any
 
 
 class ExunetError(Exception):
@@ -68,7 +65,7 @@ class RunStopped(ExunetError):
 
     exit_code = 3
 
-    def __init__(self, message: str, partial: Result | None = None, step_cause: bool = False) -> None:
+    def __init__(self, message: str, partial: Any = None, step_cause: bool = False) -> None:
         self.partial = partial
         self.step_cause = step_cause
         super().__init__(message)

@@ -121,7 +121,7 @@ class Linearised:
 
 
 def _coupled(kernels: tuple[KernelTerm, ...], n: int) -> Ints:
-    """(m, 2) pairs of points (row, column) whose force and state kernel terms couple, each point with itself."""
+    """(m, 2) pairs of points whose force (the first) kernel terms couple to the state of the second."""
     own = np.arange(n)
     found = [np.stack([own, own], axis=1)]
     for term in kernels:
@@ -135,8 +135,9 @@ def _coupled(kernels: tuple[KernelTerm, ...], n: int) -> Ints:
 
 
 def _groups(pairs: Ints, n: int) -> Ints:
-    """(n,) numbers such that two points of one number share no row: greedy colouring, Curtis, Powell and Reid,
-    J. Inst. Math. Appl. 13 (1974) 117, doi 10.1093/imamat/13.1.117.
+    """(n,) numbers such that two points of one number share no row, by greedy colouring.
+
+    Curtis, Powell and Reid, J. Inst. Math. Appl. 13 (1974) 117, doi 10.1093/imamat/13.1.117.
     """
     pattern = csr_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(n, n))
     shared = csr_array(pattern.T @ pattern)

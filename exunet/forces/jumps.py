@@ -1,7 +1,7 @@
 """Where the force of a net jumps: viscous elements that become taut while they lengthen.
 
-S11 = E (E11 + tau dE11/dt) where E11 > 0 begins with the force of the rate alone. No step across such a jump is
-better than the jump times its length, however good the method is; so a step control that meets one goes
+S11 = E (E11 + tau dE11/dt) where E11 > 0 begins with the force of the rate alone. No step across such a jump
+is better than the jump times its length, however good the method is; so a step control that meets one goes
 straight to it, and crosses it with a step that is short enough for the tolerance, or as short as round-off
 allows. The compiled loop has the same rule (`exunet.backends.compiled.many_steps.jump_ahead`).
 """
@@ -25,7 +25,7 @@ NEARER = 1e-2  # of the time to a jump: how far before it a step towards it ends
 
 @dataclass(frozen=True)
 class Jump:
-    """A jump ahead: the time until then [s], the accelerations' jump [m/s2], the step that may cross it [s]."""
+    """A jump ahead: time until then [s], jump of the accelerations [m/s2], step that may cross it [s]."""
 
     after: float
     size: float

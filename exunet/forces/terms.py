@@ -35,7 +35,7 @@ class Piece:
 
     add     : module-level function add(t, x, v, *data, force) that adds its force [N] to `force`; x, v, force
               are flat arrays of points, in the subset of Python that Numba compiles. It may use `math`, `np`
-              and its `helpers`, no other global name. Names of functions differ between the pieces of a kernel
+              and its `helpers`, no other global name. The names of the functions of a kernel's pieces differ
     data    : arrays and numbers, in the order in which `add` takes them. They are data of the compiled
               function, not text in it: scenes with the same kinds of forces share one kernel
     helpers : module-level functions that the others call

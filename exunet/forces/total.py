@@ -1,4 +1,4 @@
-"""All forces of a scene: the cable elements, the constant terms summed, and the kernel terms in their order."""
+"""All forces of a scene: the cable elements, the sum of the constant terms, and the kernel terms."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Contribution = KernelTerm | LinearTerm | ElementLaw
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """The terms of a scene. Linear ones are one, since matrices can be summed beforehand; None: there is none.
+    """The terms of a scene; linear ones are summed beforehand, None if there is none.
 
     Iterating gives every `Term` in the order in which a kernel adds them.
     """

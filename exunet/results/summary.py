@@ -98,7 +98,10 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("right-hand sides", f"{engine['right_hand_sides']}"),
         ("wall time", f"{wall:.2f} s (build and integration)"),
         *_part_row(summary),
-        ("energy balance", f"{summary['energy_balance']:.1e} of {summary['energy_scale_J']:.6g} J, the energy that can deform the net"),
+        (
+            "energy balance",
+            f"{summary['energy_balance']:.1e} of {summary['energy_scale_J']:.6g} J, the energy that can deform the net",
+        ),
         ("largest tension", _peak(summary)),
     ]
     if broken := engine.get("broken"):

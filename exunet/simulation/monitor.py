@@ -1,4 +1,4 @@
-"""Looks at the states of a run once: guards that stop it, the book of energy, the largest values, the record."""
+"""Looks at the states of a run once: guards that stop it, energy book, largest values, record."""
 
 from __future__ import annotations
 
@@ -177,8 +177,8 @@ class Monitor:
         """Rows of the times that are marked; the first row was the last of the batch before."""
         rows = np.searchsorted(time, self._marks)
         seen = [int(row) for row in rows if row < len(time)]
-        return np.array([row for row, mark in zip(seen, self._marks, strict=False) if time[row] == mark and row],
-                        dtype=np.int64)  # fmt: skip
+        pairs = zip(seen, self._marks, strict=False)  # marks to come have no row yet
+        return np.array([row for row, mark in pairs if time[row] == mark and row], dtype=np.int64)
 
     def _dissipated(self, states: States, batch: Batch) -> Floats:
         """(k,) energy taken out until each state [J]."""

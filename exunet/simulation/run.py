@@ -109,12 +109,13 @@ def run_into(
 ) -> Result:
     """Run a case and leave `result.h5` in a folder, which exists; memory is bounded, whatever is stored.
 
-    While it runs, its states and checkpoints are in the folder "unfinished" in it, from which `resume` goes on
-    if the process dies.
+    While it runs, its states and checkpoints are in the folder "unfinished" in it, from which `resume` goes
+    on if the process dies.
 
-    checkpoint_every : [s] of simulated time between two checkpoints, which are made at stored times; None: one
-                       every 30 s of wall time, where the method can go on exactly
-    Raises as `run` (the part of a run that stopped is in `result.h5`), and InputError if files cannot be written.
+    checkpoint_every : [s] of simulated time between two checkpoints, which are made at stored times; None:
+                       one every 30 s of wall time, where the method can go on exactly
+    Raises as `run` (the part of a run that stopped is in `result.h5`), and InputError if files cannot be
+    written.
     """
     start = prepare_case(case) if start is None else start
     simulation, recorder, files = _begun(Path(folder), case, start, checkpoint_every)
@@ -124,8 +125,8 @@ def run_into(
 def resume(folder: str | Path, progress: Progress | None = None) -> Result:
     """Go on with the run in a folder that `run_into` did not finish, from its last checkpoint.
 
-    The result is the same to the last bit as that of a run that was not cut short, its wall times apart. Raises
-    InputError if there is no unfinished run in it, or if its files are damaged or of another version.
+    The result is the same to the last bit as that of a run that was not cut short, its wall times apart.
+    Raises InputError if there is no unfinished run in it, or if its files are damaged or of another version.
     """
     folder = Path(folder)
     store = SegmentStore(folder / STORE_FOLDER)

@@ -205,7 +205,7 @@ class Simulation:
             pass
 
     def attempt(self, until: float) -> bool:
-        """Go on to a time [s]; False if steps failed and the simulation went back to an earlier state instead.
+        """Go on to a time [s]; False if steps failed and the simulation went back to an earlier state.
 
         Raises RunStopped if it cannot, and Interrupted on Ctrl-C.
         """
@@ -268,8 +268,8 @@ class Simulation:
         number = points.body.get(on) if isinstance(on, str) else int(on)
         if number is None or not 0 <= number < points.n_points:
             names = ", ".join(points.body) or "none"
-            raise InputError(f"set_force: no node or point mass {on!r}: nodes are 0 to {points.net.n_nodes - 1}, "
-                             f"point masses: {names}")  # fmt: skip
+            words = f"nodes are 0 to {points.net.n_nodes - 1}, point masses: {names}"
+            raise InputError(f"set_force: there is no node or point mass {on!r}: {words}")
         vector = np.asarray(force, dtype=float)
         if vector.shape != (3,) or not np.isfinite(vector).all():
             raise InputError(f"set_force: a force is three finite numbers, got {force!r}")
@@ -290,8 +290,8 @@ class Simulation:
         """
         if not self.can_restart:
             raise InputError(
-                f"snapshot: {self._plan.method} of Exudyn cannot go on exactly from a stored state; use DOPRI5, RK44 "
-                "or VelocityVerlet"
+                f"snapshot: {self._plan.method} of Exudyn cannot go on exactly from a stored state; use an "
+                "explicit method such as DOPRI5, RK44 or VelocityVerlet"
             )
         header = {
             "time": self.time,

@@ -54,8 +54,8 @@ class Snapshot:
         for key, words in _DIFFERS.items():
             if self.of.get(key) != wanted[key]:
                 raise InputError(
-                    f"the snapshot of t = {self.time:g} s is of {words}: {self.of.get(key)}, not {wanted[key]}; "
-                    "run the case from its start"
+                    f"the snapshot of t = {self.time:g} s is of {words}: {self.of.get(key)}, not "
+                    f"{wanted[key]}; run the case from its start"
                 )
 
 

@@ -137,8 +137,8 @@ class BothCodes:
     def run_exunet(self, times: Floats, plan: Plan | None = None) -> Motion:
         """exunet's trajectory at `times` (from 0 on), with the plan of the case or another.
 
-        By Exudyn, or by the compiled loop where the case is `compiled`. Raises IntegrationFailed where the engine
-        stops.
+        By Exudyn, or by the compiled loop where the case is `compiled`. Raises IntegrationFailed where it
+        gives up.
         """
         start = replace(self.start, plan=plan or self.start.plan)
         if start.scene.engine.loop == TimeLoop.COMPILED:

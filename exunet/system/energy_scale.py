@@ -1,4 +1,4 @@
-"""The scale of a run's energies: what can deform a net, apart from the motion of each free part as a whole."""
+"""The scale of a run's energies: what can deform a net, without the motion of free parts as a whole."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The system that is simulated, as blocks: the points of net and point masses, rigid bodies, forces, memories."""
+"""The system that is simulated, as blocks: points, rigid bodies, forces and their memories."""
 
 from __future__ import annotations
 

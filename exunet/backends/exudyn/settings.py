@@ -49,7 +49,7 @@ def settings_for(model: Model, plan: Plan, begin: float) -> Any:
 
 
 def longest_of(plan: Plan) -> float:
-    """The longest step [s], which must not depend on where a run begins; finite, since the engine adds to it."""
+    """The longest step [s], which must not depend on where a run begins; finite, as the engine needs it."""
     return min(plan.longest_step, _FAR)
 
 

@@ -1,8 +1,8 @@
 """Which step the engine's adaptive methods try next, where its own control has to be helped.
 
-The engine's control goes on by itself, but three things are not its own: what it does after a stretch that was
-cut short by its end, and so what a run that is restarted there must do; how it gets across a jump of the forces,
-which no step meets within a tight tolerance; and where it stops looking for a smaller step.
+The engine's control works by itself, but for two things: the first step after a stretch that was cut short
+by its end, which a run that is restarted there must repeat; and the way across a jump of the forces, which no
+step meets within a tight tolerance.
 """
 
 from __future__ import annotations
