@@ -100,7 +100,7 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         *_part_row(summary),
         (
             "energy balance",
-            f"{summary['energy_balance']:.1e} of {summary['energy_scale_J']:.6g} J, the energy that can deform the net",
+            f"{summary['energy_balance']:.1e} of {summary['energy_scale_J']:.6g} J in deformation",
         ),
         ("largest tension", _peak(summary)),
     ]

@@ -118,8 +118,8 @@ class Model:
     def rigid_body(self, body: RigidBody, state: RigidStates) -> int:
         """Add a body in its principal axes, free of forces.
 
-        Its node has a rotation vector, as explicit methods need it. The reference attitude is that of the scene's
-        axes, so the rotation vector is the attitude.
+        Its node has a rotation vector, as explicit methods need it. The reference attitude is that of the
+        scene's axes, so the rotation vector is the attitude.
         """
         rotation = rotation_vector(state.attitude)
         node = self.system.AddNode(
