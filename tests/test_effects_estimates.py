@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 from exunet.base.errors import CaseError
 from exunet.case.casefile import load
 from exunet.forces.effects import EFFECTS
+from exunet.forces.surface import bullet_disc
 from exunet.interfaces.cli import app
 from exunet.results.summary import rows, summarise
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 from exunet.studies.ablation import Toggled, ablate
-from exunet.system.effect_survey import finding, survey
+from exunet.system.effect_survey import finding, setting_of, survey
 
 ROOT = Path(__file__).parents[1]
 CASES = ROOT / "cases" / "effects"
@@ -126,15 +127,66 @@ def test_advice_covers_the_four_cases() -> None:
     assert found["gravity"].advice(1e-3).startswith("off; on the ground")
 
 
+# Keys that an acceleration is proportional to, whatever the scene.
+PROPORTIONAL = {
+    "air_drag": "density",
+    "bending": "modulus",
+    "gravity": "acceleration",
+    "mass_damping": "alpha",
+    "material_damping": "relaxation_time",
+    "molecular_drag": "density",
+    "solar_pressure": "flux",
+    "thermal_strain": "expansion_coefficient",
+}
+
+
 @pytest.mark.parametrize("path", sorted(CASES.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_effect_is_estimated_on_every_case(path: Path) -> None:
-    for one in survey(load(path).scene):
+    """What must hold whatever the numbers: proportions, growth with time, cost just where there is work."""
+    scene = load(path).scene
+    for one in survey(scene):
         if one.estimate is None:
             assert one.name == "launch_force"
             continue
-        assert np.isfinite([one.estimate.acceleration, one.estimate.displacement, one.cost]).all()
-        assert one.estimate.source
-        assert (one.keys == getattr(load(path).scene.effects, one.name)) != bool(one.assumption)
+        basis = setting_of(scene, one.name)
+        given = getattr(scene.effects, one.name)
+        assert (one.keys == given) != bool(one.assumption)
+        assert one.relative == pytest.approx(one.estimate.displacement / basis.size, rel=1e-12)
+        changes_numbers_only = one.name in ("breaking", "thermal_strain")
+        assert (one.cost > 0.0) == (not changes_numbers_only) or one.estimate.acceleration == 0.0
+        longer = finding(scene, one.name, 2.0 * scene.time.end).estimate
+        assert longer is not None
+        assert 0.0 <= one.estimate.displacement <= longer.displacement * (1.0 + 1e-12)
+        key = PROPORTIONAL.get(one.name)
+        if key is None or getattr(one.keys, key) is None:
+            continue
+        twice = one.keys.model_copy(update={key: (2.0 * np.array(getattr(one.keys, key))).tolist()})
+        more = EFFECTS[one.name].magnitude(twice, basis)
+        assert more.acceleration == pytest.approx(2.0 * one.estimate.acceleration, rel=1e-3)
+        numbers = [float(word) for word in re.findall(r"\d\.?\d*(?:e[+-]\d+)?", one.estimate.source)]
+        assert numbers, one.estimate.source  # of this scene, beside the formula
+
+
+def test_speeds_count_as_often_as_the_law_of_each_drag_says() -> None:
+    """The same way twice as fast, in half the time: drag as its square, damping as itself."""
+
+    def launched(speed: float, name: str) -> float:
+        speeds = [f"launch.{key}_speed={speed}" for key in ("radial", "axial")]
+        found = finding(load(CASES / "air_drag.toml", speeds).scene, name, duration=0.2 / speed).estimate
+        assert found is not None
+        return found.acceleration
+
+    for name, power in (("air_drag", 2), ("mass_damping", 1), ("gravity", 0)):
+        assert launched(2.0, name) == pytest.approx(2.0**power * launched(1.0, name), rel=1e-9), name
+
+
+def test_the_assumed_ball_has_the_area_of_its_mass() -> None:
+    """1 kg of aluminium, 2700 kg/m3: a radius of 44.55 mm, so a disc of 6.235e-3 m2; area as m^(2/3)."""
+    radius = (3.0 / (4.0 * math.pi * 2700.0)) ** (1.0 / 3.0)
+    assert radius == pytest.approx(0.04455, abs=5e-6)
+    assert bullet_disc(1.0) == pytest.approx(math.pi * radius**2, rel=1e-14)
+    assert bullet_disc(8.0) == pytest.approx(4.0 * bullet_disc(1.0), rel=1e-14)
+    assert bullet_disc(1e-3) == pytest.approx(1e-2 * bullet_disc(1.0), rel=1e-14)
 
 
 # The automatic choice

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from exunet.backends.compiled import many_steps, schemes
 
@@ -76,6 +77,29 @@ def test_a_runge_kutta_step_takes_the_forces_at_its_stages_own_times(
     assert work[2, 0] == pytest.approx(speed, rel=1e-13)
     if p <= 2:
         assert work[1, 0] == pytest.approx(way, rel=1e-13)
+
+
+@pytest.mark.parametrize(("method", "order"), [("runge_kutta_4_step", 4), ("dormand_prince_step", 5)])
+def test_a_step_has_its_order_where_time_speed_and_place_all_matter(
+    under: Callable[[Force], None], method: str, order: int
+) -> None:
+    """Half the step, 2^(order + 1) times less error. Catches a wrong time or place of any stage."""
+
+    def force(t: float, x: Any, v: Any) -> float:
+        return float(np.cos(3.0 * t) - 2.0 * v - 5.0 * x - x**3)
+
+    under(force)
+    errors = []
+    for h in (0.04, 0.02, 0.01):
+        *state, work = at_start(0.4, 1.0)
+        getattr(schemes, method)(START, h, *state, work)
+        exact = solve_ivp(
+            lambda t, y: (y[1], force(t, *y)), (START, START + h), (0.4, 1.0),
+            method="DOP853", rtol=1e-13, atol=1e-15,
+        ).y[:, -1]  # fmt: skip
+        errors.append(np.abs(work[1:3, 0] - exact))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders.min() > order + 0.8, orders
 
 
 def test_a_verlet_step_takes_the_force_at_its_end_with_the_velocity_of_its_middle(

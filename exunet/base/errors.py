@@ -7,6 +7,9 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 
+KeyPath = tuple[str | int, ...]  # of a key in a case: names of tables, indexes of items
+
+
 class ExunetError(Exception):
     """Base of all errors that a user can meet; `exit_code` is the command's exit status."""
 
@@ -27,7 +30,7 @@ class Fault:
     place: str = ""
 
     @property
-    def path(self) -> tuple[str | int, ...]:
+    def path(self) -> KeyPath:
         """The parts of a key that are all bare: ("net", "nodes", 3)."""
         parts = re.findall(r"\[(\d+)\]|([A-Za-z0-9_-]+)", self.key)
         return tuple(name or int(index) for index, name in parts)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import islice
+from typing import Any
 
 from exunet.base.errors import CaseError, Fault
 from exunet.base.table import Table, Unknown
@@ -27,6 +28,12 @@ def shortened(check: Iterator[Fault]) -> Iterator[Fault]:
         yield last
     if last and (more := sum(1 for _ in check)):
         yield Fault(last.key.partition("[")[0], f"and {more} more like these")
+
+
+def inside(record: Table, name: str, checks: Callable[[Any], Iterator[Fault]]) -> Iterator[Fault]:
+    """The faults of a table in a record, if it has it; raises Unknown if that is not a table."""
+    if (table := getattr(record, name)) is not None:
+        yield from within(name, checks(table))
 
 
 def within(table: str, faults: Iterable[Fault]) -> Iterator[Fault]:

@@ -7,13 +7,13 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel
 
+from exunet.base.errors import KeyPath
 from exunet.base.table import Unknown
 
-Path = tuple[str | int, ...]
 Record = TypeVar("Record", bound=BaseModel)
 
 
-def valid_part(model: type[Record], keys: Mapping[str, Any], faults: Sequence[Path]) -> Record:
+def valid_part(model: type[Record], keys: Mapping[str, Any], faults: Sequence[KeyPath]) -> Record:
     """A record of `model` without the fields of `keys` that are missing or at fault.
 
     faults : where pydantic found them, relative to this table. Tables inside that have faults lose the fields
@@ -30,7 +30,7 @@ def valid_part(model: type[Record], keys: Mapping[str, Any], faults: Sequence[Pa
     return record
 
 
-def _valid(kinds: list[Any], value: Any, faults: Sequence[Path]) -> Any:
+def _valid(kinds: list[Any], value: Any, faults: Sequence[KeyPath]) -> Any:
     """What is valid of one value of these types; raises Unknown if nothing is."""
     if () in faults:
         raise Unknown

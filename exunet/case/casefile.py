@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from exunet.base.errors import CaseError, Fault, InputError
-from exunet.case.checking import KeyPath, checked
+from exunet.base.errors import CaseError, Fault, InputError, KeyPath
+from exunet.case.checking import checked
 from exunet.case.scene import Scene
 from exunet.case.toml_lines import key_lines
 from exunet.case.toml_syntax import syntax_error

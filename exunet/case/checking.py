@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from exunet.base.errors import KeyPath
 from exunet.base.faults import each, exactly_one, within
 from exunet.base.table import Table
 from exunet.base.valid_part import valid_part
@@ -16,7 +17,6 @@ from exunet.net import common_keys
 from exunet.net import cross_checks as net_checks
 from exunet.net.base import AnyNet
 
-KeyPath = tuple[str | int, ...]
 AnyTable = TypeVar("AnyTable", bound=Table)
 
 

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 
 from exunet import net
 from exunet.base.errors import Fault
-from exunet.base.faults import each, exactly_one, shortened, within
-from exunet.case.scene import Scene
+from exunet.base.faults import each, exactly_one, inside, shortened, within
+from exunet.case.scene import Launch, Scene
 from exunet.forces import effects
 from exunet.methods import keys as solver
 from exunet.methods.method import COMPILED_METHODS, TimeLoop
@@ -34,24 +34,12 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _positions_in_place_of_packing(scene),
         _list_fits_the_net(scene, "node_positions"),
         _list_fits_the_net(scene, "node_velocities"),
-        _one_form_of_launch(scene),
+        inside(scene, "solver", solver.cross_checks),
+        inside(scene, "net", net.cross_checks),
+        inside(scene, "launch", _one_form),
         _launch_has_bullets(scene),
-        _of_the_solver(scene),
-        _of_the_net(scene),
-        _of_the_effects(scene),
+        within("effects", effects.cross_checks(scene)),
     )
-
-
-def _of_the_solver(scene: Scene) -> Iterator[Fault]:
-    yield from within("solver", solver.cross_checks(scene.solver))
-
-
-def _of_the_net(scene: Scene) -> Iterator[Fault]:
-    yield from within("net", net.cross_checks(scene.net))
-
-
-def _of_the_effects(scene: Scene) -> Iterator[Fault]:
-    yield from within("effects", effects.cross_checks(scene))
 
 
 def _states_fit(scene: Scene) -> Iterator[Fault]:
@@ -103,19 +91,15 @@ def _list_fits_the_net(scene: Scene, name: str) -> Iterator[Fault]:
         yield Fault(f"initial.{name}", reason)
 
 
-def _one_form_of_launch(scene: Scene) -> Iterator[Fault]:
-    launch = scene.launch
-    if launch is None:
-        return
+def _one_form(launch: Launch) -> Iterator[Fault]:
     plain, polar = ("radial_speed", "axial_speed"), ("speed", "spread_angle")
     given, other = (polar, plain) if any(map(launch.is_given, polar)) else (plain, polar)
     for name in given:
         if not launch.is_given(name):
-            yield Fault("launch", f"missing {name}: {type(launch).model_fields[name].description}")
+            yield Fault("", f"missing {name}: {Launch.model_fields[name].description}")
     for name in other:
         if launch.is_given(name):
-            reason = "give either radial_speed and axial_speed, or speed and spread_angle"
-            yield Fault(f"launch.{name}", reason)
+            yield Fault(name, "give either radial_speed and axial_speed, or speed and spread_angle")
 
 
 def _launch_has_bullets(scene: Scene) -> Iterator[Fault]:

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from exunet.base.errors import BeyondFloats, CaseError
+from exunet.base.errors import BeyondFloats, CaseError, KeyPath
 from exunet.case.casefile import Case, located
-from exunet.case.checking import KeyPath
 from exunet.case.scene import Scene
 
 REALISTIC = 1e50  # no quantity of a net is larger in SI units, or smaller than its inverse

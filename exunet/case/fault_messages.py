@@ -7,15 +7,14 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
+from exunet.base.errors import KeyPath
 from exunet.case.schema import resolve
 from exunet.net import TOPOLOGIES
-
-Path = tuple[str | int, ...]
 
 LATER = ("script",)  # tables that a later version of the case format will have
 
 
-def explain(error: Any, document: dict[str, Any]) -> tuple[Path, str]:
+def explain(error: Any, document: dict[str, Any]) -> tuple[KeyPath, str]:
     """The path of the key that one of pydantic's `errors()` is about, and what is wrong with it."""
     path, kind, value = without_topology(error["loc"]), error["type"], error["input"]
     if kind == "fault":
@@ -72,12 +71,12 @@ def _cut(text: str, end: str) -> str:
     return (text if len(text) <= 60 else text[:57] + "...") + end
 
 
-def without_topology(place: Path) -> Path:
+def without_topology(place: KeyPath) -> KeyPath:
     """Pydantic puts the name of the topology after "net"; the case file has no such level."""
     return place[:1] + place[2:] if place[:1] == ("net",) and place[1:2] and place[1] in TOPOLOGIES else place
 
 
-def _node(path: Path, document: dict[str, Any]) -> dict[str, Any]:
+def _node(path: KeyPath, document: dict[str, Any]) -> dict[str, Any]:
     """The JSON schema of the key at `path`; {} if there is no such key."""
     net = document.get("net")
     topology = net.get("topology") if isinstance(net, dict) else None
@@ -89,7 +88,7 @@ def _missing(node: dict[str, Any]) -> str:
     return f"{what}: {node['description']}" if "description" in node else what
 
 
-def _unknown(path: Path, document: dict[str, Any]) -> str:
+def _unknown(path: KeyPath, document: dict[str, Any]) -> str:
     name = str(path[-1])
     if len(path) == 1 and name in LATER:
         return "not supported by this version of exunet"

@@ -8,6 +8,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+from exunet.base.errors import KeyPath
 from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS
 from exunet.forces.requirements import bullet_keys, needs_bullets, replaces_launch
@@ -74,7 +75,7 @@ def _given(table: str, key: str, value: Node | None = None) -> Node:
     return {"required": [table], "properties": {table: inner}}
 
 
-def resolve(path: tuple[str | int, ...], topology: str | None = None) -> Node:
+def resolve(path: KeyPath, topology: str | None = None) -> Node:
     """The schema of the key at `path`, for a net of `topology`; {} if the format has no such key."""
     node = _plain(_schema(), topology)
     for part in path:

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Iterator
 from typing import Any
 
-Path = tuple[str | int, ...]
+from exunet.base.errors import KeyPath
 
 _TOKEN = re.compile(
     r'''
@@ -24,16 +24,16 @@ _TOKEN = re.compile(
 )
 
 
-def key_lines(text: str) -> dict[Path, int]:
+def key_lines(text: str) -> dict[KeyPath, int]:
     """Line (from 1) of every key, table header and array item of a valid TOML text.
 
     A path holds keys and, for items of arrays and for tables in arrays of tables, indexes from 0. A table
     that has no header of its own is on the line of the first key that makes it.
     """
     text = text.replace("\r\n", "\n")  # as tomllib does with a whole text
-    lines: dict[Path, int] = {}
-    latest: dict[Path, int] = {}  # the last index in each array of tables
-    prefix: Path = ()
+    lines: dict[KeyPath, int] = {}
+    latest: dict[KeyPath, int] = {}  # the last index in each array of tables
+    prefix: KeyPath = ()
     for line, statement, items in _statements(text):
         content = tomllib.loads(statement)
         if statement.lstrip().startswith("["):
@@ -51,14 +51,14 @@ def key_lines(text: str) -> dict[Path, int]:
     return lines
 
 
-def _note(lines: dict[Path, int], path: Path, line: int) -> None:
+def _note(lines: dict[KeyPath, int], path: KeyPath, line: int) -> None:
     for length in range(1, len(path) + 1):
         lines.setdefault(path[:length], line)
 
 
-def _header(content: dict[str, Any], latest: dict[Path, int]) -> Path:
+def _header(content: dict[str, Any], latest: dict[KeyPath, int]) -> KeyPath:
     """The path that a table header opens, with the index of the current table in every array of tables."""
-    path: Path = ()
+    path: KeyPath = ()
     node: Any = content
     while isinstance(node, dict) and node:
         ((key, node),) = node.items()
@@ -70,10 +70,10 @@ def _header(content: dict[str, Any], latest: dict[Path, int]) -> Path:
     return path
 
 
-def _keys(content: dict[str, Any]) -> dict[Path, Any]:
+def _keys(content: dict[str, Any]) -> dict[KeyPath, Any]:
     """Every path in nested tables, with its value."""
-    found: dict[Path, Any] = {}
-    waiting: list[tuple[Path, Any]] = [((), content)]
+    found: dict[KeyPath, Any] = {}
+    waiting: list[tuple[KeyPath, Any]] = [((), content)]
     while waiting:
         path, value = waiting.pop()
         if path:

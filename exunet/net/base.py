@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each, within
+from exunet.base.faults import each, inside
 from exunet.base.table import Count, Positive, Table, Unknown
 
 MAX_ELEMENTS = 1_000_000
@@ -113,23 +113,19 @@ class AnyNet(ThrownNetTable):
 
 def cross_checks(keys: NetTable) -> Iterator[Fault]:
     """For nets of every topology: cables have mass and stiffness, and there are not too many elements."""
-    yield from each(
-        within("cable", _within_floats(keys, "cable")),
-        within("strings", _within_floats(keys, "strings")),
-        _not_too_many(keys),
-    )
+    strings = [inside(keys, "strings", _within_floats)] if isinstance(keys, ThrownNetTable) else []
+    yield from each(inside(keys, "cable", _within_floats), *strings, _not_too_many(keys))
 
 
-def _within_floats(keys: NetTable, name: str) -> Iterator[Fault]:
+def _within_floats(cable: Cable) -> Iterator[Fault]:
     """Mass per length and axial stiffness of a cable are numbers above 0; one fault for both."""
-    cable: Cable | None = getattr(keys, name, None)
-    if cable is None or cable.is_given("diameter") == cable.is_given("area"):
+    if cable.is_given("diameter") == cable.is_given("area"):
         return
-    products = {"mass per length": "density", "axial stiffness": "youngs_modulus"}
-    known = {words: key for words, key in products.items() if key in cable.__dict__}
-    for words, key in known.items():
-        product = getattr(cable, key) * cable.cross_section
-        if not 0 < product < math.inf:
+    for words, key in (("mass per length", "density"), ("axial stiffness", "youngs_modulus")):
+        if (
+            key in cable.__dict__
+            and not 0 < (product := getattr(cable, key) * cable.cross_section) < math.inf
+        ):
             yield Fault("", f"its {words}, {product:g}, is outside the range of floating-point numbers")
             return
 

@@ -41,7 +41,7 @@ def assemble(
     """The Result of the rows in `source`, each value checked.
 
     Columns of up to 64 MB in all are copied to memory; of larger ones those with several values for each time
-    become `StoredRows`, which read from `source` as long as it exists. Raises InputError, which begins with
+    become `StoredRows`, which read from `source`; it must not change then. Raises InputError, which begins with
     `where`, if a column is absent, if a value is NaN or infinite, or if the times do not increase.
     """
     there = {column.path: column for column in source.columns}
