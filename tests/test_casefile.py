@@ -683,6 +683,16 @@ def test_random_pairs_of_faults_come_together(case: Any) -> None:
         )
 
 
+def test_a_list_with_an_item_that_is_not_valid_is_not_called_too_short(case: Any) -> None:
+    text = re.sub(
+        r"nodes = \[\n.*?\n\]\n", "nodes = [[0, 0]]\nnode_masses = [1]\n", EXPLICIT, flags=re.DOTALL
+    )
+    text = re.sub(r"elements = .*?\]\]\n", "elements = []\n", text, flags=re.DOTALL)
+    assert [(key, reason) for _, key, reason in case(text)] == [
+        ("net.nodes[0]", "must be a list of 3 numbers, got [0, 0]")
+    ]
+
+
 def test_a_choice_between_keys_does_not_hide_other_faults(case: Any) -> None:
     text = changed("[net.cable]\ndiameter = 0.002", "[net.cable]\ndiameter = -0.002\narea = 1e-6")
     found = {(key, reason) for _, key, reason in case(text)}

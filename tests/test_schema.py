@@ -21,7 +21,7 @@ from exunet.case.checking import checked
 from exunet.case.scene import Scene
 from exunet.case.schema import example, json_schema, resolve, template
 from exunet.forces.effects import EFFECTS
-from exunet.forces.requirements import bullet_keys
+from exunet.forces.requirements import bullet_keys, needs_bullets
 from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
 
@@ -155,7 +155,8 @@ def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str,
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_the_template_with_an_effect_on_is_a_valid_case(effect: str, tmp_path: Path) -> None:
-    needed = {"j2": ["effects.orbit"], "launch_force": ["net.strings", "net.bullets"]}.get(effect, [])
+    needed = ["effects.orbit"] if effect == "j2" else []
+    needed += ["net.strings", "net.bullets"] if needs_bullets(EFFECTS[effect]) else []
     scene = switched(
         "square", lambda name: name in (f"effects.{effect}", *needed), tmp_path / "template.toml"
     )

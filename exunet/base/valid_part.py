@@ -21,10 +21,11 @@ def valid_part(model: type[Record], keys: Mapping[str, Any], faults: Sequence[Ke
     """
     record = model.model_construct(set(keys) & set(model.model_fields))
     for name, field in model.model_fields.items():
-        inside = [loc[1:] for loc in faults if loc[:1] == (name,)]
+        of_field = [loc[1:] for loc in faults if loc[:1] == (name,)]
         try:
-            if name in keys or inside:
-                record.__dict__[name] = _valid(list(_alternatives(field.annotation)), keys.get(name), inside)
+            if name in keys or of_field:
+                kinds = list(_alternatives(field.annotation))
+                record.__dict__[name] = _valid(kinds, keys.get(name), of_field)
         except Unknown:
             record.__dict__.pop(name, None)
     return record
@@ -36,9 +37,9 @@ def _valid(kinds: list[Any], value: Any, faults: Sequence[KeyPath]) -> Any:
         raise Unknown
     if isinstance(value, dict):
         if get_origin(kinds[0]) is Mapping:
-            inside = {key: [loc[1:] for loc in faults if loc[0] == key] for key in value}
-            of = [get_args(kinds[0])[1]]
-            return {key: _valid(of, value[key], inside[key]) for key in value if () not in inside[key]}
+            of_item = {key: [loc[1:] for loc in faults if loc[0] == key] for key in value}
+            kind = [get_args(kinds[0])[1]]
+            return {key: _valid(kind, value[key], of_item[key]) for key in value if () not in of_item[key]}
         return valid_part(_table(kinds, value), value, faults)
     if not faults:
         return _frozen(value)

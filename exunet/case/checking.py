@@ -38,5 +38,10 @@ def _each_key(model: type[AnyTable], keys: dict[str, Any]) -> tuple[AnyTable, li
     try:
         return model.model_validate(keys), []
     except ValidationError as error:
-        errors: list[Any] = error.errors(include_url=False)
+        errors: list[Any] = [one for one in error.errors(include_url=False) if not _only_by_items(one)]
         return valid_part(model, keys, [without_topology(one["loc"]) for one in errors]), errors
+
+
+def _only_by_items(error: Any) -> bool:
+    """True for a list that is too short only because pydantic does not count the items that are not valid."""
+    return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
