@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from exunet.interfaces.cli import main
-from exunet.results.result import load_result
+from exunet.results.reading import load_result
 
 PATIENCE = 120.0  # [s] for what takes a second or two on an idle machine
 

@@ -439,7 +439,7 @@ def main(folder, calls):
             store.drop_after(kept)
 
 for number in range(int(sys.argv[3])):
-    calls = random.Random(number).randrange(1, 800)
+    calls = random.Random(number).randrange(1, 400)
     child = os.fork()
     if child == 0:
         main(f'{sys.argv[2]}/{number}', calls)
@@ -449,8 +449,8 @@ for number in range(int(sys.argv[3])):
 
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL")
 def test_a_store_outlives_a_kill_at_any_moment(tmp_path):
-    """40 kills at seeded numbers of system calls, from the first (no store yet) to the 800th."""
-    kills = 40
+    """30 kills at seeded numbers of system calls, from the first (no store yet) to the 400th."""
+    kills = 30
     command = [sys.executable, "-c", KILLED, str(Path(__file__).parent), str(tmp_path), str(kills)]
     subprocess.run(command, check=True)
     between = 0

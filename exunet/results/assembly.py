@@ -41,8 +41,8 @@ def assemble(
     """The Result of the rows in `source`, each value checked.
 
     Columns of up to 64 MB in all are copied to memory; of larger ones those with several values for each time
-    become `StoredRows`, which read from `source`; it must not change then. Raises InputError, which begins with
-    `where`, if a column is absent, if a value is NaN or infinite, or if the times do not increase.
+    become `StoredRows`, which read from `source`; it must not change then. Raises InputError, which begins
+    with `where`, if a column is absent, if a value is NaN or infinite, or if the times do not increase.
     """
     there = {column.path: column for column in source.columns}
     small = len(source) * sum(column.row_bytes for column in source.columns) <= IN_MEMORY
