@@ -6,7 +6,6 @@ import re
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
-
 KeyPath = tuple[str | int, ...]  # of a key in a case: names of tables, indexes of items
 
 
