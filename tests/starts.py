@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.backends.exudyn.build import build
+from exunet.backends.exudyn.model import Model
 from exunet.case.casefile import load
 from exunet.simulation.preparation import Start, prepare
 
@@ -36,6 +38,12 @@ def effects(names: Iterable[str]) -> list[str]:
 def planar(*overrides: str, on: Iterable[str] = ()) -> Start:
     """The paper's net (40 nodes, 64 elements), undamped, with the effects `on`."""
     return prepare(load(CASES / "planar_undamped.toml", [*overrides, *effects(on)]).scene)
+
+
+def model(start: Start, form: str | None = None) -> Model:
+    """The engine's model of a start, in its form of the net or in another."""
+    fused = (form or start.scene.engine.net) == "fused"
+    return build(start.system, start.state, start.plan, fused=fused)
 
 
 def states(start: Start, seed: int = 3) -> dict[str, tuple[Floats, Floats]]:

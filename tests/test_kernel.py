@@ -15,6 +15,7 @@ from exunet.base.errors import MissingExtra
 from exunet.codegen import compile as compiling
 from exunet.codegen.compile import compiled_module, require_numba
 from exunet.codegen.kernel import net_kernel
+from exunet.forces.terms import Index
 from exunet.system.energy import elastic
 
 SOURCE = '"""A module."""\n\nimport numpy as np\n\n\n@compiled\ndef twice(x):\n    return {factor} * x\n'
@@ -34,7 +35,7 @@ def test_the_forces_are_those_of_the_secant_stiffness() -> None:
         pull = stiffness * max(strain, 0.0) / length * span
         expected[i] += pull
         expected[j] -= pull
-    forces = net_kernel(net, start.terms).forces(0.0, position, velocity)
+    forces = net_kernel(start.system.forces).forces(0.0, position, velocity)
     np.testing.assert_allclose(forces, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
     assert np.abs(forces.sum(axis=0)).max() < 1e-12 * np.abs(expected).max()
 
@@ -43,29 +44,34 @@ def test_the_forces_are_those_of_the_secant_stiffness() -> None:
 def test_the_forces_tell_the_elastic_energy(on: tuple[str, ...]) -> None:
     """Eq. (19): half EA L0 E11^2 of each taut element, with the law's length and stiffness."""
     start = planar(on=on)
-    kernel = net_kernel(start.net, start.terms)
+    kernel = net_kernel(start.system.forces)
     for position, velocity in states(start).values():
-        x, v, force = position.ravel().copy(), velocity.ravel().copy(), np.empty(position.size)
-        held = kernel.module.forces(0.0, x, v, kernel.data, force)
-        assert held == pytest.approx(float(elastic(start.net, start.terms, position)), rel=1e-11, abs=1e-300)
+        x, v, force = position.ravel().copy(), velocity.ravel().copy(), np.zeros(position.size)
+        held = kernel.module.add_forces(0.0, x, v, kernel.data(), force)
+        expected = float(elastic(start.system.forces, position))
+        assert held == pytest.approx(expected, rel=1e-11, abs=1e-300)
 
 
 def test_the_same_bits_each_time_and_whatever_came_before() -> None:
     """Of the state alone: not of what is left of other states in the work space or in the data."""
     start = planar(on=("rayleigh_damping", "material_damping"))
-    kernel, tried = net_kernel(start.net, start.terms), states(start)
+    kernel, tried = net_kernel(start.system.forces), states(start)
     first = {name: kernel.forces(0.0, *state) for name, state in tried.items()}
     assert len({forces.tobytes() for forces in first.values()}) == len(tried)  # states that tell them apart
-    data = [np.array(part, copy=True) for part in kernel.data]
+    data, before = kernel.data(), kernel.data()
     for name in reversed(tried):
         x, v = (part.ravel().copy() for part in tried[name])
-        work = np.full(x.size, np.nan)
-        kernel.module.forces(0.0, x, v, kernel.data, work)
-        assert work.reshape(-1, 3).tobytes() == first[name].tobytes()
+        added, nothing, every = np.zeros(x.size), np.zeros(x.size), np.arange(x.size, dtype=Index)
+        kernel.module.add_forces(0.0, x, v, data, added)
+        work = [np.full(x.size, np.nan) for _ in range(4)]  # x, v, forces; forces on what is free
+        where = (every, every, nothing, data, *work[:2], nothing)
+        kernel.module.engine_forces(0.0, x, v, *where, *work[2:])
+        for found in (added, work[3]):
+            assert found.reshape(-1, 3).tobytes() == first[name].tobytes()
         assert x.tobytes() == tried[name][0].tobytes()
         assert v.tobytes() == tried[name][1].tobytes()
-    for before, after in zip(data, kernel.data, strict=True):
-        np.testing.assert_array_equal(before, after)
+    for first_value, value in zip(before, data, strict=True):
+        np.testing.assert_array_equal(first_value, value)
 
 
 @pytest.fixture

@@ -9,7 +9,8 @@ import pytest
 from scipy.sparse import csr_array
 
 from exunet.case.scene import Scene
-from exunet.forces.terms import Terms
+from exunet.forces.terms import LinearTerm
+from exunet.forces.total import Forces
 from exunet.methods.method import METHODS, Method
 from exunet.simulation.preparation import prepare
 from exunet.system.stability import (
@@ -18,6 +19,7 @@ from exunet.system.stability import (
     stable_step,
     step_limit,
 )
+from exunet.system.system import System
 
 E, RHO, D = 70e9, 1390.0, 0.002
 AREA = math.pi / 4 * D**2
@@ -58,13 +60,13 @@ def oscillator(**more: object) -> Scene:
 def test_verlet_step_of_square_nets(cells, factor):
     """field.md: 1.251, 1.234, 1.227 times mesh over wave speed, from eigenvalues."""
     start = prepare(square_net(cells))
-    step = stable_step("VelocityVerlet", largest_frequency(start.net, start.terms))
+    step = stable_step("VelocityVerlet", largest_frequency(start.system))
     assert step == pytest.approx(factor / math.sqrt(E / RHO), rel=1e-3)
 
 
 def test_frequency_of_one_mass_on_a_cable():
     start = prepare(oscillator())
-    assert largest_frequency(start.net, start.terms) == pytest.approx(math.sqrt(1e8 * 1e-6 / 1.0), rel=1e-12)
+    assert largest_frequency(start.system) == pytest.approx(math.sqrt(1e8 * 1e-6 / 1.0), rel=1e-12)
 
 
 def test_damping_rate_of_rayleigh_damping():
@@ -72,14 +74,14 @@ def test_damping_rate_of_rayleigh_damping():
     scene = oscillator(effects={"rayleigh_damping": {"alpha": alpha, "beta": beta}})
     start = prepare(scene)
     # M^-1 D = alpha + beta w^2 along the cable
-    assert largest_damping_rate(start.net, start.terms) == pytest.approx(alpha + beta * 100.0, rel=1e-10)
-    assert largest_damping_rate(start.net, Terms()) == 0.0
+    assert largest_damping_rate(start.system) == pytest.approx(alpha + beta * 100.0, rel=1e-10)
+    assert largest_damping_rate(System(start.system.points, Forces.of(start.net))) == 0.0
 
 
 def test_damping_rate_of_viscous_stress():
     """S = E tau E' along a taut cable: a damper tau EA / L0, so tau w^2 with w^2 = 100 / s^2."""
     start = prepare(oscillator(effects={"material_damping": {"relaxation_time": 2e-4}}))
-    assert largest_damping_rate(start.net, start.terms) == pytest.approx(2e-4 * 100.0, rel=1e-10)
+    assert largest_damping_rate(start.system) == pytest.approx(2e-4 * 100.0, rel=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -173,5 +175,5 @@ def test_constant_stiffness_of_effects_counts():
     start = prepare(oscillator())
     spring = np.zeros((6, 6))
     spring[3, 3] = 300.0
-    beside = Terms(stiffness=csr_array(spring))
-    assert largest_frequency(start.net, beside) == pytest.approx(math.sqrt(400.0), rel=1e-5)
+    beside = Forces.of(start.net, [LinearTerm(stiffness=csr_array(spring))])
+    assert largest_frequency(System(start.system.points, beside)) == pytest.approx(math.sqrt(400.0), rel=1e-5)

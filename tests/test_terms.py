@@ -8,19 +8,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from starts import CASES, EFFECTS, planar, states
+from starts import CASES, EFFECTS, model, planar, states
 
 from exunet.backends.compiled.loop import March, loop_kernel
 from exunet.backends.exudyn.probe import Probe
+from exunet.backends.protocol import Batch
 from exunet.case.casefile import load
 from exunet.codegen.compile import interpreted_module
-from exunet.codegen.kernel import net_kernel
+from exunet.codegen.kernel import net_kernel, term_kernel
 from exunet.forces.cable import Law, elastic_energy, tension, viscous_tension
-from exunet.forces.terms import KernelTerm, Terms
+from exunet.forces.cable_term import CableTerm, ElementLaw
+from exunet.forces.terms import KernelTerm
+from exunet.forces.total import Forces
 from exunet.methods.plan import Plan
-from exunet.simulation.preparation import Start, build, prepare
+from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.system import energy
+from exunet.system.system import System
 
 SUBSETS = [
     (),
@@ -32,8 +36,7 @@ SUBSETS = [
 
 
 def accelerations(start: Start, form: str) -> dict[str, Any]:
-    scene = start.scene.model_copy(update={"engine": start.scene.engine.model_copy(update={"net": form})})
-    probe = Probe(build(replace(start, scene=scene)))
+    probe = Probe(model(start, form))
     return {name: probe.accelerations(*state) for name, state in states(start).items()}
 
 
@@ -41,7 +44,7 @@ def accelerations(start: Start, form: str) -> dict[str, Any]:
 def test_every_form_has_the_same_forces(on: tuple[str, ...]) -> None:
     """The connectors state the element law with square roots, the kernel without: kept apart on purpose."""
     start = planar(on=on)
-    kernel = net_kernel(start.net, start.terms)
+    kernel = net_kernel(start.system.forces)
     connectors, fused = accelerations(start, "connectors"), accelerations(start, "fused")
     for name, (position, velocity) in states(start).items():
         compiled = kernel.forces(0.0, position, velocity) / start.net.mass[:, None]
@@ -53,11 +56,11 @@ def test_every_form_has_the_same_forces(on: tuple[str, ...]) -> None:
 
 def test_interpreted_and_compiled_kernels_are_one() -> None:
     start = planar(on=("rayleigh_damping", "material_damping", "two-body orbit"))
-    kernel = net_kernel(start.net, start.terms)
+    kernel = net_kernel(start.system.forces)
     plain = interpreted_module(kernel.source)
     for position, velocity in states(start).values():
-        force = np.empty(position.size)
-        plain.forces(0.0, position.ravel(), velocity.ravel(), kernel.data, force)
+        force = np.zeros(position.size)
+        plain.add_forces(0.0, position.ravel(), velocity.ravel(), kernel.data(), force)
         compiled = kernel.forces(0.0, position, velocity).ravel()
         np.testing.assert_allclose(force, compiled, rtol=1e-13, atol=1e-13 * np.abs(compiled).max())
 
@@ -77,11 +80,11 @@ ITEMS = {
 
 @pytest.mark.parametrize("on", ITEMS, ids="+".join)
 def test_absent_effects_have_no_item(on: tuple[str, ...]) -> None:
-    items = build(planar('engine.net = "connectors"', on=on)).items()
+    items = model(planar('engine.net = "connectors"', on=on)).items()
     assert items.pop("MassPoint") == 40
     assert items.pop("ObjectConnectorSpringDamper") == 64
     assert items == ({"ObjectGenericODE2": ITEMS[on]} if ITEMS[on] else {})
-    fused = build(planar('engine.net = "fused"', on=on)).items()
+    fused = model(planar('engine.net = "fused"', on=on)).items()
     assert fused == {"ObjectGenericODE2": 2}
 
 
@@ -95,12 +98,12 @@ MARKS = {
 
 
 def test_absent_effects_have_no_code_and_no_data() -> None:
-    bare = net_kernel(planar().net, Terms())
-    assert len(bare.data) == 4  # two ends, square of the length, factor
+    bare = net_kernel(Forces.of(planar().net))
+    assert len(bare.data()) == 4  # two ends, square of the length, factor
     assert not any(mark in bare.source for mark in MARKS.values())
     for name, mark in MARKS.items():
         start = planar(on=[name])
-        present = net_kernel(start.net, start.terms).source
+        present = net_kernel(start.system.forces).source
         assert mark in present
         others = {other for other in MARKS.values() if other != mark}
         if "orbit" in name:  # has a Coriolis force
@@ -110,8 +113,7 @@ def test_absent_effects_have_no_code_and_no_data() -> None:
 
 def test_zero_coefficients_are_absent() -> None:
     for keys in ("mass_damping={alpha=0.0}", "material_damping={relaxation_time=0.0}"):
-        terms = planar(f"effects.{keys}").terms
-        assert not terms.dissipates
+        assert not planar(f"effects.{keys}").system.forces.dissipates
 
 
 def other_add(t: float, x: Any, v: Any, force: Any) -> None:
@@ -119,30 +121,29 @@ def other_add(t: float, x: Any, v: Any, force: Any) -> None:
 
 
 def test_two_functions_of_one_name_are_refused() -> None:
-    term = KernelTerm(other_add)
-    namesake = KernelTerm(type(other_add)(other_add.__code__, {}, "other_add"))
+    term = KernelTerm("nodes", other_add)
+    namesake = KernelTerm("nodes", type(other_add)(other_add.__code__, {}, "other_add"))
     with pytest.raises(ValueError, match="share the name other_add"):
-        net_kernel(planar().net, Terms(kernels=(term, namesake)))
+        net_kernel(Forces.of(planar().net, [term, namesake]))
 
 
-def march(start: Start, end: float, times: int, tolerance: float, compiled: bool = True) -> Any:
-    """Time, position, velocity and energy taken out; small nets are interpreted faster than compiled."""
+def march(start: Start, end: float, times: int, tolerance: float, compiled: bool = True) -> Batch:
+    """States, with the energy taken out; small nets are interpreted faster than compiled."""
     plan = Plan("DOPRI5", tolerance=tolerance, first_step=1e-6, least_step=1e-12)
-    start = replace(start, plan=plan)
-    kernel = loop_kernel(start)
+    kernel = loop_kernel(start.system)
     if not compiled:
         kernel.__dict__["module"] = interpreted_module(kernel.source)
-    return March(start, kernel).through(np.linspace(0.0, end, times))
+    return March(start.system, start.state, plan, kernel).through(np.linspace(0.0, end, times))
 
 
-def balance(start: Start, states: tuple[Any, Any, Any, Any]) -> float:
+def balance(start: Start, states: Batch) -> float:
     """Largest change of the total over the energy turned over: the range of its parts, added."""
-    _, x, v, taken = states
+    x, forces = states.position, start.system.forces
     parts = [
-        energy.kinetic(start.net, v),
-        energy.elastic(start.net, start.terms, x),
-        energy.potential(start.terms, x),
-        taken,
+        energy.kinetic(start.system.mass, states.velocity),
+        energy.elastic(forces, x),
+        energy.potential(forces, x),
+        states.taken,
     ]
     return float(np.ptp(sum(parts)) / sum(np.ptp(part) for part in parts))
 
@@ -175,14 +176,12 @@ def test_work_is_integrated_in_the_engine_as_in_the_loop() -> None:
 
 def test_the_potential_of_two_bodies_is_that_of_its_force() -> None:
     start = planar(on=("two-body orbit",))
-    terms = Terms(kernels=start.terms.kernels)
+    forces = start.system.forces
     position, push = states(start)["mixed"][0], 1e-3 * np.random.default_rng(5).normal(size=(40, 3))
-    ahead, behind = (energy.potential(terms, (position + sign * push)[None])[0] for sign in (1.0, -1.0))
-    force = net_kernel(start.net, terms).forces(0.0, position, push) - net_kernel(start.net, Terms()).forces(
-        0.0, position, push
-    )
+    ahead, behind = (energy.potential(forces, (position + sign * push)[None])[0] for sign in (1.0, -1.0))
+    force = term_kernel(forces.kernels).forces(0.0, position, push)
     assert -(ahead - behind) / 2.0 == pytest.approx(float((force * push).sum()), rel=1e-6)
-    assert energy.potential(terms, np.zeros((1, 40, 3)))[0] == 0.0
+    assert energy.potential(forces, np.zeros((1, 40, 3)))[0] == 0.0
 
 
 def lone(keys: str, position: tuple[float, ...], velocity: tuple[float, ...]) -> Start:
@@ -191,7 +190,9 @@ def lone(keys: str, position: tuple[float, ...], velocity: tuple[float, ...]) ->
     place, speed = 0.1 * start.net.reference_position, np.zeros((2, 3))
     place[1], speed[1] = position, velocity
     soft = replace(start.net, youngs_modulus=np.full(1, 1e-30))
-    return replace(start, net=soft, position=place, velocity=speed)
+    points = replace(start.system.points, net=soft)
+    forces = replace(start.system.forces, cable=CableTerm(soft))
+    return replace(start, system=System(points, forces)).moved(place, speed)
 
 
 def test_the_linear_orbit_is_that_of_clohessy_and_wiltshire() -> None:
@@ -203,7 +204,8 @@ def test_the_linear_orbit_is_that_of_clohessy_and_wiltshire() -> None:
         (1e-6, 2e-6, -3e-6),
     )
     end = 2.0 * math.pi / n
-    time, x, _, _ = march(start, end, 7, 1e-14, compiled=False)
+    states = march(start, end, 7, 1e-14, compiled=False)
+    time, x = states.time, states.position
     (x0, y0, z0), (u0, v0, w0) = start.position[1], start.velocity[1]
     s, c = np.sin(n * time), np.cos(n * time)
     expected = np.array(
@@ -224,9 +226,9 @@ def test_two_bodies_keep_energy_and_angular_momentum_in_the_inertial_frame() -> 
         (3e4, -1e4, 2e4),
         (5.0, -20.0, 10.0),
     )
-    _, x, v, _ = march(start, math.pi / n, 5, 1e-9, compiled=False)
-    place = x[:, 1] + [radius, 0.0, 0.0]
-    speed = v[:, 1] + np.cross([0.0, 0.0, n], place)
+    states = march(start, math.pi / n, 5, 1e-9, compiled=False)
+    place = states.position[:, 1] + [radius, 0.0, 0.0]
+    speed = states.velocity[:, 1] + np.cross([0.0, 0.0, n], place)
     total = 0.5 * (speed**2).sum(axis=1) - mu / np.linalg.norm(place, axis=1)
     spin = np.linalg.norm(np.cross(place, speed), axis=1)
     assert np.ptp(total) < 1e-12 * abs(total[0])
@@ -235,8 +237,9 @@ def test_two_bodies_keep_energy_and_angular_momentum_in_the_inertial_frame() -> 
 
 def test_mass_damping_decays_at_its_rate() -> None:
     start = lone("mass_damping={alpha=2.0}", (0.1, 0.0, 0.0), (0.02, 0.03, -0.01))
-    time, _, v, _ = march(start, 1.0, 5, 1e-13, compiled=False)
-    np.testing.assert_allclose(v[:, 1], np.exp(-2.0 * time)[:, None] * start.velocity[1], rtol=1e-9)
+    states = march(start, 1.0, 5, 1e-13, compiled=False)
+    expected = np.exp(-2.0 * states.time)[:, None] * start.velocity[1]
+    np.testing.assert_allclose(states.velocity[:, 1], expected, rtol=1e-9)
 
 
 def test_viscous_stress_never_pushes_and_never_gives_energy() -> None:
@@ -261,7 +264,7 @@ def test_material_damping_leaves_a_rigid_motion_alone() -> None:
 
     def added_by(name: str) -> float:
         start = planar(on=(name,))
-        with_it, without = (net_kernel(start.net, terms) for terms in (start.terms, Terms()))
+        with_it, without = (net_kernel(forces) for forces in (start.system.forces, Forces.of(start.net)))
         return float(
             np.abs(with_it.forces(0.0, position, velocity) - without.forces(0.0, position, velocity)).max()
         )
@@ -272,7 +275,7 @@ def test_material_damping_leaves_a_rigid_motion_alone() -> None:
 
 def net_force_scale(position: Any) -> float:
     """Largest elastic force on a node [N]."""
-    return float(np.abs(net_kernel(planar().net, Terms()).forces(0.0, position, 0.0 * position)).max())
+    return float(np.abs(net_kernel(Forces.of(planar().net)).forces(0.0, position, 0.0 * position)).max())
 
 
 def test_a_free_strain_is_a_change_of_length() -> None:
@@ -286,4 +289,5 @@ def test_a_free_strain_is_a_change_of_length() -> None:
         tension(length, law.natural_length, law.stiffness), net.axial_stiffness * strain * 1.3, rtol=1e-12
     )
     expected = 0.5 * (net.axial_stiffness * net.reference_length) @ strain**2
-    assert elastic_energy(Terms(free_strain=free).law(net), length) == pytest.approx(expected, rel=1e-12)
+    changed = CableTerm(net, ElementLaw(free_strain=free)).law
+    assert elastic_energy(changed, length) == pytest.approx(expected, rel=1e-12)
