@@ -44,7 +44,7 @@ def test_horizon_of_a_growth_by_jumps_is_the_jump_that_reaches_it(monkeypatch):
     A mean rate of what 1e-12 m shows up to 1e-3 m (a factor 1e9, reached at 0.7 s) would say 0.99 s.
     """
     case = read_both(CASES["planar_undamped"])
-    case = replace(case, start=replace(case.start, position=np.zeros_like(case.start.position)))
+    case = replace(case, start=case.start.moved(np.zeros_like(case.start.position)))
 
     def flight(self, times, plan=None):
         factor = np.prod([np.where(times >= t, by, 1.0) for t, by in JUMPS.items()], axis=0)
@@ -73,7 +73,7 @@ def test_horizon_is_where_starts_of_other_seeds_part_too():
 def test_the_last_bit_of_a_large_coordinate_moves_too():
     """Near 1e3 m neighbouring numbers are 1.1e-13 m apart, so 1e-16 m would vanish."""
     case = read_both(CASES["planar_undamped"])
-    far = replace(case, start=replace(case.start, position=case.start.position + 1e3))
+    far = replace(case, start=case.start.moved(case.start.position + 1e3))
     assert (moved(far, ROUND_OFF).start.position != far.start.position).all()
 
 

@@ -17,6 +17,16 @@ from exunet.results.agreement import Agreement
 from exunet.results.comparison import States, compare, read_states
 from exunet.results.result import Result
 
+# Ends the reference with the process that started it, however that died: its end of the pipe closes then.
+_CHILD = """
+import os, runpy, threading
+def end_with_parent():
+    os.read(0, 1)
+    os._exit(1)
+threading.Thread(target=end_with_parent, daemon=True).start()
+runpy.run_module("reference_impl", run_name="__main__", alter_sys=True)
+"""
+
 
 class ReferenceRun:
     """The reference on one case, started at once so that it runs beside the engine.
@@ -28,19 +38,12 @@ class ReferenceRun:
         self._folder = tempfile.TemporaryDirectory(prefix="exunet-check-")
         self._output = Path(self._folder.name) / "reference.npz"
         # -P: what lies in the working directory must not stand in for a module.
-        command = [
-            sys.executable,
-            "-P",
-            "-m",
-            "reference_impl",
-            str(case.path.absolute()),
-            "-o",
-            str(self._output),
-        ]
+        command = [sys.executable, "-P", "-c", _CHILD, str(case.path.absolute()), "-o", str(self._output)]
         for override in case.overrides:
             command += ["--set", override]
         self._process = subprocess.Popen(
             command,
+            stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -57,14 +60,16 @@ class ReferenceRun:
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
-        if self._process.stderr:
-            self._process.stderr.close()
+        for pipe in (self._process.stdin, self._process.stderr):
+            if pipe:
+                pipe.close()
         self._folder.cleanup()
 
     def agreement(self, result: Result) -> Agreement:
         """Wait for the reference and compare; raises InputError with its words if it refused or failed."""
-        words = self._process.communicate()[1]
-        if self._process.returncode not in (0, 3):
+        assert self._process.stderr is not None
+        words = self._process.stderr.read()  # to its end; `communicate` would close stdin, and end it
+        if self._process.wait() not in (0, 3):
             raise InputError(f"the reference cannot check this case: {_brief(words)}")
         states = read_states(self._output)
         return compare(States.of(result), states)

@@ -8,15 +8,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-import exunet.simulation.preparation
-import exunet.system.initial
 import reference_impl.energy as reference_energy
 import reference_impl.forces as forces
 from exunet.backends.exudyn.model import Model
 from exunet.forces import cable
 from exunet.forces.effects import mass_damping, orbit, rayleigh_damping
 from exunet.results import measures as metrics
-from exunet.system import energy
+from exunet.system import assembly, initial
+from exunet.system.states import States
 
 march = sys.modules["reference_impl.march"]  # the package has a function of that name
 
@@ -76,8 +75,8 @@ def compression(patch):
 
 def _other_net(patch, change):
     """Let exunet, and only it, work on a changed net."""
-    right = exunet.simulation.preparation.weave
-    patch.setattr(exunet.simulation.preparation, "weave", lambda keys: change(right(keys)))
+    right = assembly.weave
+    patch.setattr(assembly, "weave", lambda keys: change(right(keys)))
 
 
 @planted(1, "strings with the area of the net's cable")
@@ -139,8 +138,8 @@ def beta_lost(patch):
 
 @planted(1, "bullets launched inwards")
 def launch_inwards(patch):
-    right = exunet.system.initial._launch_velocity
-    patch.setattr(exunet.system.initial, "_launch_velocity", lambda launch, net: -right(launch, net))
+    right = initial._launch_velocity
+    patch.setattr(initial, "_launch_velocity", lambda launch, net: -right(launch, net))
 
 
 @planted(2, "elements slightly too long in the engine alone")
@@ -160,12 +159,13 @@ def _doubled(patch, module, name):
 
 @planted(2, "factor 1/2 missing in the kinetic energy")
 def kinetic_doubled(patch):
-    _doubled(patch, energy, "kinetic")
+    right = States.kinetic.func
+    patch.setattr(States, "kinetic", property(lambda states: 2.0 * right(states)))
 
 
 @planted(2, "factor 1/2 missing in the elastic energy")
 def elastic_doubled(patch):
-    _doubled(patch, energy, "elastic")
+    _doubled(patch, cable, "elastic_energy")
 
 
 @planted(2, "stored tensions twice as large")
@@ -180,7 +180,7 @@ def mouth_doubled(patch):
 
 def _other_terms(patch, effect, change):
     right = effect.terms
-    patch.setattr(effect, "terms", lambda *keys: change(right(*keys)))
+    patch.setattr(effect, "terms", lambda *keys: tuple(map(change, right(*keys))))
 
 
 @planted(2, "Coriolis force with the wrong sign", case="orbit")

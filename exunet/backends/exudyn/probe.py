@@ -27,17 +27,27 @@ class Probe:
         self._model = model
         self._system = model.system
         self._reference, self._free = model.reference, model.free
+        self._solver = self._initialised(0.01)  # [m, m/s], the engine's own choice
+        # Coordinates below this change by 1e-7 of it where positions are differentiated: 1e-2 m in the
+        # paper's net of 7 m. Much smaller parts of a net drown in round-off, much larger ones bend the law.
+        size = float(np.ptp(self._reference, axis=0).max()) or 1.0
+        self._differentiator = self._initialised(0.01 / 7.0 * size)
+        self._solver.ComputeMassMatrix(model.system)
+        self._mass = np.array(self._solver.GetSystemMassMatrix())
+        self._divide_by_mass = splu(csc_array(self._mass)).solve
+
+    def _initialised(self, least: float) -> Any:
+        """The engine's implicit solver; least : size below which coordinates count as so large."""
         settings = self._engine.SimulationSettings()
         settings.solution.file.write = False  # else the engine writes into the working directory
         settings.solution.sensors.active = False
         settings.solution.solverInformationFileName = ""
         settings.linearSolver.solverType = self._engine.LinearSolverType.EigenSparse
         settings.timeIntegration.verboseMode = 0
-        self._solver: Any = self._engine.MainSolverImplicitSecondOrder()
-        self._solver.InitializeSolver(model.system, settings)
-        self._solver.ComputeMassMatrix(model.system)
-        self._mass = np.array(self._solver.GetSystemMassMatrix())
-        self._divide_by_mass = splu(csc_array(self._mass)).solve
+        settings.timeIntegration.newton.numericalDifferentiation.minimumCoordinateSize = least
+        solver = self._engine.MainSolverImplicitSecondOrder()
+        solver.InitializeSolver(self._system, settings)
+        return solver
 
     def _set(self, position: Floats, velocity: Floats) -> None:
         self._model.look_again()
@@ -64,17 +74,19 @@ class Probe:
 
         The engine differentiates connectors with a force law of their own numerically.
         """
-        return self._jacobian(position, velocity, -1.0, 0.0)
+        return self._jacobian(self._differentiator, position, velocity, -1.0, 0.0)
 
     def damping(self, position: Floats, velocity: Floats) -> Floats:
         """Minus the derivative of the forces by the velocities [N s/m]: D of eq. (13)."""
-        return self._jacobian(position, velocity, 0.0, -1.0)
+        return self._jacobian(self._solver, position, velocity, 0.0, -1.0)
 
-    def _jacobian(self, position: Floats, velocity: Floats, of_place: float, of_speed: float) -> Floats:
+    def _jacobian(
+        self, solver: Any, position: Floats, velocity: Floats, of_place: float, of_speed: float
+    ) -> Floats:
         self._set(position, velocity)
-        self._solver.ComputeJacobianODE2RHS(self._system, of_place, of_speed)
+        solver.ComputeJacobianODE2RHS(self._system, of_place, of_speed)
         size = len(self._mass)
-        return self._of_all_points(np.array(self._solver.GetSystemJacobian())[:size, :size])
+        return self._of_all_points(np.array(solver.GetSystemJacobian())[:size, :size])
 
     def _of_all_points(self, matrix: Floats) -> Floats:
         keep = np.repeat(self._free, 3)
