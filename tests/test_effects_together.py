@@ -8,16 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from starts import model
 
 from exunet.case.scene import Scene
-from exunet.codegen.kernel import net_kernel
+from exunet.codegen.kernel import net_kernel, term_kernel
+from exunet.forces.cable_term import ElementLaw
 from exunet.forces.effects import EFFECTS, cross_checks
-from exunet.forces.terms import Terms
+from exunet.forces.terms import LinearTerm
+from exunet.forces.total import Forces
 from exunet.results.measures import energy_balance
-from exunet.simulation.preparation import Start, build, prepare
+from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.system.effect_survey import setting_of
 from exunet.system.energy import potential
+from exunet.system.system import System
 
 CABLE = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e8}
 AXES = {"radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0]}
@@ -114,7 +118,7 @@ def test_energy_balances_with_any_effects(seed: int, form: str) -> None:
 # Pay for use
 
 
-# What each effect may leave: fields of Terms, and functions in the kernel.
+# What each effect may leave: parts of the linear term, changes of the law, kernels; functions in the kernel.
 LEAVES = {
     "gravity": ({"load"}, {"add_load"}),
     "mass_damping": ({"damping"}, {"add_velocity_product"}),
@@ -123,7 +127,7 @@ LEAVES = {
     "rayleigh_damping": ({"damping"}, {"add_velocity_product"}),
     "air_drag": ({"kernels"}, {"add_cross_flow", "add_bullet_drag"}),
     "bending": ({"stiffness"}, {"add_position_product"}),
-    "breaking": ({"breaking"}, set()),
+    "breaking": ({"breaking_strain", "memory", "switch"}, set()),
     "j2": (
         {"gyroscopic", "kernels", "stiffness"},
         {"add_velocity_product", "add_two_body", "add_position_product"},
@@ -136,16 +140,18 @@ LEAVES = {
 
 
 def source_of(start: Start) -> str:
-    return net_kernel(start.net, start.terms).source
+    return net_kernel(start.system.forces).source
 
 
-def filled(terms: Terms) -> set[str]:
-    values = {name: getattr(terms, name) for name in Terms.__dataclass_fields__}
-    return {
-        name
-        for name, value in values.items()
-        if not (value is None or (isinstance(value, tuple) and not value))
-    }
+def filled(forces: Forces) -> set[str]:
+    """What there is beside the bare elements, by name."""
+    linear, law = forces.linear or LinearTerm(), forces.cable.changes
+    parts = {name: getattr(linear, name) for name in ("damping", "gyroscopic", "stiffness", "load")}
+    parts |= {name: getattr(law, name) for name in ElementLaw.__dataclass_fields__}
+    parts |= {"kernels": forces.kernels or None}
+    parts |= {"memory": forces.memories or None, "switch": forces.switches or None}
+    assert forces.linear is None or any(parts[name] is not None for name in list(parts)[:4])
+    return {name for name, value in parts.items() if value is not None}
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -154,8 +160,8 @@ def test_an_absent_effect_leaves_nothing(name: str) -> None:
     on = ("orbit", "j2") if name == "j2" else (name,)
     bare, with_it = start_with(), start_with(*on)
     fields, functions = LEAVES[name]
-    assert filled(bare.terms) == set()
-    assert filled(with_it.terms) == fields
+    assert filled(bare.system.forces) == set()
+    assert filled(with_it.system.forces) == fields
     plain, source = source_of(bare), source_of(with_it)
     for function in functions:
         assert f"def {function}(" in source
@@ -165,7 +171,7 @@ def test_an_absent_effect_leaves_nothing(name: str) -> None:
     assert {line.split("(")[0] for line in own - base} == {f"def {function}" for function in functions}
     # Twice the same bare net: the same text, so the same machine code.
     assert source_of(start_with()) == plain
-    items = build(start_with(engine={"net": "connectors"})).items()
+    items = model(start_with(engine={"net": "connectors"})).items()
     assert set(items) == {"MassPoint", "ObjectConnectorSpringDamper"}
     assert items["MassPoint"] == bare.net.n_nodes
 
@@ -184,18 +190,18 @@ def test_zero_coefficients_leave_nothing_either() -> None:
         "thermal_strain": {"temperature_change": 0.0, "expansion_coefficient": 1e-5},
     }.items():
         start = prepare(Scene.model_validate(case() | {"effects": {name: keys}}))
-        assert filled(start.terms) == set(), name
+        assert filled(start.system.forces) == set(), name
 
 
 def test_a_net_that_had_its_effects_removed_costs_as_much_as_a_bare_one() -> None:
     """The same machine code on numbers of the same kinds and sizes, so the same work; and not so before."""
     bare = start_with()
     loaded = start_with("air_drag", "bending", "material_damping")
-    emptied = replace(loaded, terms=Terms())
-    one, other, more = (net_kernel(start.net, start.terms) for start in (bare, emptied, loaded))
+    emptied = replace(loaded, system=System(loaded.system.points, Forces.of(loaded.net)))
+    one, other, more = (net_kernel(start.system.forces) for start in (bare, emptied, loaded))
     assert other.source == one.source
-    assert len(other.data) == len(one.data) < len(more.data)
-    for mine, theirs in zip(other.data, one.data, strict=True):
+    assert len(other.data()) == len(one.data()) < len(more.data())
+    for mine, theirs in zip(other.data(), one.data(), strict=True):
         np.testing.assert_array_equal(mine, theirs)
         assert np.asarray(mine).dtype == np.asarray(theirs).dtype
     assert more.source != one.source
@@ -204,24 +210,23 @@ def test_a_net_that_had_its_effects_removed_costs_as_much_as_a_bare_one() -> Non
 def test_the_potential_of_kernel_terms_is_that_of_their_force() -> None:
     """Central differences of the potential of the launch against its force, in and out of the barrels."""
     start = start_with("launch_force")
-    kernel = net_kernel(start.net, start.terms)
-    bare = net_kernel(start.net, Terms())
+    forces, chaser = start.system.forces, start.system.points.body["chaser"]
     still = np.zeros_like(start.position)
     place = start.position.copy()
     place[start.net.bullet_nodes] *= 1.01  # away from the start, where the force of gas has a kink
     place[start.net.bullet_nodes[0]] += [0.03, 0.02, 0.01]
     place[start.net.bullet_nodes[1]] += [-1.0, 1.0, 2.0]
-    force = kernel.forces(0.0, place, still) - bare.forces(0.0, place, still)
-    for node in (*start.net.bullet_nodes[:3], start.net.n_nodes - 1):
+    force = term_kernel(forces.kernels).forces(0.0, place, still)
+    for node in (*start.net.bullet_nodes[:3], chaser):
         for axis in range(3):
             off = np.zeros_like(place)
             off[node, axis] = 1e-6
-            ends = potential(start.terms, np.stack([place + off, place - off]))
+            ends = potential(forces, np.stack([place + off, place - off]))
             assert -(ends[0] - ends[1]) / 2e-6 == pytest.approx(force[node, axis], abs=1e-5)
 
 
 def test_settings_know_the_launch() -> None:
     start = start_with("launch_force")
     setting = setting_of(start.scene)
-    assert setting.net.n_nodes == start.net.n_nodes - 1
+    assert setting.net.n_nodes == start.net.n_nodes == start.system.points.n_points - 1
     assert np.linalg.norm(setting.velocity[setting.net.bullet_nodes], axis=1).min() > 1.0
