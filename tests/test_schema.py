@@ -47,7 +47,8 @@ CONTRACT = {
         effects.molecular_drag.drag_coefficient effects.molecular_drag.bullet_area
         effects.solar_pressure.flux effects.solar_pressure.direction
         effects.solar_pressure.pressure_coefficient effects.solar_pressure.bullet_area
-        effects.thermal_strain.temperature_change effects.thermal_strain.expansion_coefficient""",
+        effects.thermal_strain.temperature_change effects.thermal_strain.expansion_coefficient
+        effects.thrust.bullets effects.thrust.time effects.thrust.force""",
     "square": "net.size net.mesh",
     "rectangular": "net.size net.mesh",
     "hexagonal": "net.mesh net.rings",

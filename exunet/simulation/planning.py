@@ -103,6 +103,11 @@ def with_forms(scene: Scene, net: Net, plan: Plan) -> tuple[Scene, Plan]:
         # The engine's longest step, a whole part of the run, has always been measured so.
         longest = scene.time.end / max(1, math.ceil(scene.time.end / plan.longest_step))
         plan = replace(plan, longest_step=longest)
+    order = METHODS[plan.method].rotation_order
+    if scene.bodies and engine.loop == TimeLoop.EXUDYN and order is not None:
+        names = ", ".join(scene.bodies)
+        words = f"{plan.method} of Exudyn is of first order for turning bodies ({names}); RK44 is of order 4"
+        notes = (*notes, words)
     return scene.model_copy(update={"engine": engine}), replace(plan, notes=notes)
 
 

@@ -42,6 +42,7 @@ class Stepper:
         self._adaptive = self._method.kind == Kind.ADAPTIVE
         self._events = Events(system.forces, state.memory, observer)
         self._counts = StepCounts()
+        self._newton_before = 0  # in solvers that were started before
         self._pushed: Floats | None = None
         self.time = state.time
         self._open(state)
@@ -119,7 +120,7 @@ class Stepper:
             done, words = False, _first_line(error)
             if self._stop is None and isinstance(error.__cause__, KeyboardInterrupt):
                 self._stop = error.__cause__
-        self._counts.newton_iterations = int(self._solver.it.newtonStepsCount)
+        self._counts.newton_iterations = self._newton_before + int(self._solver.it.newtonStepsCount)
         if self._stop is not None:
             stop, self._stop = self._stop, None
             raise stop
@@ -135,7 +136,8 @@ class Stepper:
         self._append(until)
         if not np.isfinite(self._v[self._rows - 1]).all():
             self.hand_over()
-        self._look_for_events(until)
+        if self._look_for_events(until):
+            self._renew()
 
     def _set_stretch(self, until: float) -> None:
         self._model.look_again()
@@ -215,15 +217,33 @@ class Stepper:
         assert self._plan.tolerance is not None
         return jump_ahead(self._system.points, law, within, self._plan.tolerance, self._step_start, state)
 
-    def _look_for_events(self, time: float) -> None:
+    def _look_for_events(self, time: float) -> bool:
+        """True if there was one, at the end of an accepted step."""
+        found = False
         if not self._events:
-            return
+            return found
         position, _ = self._model.unpack(*self._model.coordinates())
         for name, change in self._events.at(time, position):
             if self._times[self._rows - 1] != time:
                 self._append(time)
             self.hand_over()  # so that no batch has states from before and after
             self._remember({**self._events.memory, name: change.memory})
+            found = True
+        return found
+
+    def _renew(self) -> None:
+        """Let a method that remembers the acceleration of the step before begin anew: forces have changed."""
+        if not self._method.remembers_acceleration:
+            return
+        data, initial = self._model.system.systemData, exudyn().ConfigurationType.Initial
+        data.SetODE2Coordinates(data.GetODE2Coordinates(), initial)
+        data.SetODE2Coordinates_t(data.GetODE2Coordinates_t(), initial)
+        data.SetTime(self.time, initial)
+        self._settings.timeIntegration.startTime = self.time
+        newton = self._counts.newton_iterations
+        self._start()  # which computes the accelerations
+        self._choice = StepChoice(self._plan, self._solver, self._settings, self._choice.jump)
+        self._newton_before = newton
 
     def _remember(self, memory: Arrays) -> None:
         if self._model.applied is not None:
@@ -261,6 +281,7 @@ class Stepper:
         if self._model.applied is None:  # connectors alone: build them again with room for other forces
             self._open(self.state())
         self._model.applied.push(force)
+        self._renew()
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         data = self._model.system.systemData

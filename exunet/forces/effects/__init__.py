@@ -47,6 +47,7 @@ from exunet.forces.effects import (
     rayleigh_damping,
     solar_pressure,
     thermal_strain,
+    thrust,
 )
 from exunet.forces.points import PointMass, Points
 from exunet.forces.requirements import RestOfCase, declared, excluded, required
@@ -67,6 +68,7 @@ EFFECTS: dict[str, ModuleType] = {
     "molecular_drag": molecular_drag,
     "solar_pressure": solar_pressure,
     "thermal_strain": thermal_strain,
+    "thrust": thrust,
 }
 
 

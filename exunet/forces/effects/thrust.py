@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import FromArray, NonNegative, Table, Vector
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.points import Points
 from exunet.forces.requirements import RestOfCase
+from exunet.forces.terms import Change, KernelTerm, Memory
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 NEEDS_BULLETS = True
 
@@ -67,3 +75,79 @@ def _one_force_a_time(keys: Keys) -> Iterator[Fault]:
         yield Fault(
             "force", f"needs one vector for each of the {len(keys.time)} times, got {len(keys.force)}"
         )
+
+
+def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
+    """One term over the chosen bullets. Its memory is the number of the knots passed: no step sees a kink.
+
+    Before the first knot (0) and after the last (n) there is no force; between the knots k and k + 1 it is
+    linear. Steps end at the knots.
+    """
+    nodes = (3 * points.net.bullet_nodes[list(keys.bullets)]).astype(np.uint32)
+    times, force = np.array(keys.time), np.array(keys.force)
+    passed = np.array([float(np.searchsorted(times, 0.0, side="right"))])
+
+    def data(memory: Floats) -> tuple[Any, ...]:
+        return nodes, times, force, memory.astype(np.int64)
+
+    memory = Memory("thrust/knots_passed", passed, data)
+    return (KernelTerm("bullets", add_thrust, data(passed), memory=memory, switch=Knots(keys.time)),)
+
+
+class Knots:
+    """The known instants at which the thrust has a kink or a jump."""
+
+    def __init__(self, times: tuple[float, ...]) -> None:
+        self.times = times
+
+    def crossed(self, time: float, position: Floats, memory: Floats) -> Ints:
+        """The only item, if a knot was passed since the memory was set."""
+        return np.flatnonzero(np.searchsorted(self.times, time, side="right") > memory)
+
+    def step_within(
+        self, step: float, least: float, position: Floats, velocity: Floats, memory: Floats
+    ) -> float:
+        """Steps end at known instants anyway."""
+        return step
+
+    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> Change:
+        """Count the knots; nothing else changes."""
+        return Change(np.array([float(np.searchsorted(self.times, time, side="right"))]))
+
+
+def add_thrust(
+    t: float, x: Any, v: Any, bullets: Any, times: Any, forces: Any, passed: Any, force: Any
+) -> None:
+    """The force between the last knot that was passed and the next, linear in time; bullets : 3 x node."""
+    k = passed[0]
+    if k > 0 and k < times.size:
+        part = (t - times[k - 1]) / (times[k] - times[k - 1])
+        for b in range(bullets.size):
+            for axis in range(3):
+                start = forces[k - 1, axis]
+                force[bullets[b] + axis] += start + part * (forces[k, axis] - start)
+
+
+def nominal(basis: EstimateBasis) -> None:
+    """Nothing can be assumed: who pushes, when and where to is the design itself."""
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The bullets alone under the largest force, and their way under the given one until the end."""
+    bullets = basis.net.bullet_nodes[list(keys.bullets)]
+    mass = basis.net.mass[bullets]
+    times = np.clip(np.array(keys.time), 0.0, basis.duration)
+    force = np.array(keys.force)
+    largest, way = np.zeros((basis.net.n_nodes, 3)), np.zeros((basis.net.n_nodes, 3))
+    largest[bullets, 0] = np.linalg.norm(force, axis=1).max()
+    # Each linear piece gives an impulse, and a way until the end, as from its own centre of mass in time.
+    step, mean = np.diff(times)[:, None], 0.5 * (force[1:] + force[:-1])
+    late = 0.5 * times[:-1] + 0.5 * times[1:]
+    impulse = (step * mean).sum(axis=0)
+    moved = (step * mean * (basis.duration - late)[:, None]).sum(axis=0)
+    way[bullets] = moved / mass[:, None]
+    return Estimate(
+        basis.of_force(largest),
+        basis.held(basis.rms(way)),
+        f"impulse {np.linalg.norm(impulse):.3g} N s on each of {len(bullets)} bullets",
+    )
