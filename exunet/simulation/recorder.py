@@ -65,6 +65,13 @@ class Recorder:
     def __len__(self) -> int:
         return len(self.rows) + sum(len(states) for states, _ in self._waiting)
 
+    @property
+    def until(self) -> float:
+        """The last stored time [s]."""
+        if self._waiting:
+            return float(self._waiting[-1][0].time[-1])
+        return float(self.rows.read("time", len(self.rows) - 1, len(self.rows))[0])
+
     def store(self, states: States, dissipated: Floats) -> None:
         """Take stored states with their dissipated energy (k,) [J]; `flush` appends them."""
         self._waiting.append((states, dissipated))

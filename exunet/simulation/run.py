@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError, RunStopped
+from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case, parse_case
 from exunet.case.scene import Scene
 from exunet.results.reading import RESULT_FILE, STORE_FOLDER, load_result
@@ -73,8 +74,19 @@ def drive(
     """Take a simulation through the times of its recorder that are still to come.
 
     checkpoint : called after each stored time
+    Ctrl-C is taken up within the steps, lest it cut the storing of a state in two.
     """
-    times, shown = recorder.times, 0.0
+    try:
+        with postponed():
+            _through(simulation, recorder.times, progress, checkpoint)
+    except KeyboardInterrupt:  # after the last step, or out of `progress`
+        raise simulation.interrupted() from None
+
+
+def _through(
+    simulation: Simulation, times: Floats, progress: Progress | None, checkpoint: Callable[[], None] | None
+) -> None:
+    shown = 0.0
     while True:
         ahead = int(np.searchsorted(times, simulation.time, side="right"))
         if ahead == len(times):
@@ -95,9 +107,7 @@ def _told(simulation: Simulation, recorder: Recorder, stop: RunStopped | None = 
     recorder.flush()
     recorder.integrated(*simulation.spent())
     if stop is not None:
-        simulation.monitor.forget_after(
-            float(recorder.rows.read("time", len(recorder) - 1, len(recorder))[0])
-        )
+        simulation.monitor.forget_after(recorder.until)
 
 
 def run_into(

@@ -222,12 +222,17 @@ class Simulation:
             self._retry(self._gave_up(failure) if isinstance(failure, IntegrationFailed) else failure)
             return False
         except KeyboardInterrupt:
-            with suppress(RunStopped):  # the monitor knows until when states are good
-                self._integrator.hand_over()
-            words = f"interrupted after t = {self._monitor.last_good.time:.6g} s; what was computed is kept"
-            raise Interrupted(words) from None
+            self._seconds += clock.perf_counter() - began
+            raise self.interrupted() from None
         self._seconds += clock.perf_counter() - began
         return True
+
+    def interrupted(self) -> Interrupted:
+        """The error for Ctrl-C, after the guards have seen what was computed; tells until when that is."""
+        with suppress(RunStopped):  # the monitor knows until when states are good
+            self._integrator.hand_over()
+        until = self._monitor.last_good.time if self._recorder is None else self._recorder.until
+        return Interrupted(f"interrupted after t = {until:.6g} s; what was computed is kept")
 
     def finish(self) -> bool:
         """Let the guards see the last states; False if one was wrong and the simulation went back."""
