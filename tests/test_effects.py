@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from starts import model
 
 import reference_impl
 from exunet.backends.exudyn.probe import Probe
@@ -18,12 +19,15 @@ from exunet.case.scene import Scene
 from exunet.codegen import kernel
 from exunet.forces import cable
 from exunet.forces.atmosphere import LAYERS, exponential_density
+from exunet.forces.cable_term import breaking_lengths
 from exunet.forces.directions import EARTH_MU, EARTH_RADIUS
 from exunet.forces.effects import EFFECTS, bending, breaking, j2, launch_force
+from exunet.forces.points import Points
 from exunet.forces.surface import tumbling_areas
+from exunet.forces.total import Forces
 from exunet.results.measures import centre_of_mass, energy_balance, energy_scale
 from exunet.results.result import Result
-from exunet.simulation.preparation import build, prepare
+from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 
 CASES = Path(__file__).parents[1] / "cases" / "effects"
@@ -268,7 +272,7 @@ def test_the_atmosphere_is_continuous_from_layer_to_layer() -> None:
 
 def test_areas_of_tumbling_cables() -> None:
     net = prepare(load(CASES / "solar_pressure.toml").scene).net
-    area = tumbling_areas(net, 0.0021)
+    area = tumbling_areas(Points.of_net(net), 0.0021)
     diameter = np.where(net.is_string, 0.003, 0.002)
     cables = math.pi / 4 * (diameter * net.reference_length).sum()
     assert area.sum() == pytest.approx(cables + 4 * 0.0021, rel=1e-12)
@@ -276,7 +280,7 @@ def test_areas_of_tumbling_cables() -> None:
 
 def test_sunlight_pushes_the_centre_of_mass() -> None:
     run = simulate(prepare(load(CASES / "solar_pressure.toml", ["effects.solar_pressure.flux=1361e6"]).scene))
-    force = 1.3 * 1361e6 / 299792458.0 * tumbling_areas(run.net, 0.0021).sum()
+    force = 1.3 * 1361e6 / 299792458.0 * tumbling_areas(Points.of_net(run.net), 0.0021).sum()
     momentum = run.momentum - run.momentum[0]
     np.testing.assert_allclose(momentum, np.outer(force * run.time, [0.0, 1.0, 0.0]), rtol=0, atol=1e-11)
     assert energy_balance(run) < 1e-6
@@ -327,7 +331,7 @@ def test_j2_pulls_nodes_apart_as_its_gradient_says() -> None:
     alone = prepare(load(CASES / "j2.toml", ["effects.j2="]).scene)
     place = start.net.reference_position
     still = np.zeros_like(place)
-    change = Probe(build(start)).accelerations(place, still) - Probe(build(alone)).accelerations(place, still)
+    change = Probe(model(start)).accelerations(place, still) - Probe(model(alone)).accelerations(place, still)
     keys = start.scene.effects.j2
     np.testing.assert_allclose(change, place @ j2.gradient(keys), rtol=0, atol=1e-15)
 
@@ -354,7 +358,8 @@ def test_a_pinned_thread_has_the_frequencies_of_a_beam() -> None:
     for n in (10, 20):
         start = thread(n)
         free = 3 * np.setdiff1d(np.arange(n + 1), [0, 1]) + 2
-        block = start.terms.stiffness.toarray()[np.ix_(free, free)] / start.net.mass[free // 3][:, None]
+        stiffness = start.system.forces.linear.stiffness.toarray()
+        block = stiffness[np.ix_(free, free)] / start.net.mass[free // 3][:, None]
         errors.append(np.sqrt(np.sort(np.linalg.eigvals(block).real))[:2] / exact - 1.0)
     assert np.abs(errors[1]).max() < 0.02
     np.testing.assert_allclose(np.abs(errors[0]) / np.abs(errors[1]), 4.0, rtol=0.1)
@@ -362,7 +367,7 @@ def test_a_pinned_thread_has_the_frequencies_of_a_beam() -> None:
 
 def test_bending_is_blind_to_rigid_motions_and_agrees_with_the_rotational_spring() -> None:
     start = thread(4)
-    stiffness = start.terms.stiffness
+    stiffness = start.system.forces.linear.stiffness
     place = start.net.reference_position
     turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
     moved = (place @ turn.T + [1.0, 2.0, 3.0]).ravel()
@@ -373,12 +378,12 @@ def test_bending_is_blind_to_rigid_motions_and_agrees_with_the_rotational_spring
             document([[0.0, 0, 0], [0.5, 0, 0], [1.0, 0, 0]], [[0, 1], [1, 2]], 1.0)
         )
     ).net  # fmt: skip
-    energy_of = bending.terms(bending.Keys(modulus=3e9), net).stiffness
+    (term,) = bending.terms(bending.Keys(modulus=3e9), Points.of_net(net))
     bent = np.array(
         [[-0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5 * math.cos(0.8), 0.5 * math.sin(0.8), 0.0]]
     ).ravel()
     spring = 3e9 * 1e-12 / (4 * math.pi) / 0.5
-    assert 0.5 * bent @ (energy_of @ bent) == pytest.approx(spring * (1 - math.cos(0.8)), rel=1e-12)
+    assert 0.5 * bent @ (term.stiffness @ bent) == pytest.approx(spring * (1 - math.cos(0.8)), rel=1e-12)
 
 
 def test_threads_run_on_through_knots_and_not_round_corners() -> None:
@@ -404,10 +409,10 @@ def test_thermal_strain_pulls_with_ea_times_strain(form: str) -> None:
         engine={"net": form},
     )  # fmt: skip
     start = prepare(Scene.model_validate(case))
-    pull = Probe(build(start)).accelerations(start.position, start.velocity) * start.net.mass[:, None]
+    pull = Probe(model(start)).accelerations(start.position, start.velocity) * start.net.mass[:, None]
     expected = 1e3 * 1e-3 * (1 - 5e-4)
     np.testing.assert_allclose(pull[:, 0], [expected, -expected], rtol=1e-11)
-    assert cable.elastic_energy(start.terms.law(start.net), np.ones(1)) == pytest.approx(
+    assert cable.elastic_energy(start.system.forces.cable.law, np.ones(1)) == pytest.approx(
         0.5 * 1e3 * (1e-3 * (1 - 5e-4)) ** 2, rel=1e-11
     )
 
@@ -415,9 +420,8 @@ def test_thermal_strain_pulls_with_ea_times_strain(form: str) -> None:
 def test_a_warm_cable_is_longer_before_it_pulls() -> None:
     keys = EFFECTS["thermal_strain"].Keys(temperature_change=100.0, expansion_coefficient=1e-5)
     net = thread(1).net
-    assert EFFECTS["thermal_strain"].terms(keys, net).law(net).natural_length == pytest.approx(
-        1.001, rel=1e-12
-    )
+    forces = Forces.of(net, EFFECTS["thermal_strain"].terms(keys, Points.of_net(net)))
+    assert forces.cable.law.natural_length == pytest.approx(1.001, rel=1e-12)
 
 
 # Breaking
@@ -457,11 +461,9 @@ def test_a_cable_below_its_limit_holds() -> None:
 
 
 def test_a_limit_of_force_is_that_of_the_tension() -> None:
-    from exunet.simulation.breaking import breaking_lengths
-
     net = thread(1).net
-    terms = breaking.terms(breaking.Keys.model_validate({"force": 123.0}), net)
-    length = breaking_lengths(net, terms)
+    changes = breaking.terms(breaking.Keys.model_validate({"force": 123.0}), Points.of_net(net))
+    length = breaking_lengths(Forces.of(net, changes).cable)
     assert cable.tension(length, net.reference_length, net.axial_stiffness) == pytest.approx(123.0, rel=1e-12)
 
 
@@ -489,12 +491,12 @@ def test_a_launch_by_force_keeps_momentum_and_does_its_work(keys: dict[str, Any]
     assert run.potential[0] == pytest.approx(4 * launch_force.Keys.model_validate(keys).work, rel=1e-12)
     assert run.potential[-1] == 0.0  # all have left their barrels
     assert run.kinetic[-1] + run.elastic[-1] == pytest.approx(run.potential[0], rel=1e-6)
-    assert run.velocity[-1, -1, 2] < 0.0  # the chaser's recoil
+    chaser = run.bodies["chaser"]
+    assert chaser.velocity[-1, 2] < 0.0  # the recoil
     # The centre of the net alone, which goes off forwards; with the chaser's, weighed, it stays where it was.
-    net, chaser = run.net.mass[:-1].sum(), run.net.mass[-1]
     centre = centre_of_mass(run)
     assert centre[-1, 2] - centre[0, 2] > 0.01
-    whole = net * centre + chaser * run.position[:, -1]
+    whole = run.net.mass.sum() * centre + chaser.mass * chaser.position
     assert np.abs(whole - whole[0]).max() < 1e-12
 
 
