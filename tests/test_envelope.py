@@ -9,6 +9,8 @@ from small_nets import pair_of_masses, thrown
 from starts import CASES, planar
 
 import exunet
+from exunet.backends.protocol import Batch
+from exunet.bodies.rigid import RigidStates
 from exunet.results.result import Result
 from exunet.simulation.envelope import Envelope
 from exunet.simulation.monitor import Monitor
@@ -94,27 +96,42 @@ def test_a_state_counts_for_the_interval_that_it_ends() -> None:
     envelope.look(
         np.array([0.0, 0.5, 1.0, 1.5, 2.5]), np.array([1.0, 5, 2, 7, 9]), np.array([9.0, 5, 8, 3, 1])
     )
-    nothing = np.zeros(4)
-    largest, least = envelope.around(nothing, nothing + 10.0)
+
+    def of_stored(elastic: list[float], kinetic: list[float]) -> tuple[Floats, Floats]:
+        # The state stored at the start stands for the one before it.
+        return envelope.around(0, *(np.array([one[0], *one]) for one in (elastic, kinetic)))
+
+    nothing, much = [0.0] * 4, [10.0] * 4
+    largest, least = of_stored(nothing, much)
     assert largest.tolist() == [1.0, 5.0, 7.0, 9.0]
     assert least.tolist() == [9.0, 5.0, 3.0, 1.0]
     envelope.forget_after(1.0)  # a run that goes back there
-    largest, least = envelope.around(nothing, nothing + 10.0)
+    largest, least = of_stored(nothing, much)
     assert largest.tolist() == [1.0, 5.0, 0.0, 0.0]
     assert least.tolist() == [9.0, 5.0, 10.0, 10.0]
-    largest, least = envelope.around(np.array([0.0, 6.0, 0.0]), np.array([10.0, 2.0, 10.0]))
+    largest, least = of_stored([0.0, 6.0, 0.0], [10.0, 2.0, 10.0])
     assert largest.tolist() == [1.0, 6.0, 6.0]  # both ends belong to an interval
     assert least.tolist() == [9.0, 2.0, 2.0]
+    part = envelope.around(1, np.array([0.0, 6.0, 0.0]), np.array([10.0, 2.0, 10.0]))  # from the second on
+    assert [one.tolist() for one in part] == [[6.0, 6.0], [2.0, 2.0]]
 
 
 def test_a_monitor_that_goes_back_forgets_what_it_saw_later() -> None:
     start = prepare(pair_of_masses(initial={"packing": 1.0, "node_velocities": [[-1, 0, 0], [1, 0, 0]]}))
     envelope = Envelope(np.array([0.0, 1.0, 2.0]))
-    monitor = Monitor(start.net, start.terms, start.position, start.velocity, envelope=envelope)
-    moving = np.repeat(start.velocity[None], 3, axis=0)
-    taut = np.array([1.0, 1.0, 1.01])[:, None, None] * start.position
-    monitor(np.array([0.0, 0.5, 1.0]), np.repeat(start.position[None], 3, axis=0), moving)
-    monitor(np.array([1.0, 1.2, 1.5]), taut, moving)
-    assert envelope.around(np.zeros(3), np.zeros(3))[0][2] == pytest.approx(0.5 * 10.0 * 0.01005**2)
-    monitor.go_back(1.0, start.position, start.velocity, 0.0)
-    assert envelope.around(np.zeros(3), np.zeros(3))[0][2] == 0.0
+    monitor = Monitor(start.system, start.state, envelope=envelope)
+
+    def pass_through(time: list[float], position: Floats) -> None:
+        moving = np.repeat(start.velocity[None], 3, axis=0)
+        bodies = RigidStates(*(np.repeat(part[None], 3, axis=0) for part in start.state.bodies.parts()))
+        monitor.take(Batch(np.array(time), position, moving, bodies))
+
+    def seen() -> float:
+        return float(envelope.around(0, np.zeros(4), np.zeros(4))[0][2])
+
+    monitor.mark(1.0)
+    pass_through([0.0, 0.5, 1.0], np.repeat(start.position[None], 3, axis=0))
+    pass_through([1.0, 1.2, 1.5], np.array([1.0, 1.0, 1.01])[:, None, None] * start.position)
+    assert seen() == pytest.approx(0.5 * 10.0 * 0.01005**2)
+    assert monitor.go_back().time == 1.0
+    assert seen() == 0.0

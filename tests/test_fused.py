@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from starts import CASES, planar, states
+from starts import CASES, model, planar, states
 
-from exunet.backends.exudyn.applied_kernel import apply
+from exunet.backends.exudyn.applied_kernel import AppliedKernel
 from exunet.backends.exudyn.model import Model
 from exunet.backends.exudyn.probe import Probe
 from exunet.base.errors import MissingExtra
@@ -16,7 +16,7 @@ from exunet.case.casefile import load
 from exunet.codegen import compile as compiling
 from exunet.codegen.kernel import net_kernel
 from exunet.codegen.linearised import Linearised
-from exunet.simulation.preparation import Start, build, prepare
+from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 
 # Before the first strings snap taut round-off is all that can differ; this much later it has not grown.
@@ -49,7 +49,8 @@ def test_implicit_methods_agree(method: str) -> None:
 def test_the_jacobian_is_the_derivative_of_the_forces(on: tuple[str, ...]) -> None:
     """Central differences along random directions, in states away from the kinks of the law."""
     start = planar(on=on)
-    kernel, linearised = net_kernel(start.net, start.terms), Linearised(start.net, start.terms)
+    forces = start.system.forces
+    kernel, linearised = net_kernel(forces), Linearised(start.system.points, forces)
     random = np.random.default_rng(2)
     for name in ("packed", "overstretched"):
         position, velocity = states(start)[name]
@@ -72,7 +73,7 @@ def test_the_engine_gets_that_jacobian() -> None:
         'solver = {method = "GeneralizedAlpha", step = 1e-4}',
         on=("material_damping",),
     )
-    probe, linearised = Probe(build(start)), Linearised(start.net, start.terms)
+    probe, linearised = Probe(model(start)), Linearised(start.system.points, start.system.forces)
     position, velocity = states(start)["overstretched"]
     for got, a, b in ((probe.stiffness, 1.0, 0.0), (probe.damping, 0.0, 1.0)):
         matrix = linearised(0.0, position.ravel(), velocity.ravel(), a, b).toarray()
@@ -86,7 +87,7 @@ def test_fixed_nodes_stay_and_hold() -> None:
     for form in ("connectors", "fused"):
         start = prepare(load(path, [f'engine.net = "{form}"']).scene)
         assert len(start.net.fixed_nodes)
-        found.append(Probe(build(start)).accelerations(*states(start)["overstretched"]))
+        found.append(Probe(model(start)).accelerations(*states(start)["overstretched"]))
         assert (found[-1][start.net.fixed_nodes] == 0.0).all()
     # The state moves fixed nodes too, which the engine ignores: they stay where the case holds them.
     assert np.abs(found[0] - found[1]).max() <= 1e-12 * np.abs(found[0]).max()
@@ -108,33 +109,34 @@ def test_nodes_stay_open_to_loads_of_the_engine() -> None:
 def _fused_by_hand(start: Start, node: int | None) -> Probe:
     from exudyn.itemInterface import Force
 
-    model, net = Model(), start.net
+    fused, net = Model(), start.net
     for k in range(net.n_nodes):
-        model.node(net.reference_position[k], start.position[k], start.velocity[k])
-    apply(model, net_kernel(net, start.terms), mass=net.mass)
+        fused.node(net.reference_position[k], start.position[k], start.velocity[k])
+    applied = AppliedKernel(fused, net_kernel(start.system.forces), start.state.memory)
+    fused.applied_forces(applied.evaluate, mass=net.mass)
     if node is not None:
-        marker = model._markers[node]  # what a scene with bodies will be given a verb for
-        model.system.AddLoad(Force(markerNumber=marker, loadVector=[1.0, 2.0, 3.0]))
-    model.assemble()
-    return Probe(model)
+        marker = fused._markers[node]  # what a scene with bodies will be given a verb for
+        fused.system.AddLoad(Force(markerNumber=marker, loadVector=[1.0, 2.0, 3.0]))
+    fused.assemble()
+    return Probe(fused)
 
 
 def test_without_numba_the_fused_net_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     start = planar('engine.net = "fused"')
     monkeypatch.setattr(compiling, "numba_installed", lambda: False)
     with pytest.raises(MissingExtra, match="Numba"):
-        build(start)
+        model(start)
 
 
 def test_without_numba_kernel_terms_are_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """In the connector form, with the same forces."""
     start = planar('engine.net = "connectors"', on=("two-body orbit",))
     state = states(start)["mixed"]
-    compiled = Probe(build(start)).accelerations(*state)
+    compiled = Probe(model(start)).accelerations(*state)
     from exunet.codegen import kernel as kernels
 
     kernels.term_kernel.cache_clear()
     monkeypatch.setattr(kernels, "numba_installed", lambda: False)
-    interpreted = Probe(build(start)).accelerations(*state)
+    interpreted = Probe(model(start)).accelerations(*state)
     kernels.term_kernel.cache_clear()
     assert np.abs(interpreted - compiled).max() <= 1e-13 * np.abs(compiled).max()

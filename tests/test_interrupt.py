@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from starts import planar
 
-from exunet.backends.compiled.loop import Loop
+from exunet.backends.compiled.loop import CompiledLoop
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.base.errors import Interrupted
 from exunet.base.interrupt import postponed
@@ -27,10 +27,10 @@ FORMS = {
 }
 # Between two stretches, while a state is stored; and within the last step of a stretch.
 MOMENTS: dict[str, list[tuple[type, str, Callable[[Any], float]]]] = {
-    "storing": [(Recorder, "store", lambda record: record._time[-1])],
+    "storing": [(Recorder, "store", lambda recorder: recorder.until)],
     "stepping": [
         (Stepper, "_before_attempt", lambda stepper: stepper.time),
-        (Loop, "_look_for_breaks", lambda loop: loop.time),
+        (CompiledLoop, "_look_for_events", lambda loop: loop.time),
     ],
 }
 
