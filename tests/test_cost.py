@@ -17,13 +17,20 @@ from exunet.results.measures import Deployment
 from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost import study as studies
-from exunet.studies.cost.after_horizon import measure_rows
 from exunet.studies.cost.converged import Converged, converge
-from exunet.studies.cost.measure import Measures
-from exunet.studies.cost.runners import Subject, Trial, Work, run
+from exunet.studies.cost.runners import Measures, Subject, Trial, Work, run
 from exunet.studies.cost.settings import Code, Setting, base, ladders
 from exunet.studies.cost.study import Entry, Study, all_rungs, climb
-from exunet.studies.cost.table import LEVELS, answer_rows, cheapest, evaluations, pareto, reliable, write_csv
+from exunet.studies.cost.table import (
+    LEVELS,
+    answer_rows,
+    cheapest,
+    evaluations,
+    measure_rows,
+    pareto,
+    reliable,
+    write_csv,
+)
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
 SURE = Converged(np.array([1.0]), 1e-9, 1e-9, None, ())

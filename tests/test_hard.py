@@ -15,7 +15,7 @@ from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 from exunet.verification import hard
 from exunet.verification.check import Check
-from exunet.verification.gallery import GALLERY, ITEMS, Hard
+from exunet.verification.hard import GALLERY, ITEMS, Hard
 from exunet.verification.ladder import Step
 from exunet.verification.tolerances import Tolerance
 
@@ -87,7 +87,7 @@ def test_momenta_are_checked_in_the_reference():
 
 def test_the_turns_of_the_spinning_net_are_counted_in_the_reference():
     """One revolution a second (spin 2 pi): after 2 s it lacks 98 of 100."""
-    from exunet.verification.gallery import _turns
+    from exunet.verification.hard import _turns
 
     one = next(one for one in GALLERY if one.case == "spinning")
     assert one.of_both is _turns

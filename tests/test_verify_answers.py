@@ -8,10 +8,9 @@ import pytest
 from exunet.net.arrays import Net
 from exunet.studies.both_codes import read_both
 from exunet.verification.answers import ANSWERS
-from exunet.verification.answers.modes import frequency
+from exunet.verification.answers.linear import frequency
+from exunet.verification.answers.motions import hanging_chain, known_snap
 from exunet.verification.answers.orders import Series
-from exunet.verification.answers.rest import hanging_chain
-from exunet.verification.answers.snap import known_snap
 from exunet.verification.check import Check
 from exunet.verification.shipped import shipped
 
@@ -83,7 +82,7 @@ def test_both_codes_give_the_known_answer(name, answer):
 
 def test_each_code_tells_its_own_peak_force(monkeypatch):
     from exunet.forces import cable
-    from exunet.verification.answers.snap import snap
+    from exunet.verification.answers.motions import snap
     from reference_impl import forces as formulas
 
     case = read_both(PATHS["snap"])

@@ -9,9 +9,9 @@ import reference_impl as reference
 from exunet.studies.both_codes import BothCodes, Motion, read_both
 from exunet.studies.neighbours import MOVE
 from exunet.verification import horizon, topology
+from exunet.verification.at_states import forces
 from exunet.verification.check import Check, difference, worst_of
 from exunet.verification.converged import _compared
-from exunet.verification.forces import forces
 from exunet.verification.growth import AMPLITUDE, AMPLITUDES, ROUND_OFF, Growth, growth
 from exunet.verification.horizon import sensitivity
 from exunet.verification.shipped import shipped

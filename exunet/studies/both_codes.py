@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 import reference_impl as reference
 from exunet.backends import integrator
-from exunet.backends.compiled.loop import March, loop_kernel
 from exunet.backends.exudyn.build import build
 from exunet.backends.exudyn.probe import Probe
-from exunet.backends.protocol import Batch, Extremes, IntegrationFailed
+from exunet.backends.protocol import Batch, Extremes
 from exunet.base.errors import InputError
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
@@ -141,8 +140,6 @@ class BothCodes:
         gives up.
         """
         start = replace(self.start, plan=plan or self.start.plan)
-        if start.scene.engine.loop == TimeLoop.COMPILED:
-            return _compiled(start, times)
         stepper = integrator(start.scene.engine, start.system, start.state, start.plan, _Unobserved())
         states = [start.state]
         for until in times[1:].tolist():
@@ -171,17 +168,6 @@ def _at_start(net: Any, position: Floats, velocity: Floats) -> States:
 
 def _with_engine(scene: Scene, **keys: str) -> Scene:
     return scene.model_copy(update={"engine": scene.engine.model_copy(update=keys)})
-
-
-def _compiled(start: Start, times: Floats) -> Motion:
-    march = March(start.system, start.state, start.plan, loop_kernel(start.system))
-    batch = march.through(times)
-    position, velocity = batch.position, batch.velocity
-    if len(batch.time) < len(times):
-        raise IntegrationFailed(march.collapse())
-    if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
-        raise IntegrationFailed("the state in the compiled loop is no longer finite")
-    return Motion(np.asarray(times), position, velocity, march.counts.steps)
 
 
 class _Unobserved:

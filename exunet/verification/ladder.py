@@ -14,17 +14,7 @@ from exunet.base.errors import ExunetError, InputError, Interrupted
 from exunet.codegen.compile import numba_installed
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.studies.neighbours import MOVE
-from exunet.verification import (
-    converged,
-    forces,
-    growth,
-    horizon,
-    matrices,
-    measures,
-    stepping,
-    symmetry,
-    topology,
-)
+from exunet.verification import at_states, converged, growth, horizon, matrices, stepping, symmetry, topology
 from exunet.verification.answers import ANSWERS
 from exunet.verification.check import Check, Finding, left_out
 from exunet.verification.shipped import shipped
@@ -115,9 +105,9 @@ class Ladder:
         count = 30 if self._quick else 300
         yield Step(1, f"{count} random nets", partial(topology.random_topologies, count))
         for case in self._forms():
-            yield Step(2, case.name, partial(forces.forces, case))
+            yield Step(2, case.name, partial(at_states.forces, case))
         for case in self._same_nets():  # what is measured at a state is the same in all forms
-            yield Step(2, case.name, partial(measures.measures, case))
+            yield Step(2, case.name, partial(at_states.measures, case))
         for case in self._forms():
             yield Step(3, case.name, partial(matrices.matrices, case))
         for case in self._forms(in_time=True):

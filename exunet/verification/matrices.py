@@ -10,18 +10,9 @@ from numpy.typing import NDArray
 import reference_impl as reference
 from exunet.methods.method import NetForm
 from exunet.studies.both_codes import BothCodes
+from exunet.verification import tolerances as tol
 from exunet.verification.check import Check, difference, left_out, worst_of
 from exunet.verification.states import HALF_SLACK, NO_HALF_SLACK, smooth_states
-from exunet.verification.tolerances import (
-    DAMPING,
-    DIFFERENCED,
-    EXACT_STIFFNESS,
-    MASS,
-    RESOLVED,
-    SECANT_FORCE,
-    SECANT_SYMMETRY,
-    STIFFNESS,
-)
 from reference_impl import forces as formulas
 
 Floats = NDArray[np.float64]
@@ -44,16 +35,16 @@ def matrices(case: BothCodes) -> Iterator[Check]:
         yield left_out("matrices", f"dense, for up to {MOST_NODES} nodes, not {net.n_nodes}")
         return
     probe, system = case.probe(), case.theirs.system
-    yield difference("mass matrix", probe.mass(), np.diag(_masses(case)), MASS, ENTRY)
+    yield difference("mass matrix", probe.mass(), np.diag(_masses(case)), tol.MASS, ENTRY)
     found: dict[str, list[Check]] = {}
     others = sorted(case.effects - WITH_FORMULAS)
     how = f" by differences ({', '.join(others)})" if others else ""
     numerical = case.start.scene.engine.net != NetForm.FUSED  # the engine differentiates connectors
     viscous = numerical and not case.effects.isdisjoint(DIFFERENTIATED)
-    exact = DIFFERENCED if others else EXACT_STIFFNESS
-    of_stiffness = STIFFNESS if numerical else exact
-    of_damping = STIFFNESS if viscous else DIFFERENCED if others else DAMPING
-    least = RESOLVED.value * float((net.youngs_modulus * net.area).max()) if viscous else 0.0
+    exact = tol.DIFFERENCED if others else tol.EXACT_STIFFNESS
+    of_stiffness = tol.STIFFNESS if numerical else exact
+    of_damping = tol.STIFFNESS if viscous else tol.DIFFERENCED if others else tol.DAMPING
+    least = tol.RESOLVED.value * float((net.youngs_modulus * net.area).max()) if viscous else 0.0
     states = smooth_states(net, np.random.default_rng(SEED))
     if HALF_SLACK not in states:
         yield left_out(f"matrices, {HALF_SLACK}", NO_HALF_SLACK)
@@ -67,14 +58,14 @@ def matrices(case: BothCodes) -> Iterator[Check]:
         compared = [
             (f"tangent stiffness{how}", probe.stiffness(position, at_rest), tangent, of_stiffness, 0.0),
             (f"damping matrix{how}", probe.damping(position, at_rest), damping, of_damping, least),
-            ("secant stiffness, S - S^T", secant, secant.T, SECANT_SYMMETRY, 0.0),
+            ("secant stiffness, S - S^T", secant, secant.T, tol.SECANT_SYMMETRY, 0.0),
         ]
         if not others:
             pull = secant @ there.ravel()
             felt = case.to_reference(probe.accelerations(position, at_rest) - _gravity(case)).ravel()
             force = -np.repeat(case.theirs.net.mass, 3) * felt
             force[held] = pull[held]  # the engine's fixed points feel nothing
-            compared.append(("forces against S(x) x", force, pull, SECANT_FORCE, 0.0))
+            compared.append(("forces against S(x) x", force, pull, tol.SECANT_FORCE, 0.0))
         for name, a, b, allowed, floor in compared:
             found.setdefault(name, []).append(difference(kind, a, b, allowed, ENTRY[: a.ndim], least=floor))
     for name, checks in found.items():

@@ -105,12 +105,7 @@ class Report:
             "the table of tolerances below, with its reason."
         )
         yield from (f"# {self.title}", "")
-        for words in (
-            f"**{self.verdict}**",
-            *self.opening,
-            holding,
-            f"{made}, {programs}, {python}.",
-        ):
+        for words in (f"**{self.verdict}**", *self.opening, holding, f"{made}, {programs}, {python}."):
             yield from (words, "")
         if not self.holds:
             yield from ("## What fails", "")

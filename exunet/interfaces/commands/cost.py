@@ -18,13 +18,12 @@ from exunet.figures.style import drawing
 from exunet.interfaces.commands.table import print_table, status
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of
-from exunet.studies.cost.after_horizon import measure_rows
 from exunet.studies.cost.converged import INSTANTS, Converged, converge
 from exunet.studies.cost.figure import work_precision
 from exunet.studies.cost.runners import Subject
 from exunet.studies.cost.settings import base
 from exunet.studies.cost.study import Study, all_rungs, climb
-from exunet.studies.cost.table import answer_rows, write_csv
+from exunet.studies.cost.table import answer_rows, measure_rows, write_csv
 
 INTERRUPTED = 130
 FILES = TABLE, FIGURE, WORDS = "cost.csv", "work_precision.png", "cost.md"

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from exunet.figures.style import drawing
 from exunet.interfaces.commands.table import status
-from exunet.verification import gallery, hard
+from exunet.verification import hard
 from exunet.verification.ladder import RUNGS, Ladder, Step, read_cases
 from exunet.verification.report import Report
 
@@ -44,7 +44,7 @@ def verify(paths: Sequence[Path], folder: Path, *, quick: bool) -> int:
 def verify_hard(folder: Path, *, quick: bool) -> int:
     """Run the gallery of hard cases, write hard.md; exit codes and errors as in `verify`."""
     forms = "In the compiled loop only." if quick else "In every form of the engine, and in the reference."
-    report = Report("Hard cases of exunet", "hard.md", gallery.ITEMS, (forms,), tolerances="HARD")
+    report = Report("Hard cases of exunet", "hard.md", hard.ITEMS, (forms,), tolerances="HARD")
     return _follow(report, hard.steps(quick=quick), folder)
 
 

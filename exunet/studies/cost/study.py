@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import get_args
 
 import numpy as np
 
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.studies.cost.converged import Converged
-from exunet.studies.cost.measure import Measures
-from exunet.studies.cost.runners import Subject, Trial, Work, run
-from exunet.studies.cost.settings import Code, Setting, ladders
+from exunet.studies.cost.runners import Measures, Subject, Trial, Work, run
+from exunet.studies.cost.settings import Setting, ladders
 from exunet.system.stability import largest_damping_rate, largest_frequency, step_limit
 from reference_impl.march import METHODS as REFERENCE_METHODS
 from reference_impl.march import unsupported
@@ -22,7 +20,7 @@ from reference_impl.march import unsupported
 REPEATS = 3
 _WARM_UP = 1e-3  # of the run: compiles what is to be compiled
 _FIRST_GUESS = 1e-5  # [s] a right-hand side, before any is measured
-_ADAPTIVE = 5000.0  # right-hand sides
+_ADAPTIVE = 800.0  # right-hand sides at a tolerance of 1: some 5000 at 1e-4
 _NEXT = 1.6  # an adaptive run at the next decade of tolerance costs at most this much more
 
 Say = Callable[[str], None]
@@ -103,74 +101,51 @@ def climb(
     ladder, and says so. What remains of the budget repeats all successful runs, interleaved. Ctrl-C ends the
     study and marks it.
     """
+    rates: dict[str, float] = {}  # [s] a right-hand side, by name of the setting and by code
+
+    def expected(setting: Setting) -> float:
+        """Wall time [s], from the last run of its name, else from one of its code."""
+        rate = rates.get(setting.name, rates.get(setting.code, _FIRST_GUESS))
+        return rate * _right_hand_sides(setting, subject.end)
+
+    def measure(setting: Setting) -> None:
+        say(f"{setting.name}, {setting.value}")
+        if not any(entry.setting.name == setting.name for entry in study.entries):
+            run(subject, setting, subject.end * _WARM_UP)
+        entry = _entry(setting, run(subject, setting), study.converged, subject)
+        study.entries.append(entry)
+        rates[setting.name] = entry.median / _right_hand_sides(setting, subject.end)
+        if entry.work is not None and entry.work.right_hand_sides:
+            rates[setting.code] = entry.median / entry.work.right_hand_sides
+
     try:
         for setting in base:
-            _try(study, subject, setting, say)
-        _first_round(study, subject, [rest for rest in rungs if list(rest) != list(base)], left, say)
-        _repeats(study, subject, left, say)
+            measure(setting)
+        waiting = [list(rung) for rung in rungs if rung and list(rung) != list(base)]
+        while waiting:
+            waiting.sort(key=lambda rung: expected(rung[0]))
+            rung, budget = waiting[0], max(left(), 0.0)
+            if budget == 0.0 or expected(rung[0]) > budget:
+                for setting in waiting.pop(0):
+                    words = f"some {expected(setting):.2g} s expected, {budget:.2g} s of the budget left"
+                    study.entries.append(Entry(setting, reason=f"left out: {words}"))
+                continue
+            measure(rung.pop(0))
+            if not rung:
+                waiting.pop(0)
+        for number in range(2, REPEATS + 1):
+            for entry in study.measured:
+                if entry.median <= left():
+                    say(f"repeat {number} of {entry.setting.name}, {entry.setting.value}")
+                    entry.seconds.append(run(subject, entry.setting).seconds)
     except KeyboardInterrupt:
         study.interrupted = True
 
 
-def _try(study: Study, subject: Subject, setting: Setting, say: Say) -> Entry:
-    say(f"{setting.name}, {setting.value}")
-    if _unknown(study, setting):
-        run(subject, setting, subject.end * _WARM_UP)
-    entry = _entry(setting, run(subject, setting), study.converged, subject)
-    study.entries.append(entry)
-    return entry
-
-
-def _first_round(
-    study: Study, subject: Subject, rungs: Sequence[Sequence[Setting]], left: Callable[[], float], say: Say
-) -> None:
-    rate: dict[Code, float] = dict.fromkeys(get_args(Code), _FIRST_GUESS)
-    for entry in study.measured:
-        _learn(rate, entry)
-    waiting = [(_work(rest[0], subject.end) * rate[rest[0].code], list(rest)) for rest in rungs if rest]
-    while waiting:
-        waiting.sort(key=lambda one: one[0])
-        expected, ladder = waiting.pop(0)
-        if expected > left() or left() <= 0.0:
-            study.entries += _left_out(ladder, expected, max(left(), 0.0))
-            continue
-        entry = _try(study, subject, ladder.pop(0), say)
-        if _learn(rate, entry):
-            waiting = [
-                (_work(rest[0], subject.end) * rate[rest[0].code] if _unknown(study, rest[0]) else time, rest)
-                for time, rest in waiting
-            ]
-        if ladder:
-            waiting.append((entry.median * _growth(entry.setting, ladder[0]), ladder))
-
-
-def _learn(rate: dict[Code, float], entry: Entry) -> bool:
-    """Note what a right-hand side costs [s]; False if the entry does not tell."""
-    if entry.work is None or not entry.work.right_hand_sides:
-        return False
-    rate[entry.setting.code] = entry.median / entry.work.right_hand_sides
-    return True
-
-
-def _left_out(ladder: Sequence[Setting], expected: float, left: float) -> Iterator[Entry]:
-    """Entries of what is left out; `expected` is the time of the first [s]."""
-    before = ladder[0]
-    for setting in ladder:
-        expected *= _growth(before, setting) if setting is not before else 1.0
-        words = f"left out: some {expected:.2g} s expected, {left:.2g} s of the budget left"
-        yield Entry(setting, reason=words)
-        before = setting
-
-
-def _unknown(study: Study, setting: Setting) -> bool:
-    """True if no setting of this method and code has run."""
-    return not any(entry.setting.name == setting.name for entry in study.entries)
-
-
-def _work(setting: Setting, end: float) -> float:
-    """Right-hand sides to expect of a first rung; of an adaptive method, a few thousand."""
+def _right_hand_sides(setting: Setting, end: float) -> float:
+    """How many to expect; of an adaptive method a few thousand, more with each decade of its tolerance."""
     if setting.step is None:
-        return _ADAPTIVE
+        return _ADAPTIVE * _NEXT ** -math.log10(setting.size)
     stages = METHODS[Method(setting.method)].stages if setting.method in METHODS else 4
     return stages * end / setting.step
 
@@ -183,22 +158,6 @@ def _entry(setting: Setting, trial: Trial, converged: Converged, subject: Subjec
         gaps = np.abs(trial.measures.speeds - converged.speeds)
         entry.speed_error = float(gaps.max()) / subject.speed
     return entry
-
-
-def _growth(setting: Setting, following: Setting) -> float:
-    """Expected time of the next rung over that of this one."""
-    if following.step is not None and setting.step is not None:
-        return setting.step / following.step
-    return _NEXT
-
-
-def _repeats(study: Study, subject: Subject, left: Callable[[], float], say: Say) -> None:
-    for number in range(2, REPEATS + 1):
-        for entry in study.measured:
-            if entry.median > left():
-                continue
-            say(f"repeat {number} of {entry.setting.name}, {entry.setting.value}")
-            entry.seconds.append(run(subject, entry.setting).seconds)
 
 
 def all_rungs(subject: Subject, *, compiled: bool) -> list[list[Setting]]:

@@ -1,15 +1,16 @@
-"""The study as rows: Pareto front, cheapest setting for each error, CSV."""
+"""The study as rows: Pareto front, cheapest setting for each error, measures of deployment, CSV."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from exunet.base.files import replacing
-from exunet.studies.cost.measure import four
+from exunet.studies.cost.runners import FOUR, four
 from exunet.studies.cost.study import Entry, Study
 
+_ROUND_OFF = 1e-9  # in the units of the measures of deployment
 LEVELS = tuple(10.0**-k for k in range(2, 9))
 _RESOLVED = 3.0  # an error must be this many times the converged solution's own uncertainty to be told
 
@@ -100,40 +101,83 @@ def seconds(entry: Entry) -> str:
     return digits if entry.noise is None else f"{digits} ± {entry.noise:.0%}"
 
 
-COLUMNS = (
-    "code", "method", "tolerance", "step_s", "speed_error", "energy_error", "momentum_error",
-    "largest_area", "time_of_largest_s", "distance_m", "time_above_80_s",
-    "seconds", "noise", "repeats", "steps", "rejected_steps", "right_hand_sides", "newton_iterations",
-    "pareto", "outcome",
-)  # fmt: skip
-
-
 def write_csv(study: Study, path: Path) -> None:
     """All entries, one row each; empty cells where nothing was measured."""
     front = pareto(study)
+    rows = [_cells(study, entry) | {"pareto": "yes" if entry in front else ""} for entry in study.entries]
     with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        writer.writerows(_cells(study, entry, entry in front) for entry in study.entries)
+        writer = csv.DictWriter(file, list(rows[0]) if rows else [])
+        writer.writeheader()
+        writer.writerows(rows)
 
 
-def _cells(study: Study, entry: Entry, on_front: bool) -> Sequence[object]:
+def _cells(study: Study, entry: Entry) -> dict[str, object]:
     setting, found, work = entry.setting, entry.measures, entry.work
-    measures: Sequence[object] = ("",) * 7
-    if found is not None:
-        speed = f"{study.error(entry):.3e}" if study.converged.predicts else ""
-        momentum = "" if found.momentum is None else f"{found.momentum:.3e}"
-        opening = [f"{value:.8g}" for value in four(found.deployment)] if found.deployment else [""] * 4
-        measures = (speed, f"{found.energy:.3e}", momentum, *opening)
-    noise = "" if entry.noise is None else f"{entry.noise:.3f}"
-    return (
-        setting.code,
-        setting.method,
-        "" if setting.tolerance is None else f"{setting.tolerance:g}",
-        "" if setting.step is None else f"{setting.step:.6g}",
-        *measures,
-        *((f"{entry.median:.6g}", noise, len(entry.seconds)) if entry.seconds else ("", "", 0)),
-        *((work.steps, work.rejected, work.right_hand_sides, work.newton) if work else [""] * 4),
-        "yes" if on_front else "",
-        entry.reason or "ran",
-    )
+    opening = four(found.deployment) if found and found.deployment else ("",) * 4
+    names = "largest_area", "time_of_largest_s", "distance_m", "time_above_80_s"
+    return {
+        "code": setting.code,
+        "method": setting.method,
+        "tolerance": setting.tolerance or "",
+        "step_s": _digits(setting.step, "6g"),
+        "speed_error": f"{study.error(entry):.3e}" if found and study.converged.predicts else "",
+        "energy_error": _digits(found.energy if found else None, "3e"),
+        "momentum_error": _digits(found.momentum if found else None, "3e"),
+        **dict(zip(names, opening, strict=True)),
+        "seconds": _digits(entry.median if entry.seconds else None, "6g"),
+        "noise": _digits(entry.noise, "3f"),
+        "repeats": len(entry.seconds),
+        "steps": work.steps if work else "",
+        "rejected_steps": work.rejected if work else "",
+        "right_hand_sides": work.right_hand_sides if work else "",
+        "newton_iterations": work.newton if work else "",
+        "outcome": entry.reason or "ran",
+    }
+
+
+def _digits(value: float | None, digits: str) -> str:
+    return "" if value is None else f"{value:.{digits}}"
+
+
+def spread(study: Study) -> list[tuple[float, float]]:
+    """Least and largest of each measure among the converged solutions; empty without a mouth."""
+    found = [four(one) for one in study.converged.deployments]
+    return [(min(column), max(column)) for column in zip(*found, strict=True)]
+
+
+def measure_rows(study: Study) -> list[tuple[str, str]]:
+    """Rows (name, value): the spread of each measure; the measures of what is on the front or not ranked."""
+    bounds = spread(study)
+    if not bounds:
+        return []
+    number = len(study.converged.deployments)
+    rows = [
+        (name, f"{_shown(low)} to {_shown(high)} {unit}, of {number} converged solutions")
+        for (name, unit), (low, high) in zip(FOUR, bounds, strict=True)
+    ]
+    # That one of n + 1 equal draws is the least or the largest.
+    often = f"{2 / (number + 1):.0%}"
+    rows.append(("(outside)", f"not between these, as each measure of a further good run is in some {often}"))
+    front = pareto(study)
+    unranked = [entry for entry in study.measured if entry not in study.ranked]
+    rows += [("on the front", _words(entry, bounds)) for entry in front]
+    rows += [("not ranked", f"{_words(entry, bounds)}; conserves energy at any step") for entry in unranked]
+    return rows
+
+
+def _words(entry: Entry, bounds: list[tuple[float, float]]) -> str:
+    assert entry.measures is not None
+    head = f"{entry.setting.name}, {entry.setting.value}: "
+    if entry.measures.deployment is None:
+        return head + "no measures"
+    return head + ", ".join(_against(four(entry.measures.deployment), bounds))
+
+
+def _against(found: tuple[float, ...], bounds: list[tuple[float, float]]) -> Iterator[str]:
+    for (name, unit), value, (low, high) in zip(FOUR, found, bounds, strict=True):
+        inside = low - _ROUND_OFF <= value <= high + _ROUND_OFF
+        yield f"{name} {_shown(value)} {unit}" + ("" if inside else " (outside)")
+
+
+def _shown(value: float) -> str:
+    return f"{value if abs(value) > _ROUND_OFF else 0.0:.4g}"

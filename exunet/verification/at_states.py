@@ -1,4 +1,4 @@
-"""Rung 2: energies, momenta, strains and tensions as results tell them, of both codes at random states."""
+"""Rung 2: both codes at the same random states: accelerations, energies, momenta, strains, tensions."""
 
 from __future__ import annotations
 
@@ -7,28 +7,47 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+import reference_impl as reference
 from exunet.bodies.rigid import RigidStates
 from exunet.studies.both_codes import BothCodes
 from exunet.system.states import States
 from exunet.verification.check import Check, difference, worst_of
 from exunet.verification.states import KINDS, random_states
-from exunet.verification.tolerances import MEASURES
-from reference_impl import energy as theirs
+from exunet.verification.tolerances import FORCES, MEASURES
+from reference_impl import energy as their_energy
 from reference_impl import forces as formulas
 
 Floats = NDArray[np.float64]
 
-SEED = 20210620
-STATES_OF_A_KIND = 20  # six kinds: 120 states a case
+SEED, SEED_OF_MEASURES = 20210614, 20210620
+STATES, MEASURED = 200, 20  # of each of six kinds: 1200 and 120 states a case
 
 
-def measures(case: BothCodes, states_of_a_kind: int = STATES_OF_A_KIND) -> Iterator[Check]:
+def forces(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
+    """The kind of state that differs most: largest difference over the largest acceleration of that kind."""
+    name = f"accelerations, {states_of_a_kind * len(KINDS)} random states"
+    yield worst_of(name, _kinds(case, states_of_a_kind))
+
+
+def _kinds(case: BothCodes, states_of_a_kind: int) -> Iterator[Check]:
+    probe, net, random = case.probe(), case.start.net, np.random.default_rng(SEED)
+    for kind in KINDS:
+        ours, others = [], []
+        for position, velocity in random_states(net, kind, states_of_a_kind, random):
+            position[net.fixed_nodes], velocity[net.fixed_nodes] = case.start.position[net.fixed_nodes], 0.0
+            ours.append(probe.accelerations(position, velocity))
+            state = case.to_reference(position), case.to_reference(velocity)
+            others.append(case.from_reference(reference.acceleration(case.theirs.system, 0.0, *state)))
+        yield difference(kind, np.array(ours), np.array(others), FORCES, ("state", "node", "xyz"), "m/s2")
+
+
+def measures(case: BothCodes, states_of_a_kind: int = MEASURED) -> Iterator[Check]:
     """Energies, momenta, strains and tensions: a row for each, of the kind of state that differs most.
 
     The states are those of `random_states`, moved as a whole, the first of each kind at rest. Differences are
     parts of the largest value among the states of a kind.
     """
-    net, random = case.start.net, np.random.default_rng(SEED)
+    net, random = case.start.net, np.random.default_rng(SEED_OF_MEASURES)
     found: dict[str, list[Check]] = {}
     for kind in KINDS:
         states = random_states(net, kind, states_of_a_kind, random)
@@ -56,13 +75,13 @@ def _quantities(case: BothCodes, ours: States) -> Iterator[tuple[str, str, Float
     """Name, unit, and the values (states, ...) of exunet and of the reference."""
     system, elements = case.theirs.system, case.reference_elements
     x, v = case.to_reference(ours.position), case.to_reference(ours.velocity)
-    yield "kinetic energy", "J", ours.kinetic, theirs.kinetic(system, v)
-    yield "elastic energy", "J", ours.elastic, theirs.elastic(system, x)
-    potential = theirs.potential(system, x)
+    yield "kinetic energy", "J", ours.kinetic, their_energy.kinetic(system, v)
+    yield "elastic energy", "J", ours.elastic, their_energy.elastic(system, x)
+    potential = their_energy.potential(system, x)
     if ours.potential.any() or potential.any():  # few cases have one
         yield "potential energy", "J", ours.potential, potential
-    yield "momentum", "kg m/s", ours.momentum, theirs.momentum(system, v)
-    yield "angular momentum", "kg m2/s", ours.angular_momentum, theirs.angular_momentum(system, x, v)
+    yield "momentum", "kg m/s", ours.momentum, their_energy.momentum(system, v)
+    yield "angular momentum", "kg m2/s", ours.angular_momentum, their_energy.angular_momentum(system, x, v)
     yield "strain", "", ours.strain, formulas.strain(system, x)[:, elements]
     # The reference tells the elastic tension; with a viscous one beside it the two are the same at rest.
     resting = ~ours.velocity.any(axis=(1, 2)) | ("material_damping" not in case.effects)

@@ -1,0 +1,206 @@
+"""Motions with a known course or end: a snap, a hanging cable, a pendulum, a spinning pair, a free net."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import quad
+from scipy.optimize import brentq, root
+
+from exunet.case.stored_times import stored_times
+from exunet.forces import cable
+from exunet.net.arrays import Net
+from exunet.studies.both_codes import BothCodes
+from exunet.system import energy
+from exunet.verification import tolerances as tol
+from exunet.verification.answers.both import CODES, against, best, in_steps
+from exunet.verification.answers.linear import frequency
+from exunet.verification.check import Check
+from exunet.verification.tolerances import Tolerance
+from reference_impl import forces as formulas
+
+Floats = NDArray[np.float64]
+
+REFERENCE = CODES[1]
+
+
+@dataclass(frozen=True)
+class Known:
+    """Largest strain, peak force [N] and contact time [s] of a snap."""
+
+    strain: float
+    force: float
+    contact_time: float
+
+
+def known_snap(axial_stiffness: float, length: float, reduced_mass: float, speed: float) -> Known:
+    """EA [N], L0 [m], mu [kg], closing speed v [m/s].
+
+    Energy: mu v^2 / 2 = EA L0 E11^2 / 2. With E11 = E11max sin(s), the time is the integral of
+    L0 E11max / (v lambda) over s from 0 to pi, lambda = sqrt(1 + 2 E11).
+    """
+    strain = speed * math.sqrt(reduced_mass / (axial_stiffness * length))
+    quarter, _ = quad(
+        lambda s: 1.0 / math.sqrt(1.0 + 2.0 * strain * math.sin(s)), 0.0, math.pi / 2, epsrel=1e-13
+    )
+    return Known(
+        strain,
+        axial_stiffness * strain * math.sqrt(1.0 + 2.0 * strain),
+        2.0 * length * strain / speed * quarter,
+    )
+
+
+def snap(case: BothCodes) -> Iterator[Check]:
+    """The peak at half the contact time; contact time and rebound from the slack flight afterwards."""
+    net = case.start.net
+    speed = float(np.linalg.norm(case.start.velocity[1] - case.start.velocity[0]))
+    mass = float(1.0 / (1.0 / net.mass).sum())
+    length = float(net.reference_length[0])
+    known = known_snap(float(net.axial_stiffness[0]), length, mass, speed)
+    end = case.start.scene.time.end
+    for code, motion in best(case, np.array([0.0, known.contact_time / 2, end])):
+        span, strain, force = _by_code(case, code, motion.position)
+        rebound = float(np.linalg.norm(motion.velocity[2, 1] - motion.velocity[2, 0]))
+        contact = end - (length - span[2]) / rebound
+        yield against(f"largest strain, {code}", strain[1], known.strain, tol.SNAP, "")
+        yield against(f"peak force, {code}", force[1], known.force, tol.SNAP, "N")
+        yield against(f"contact time, {code}", contact, known.contact_time, tol.SNAP, "s")
+        yield against(f"rebound speed, {code}", rebound, speed, tol.SNAP, "m/s")
+
+
+def _by_code(case: BothCodes, code: str, position: Floats) -> tuple[Floats, Floats, Floats]:
+    """Length [m], strain and tension [N] of the cable (t,), each code's motion by its own formulas."""
+    if code == REFERENCE:
+        system, x = case.theirs.system, case.to_reference(position)
+        length, strain = formulas.length(system, x), formulas.strain(system, x)
+        return length[:, 0], strain[:, 0], formulas.tension(system, x)[:, 0]
+    net = case.start.net
+    length = cable.lengths(net, position)
+    strain = cable.green_lagrange_strain(length, net.reference_length)
+    tension = cable.element_tension(
+        net, case.start.system.forces.cable.law, position, np.zeros_like(position)
+    )
+    return length[:, 0], strain[:, 0], tension[:, 0]
+
+
+def hanging_chain(net: Net, weight: Floats, span: float) -> Floats:
+    """(n, 2) places [m] (along, upwards) of a chain of elements between supports `span` apart at one height.
+
+    weight : (n,) of each node [N]. Statics alone: the horizontal force H and the vertical one V at the first
+    support determine the force in each element, eqs. (3), (8) its length; H and V are those that end the
+    chain at the second support.
+    """
+    stiffness, lengths = net.axial_stiffness, net.reference_length
+
+    def shape(forces: Floats) -> Floats:
+        horizontal, vertical = forces
+        places = [np.zeros(2)]
+        for k, length in enumerate(lengths):
+            pull = float(np.hypot(horizontal, vertical))
+            direction = np.array([horizontal, -vertical]) / pull
+            places.append(places[-1] + direction * length * _stretch(pull / float(stiffness[k])))
+            vertical -= weight[k + 1]
+        return np.array(places)
+
+    half = float(weight[1:-1].sum()) / 2
+    target = np.array([span, 0.0])
+    found = root(lambda forces: shape(forces)[-1] - target, [half, half], tol=1e-14)
+    return shape(found.x)
+
+
+def _stretch(force: float) -> float:
+    """Stretch at which an element of unit EA pulls with `force`: (s^2 - 1) s / 2 = force."""
+    return float(brentq(lambda s: 0.5 * (s * s - 1.0) * s - force, 1.0, 2.0 + 2.0 * force, xtol=1e-15))
+
+
+def hanging(case: BothCodes) -> Iterator[Check]:
+    """Places of the nodes after the cable has come to rest."""
+    net = case.start.net
+    ends = case.start.position[net.fixed_nodes]
+    span = float(np.linalg.norm(ends[1] - ends[0]))
+    gravity = float(np.linalg.norm(case.start.scene.effects.model_dump()["gravity"]["acceleration"]))
+    known = hanging_chain(net, gravity * net.mass, span) + ends[0][[0, 2]]
+    size = float(net.reference_length.sum())
+    for code, motion in in_steps(case, np.array([0.0, case.start.scene.time.end]), 1 / 2):
+        gap = np.linalg.norm(motion.position[1][:, [0, 2]] - known, axis=1)
+        node = int(np.argmax(gap))
+        x, z = motion.position[1, node, [0, 2]]
+        words = (
+            f"node {node}: ({x:.10g}, {z:.10g}) m, known: ({known[node, 0]:.10g}, {known[node, 1]:.10g}) m"
+        )
+        yield Check(
+            f"shape at rest, {code}: off by part of length", float(gap[node]) / size, tol.HANGING, words
+        )
+
+
+def pendulum(case: BothCodes) -> Iterator[Check]:
+    """Frequency sqrt(g / l) (1 - a^2 / 16) of a pendulum of (stretched) length l and amplitude a."""
+    place = case.start.position[1]
+    length, amplitude = float(np.linalg.norm(place)), math.atan2(place[0], -place[2])
+    gravity = float(np.linalg.norm(case.start.scene.effects.model_dump()["gravity"]["acceleration"]))
+    known = math.sqrt(gravity / length) * (1.0 - amplitude**2 / 16.0)
+    end = case.start.scene.time.end
+    for code, motion in best(case, np.array([0.0, end])):
+        (x, _, z), (vx, _, vz) = motion.position[1, 1], motion.velocity[1, 1]
+        rate = (z * vx - x * vz) / -(x * x + z * z)
+        found = frequency(math.atan2(x, -z), rate, amplitude, end, known)
+        yield against(f"frequency, {code}", found, known, tol.PENDULUM, "rad/s")
+
+
+def braking(case: BothCodes) -> Iterator[Check]:
+    """Angular momentum that beta T(reference) takes from a rigid rotation by the angle a.
+
+    The cable lies along x at first, so eq. (13) damps the relative velocity along x for ever, with beta k,
+    k = EA / L0. At the distance l the relative velocity along x is -w l sin(a), the torque
+    -beta k w l^2 sin(a)^2, and over the angle the loss is beta k l^2 (a / 2 - sin(2 a) / 4). An
+    objective damping would take nothing.
+    """
+    net = case.start.net
+    stiffness = float(net.axial_stiffness[0] / net.reference_length[0])
+    beta = case.start.scene.effects.model_dump()["rayleigh_damping"]["beta"]
+    length = float(np.linalg.norm(case.start.position[1] - case.start.position[0]))
+    times = np.linspace(0.0, case.start.scene.time.end, 61)
+    for code, motion in best(case, times):
+        span = motion.position[:, 1] - motion.position[:, 0]
+        angle = float(np.unwrap(np.arctan2(span[:, 1], span[:, 0]))[-1])
+        spin = energy.angular_momentum(net.mass, motion.position, motion.velocity)[:, 2]
+        known = beta * stiffness * length**2 * (angle / 2 - math.sin(2 * angle) / 4)
+        found = float(spin[0] - spin[-1])
+        yield against(f"momentum taken by damping, {code}", found, known, tol.BRAKING, "kg m2/s")
+        words = (
+            f"of {spin[0]:.6g} kg m2/s in {angle / (2 * math.pi):.3f} turns; an objective damping takes none"
+        )
+        yield Check(f"part of the rotation lost, {code}", found / float(spin[0]), None, words)
+
+
+def free_net(case: BothCodes) -> Iterator[Check]:
+    """Largest change of each over the stored times."""
+    net = case.start.net
+    shares = net.mass[:, None] * case.start.velocity
+    turning = np.cross(case.start.position, shares)
+    for code, motion in best(case, stored_times(case.start.scene.time)):
+        total = energy.kinetic(net.mass, motion.velocity)
+        total = total + energy.elastic(case.start.system.forces, motion.position)
+        kept: tuple[tuple[str, np.ndarray, float, Tolerance], ...] = (
+            ("momentum", energy.momentum(net.mass, motion.velocity), _size(shares), tol.MOMENTUM),
+            (
+                "angular momentum",
+                energy.angular_momentum(net.mass, motion.position, motion.velocity),
+                _size(turning),
+                tol.ANGULAR,
+            ),
+            ("energy", total[:, None], float(total[0]), tol.ENERGY),
+        )
+        for name, values, scale, allowed in kept:
+            change = np.linalg.norm(values - values[0], axis=1)
+            at = int(np.argmax(change))
+            words = f"t = {motion.time[at]:.4g} s: {values[at]} at first: {values[0]}"
+            yield Check(f"{name}, {code}: relative change", float(change[at]) / scale, allowed, words)
+
+
+def _size(shares: np.ndarray) -> float:
+    return float(np.linalg.norm(shares, axis=1).sum())
