@@ -75,7 +75,7 @@ def run_command(
     ] = False,
     checkpoint_every: Annotated[
         float | None,
-        typer.Option(help="simulated time between two checkpoints [s]", metavar="SECONDS", min=0.0),
+        typer.Option(help="simulated time between two checkpoints [s]", metavar="SECONDS"),
     ] = None,
 ) -> None:
     """Simulate a case; write result.h5, figures and summary.json into results/CASE/."""
@@ -95,7 +95,7 @@ def resume_command(
         Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=_path)
     ],
 ) -> None:
-    """Go on with a run that was killed, from its last checkpoint; the result is the same to the last bit."""
+    """Continue a run that was killed, from its last checkpoint; the result is the same to the last bit."""
     from exunet.interfaces.commands.run import resume_run
 
     if stopped := resume_run(folder):

@@ -15,13 +15,14 @@ from exunet.base.errors import InputError, RunStopped
 from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case, parse_case
 from exunet.case.scene import Scene
+from exunet.methods.method import METHODS, TimeLoop
 from exunet.results.reading import RESULT_FILE, STORE_FOLDER, load_result
 from exunet.results.result import Result
 from exunet.results.segments import SegmentStore
 from exunet.results.writing import join
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.recorder import Recorder, columns_of, mass_properties
-from exunet.simulation.simulation import Simulation
+from exunet.simulation.simulation import Simulation, cannot_restart
 from exunet.simulation.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
@@ -116,6 +117,7 @@ def run_into(
     start: Start | None = None,
     progress: Progress | None = None,
     checkpoint_every: float | None = None,
+    begun: Callable[[], None] | None = None,
 ) -> Result:
     """Run a case and leave `result.h5` in a folder, which exists; memory is bounded, whatever is stored.
 
@@ -123,12 +125,16 @@ def run_into(
     on if the process dies.
 
     checkpoint_every : [s] of simulated time between two checkpoints, which are made at stored times; None:
-                       one every 30 s of wall time, where the method can go on exactly
+                       one every 30 s of wall time, where the method can restart exactly
+    begun            : called once nothing stands in the way of the run, before its first step
     Raises as `run` (the part of a run that stopped is in `result.h5`), and InputError if files cannot be
     written.
     """
     start = prepare_case(case) if start is None else start
+    _refuse_checkpoints(start, checkpoint_every)
     simulation, recorder, files = _begun(Path(folder), case, start, checkpoint_every)
+    if begun is not None:
+        begun()
     return _into(Path(folder), simulation, recorder, files, progress)
 
 
@@ -162,19 +168,25 @@ def resume(folder: str | Path, progress: Progress | None = None) -> Result:
     return _into(folder, simulation, recorder, files, progress)
 
 
+def _refuse_checkpoints(start: Start, every: float | None) -> None:
+    """Raise InputError for a time between checkpoints that is none, or a method that cannot restart."""
+    if every is None:
+        return
+    if not (np.isfinite(every) and every > 0.0):
+        raise InputError(f"checkpoints: the time between them must be positive and finite, got {every:g} s")
+    if not METHODS[start.plan.method].restarts_exactly(TimeLoop(start.scene.engine.loop)):
+        raise InputError(f"checkpoints: {cannot_restart(start.plan.method)}")
+
+
 def _begun(
     folder: Path, case: Case, start: Start, checkpoint_every: float | None
 ) -> tuple[Simulation, Recorder, _Checkpoints]:
     story = provenance(case) | {"checkpoint_every": checkpoint_every}
     bodies = mass_properties(start.system)
-    if checkpoint_every is not None and not checkpoint_every > 0.0:
-        raise InputError(f"checkpoints: the time between them must be positive, got {checkpoint_every:g} s")
     store = SegmentStore.create(folder / STORE_FOLDER, columns_of(start.system), start.net, bodies, story)
     try:
         recorder = Recorder(start, provenance(case), store)
         simulation = Simulation(start, recorder=recorder)
-        if checkpoint_every is not None and not simulation.can_restart:
-            simulation.snapshot()  # which says why not
         return simulation, recorder, _Checkpoints(simulation, recorder, store, checkpoint_every)
     except BaseException:
         store.discard()

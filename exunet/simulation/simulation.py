@@ -18,6 +18,7 @@ from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.bodies.rigid import rotation_matrix
 from exunet.case.casefile import Case, load
 from exunet.case.scene import Scene
+from exunet.methods.method import Method
 from exunet.methods.plan import Plan
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start, prepare, prepare_case
@@ -294,10 +295,7 @@ class Simulation:
         exactly (see `can_restart`).
         """
         if not self.can_restart:
-            raise InputError(
-                f"snapshot: {self._plan.method} of Exudyn cannot go on exactly from a stored state; use an "
-                "explicit method such as DOPRI5, RK44 or VelocityVerlet"
-            )
+            raise InputError(f"snapshot: {cannot_restart(self._plan.method)}")
         header = {
             "time": self.time,
             "plan": _told(self._plan),
@@ -337,9 +335,7 @@ class Simulation:
     def reset(self) -> None:
         """Go back to the start; nothing is built or compiled again."""
         if self._first is None:
-            raise InputError(
-                f"reset: {self._plan.method} of Exudyn cannot go back exactly; make a new Simulation"
-            )
+            raise InputError(f"reset: {cannot_restart(self._plan.method)}, or make a new Simulation")
         self.restore(self._first)
 
     def spent(self) -> tuple[StepCounts, float]:
@@ -350,6 +346,14 @@ class Simulation:
     def monitor(self) -> Monitor:
         """The guards and books of this simulation."""
         return self._monitor
+
+
+def cannot_restart(method: Method) -> str:
+    """Why there are no snapshots with an implicit method of Exudyn, and what to use instead."""
+    return (
+        f"{method} of Exudyn cannot restart exactly from a stored state; "
+        "use an explicit method such as DOPRI5, RK44 or VelocityVerlet"
+    )
 
 
 _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")

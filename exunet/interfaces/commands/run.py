@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -14,8 +15,9 @@ from exunet.base.files import cannot_write, sweep
 from exunet.case.casefile import Case, parse_case
 from exunet.interfaces.commands.table import print_table
 from exunet.results.agreement import Agreement
-from exunet.results.reading import RESULT_FILE, STORE_FOLDER, load_result
+from exunet.results.reading import RESULT_FILE, STORE_FOLDER
 from exunet.results.result import Result
+from exunet.results.segments import Segments, is_store
 from exunet.results.summary import rows, summarise, write_summary
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.run import Progress, resume, run_into
@@ -49,19 +51,18 @@ def run_case(
         _ready(folder)
 
         def simulate(progress: Progress | None) -> Result:
-            _forget(folder)
-            return run_into(folder, case, start, progress, checkpoint_every)
+            return run_into(folder, case, start, progress, checkpoint_every, partial(_forget, folder))
 
         return _run(case, simulate, folder, check=check, estimate=estimate)
 
 
 def resume_run(folder: Path) -> ExunetError | None:
     """Go on with an unfinished run in a folder, and describe it as `run_case` does."""
-    unfinished = load_result(folder)
-    if unfinished.complete or not (folder / STORE_FOLDER).is_dir():
-        raise InputError(f"{folder}: there is no unfinished run in it")
-    story = unfinished.provenance
+    if not is_store(folder / STORE_FOLDER):
+        raise InputError(f"{folder}: there is no unfinished run in this folder")
+    story = Segments(folder / STORE_FOLDER).provenance
     case = parse_case(story["text"], Path(story["case"]), story["overrides"])
+    _ready(folder)
     return _run(case, lambda progress: resume(folder, progress), folder, check=False, estimate=False)
 
 
@@ -144,7 +145,7 @@ def _ready(folder: Path) -> None:
 
 
 def _forget(folder: Path) -> None:
-    """Remove an earlier result with its summary and figures, lest it pass for the one that is being made."""
+    """Remove an earlier result with its summary and figures, so that it is not taken for the new one."""
     for name in (RESULT_FILE, *DESCRIPTIONS):
         (folder / name).unlink(missing_ok=True)
 
