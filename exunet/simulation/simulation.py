@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import operator
 import time as clock
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,70 +16,21 @@ from numpy.typing import ArrayLike, NDArray
 from exunet.backends import integrator
 from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
 from exunet.base.errors import InputError, Interrupted, RunStopped
-from exunet.bodies.rigid import rotation_matrix
 from exunet.case.casefile import Case, load
 from exunet.case.scene import Scene
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start, prepare, prepare_case
+from exunet.simulation.readouts import BodyState, Energies, NetState
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.refinement import finer
 from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity
+from exunet.simulation.stops import Stops
 from exunet.system.states import States
 from exunet.system.system import State
 
 Floats = NDArray[np.float64]
-
-
-class Energies(NamedTuple):
-    """Energies at one instant [J]; dissipated: since the start, less what forces from outside put in."""
-
-    kinetic: float
-    elastic: float
-    potential: float
-    dissipated: float
-
-    @property
-    def total(self) -> float:
-        """Their sum, which stays what it was."""
-        return sum(self)
-
-
-@dataclass(frozen=True, eq=False)
-class NetState:
-    """The net at one instant; copies that stay what they are.
-
-    bullets            : (n_bullets,) nodes that carry a bullet
-    position, velocity : (n_nodes, 3) [m], [m/s]
-    strain, tension    : (n_elements,) Green-Lagrange strain, axial force [N]
-    """
-
-    bullets: NDArray[np.int64]
-    position: Floats
-    velocity: Floats
-    strain: Floats
-    tension: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class BodyState:
-    """A body at one instant; a point mass has no attitude.
-
-    position, velocity : (3,) of the centre of mass [m], [m/s]
-    attitude           : (4,) unit quaternion (w, x, y, z), from the body's axes to the scene's
-    rotation           : (3, 3) the same as a matrix
-    angular_velocity   : (3,) [rad/s], in the body's axes
-    """
-
-    position: Floats
-    velocity: Floats
-    attitude: Floats | None = None
-    angular_velocity: Floats | None = None
-
-    @property
-    def rotation(self) -> Floats | None:
-        return None if self.attitude is None else rotation_matrix(self.attitude)
 
 
 class Simulation:
@@ -109,6 +61,7 @@ class Simulation:
         self._plan = self._start.plan
         self._retries = self._start.scene.solver.retry
         self._pushed = np.zeros_like(self._start.position)
+        self._stops = Stops()
         state, envelope = self._start.state, None if recorder is None else recorder.envelope
         store = None if recorder is None else recorder.store
         self._monitor = Monitor(self._start.system, state, store=store, envelope=envelope)
@@ -202,8 +155,18 @@ class Simulation:
             raise InputError(
                 f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
             )
-        while not self.attempt(until):
-            pass
+        stops = self._stops
+        stops.add(until, self._pushed)
+        here = len(stops) - 1
+        try:
+            while here < len(stops):
+                time, force = stops[here]
+                self._act(force)
+                here = here + 1 if self.attempt(time) else stops.after(self.time)
+        except BaseException:
+            stops.forget_after(self.time)
+            raise
+        stops.forget_until(self._monitor.safe.time)
 
     def attempt(self, until: float) -> bool:
         """Go on to a time [s]; False if steps failed and the simulation went back to an earlier state.
@@ -271,19 +234,28 @@ class Simulation:
         Its work is in the energy book, as energy that is put in.
         """
         points = self._start.system.points
-        number = points.body.get(on) if isinstance(on, str) else int(on)
+        number = points.body.get(on) if isinstance(on, str) else _index(on)
         if number is None or not 0 <= number < points.n_points:
             names = ", ".join(points.body) or "none"
             words = f"nodes are 0 to {points.net.n_nodes - 1}, point masses: {names}"
             raise InputError(f"set_force: there is no node or point mass {on!r}: {words}")
-        vector = np.asarray(force, dtype=float)
+        try:
+            vector = np.asarray(force, dtype=float)
+        except (TypeError, ValueError):
+            vector = np.empty(0)
         if vector.shape != (3,) or not np.isfinite(vector).all():
             raise InputError(f"set_force: a force is three finite numbers, got {force!r}")
-        self._integrator.hand_over()
-        self._pushed = self._pushed.copy()
-        self._pushed[number] = vector
-        self._monitor.push(self._pushed)
-        self._integrator.push(self._pushed)
+        pushed = self._pushed.copy()
+        pushed[number] = vector
+        self._act(pushed)
+
+    def _act(self, force: Floats) -> None:
+        """Let forces (n_points, 3) [N] from outside act from now on."""
+        if not np.array_equal(force, self._pushed):
+            self._integrator.hand_over()
+            self._pushed = force
+            self._monitor.push(force)
+            self._integrator.push(force)
 
     @property
     def can_restart(self) -> bool:
@@ -309,6 +281,7 @@ class Simulation:
             header |= {"rows": len(self._recorder), "story": story}
         arrays = grouped("integrator", self._integrator.snapshot())
         arrays |= grouped("monitor", self._monitor.arrays(self.time)) | {"pushed": self._pushed.copy()}
+        arrays |= grouped("stops", self._stops.arrays())
         return Snapshot(identity(self._start), header, arrays)
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -318,7 +291,10 @@ class Simulation:
         """
         snapshot.refuse_other(self._start)
         header, arrays = snapshot.header, snapshot.arrays
+        if self._recorder is not None and "rows" not in header:
+            raise InputError(f"the snapshot of t = {snapshot.time:g} s is not of a run with stored states")
         self._pushed = np.array(arrays["pushed"])
+        self._stops.restore(group_of("stops", arrays))
         self._retries, self._spent = header["retries"], StepCounts(**header["spent"])
         restored = _plan(header["plan"])
         if restored != self._plan:
@@ -354,6 +330,14 @@ def cannot_restart(method: Method) -> str:
         f"{method} of Exudyn cannot restart exactly from a stored state; "
         "use an explicit method such as DOPRI5, RK44 or VelocityVerlet"
     )
+
+
+def _index(on: object) -> int | None:
+    """A whole number of any type, else None."""
+    try:
+        return operator.index(on)  # type: ignore[arg-type]
+    except TypeError:
+        return None
 
 
 _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
