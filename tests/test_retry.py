@@ -167,6 +167,40 @@ def test_what_broke_in_a_failed_attempt_is_whole_again_after_it():
     assert broken == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.parametrize("engine", FORMS)
+def test_what_broke_after_the_state_gone_back_to_is_whole_again(engine):
+    """Eight elements break in the second snap; the run is stopped by hand right after, and goes on as before.
+
+    Catches elements that stay broken, break twice, are told twice, or whose energy is booked twice.
+    """
+    scene = thrown(COARSE, end=0.25, engine=engine, effects={"breaking": {"strain": 0.001}})
+    whole = exunet.run(scene)
+    assert whole.provenance["retries"] == []
+    broken = whole.provenance["broken"]
+    assert len(broken) == 8
+    take, calls = Monitor.take, []
+
+    def once(self: Monitor, batch: Batch) -> None:
+        if self.told and not calls:
+            calls.append([one["element"] for one in self.told])
+            raise RunStopped("by hand", step_cause=True)
+        take(self, batch)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(simulating, "finer", lambda plan: plan)
+        patch.setattr(Monitor, "take", once)
+        again = exunet.run(scene)
+    assert calls == [[one["element"] for one in broken]]
+    assert again.provenance["retries"][0]["from_time"] < broken[0]["time_s"]
+    told = again.provenance["broken"]
+    assert [one["element"] for one in told] == calls[0]
+    assert [one["time_s"] for one in told] == pytest.approx([one["time_s"] for one in broken], abs=1e-12)
+    assert again.dissipated[-1] == pytest.approx(sum(one["energy_J"] for one in broken), rel=1e-9)
+    for name in ("position", "velocity", "tension", "dissipated"):
+        ours, theirs = (np.asarray(getattr(run, name)) for run in (again, whole))
+        assert np.abs(ours - theirs).max() <= 1e-9 * np.abs(theirs).max()  # round-off of t, in snaps
+
+
 def test_finer_plans():
     assert finer(Plan("RK44", step=1e-3)) == Plan("RK44", step=5e-4)
     adaptive = finer(Plan("DOPRI5", tolerance=1e-6, first_step=1.0, longest_step=2.0, least_step=0.5))
