@@ -5,13 +5,20 @@ A term that is absent leaves no call, no argument and no branch in the text.
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Iterable, Sequence
 
 from exunet.forces.terms import Function, Piece
 
 
-def module_source(pieces: Sequence[Piece], drivers: Iterable[Function] = (), *, bodies: bool = False) -> str:
+def module_source(
+    pieces: Sequence[Piece],
+    drivers: Iterable[Function] = (),
+    *,
+    bodies: bool = False,
+    imports: Sequence[str] = (),
+) -> str:
     """Text of the module with `add_forces`, `potential`, `power`, `extra_work` over all pieces, and drivers.
 
     `add_forces` adds to the forces that it is given, and returns the elastic energy [J] of the pieces that
@@ -27,6 +34,7 @@ def module_source(pieces: Sequence[Piece], drivers: Iterable[Function] = (), *, 
     parts = [
         '"""Compiled by exunet for one kind of scene; safe to delete."""',
         "from __future__ import annotations\n\nimport math\n\nimport numpy as np",
+        *imports,
         *(_text(function) for function in functions.values()),
         f"TAKES_ENERGY = {any(p.works or p.power is not None or p.work is not None for p in pieces)}",
         f"BODIES = {bodies}",
@@ -37,6 +45,7 @@ def module_source(pieces: Sequence[Piece], drivers: Iterable[Function] = (), *, 
     return "\n\n\n".join(parts) + "\n"
 
 
+@functools.cache
 def _text(function: Function) -> str:
     return "@compiled\n" + inspect.getsource(function).rstrip()
 

@@ -20,17 +20,23 @@ Floats = NDArray[np.float64]
 
 
 class Kernel:
-    """The forces of some terms; `extra` functions join those of `drivers` in the module.
+    """The forces of some terms; `extra` functions, which need `imports`, join those of `drivers`.
 
     The text of the module depends on the kinds of the terms only, so scenes that differ in numbers share one.
     """
 
     def __init__(
-        self, terms: Iterable[Term], extra: tuple[Function, ...] = (), *, bodies: bool = False
+        self,
+        terms: Iterable[Term],
+        extra: tuple[Function, ...] = (),
+        *,
+        bodies: bool = False,
+        imports: tuple[str, ...] = (),
     ) -> None:
         self._terms = tuple(terms)
         pieces = [piece for term in self._terms for piece in term.pieces]
-        self.source = module_source(pieces, (*drivers.DRIVERS, *extra), bodies=bodies)
+        functions: tuple[Function, ...] = (*drivers.DRIVERS, *extra)
+        self.source = module_source(pieces, functions, bodies=bodies, imports=imports)
 
     @cached_property
     def module(self) -> ModuleType:

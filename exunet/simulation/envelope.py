@@ -5,6 +5,7 @@ A snap may last less than the time between two stored states, which then show no
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping
 
 import numpy as np
@@ -25,11 +26,17 @@ class Envelope:
         self._kinetic = np.full(len(times), np.inf)
 
     def look(self, time: Floats, elastic: Floats, kinetic: Floats) -> None:
-        """Take energies (k,) [J] at times (k,) [s]: of steps, or their extremes over an interval."""
+        """Take energies (k,) [J] of steps that end at times (k,) [s]."""
         # Round-off may put a step behind the end.
         interval = np.minimum(np.searchsorted(self._times, time), len(self._times) - 1)
         np.maximum.at(self._elastic, interval, elastic)
         np.minimum.at(self._kinetic, interval, kinetic)
+
+    def take(self, until: float, elastic: float, kinetic: float) -> None:
+        """Take the extremes [J] of the interval that ends with a stored time [s]."""
+        k = min(bisect_left(self._times, until), len(self._times) - 1)
+        self._elastic[k] = max(self._elastic[k], elastic)
+        self._kinetic[k] = min(self._kinetic[k], kinetic)
 
     def forget_after(self, time: float) -> None:
         """Drop what was seen after the stored time [s] that a run goes back to."""

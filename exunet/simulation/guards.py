@@ -61,9 +61,10 @@ class Look:
         """True if the steps are likely to blame for state k: its energy balance does not hold either."""
         return not (self.finite[k] and abs(self.balance[k]) <= OF_STEPS * self.allowed[k])
 
-    def off(self, k: int) -> float:
-        """How far the energy balance of state k is off, over the bound."""
-        return float(abs(self.balance[k]) / self.allowed[k])
+    @property
+    def off(self) -> Floats:
+        """(k,) how far the energy balance is off, over the bound."""
+        return np.asarray(np.abs(self.balance) / self.allowed)
 
     def words(self, k: int) -> str:
         """What is wrong with state k."""

@@ -144,8 +144,7 @@ class Monitor:
 
     def between(self, until: float, extremes: Extremes) -> None:
         if self._envelope is not None:
-            values = (np.array([value]) for value in (until, extremes.elastic, extremes.kinetic))
-            self._envelope.look(*values)
+            self._envelope.take(until, extremes.elastic, extremes.kinetic)
         self.peaks.take(extremes.time, extremes.tension, extremes.element)
 
     def changed(self, time: float, memory: str, change: Change) -> None:
@@ -202,11 +201,12 @@ class Monitor:
         self.last_good = states.state(len(states) - 1)
         self.peaks.look(states.time, states.tension)
         del self._marks[: len(marked)]
-        for row in marked:
-            at = int(np.searchsorted(rows, row))
-            self._drifted = self._drifted or look.off(at) > GOOD_PART
-            if not self._drifted:
-                self.safe, self.safe_dissipated = states.state(row), float(dissipated[row])
+        if len(marked) and not self._drifted:
+            off = look.off[np.searchsorted(rows, marked)] > GOOD_PART
+            good = marked[: int(np.argmax(off))] if off.any() else marked
+            self._drifted = bool(off.any())
+            if len(good):
+                self.safe, self.safe_dissipated = states.state(good[-1]), float(dissipated[good[-1]])
         if self._store is not None and len(marked):
             self._store(states[marked], dissipated[marked])
 

@@ -9,8 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.arrays import Control, Kept, clock_at, empty_rows, motion_of, seen_nothing
-from exunet.backends.compiled.many_steps import LOOP, TINY_IN_A_ROW
+from exunet.backends.compiled.arrays import (
+    CLOCK,
+    PEAKS,
+    Control,
+    Kept,
+    Stages,
+    clock_at,
+    empty_rows,
+    motion_of,
+    seen_nothing,
+)
+from exunet.backends.compiled.many_steps import IMPORTS, LOOP, TINY_IN_A_ROW
 from exunet.backends.events import Events
 from exunet.backends.protocol import Arrays, Batch, Extremes, Observer, StepCounts, StepsCollapsed
 from exunet.base.interrupt import postponed
@@ -32,7 +42,7 @@ _THINNED = 64  # steps of which one is handed over
 def loop_kernel(system: System) -> Kernel:
     """The system's forces and the loop around them; raises MissingExtra without Numba."""
     require_numba('engine.loop = "compiled"')
-    return Kernel(system.forces, LOOP, bodies=bool(system.bodies))
+    return Kernel(system.forces, LOOP, bodies=bool(system.bodies), imports=IMPORTS)
 
 
 class March:
@@ -72,22 +82,23 @@ class March:
 
     def collapse(self) -> str:
         """What to say when no step is small enough for the tolerance; "" if that is not so."""
-        if self._clock.tiny[0] <= TINY_IN_A_ROW:
+        if self._clock["tiny"][0] <= TINY_IN_A_ROW:
             return ""
+        step = self._clock["step"][0]
         return (
-            f"the steps collapsed to {self._clock.step[0]:.1g} s at t = {self.time:.6g} s: the tolerance "
+            f"the steps collapsed to {step:.1g} s at t = {self.time:.6g} s: the tolerance "
             f"{self._plan.tolerance:.2g} cannot be met"
         )
 
     @property
     def time(self) -> float:
         """Time reached [s]."""
-        return float(self._clock.time[0])
+        return float(self._clock["time"][0])
 
     @property
     def counts(self) -> StepCounts:
         """Steps and evaluations of the forces so far."""
-        steps, rejected = int(self._clock.steps[0]), int(self._clock.rejections[0])
+        steps, rejected = int(self._clock["steps"][0]), int(self._clock["rejections"][0])
         stages = 6 if self._chosen else METHODS[self._plan.method].stages  # the last of 7 is the next first
         return StepCounts(steps, rejected, right_hand_sides=1 + stages * (steps + rejected))
 
@@ -108,7 +119,10 @@ class CompiledLoop(March):
         self._events = Events(system.forces, state.memory, observer)
         in_steps = self._events.in_steps
         self._limit, self._every = (1, 1) if in_steps else (_ATTEMPTS, _THINNED)
-        self._seen.keep_above[0], self._seen.look_above[0] = least_energy_beyond(system), 0.0
+        self._seen.peaks["keep_above"][0], self._seen.peaks["look_above"][0] = (
+            least_energy_beyond(system),
+            0.0,
+        )
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
         self._row = self._module.keep(0, state.time, self._motion, self._kept)
@@ -124,7 +138,7 @@ class CompiledLoop(March):
         self._module.begin(self.time, self._verlet, self._motion)
 
     def advance(self, until: float) -> None:
-        self._seen.elastic[0], self._seen.kinetic[0] = 0.0, np.inf
+        self._seen.peaks["elastic"][0], self._seen.peaks["kinetic"][0] = 0.0, np.inf
         with postponed() as check_interrupt:
             while self.time < until:
                 before = self._motion.x.copy() if self._motion.push.any() else None
@@ -136,9 +150,9 @@ class CompiledLoop(March):
                     self._motion.taken[0] -= moved
                     self._kept.taken[self._row - 1] = self._motion.taken[0]
                 self._look_for_events()
-        seen = self._seen
-        last = (float(seen.tension[0]), float(seen.time[0]), int(seen.element[0]))
-        self._observer.between(until, Extremes(float(seen.elastic[0]), float(seen.kinetic[0]), *last))
+        peaks = self._seen.peaks[0]
+        last = (float(peaks["tension"]), float(peaks["time"]), int(peaks["element"]))
+        self._observer.between(until, Extremes(float(peaks["elastic"]), float(peaks["kinetic"]), *last))
         if not np.isfinite(self._motion.x).all():
             self.hand_over()
 
@@ -164,14 +178,14 @@ class CompiledLoop(March):
             check_interrupt()
 
     def _advance_equal(self, until: float, check_interrupt: Callable[[], None]) -> None:
-        begin, before = self.time, int(self._clock.steps[0])
+        begin, before = self.time, int(self._clock["steps"][0])
         number = max(1, math.ceil((until - begin) / (self._plan.step or math.inf) * (1 - 1e-9)))
         done = 0
         while done < number:
             stretch: tuple[Any, ...] = (self._verlet, begin, until, number, done, self._limit)
             where = (self._motion, self._clock, self._seen, self._kept)
             self._row = self._module.equal_steps(*stretch, self._row, self._every, *where)
-            done = int(self._clock.steps[0]) - before
+            done = int(self._clock["steps"][0]) - before
             self._make_room()
             self._look_for_events()
             check_interrupt()
@@ -180,13 +194,13 @@ class CompiledLoop(March):
         """Make the step that comes end near the next event."""
         if not self._events.in_steps:
             return
-        beyond = float(self._clock.beyond[0])
-        step = min(beyond or float(self._clock.step[0]), self._plan.longest_step, until - self.time)
+        beyond = float(self._clock["beyond"][0])
+        step = min(beyond or float(self._clock["step"][0]), self._plan.longest_step, until - self.time)
         position, velocity, _ = self._layout.unpack(self._motion.x, self._motion.v, self._motion.z)
         shorter = self._events.step_within(step, 8.0 * self._plan.least_step, position, velocity)
         if shorter < step:
-            self._clock.step[0] = shorter
-            self._clock.beyond[0] = min(beyond, shorter)
+            self._clock["step"][0] = shorter
+            self._clock["beyond"][0] = min(beyond, shorter)
 
     def _look_for_events(self) -> None:
         if not self._events:
@@ -220,9 +234,9 @@ class CompiledLoop(March):
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         m = self._motion
-        arrays = {"x": m.x, "v": m.v, "z": m.z, "a": m.stages.a1, "push": m.push, "taken": m.taken}
-        arrays |= {f"clock/{name}": value for name, value in self._clock._asdict().items()}
-        arrays |= {f"seen/{name}": getattr(self._seen, name) for name in _SEEN}
+        arrays = {"x": m.x, "v": m.v, "z": m.z, "a": m.work[_A1], "push": m.push, "taken": m.taken}
+        arrays |= {f"clock/{name}": self._clock[name] for name in CLOCK.names or ()}
+        arrays |= {f"seen/{name}": self._seen.peaks[name] for name in PEAKS.names or ()}
         arrays |= {f"kept/{name}": value[: self._row] for name, value in self._kept._asdict().items()}
         arrays |= {f"memory/{name}": value for name, value in self._events.memory.items()}
         return {name: np.array(value) for name, value in arrays.items()}
@@ -231,22 +245,19 @@ class CompiledLoop(March):
         m = self._motion
         for held, name in ((m.x, "x"), (m.v, "v"), (m.z, "z"), (m.push, "push"), (m.taken, "taken")):
             held[:] = arrays[name]
-        for group, holder, names in (
-            ("clock", self._clock, self._clock._fields),
-            ("seen", self._seen, _SEEN),
-        ):
-            for name in names:
-                getattr(holder, name)[:] = arrays[f"{group}/{name}"]
+        for group, record in (("clock", self._clock), ("seen", self._seen.peaks)):
+            for name in record.dtype.names or ():
+                record[name] = arrays[f"{group}/{name}"]
         self._row = len(arrays["kept/time"])
         for name, values in self._kept._asdict().items():
             values[: self._row] = arrays[f"kept/{name}"]
         for name in self._events.memory:
             self._events.memory[name] = np.array(arrays[f"memory/{name}"])
         self._remember(dict(self._events.memory))
-        m.stages.a1[:] = arrays["a"]
+        m.work[_A1] = arrays["a"]
 
 
-_SEEN = ("elastic", "kinetic", "keep_above", "look_above", "tension", "time", "element")
+_A1 = Stages._fields.index("a1")  # in the rows of `Motion.work`
 
 
 def least_energy_beyond(system: System) -> float:

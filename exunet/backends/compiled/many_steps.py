@@ -1,7 +1,7 @@
 """Many steps in compiled code: with equal steps, or with steps chosen from an error estimate.
 
 The text of these functions is copied into a kernel's specialised module, after those of `schemes`. Their
-arguments are the named tuples of `arrays`: a `Motion` m, a `Clock`, what was `Seen`, and `Kept` rows for the
+arguments are those of `arrays`: a `Motion` m, a clock, what was `Seen`, and `Kept` rows for the
 guards, filled from `row` on: one step in `every`, the last, and those of so much elastic energy that an
 element may be too long. `equal_steps` and `chosen_steps` return the number of rows that are filled; they
 return when those are full, when `limit` steps have been tried, or at the end.
@@ -20,6 +20,7 @@ from exunet.backends.compiled.schemes import (
     accelerate_without_spin,
     dormand_prince_step,
     runge_kutta_4_step,
+    stages_of,
     unit_attitudes,
     verlet_step,
 )
@@ -37,10 +38,11 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
 
 def begin(t: float, verlet: bool, m: Any) -> None:
     """Compute the acceleration at the state, where a step before has not left it."""
+    a1 = stages_of(m.work).a1
     if verlet:
-        accelerate_without_spin(t, m.x, m.v, m, m.stages.a1)
+        accelerate_without_spin(t, m.x, m.v, m, a1)
     else:
-        accelerate(t, m.x, m.v, m, m.stages.a1)
+        accelerate(t, m.x, m.v, m, a1)
 
 
 def work_of_step(t: float, h: float, power_at_start: float, m: Any) -> float:
@@ -48,7 +50,7 @@ def work_of_step(t: float, h: float, power_at_start: float, m: Any) -> float:
 
     The state in the middle is that of the cubic Hermite polynomial through both ends.
     """
-    s = m.stages
+    s = stages_of(m.work)
     x = m.x
     v = m.v
     for c in range(x.size):
@@ -63,19 +65,21 @@ def work_of_step(t: float, h: float, power_at_start: float, m: Any) -> float:
 
 def accept(m: Any) -> None:
     """Make the step's result the state."""
+    s = stages_of(m.work)
     for c in range(m.x.size):
-        m.x[c] = m.stages.x1[c]
+        m.x[c] = s.x1[c]
     for c in range(m.v.size):
-        m.v[c] = m.stages.v1[c]
+        m.v[c] = s.v1[c]
     if BODIES:
         for c in range(m.z.size):
-            m.z[c] = m.stages.z1[c]
+            m.z[c] = m.z1[c]
         unit_attitudes(m.z)
 
 
 def see(t: float, elastic: float, x: Any, v: Any, seen: Any) -> None:
     """Take a step's end, whose elastic energy [J] is known, into `seen`."""
     half = seen.half
+    peaks = seen.peaks[0]
     a = 0.0  # four sums, which the processor can make side by side
     b = 0.0
     c = 0.0
@@ -89,11 +93,11 @@ def see(t: float, elastic: float, x: Any, v: Any, seen: Any) -> None:
     for k in range(whole, v.size):
         a += half[k] * v[k] * v[k]
     kinetic = (a + b) + (c + d)
-    if elastic > seen.elastic[0]:
-        seen.elastic[0] = elastic
-    if kinetic < seen.kinetic[0]:
-        seen.kinetic[0] = kinetic
-    if elastic > seen.look_above[0]:
+    if elastic > peaks["elastic"]:
+        peaks["elastic"] = elastic
+    if kinetic < peaks["kinetic"]:
+        peaks["kinetic"] = kinetic
+    if elastic > peaks["look_above"]:
         see_tensions(t, x, v, seen)
 
 
@@ -104,7 +108,8 @@ def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
     the strain that makes the latter N. Viscous stress needs no energy: there each taut state is looked at.
     """
     ends = seen.ends
-    largest_before = seen.tension[0]
+    peaks = seen.peaks[0]
+    largest_before = peaks["tension"]
     viscous = False
     for e in range(ends.shape[0]):
         i = 3 * ends[e, 0]
@@ -121,17 +126,17 @@ def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
             viscous = viscous or seen.twice_time[e] > 0.0
             pull = (excess + seen.twice_time[e] * along) * math.sqrt(square) / (2.0 * length**3)
             tension = seen.stiffness[e] * pull
-            if tension > seen.tension[0]:
-                seen.tension[0] = tension
-                seen.time[0] = t
-                seen.element[0] = e
-    if seen.tension[0] > largest_before and not viscous:
+            if tension > peaks["tension"]:
+                peaks["tension"] = tension
+                peaks["time"] = t
+                peaks["element"] = e
+    if peaks["tension"] > largest_before and not viscous:
         least = np.inf
         for e in range(ends.shape[0]):
             if seen.stiffness[e] > 0.0:
-                strain = 0.5 * (math.sqrt(1.0 + 4.0 * seen.tension[0] / seen.stiffness[e]) - 1.0)
+                strain = 0.5 * (math.sqrt(1.0 + 4.0 * peaks["tension"] / seen.stiffness[e]) - 1.0)
                 least = min(least, 0.5 * seen.stiffness[e] * seen.length[e] * strain * strain)
-        seen.look_above[0] = least
+        peaks["look_above"] = least
 
 
 def keep(row: int, t: float, m: Any, kept: Any) -> int:
@@ -154,7 +159,7 @@ def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> 
     """
     x = m.x
     v = m.v
-    a = m.stages.a1
+    a = stages_of(m.work).a1
     after = np.inf
     across = np.inf
     for e in range(seen.ends.shape[0]):
@@ -222,10 +227,11 @@ def equal_steps(
     kept: Any,
 ) -> int:
     """Steps number `first`, ... of the `number` equal steps from `start` to `until`, at most `limit`."""
+    s = stages_of(m.work)
     h = (until - start) / number
     watts = 0.0
     if TAKES_ENERGY:
-        watts = power(start + first * h, m.x, m.v, m.data, m.stages.scratch)
+        watts = power(start + first * h, m.x, m.v, m.data, s.scratch)
     for step in range(first, min(number, first + limit)):
         t = start + step * h
         end = until if step + 1 == number else start + (step + 1) * h  # to the last bit the next step's t
@@ -233,14 +239,14 @@ def equal_steps(
             held = verlet_step(t, h, m)
         else:
             runge_kutta_4_step(t, h, m)
-            held = accelerate(end, m.stages.x1, m.stages.v1, m, m.stages.a1)
+            held = accelerate(end, s.x1, s.v1, m, s.a1)
         if TAKES_ENERGY:
             watts = work_of_step(t, h, watts, m)
         accept(m)
         see(end, held, m.x, m.v, seen)
-        clock.steps[0] += 1
-        clock.time[0] = end
-        if (step + 1) % every == 0 or step + 1 == number or held > seen.keep_above[0]:
+        clock[0]["steps"] += 1
+        clock[0]["time"] = end
+        if (step + 1) % every == 0 or step + 1 == number or held > seen.peaks[0]["keep_above"]:
             row = keep(row, end, m, kept)
             if row == kept.time.size:
                 break
@@ -259,63 +265,64 @@ def chosen_steps(
     Where a rejected step had a jump of the forces in its way, steps go to just before it, one goes across it
     whatever its error estimate, and the control goes on with the step that it had chosen before.
     """
+    s = stages_of(m.work)
     least = control.least
     watts = 0.0
     if TAKES_ENERGY:
-        watts = power(clock.time[0], m.x, m.v, m.data, m.stages.scratch)
+        watts = power(clock[0]["time"], m.x, m.v, m.data, s.scratch)
     for _ in range(limit):
-        wanted = min(clock.step[0], control.longest)
+        wanted = min(clock[0]["step"], control.longest)
         across = False
-        if JUMPS and clock.beyond[0] > 0.0:
-            after, over = jump_ahead(clock.beyond[0], control.tolerance, clock.time[0], m, seen)
+        if JUMPS and clock[0]["beyond"] > 0.0:
+            after, over = jump_ahead(clock[0]["beyond"], control.tolerance, clock[0]["time"], m, seen)
             if after == np.inf:
-                if clock.rejected[0] == 0.0:
-                    wanted = clock.beyond[0]
-                clock.beyond[0] = 0.0
-                clock.towards[0] = 0.0
+                if clock[0]["rejected"] == 0.0:
+                    wanted = clock[0]["beyond"]
+                clock[0]["beyond"] = 0.0
+                clock[0]["towards"] = 0.0
             elif not (
-                clock.rejected[0] == 1.0 and clock.towards[0] == 1.0
+                clock[0]["rejected"] == 1.0 and clock[0]["towards"] == 1.0
             ):  # else it came sooner than foreseen
                 across = after <= over
                 wanted = after + over if across else after - max(0.5 * over, 0.01 * after)
-                clock.towards[0] = 1.0
-        rest = until - clock.time[0]
+                clock[0]["towards"] = 1.0
+        rest = until - clock[0]["time"]
         h = wanted
         if rest <= 1.0000001 * wanted:
             h = rest
         elif rest < 2.0 * wanted:
             h = 0.5 * rest
-        error, held = dormand_prince_step(clock.time[0], h, m)
+        error, held = dormand_prince_step(clock[0]["time"], h, m)
         error /= control.tolerance
         if not (error <= 1.0 or ((h <= least or across) and error < np.inf)):
-            clock.rejections[0] += 1
-            if JUMPS and clock.beyond[0] == 0.0:
-                after, over = jump_ahead(h, control.tolerance, clock.time[0], m, seen)
-                clock.beyond[0] = h if after < np.inf else 0.0
-            clock.rejected[0] = 1.0
+            clock[0]["rejections"] += 1
+            if JUMPS and clock[0]["beyond"] == 0.0:
+                after, over = jump_ahead(h, control.tolerance, clock[0]["time"], m, seen)
+                clock[0]["beyond"] = h if after < np.inf else 0.0
+            clock[0]["rejected"] = 1.0
             shrink = 0.2 if error == np.inf else max(0.2, 0.9 * error**-0.2)
-            clock.step[0] = max(least, h * shrink)
+            clock[0]["step"] = max(least, h * shrink)
             if h <= least:
-                clock.tiny[0] = np.inf
+                clock[0]["tiny"] = np.inf
                 break
             continue
-        clock.tiny[0] = clock.tiny[0] + 1.0 if error > 1.0 and not across else 0.0
+        clock[0]["tiny"] = clock[0]["tiny"] + 1.0 if error > 1.0 and not across else 0.0
         if TAKES_ENERGY:
-            watts = work_of_step(clock.time[0], h, watts, m)
+            watts = work_of_step(clock[0]["time"], h, watts, m)
         accept(m)
-        see(clock.time[0] + h, held, m.x, m.v, seen)
+        see(clock[0]["time"] + h, held, m.x, m.v, seen)
         for c in range(m.v.size):
-            m.stages.a1[c] = m.stages.a7[c]
-        clock.steps[0] += 1
-        clock.time[0] = until if h == rest else clock.time[0] + h
-        change = max(0.2, min(1.0 if clock.rejected[0] == 1.0 else 2.0, 0.9 * max(error, 1e-10) ** -0.2))
-        clock.rejected[0] = 0.0
-        clock.step[0] = max(least, h * change, wanted if h < wanted and error <= 1.0 else 0.0)
-        if clock.steps[0] % every == 0 or clock.time[0] == until or held > seen.keep_above[0]:
-            row = keep(row, clock.time[0], m, kept)
+            s.a1[c] = s.a7[c]
+        clock[0]["steps"] += 1
+        clock[0]["time"] = until if h == rest else clock[0]["time"] + h
+        change = max(0.2, min(1.0 if clock[0]["rejected"] == 1.0 else 2.0, 0.9 * max(error, 1e-10) ** -0.2))
+        clock[0]["rejected"] = 0.0
+        clock[0]["step"] = max(least, h * change, wanted if h < wanted and error <= 1.0 else 0.0)
+        if clock[0]["steps"] % every == 0 or clock[0]["time"] == until or held > seen.peaks[0]["keep_above"]:
+            row = keep(row, clock[0]["time"], m, kept)
             if row == kept.time.size:
                 break
-        if clock.time[0] == until:
+        if clock[0]["time"] == until:
             break
     return row
 
@@ -331,7 +338,7 @@ def through_chosen(
     never = 2**62
     row = keep(0, times[0], m, kept)
     for k in range(1, times.size):
-        while clock.time[0] < times[k] and clock.tiny[0] <= most_tiny:
+        while clock[0]["time"] < times[k] and clock[0]["tiny"] <= most_tiny:
             row = chosen_steps(control, times[k], 1000, row, never, m, clock, seen, kept)
         if row == k:
             break
@@ -346,11 +353,13 @@ def through_equal(verlet: bool, times: Any, step: float, m: Any, clock: Any, see
         begins, ends = times[k - 1], times[k]
         number = max(1, math.ceil((ends - begins) / step * (1.0 - 1e-9)))
         row = equal_steps(verlet, begins, ends, number, 0, number, row, never, m, clock, seen, kept)
-        clock.time[0] = ends
+        clock[0]["time"] = ends
     return row
 
 
+IMPORTS = ("from exunet.backends.compiled.arrays import Stages",)
 LOOP = (
+    schemes.stages_of,
     schemes.add_gyroscopic,
     schemes.accelerate,
     schemes.accelerate_without_spin,

@@ -2,8 +2,8 @@
 
 The text of these functions is copied into a kernel's specialised module (see `exunet.codegen.generate`),
 beside its `add_forces`. A step starts from the state x, v, z of a `Motion` m at time t [s], is h long, and
-leaves its result in m.stages.x1, v1, z1. Rigid bodies: their centres move as points do; their angular
-velocities stand behind the velocities in v, in body axes; z holds their attitudes.
+leaves its result in x1 and v1 of its stages and in m.z1. Rigid bodies: their centres move as points do; their
+angular velocities stand behind the velocities in v, in body axes; z holds their attitudes.
 """
 
 from __future__ import annotations
@@ -12,10 +12,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from exunet.backends.compiled.arrays import Stages
+
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     BODIES = True
 
     def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> float: ...
+
+
+def stages_of(work: Any) -> Any:
+    """The rows of a work space by name."""
+    return Stages(
+        work[0], work[1], work[2], work[3], work[4], work[5], work[6], work[7], work[8],
+        work[9], work[10], work[11], work[12], work[13], work[14], work[15], work[16],
+    )  # fmt: skip
 
 
 def accelerate(t: float, x: Any, v: Any, m: Any, a: Any) -> float:
@@ -67,13 +77,12 @@ def turn_stage(
     h: float, m: Any, v: Any, row: int, c1: float, c2: float, c3: float, c4: float, c5: float, c6: float
 ) -> None:
     """Attitudes z + h (c1 k1 + ... + c6 k6) into z1, and their rates at angular velocities v into a row."""
-    s = m.stages
-    k = s.turns
+    k = m.turns
     for c in range(m.z.size):
-        s.z1[c] = m.z[c] + h * (
+        m.z1[c] = m.z[c] + h * (
             c1 * k[0, c] + c2 * k[1, c] + c3 * k[2, c] + c4 * k[3, c] + c5 * k[4, c] + c6 * k[5, c]
         )
-    turn(v, s.z1, m.x.size, k[row])
+    turn(v, m.z1, m.x.size, k[row])
 
 
 def unit_attitudes(z: Any) -> None:
@@ -87,7 +96,7 @@ def unit_attitudes(z: Any) -> None:
 
 def rotate_freely(h: float, m: Any) -> None:
     """The bodies' rotation without torque over h, from v1 and z into v1 and z1, by one step of order 4."""
-    s = m.stages
+    s = stages_of(m.work)
     first = m.x.size
     n = m.z.size // 4
     for k in range(3 * n):  # entries before `first` are not used
@@ -98,8 +107,8 @@ def rotate_freely(h: float, m: Any) -> None:
         weight = 1.0 if stage == 0 or stage == 3 else 2.0
         for c in range(m.z.size):
             before = 0.0 if stage == 0 else (0.5 if stage < 3 else 1.0)
-            s.z1[c] = m.z[c] + (before * h * s.turns[stage - 1, c] if stage > 0 else 0.0)
-        turn(s.v2, s.z1, first, s.turns[stage])
+            m.z1[c] = m.z[c] + (before * h * m.turns[stage - 1, c] if stage > 0 else 0.0)
+        turn(s.v2, m.z1, first, m.turns[stage])
         for k in range(3 * n):
             s.v4[first + k] = 0.0
         add_gyroscopic(s.v2, m.inertia, first, s.v4)
@@ -110,7 +119,7 @@ def rotate_freely(h: float, m: Any) -> None:
     for k in range(first, first + 3 * n):
         s.v1[k] = s.v3[k]
     for c in range(m.z.size):
-        s.z1[c] = m.z[c] + h / 6.0 * (s.turns[0, c] + 2.0 * (s.turns[1, c] + s.turns[2, c]) + s.turns[3, c])
+        m.z1[c] = m.z[c] + h / 6.0 * (m.turns[0, c] + 2.0 * (m.turns[1, c] + m.turns[2, c]) + m.turns[3, c])
 
 
 def verlet_step(t: float, h: float, m: Any) -> float:
@@ -120,7 +129,7 @@ def verlet_step(t: float, h: float, m: Any) -> float:
     step to step. Bodies rotate freely between two half steps of the torque, so that rotation is of order 2
     too (the engine's is of order 1). Returns the elastic energy at the end [J].
     """
-    s = m.stages
+    s = stages_of(m.work)
     for c in range(m.v.size):
         s.v1[c] = m.v[c] + 0.5 * h * s.a1[c]
     for c in range(m.x.size):
@@ -139,11 +148,11 @@ def runge_kutta_4_step(t: float, h: float, m: Any) -> None:
     Its first stage is a1, which the caller renews at the step's end: as many evaluations as with four stages
     in the step, but the elastic energy at the end is known with them.
     """
-    s = m.stages
+    s = stages_of(m.work)
     x = m.x
     v = m.v
     if BODIES:
-        turn(v, m.z, x.size, s.turns[0])
+        turn(v, m.z, x.size, m.turns[0])
     for c in range(x.size):
         s.x1[c] = x[c] + 0.5 * h * v[c]
     for c in range(v.size):
@@ -194,7 +203,7 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
     step's start. Returns the largest error estimate over the coordinates, of the embedded method of order 4
     [m, m/s, rad/s, or of a quaternion], and the elastic energy at the end [J].
     """
-    s = m.stages
+    s = stages_of(m.work)
     x = m.x
     v = m.v
     x1 = s.x1
@@ -210,7 +219,7 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
     n = v.size
     hh = h * h
     if BODIES:
-        turn(v, m.z, n_x, s.turns[0])
+        turn(v, m.z, n_x, m.turns[0])
     for c in range(n_x):
         x1[c] = x[c] + h / 5.0 * v[c]
     for c in range(n):
@@ -305,7 +314,7 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
         )
     error = max(largest(s.of_x), largest(s.of_v))
     if BODIES:
-        error = max(error, largest_of_turns(h, s.turns))
+        error = max(error, largest_of_turns(h, m.turns))
     return error, held
 
 
