@@ -296,8 +296,8 @@ def _write_index(
 
 
 def _remove_files(folder: Path) -> None:
-    """The index first: what is left after a kill in between does not count."""
-    for path in (folder / INDEX, folder / RUN, *folder.glob("segment-*.exu")):
+    """All containers, those that belong to checkpoints too; the index first, without which none counts."""
+    for path in (folder / INDEX, *folder.glob("*.exu")):
         path.unlink(missing_ok=True)
 
 

@@ -216,7 +216,7 @@ def _into(
     except BaseException:
         files.store.close()
         raise
-    files.discard()
+    files.store.discard()  # the checkpoints too
     result = load_result(path)
     if stopped is not None:
         stopped.partial = result
@@ -250,20 +250,15 @@ class _Checkpoints:
             name = f"checkpoint-{self._number:06d}.exu"
             self._simulation.snapshot().save(self.store.folder / name)
             self.store.flush(checkpoint=name)
-            self._tidy(keep=name)
+            self._remove_others(name)
         else:
             self._recorder.flush()
             self.store.flush()
         ended = clock.monotonic()
         self._wall = ended + max(WALL_TIME, (ended - began) / WALL_PART)
 
-    def _tidy(self, keep: str = "") -> None:
+    def _remove_others(self, name: str) -> None:
         for path in self.store.folder.glob("checkpoint-*.exu"):
-            if path.name != keep:
+            if path.name != name:
                 with suppress(OSError):
                     path.unlink()
-
-    def discard(self) -> None:
-        """Remove the files of the unfinished run."""
-        self._tidy()
-        self.store.discard()
