@@ -20,7 +20,7 @@ from scipy.stats import kendalltau
 from exunet.base.markdown import markdown_table
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification.converged import with_tolerance
-from exunet.verification.growth import ROUND_OFF, SEEDS, moved
+from exunet.verification.growth import ROUND_OFF, SEEDS, nearby
 from exunet.verification.statistics import in_parallel
 from exunet.verification.symmetry import NUDGE, SEPARATE, separation
 
@@ -54,7 +54,7 @@ def of_moved_starts(cases: dict[str, BothCodes]) -> Iterator[Sequence[str]]:
     """Rows: net, median time of separation at each tolerance, tau and probability."""
     tolerances = np.repeat(TOLERANCES, DRAWS)
     for name, case in cases.items():
-        starts = [moved(case.compiled(), NUDGE, FIRST_SEED + k) for k in range(len(tolerances))]
+        starts = [nearby(case.compiled(), NUDGE, FIRST_SEED + k) for k in range(len(tolerances))]
         times = np.array(in_parallel(by_exunet, list(zip(starts, tolerances.tolist(), strict=True))))
         tau, chance = kendalltau(-tolerances, np.minimum(times, NEVER))
         medians = np.median(times.reshape(-1, DRAWS), axis=1)
@@ -68,7 +68,7 @@ def as_the_paper(cases: dict[str, BothCodes]) -> Iterator[Sequence[str]]:
         paper = replace(case, theirs=replace(case.theirs, system=system))
         runs = {f"{states} stored states": (paper, states) for states in (400, 2000)}
         for number, seed in enumerate(SEEDS):
-            runs[f"last bits of the start moved, {number + 1}"] = (moved(paper, ROUND_OFF, seed), 400)
+            runs[f"last bits of the start moved, {number + 1}"] = (nearby(paper, ROUND_OFF, seed), 400)
         for what, times in zip(runs, in_parallel(by_reference, list(runs.values())), strict=True):
             yield name, what, *map(shown, times)
 

@@ -167,7 +167,7 @@ def test_a_tighter_setting_that_fails_makes_its_method_unreliable():
     assert "unconfirmed" not in dict(answer_rows(Study(SURE, sure)))["error <= 1e-06"]
 
 
-def test_beyond_the_horizon_conserving_methods_are_not_ranked():
+def test_after_the_horizon_conserving_methods_are_not_ranked():
     lost = Converged(np.array([1.0]), 0.1, 0.1, 1.6, (), (opened(0.91), opened(0.93)))
     honest, exact = entry("DOPRI5", 1e-7, 1.0, 1e-5), entry("EM", 1e-2, 0.1, 2e-13, "reference")
     lost = replace(lost, deployments=tuple(replace(one, distance=1e-17) for one in lost.deployments))
@@ -201,7 +201,7 @@ def test_evaluations_of_the_conserving_method_are_counted():
     assert trial.work.right_hand_sides >= trial.work.newton + trial.work.steps
 
 
-def test_a_budget_leaves_out_what_is_dear(monkeypatch, tmp_path):
+def test_a_budget_leaves_out_what_costs_too_much(monkeypatch, tmp_path):
     clock = [0.0]
 
     def pretend(_subject: Subject, setting: Setting, until: float | None = None) -> Trial:
@@ -278,7 +278,7 @@ def test_the_whole_command(tmp_path):
 
 
 @pytest.mark.slow
-def test_beyond_the_horizon_it_says_so(tmp_path):
+def test_after_the_horizon_it_says_so(tmp_path):
     case = exunet.load(PLANAR.with_name("planar_deployment.toml"))
     assert command.cost(case, tmp_path, until=2.0, budget=20.0) == 0
     words = (tmp_path / "cost.md").read_text(encoding="utf-8")

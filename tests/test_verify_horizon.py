@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from exunet.base.errors import InputError
-from exunet.studies.both_codes import BothCodes, Motion, both_of_text, read_both
+from exunet.studies.both_codes import BothCodes, Trajectory, both_of_text, read_both
 from exunet.studies.neighbours import MOVE, PAPER_SIZE
 from exunet.verification.answers import orders
 from exunet.verification.check import Check
 from exunet.verification.converged import converged
-from exunet.verification.growth import ROUND_OFF, VISIBLE, boosted, distances, grid, growth, moved
+from exunet.verification.growth import ROUND_OFF, VISIBLE, boosted, distances, grid, growth, nearby
 from exunet.verification.horizon import after_it, sensitivity
 from exunet.verification.ladder import PAPER, RUNGS, Ladder, read_cases
 from exunet.verification.report import Report
@@ -49,7 +49,7 @@ def test_horizon_of_a_growth_by_jumps_is_the_jump_that_reaches_it(monkeypatch):
     def flight(self, times, plan=None):
         factor = np.prod([np.where(times >= t, by, 1.0) for t, by in JUMPS.items()], axis=0)
         place = factor[:, None, None] * self.start.position
-        return Motion(times, place, np.zeros_like(place), 1)
+        return Trajectory(times, place, np.zeros_like(place), 1)
 
     monkeypatch.setattr(BothCodes, "run_exunet", flight)
     grown = growth(case, 1.0, (ROUND_OFF, MOVE))
@@ -66,7 +66,7 @@ def test_horizon_is_where_starts_of_other_seeds_part_too():
     fast = case.fastest()
     base = fast.run_exunet(times, plan)
     for seed in (1, 2):
-        apart = distances(base, moved(fast, ROUND_OFF, seed).run_exunet(times, plan)).max(axis=1)
+        apart = distances(base, nearby(fast, ROUND_OFF, seed).run_exunet(times, plan)).max(axis=1)
         assert times[np.argmax(apart > VISIBLE * case.size)] == pytest.approx(grown.horizon, abs=0.03)
 
 
@@ -74,16 +74,16 @@ def test_the_last_bit_of_a_large_coordinate_moves_too():
     """Near 1e3 m neighbouring numbers are 1.1e-13 m apart, so 1e-16 m would vanish."""
     case = read_both(CASES["planar_undamped"])
     far = replace(case, start=case.start.moved(case.start.position + 1e3))
-    assert (moved(far, ROUND_OFF).start.position != far.start.position).all()
+    assert (nearby(far, ROUND_OFF).start.position != far.start.position).all()
 
 
 def test_perturbed_start_keeps_velocities_and_is_repeatable():
     case = read_both(CASES["planar_undamped"])
-    nearby = moved(case, 1e-8 / PAPER_SIZE, seed=3)
-    shift = nearby.start.position - case.start.position
+    near = nearby(case, 1e-8 / PAPER_SIZE, seed=3)
+    shift = near.start.position - case.start.position
     assert 0 < np.abs(shift).max() <= 1e-8
-    assert np.array_equal(nearby.start.velocity, case.start.velocity)
-    assert np.array_equal(nearby.start.position, moved(case, 1e-8 / PAPER_SIZE, seed=3).start.position)
+    assert np.array_equal(near.start.velocity, case.start.velocity)
+    assert np.array_equal(near.start.position, nearby(case, 1e-8 / PAPER_SIZE, seed=3).start.position)
 
 
 def test_short_runs_agree():

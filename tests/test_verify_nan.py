@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import reference_impl as reference
-from exunet.studies.both_codes import BothCodes, Motion, read_both
+from exunet.studies.both_codes import BothCodes, Trajectory, read_both
 from exunet.studies.neighbours import MOVE
 from exunet.verification import horizon, topology
 from exunet.verification.at_states import forces
@@ -180,7 +180,7 @@ def compared(own, apart=0.0, end=0.3):
     case = read_both(CASE)
     place = np.broadcast_to(case.start.position, (len(INSTANTS), *case.start.position.shape))
     shift = case.size * np.broadcast_to(apart, INSTANTS.shape)[:, None, None] * np.array([1.0, 0.0, 0.0])
-    flight = [Motion(INSTANTS, where, np.zeros_like(place), 1) for where in (place, place + shift)]
+    flight = [Trajectory(INSTANTS, where, np.zeros_like(place), 1) for where in (place, place + shift)]
     return list(_compared(case, own, *flight, end))
 
 

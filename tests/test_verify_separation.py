@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from exunet.studies.both_codes import BothCodes, Motion, read_both
+from exunet.studies.both_codes import BothCodes, Trajectory, read_both
 from exunet.verification import symmetry
-from exunet.verification.growth import ROUND_OFF, moved
+from exunet.verification.growth import ROUND_OFF, nearby
 from exunet.verification.shipped import shipped
 from exunet.verification.symmetry import bullet_spread, separation
 
@@ -16,12 +16,12 @@ CASES = shipped()
 TIMES = np.linspace(0.0, 2.0, 401)
 
 
-def flying(case: BothCodes, last: float) -> Motion:
+def flying(case: BothCodes, last: float) -> Trajectory:
     """Bullets that fly along x at 2 m/s; the speed of the last one is another [m/s] from 1 s on."""
     velocity = np.zeros((len(TIMES), case.start.net.n_nodes, 3))
     velocity[:, case.start.net.bullet_nodes, 0] = 2.0
     velocity[TIMES >= 1.0, case.start.net.bullet_nodes[-1], 0] = last
-    return Motion(TIMES, np.zeros_like(velocity), velocity, 1)
+    return Trajectory(TIMES, np.zeros_like(velocity), velocity, 1)
 
 
 def test_separation_is_the_first_time_of_a_visible_spread():
@@ -52,7 +52,7 @@ def test_mirrored_arithmetic_keeps_the_bullets_together_and_ordinary_does_not():
     assert separated.measured < 2.0
 
 
-def in_the_papers_setting(case: BothCodes, states: int = 400) -> Motion:
+def in_the_papers_setting(case: BothCodes, states: int = 400) -> Trajectory:
     """ode45's pair at its default tolerances, with assembled matrices."""
     theirs = replace(case.theirs, system=replace(case.theirs.system, assembled=True))
     times = np.linspace(0.0, 2.0, states + 1)
@@ -63,8 +63,8 @@ def test_the_papers_own_setting_separates_at_the_papers_instant():
     """reference_impl/README.md: 1.75 s (0.05 m/s apart), with the last bits moved 1.56 s and more."""
     case = read_both(CASES["planar_deployment"])
     assert separation(case, in_the_papers_setting(case), 0.02) == pytest.approx(1.75, abs=0.006)
-    nearby = moved(case, ROUND_OFF, 1)
-    assert 1.3 < separation(nearby, in_the_papers_setting(nearby)) < 1.9
+    near = nearby(case, ROUND_OFF, 1)
+    assert 1.3 < separation(near, in_the_papers_setting(near)) < 1.9
 
 
 @pytest.mark.slow

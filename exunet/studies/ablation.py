@@ -22,7 +22,7 @@ from exunet.results.measures import Deployment, deployment
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
-from exunet.studies.neighbours import moved, of_other_accuracy
+from exunet.studies.neighbours import nearby_start, of_other_accuracy
 from exunet.system.effect_survey import Finding, chosen, finding, survey
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,7 @@ CLEAR = 3.0  # times the noise, from which on a displacement counts as the effec
 BRIEF = 1e-4  # of the duration, run before each run that is timed
 
 
-Measures = tuple[tuple[str, float], ...]
+Changes = tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class _Noise:
     """What errors alone change: displacement (n_times,) [m], and the measures of deployment."""
 
     moved: Floats
-    measures: Measures
+    measures: Changes
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ class Toggled:
     until: float = 0.0
     estimate: float = 0.0
     measured: float = 0.0
-    measures: Measures = ()
-    noise: Measures = ()
+    measures: Changes = ()
+    noise: Changes = ()
     wall: float = 1.0
     failure: str = ""
 
@@ -144,7 +144,7 @@ def _contradictions(scene: Scene) -> list[str]:
 
 def _perturbed(start: Start) -> Start:
     """The same start but for errors: a little moved, and integrated at another accuracy."""
-    return replace(moved(start), plan=of_other_accuracy(start.plan))
+    return replace(nearby_start(start), plan=of_other_accuracy(start.plan))
 
 
 def _run(
@@ -168,7 +168,7 @@ def _distance(a: Result, b: Result) -> Floats:
     return np.sqrt(np.einsum("n,tna,tna->t", mass, apart, apart) / mass.sum())
 
 
-def _changes(with_it: Deployment | None, without: Deployment | None) -> Measures:
+def _changes(with_it: Deployment | None, without: Deployment | None) -> Changes:
     if with_it is None or without is None:
         return ()
     four = ("largest_area", "time_of_largest", "distance", "time_open")

@@ -38,7 +38,7 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Motion:
+class Trajectory:
     """A trajectory in exunet's numbering: time (t,) [s], position and velocity (t, n, 3), steps taken."""
 
     time: Floats
@@ -133,7 +133,7 @@ class BothCodes:
         position[fixed], velocity[fixed] = self.start.position[fixed], 0.0
         return replace(self, start=self.start.moved(position, velocity))
 
-    def run_exunet(self, times: Floats, plan: Plan | None = None) -> Motion:
+    def run_exunet(self, times: Floats, plan: Plan | None = None) -> Trajectory:
         """exunet's trajectory at `times` (from 0 on), with the plan of the case or another.
 
         By Exudyn, or by the compiled loop where the case is `compiled`. Raises IntegrationFailed where it
@@ -148,13 +148,13 @@ class BothCodes:
         position, velocity = (
             np.array([getattr(state, name) for state in states]) for name in ("position", "velocity")
         )
-        return Motion(np.asarray(times), position, velocity, stepper.counts.steps)
+        return Trajectory(np.asarray(times), position, velocity, stepper.counts.steps)
 
-    def run_reference(self, times: Floats, **how: Any) -> Motion:
+    def run_reference(self, times: Floats, **how: Any) -> Trajectory:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.march."""
         found = self.reference_trajectory(times, **how)
         x, v = (self.from_reference(values) for values in (found.x, found.v))
-        return Motion(found.t, x, v, found.n_steps)
+        return Trajectory(found.t, x, v, found.n_steps)
 
     def reference_trajectory(self, times: Sequence[float] | Floats, **how: Any) -> reference.Trajectory:
         """The same as the reference gives it, in its own numbering and with its counts."""

@@ -11,7 +11,7 @@ from exunet.methods.plan import Plan
 from exunet.results.result import Result
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
-from exunet.studies.neighbours import MOVE, bullet_speeds, launch_speed, moved, of_other_accuracy
+from exunet.studies.neighbours import MOVE, launch_speed, nearby_start, of_other_accuracy, tracked_speeds
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
     start = prepare(scene)
     plan = of_other_accuracy(start.plan)
     scale = launch_speed(start.velocity)
-    ours = bullet_speeds(result.net, result.velocity)
+    ours = tracked_speeds(result.net, result.velocity)
     again, nearby = (
-        bullet_speeds(start.net, simulate(other).velocity)
-        for other in (replace(start, plan=plan), moved(start))
+        tracked_speeds(start.net, simulate(other).velocity)
+        for other in (replace(start, plan=plan), nearby_start(start))
     )
     difference = np.abs(ours - again).max(axis=1) / scale
     accuracy = scene.solver.accuracy

@@ -33,7 +33,7 @@ def perturbed(net: Net, position: Floats, amplitude: float, seed: int | Sequence
     return position + shift
 
 
-def moved(start: Start, part: float = MOVE, seed: int = SEED) -> Start:
+def nearby_start(start: Start, part: float = MOVE, seed: int = SEED) -> Start:
     """The start with its positions moved by up to a part of the net's size."""
     net = start.net
     return start.moved(perturbed(net, start.position, part * net.size, seed))
@@ -52,7 +52,7 @@ def launch_speed(velocity: Floats) -> float:
     return float(np.linalg.norm(velocity, axis=1).max(initial=0.0)) or 1.0
 
 
-def bullet_speeds(net: Net, velocity: Floats) -> Floats:
+def tracked_speeds(net: Net, velocity: Floats) -> Floats:
     """(..., k) speeds [m/s] of the bullets, of all nodes where there are none; velocity (..., n_nodes, 3)."""
     nodes = net.bullet_nodes if len(net.bullet_nodes) else np.arange(net.n_nodes)
     return np.asarray(np.linalg.norm(velocity[..., nodes, :], axis=-1))

@@ -112,4 +112,4 @@ class Text:
     rung: int = 0
 
 
-Finding = Check | Plate | Text
+Evidence = Check | Plate | Text

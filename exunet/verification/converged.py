@@ -13,9 +13,9 @@ from exunet.codegen.compile import numba_installed
 from exunet.methods.keys import Solver
 from exunet.methods.plan import Plan
 from exunet.simulation.planning import make_plan
-from exunet.studies.both_codes import BothCodes, Motion
-from exunet.studies.neighbours import bullet_speeds
-from exunet.verification.check import Check, Finding, Plate, difference, left_out
+from exunet.studies.both_codes import BothCodes, Trajectory
+from exunet.studies.neighbours import tracked_speeds
+from exunet.verification.check import Check, Evidence, Plate, difference, left_out
 from exunet.verification.figures import curves
 from exunet.verification.growth import BOOST, Growth, boosted, distances
 from exunet.verification.tolerances import CONVERGED, LEFT_OUT, TRAJECTORY
@@ -41,18 +41,18 @@ def best_plan(case: BothCodes, tolerance: float) -> Plan:
     return with_tolerance(case, "DOPRI5", tolerance * max(case.speed, LARGE * case.size))
 
 
-def converged(case: BothCodes, grown: Growth) -> Iterator[Finding]:
+def converged(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
     """Positions and bullet speeds up to the horizon of rung 7, while each code agrees with itself.
 
     Each code runs at two tolerances, a factor of ten or more apart. Instants at which one of them has not
     converged are left out, and a row says so. exunet's compiled loop is compared too, where Numba is
-    installed. As the case starts, its symmetry may keep the codes together beyond the horizon; the same
-    motion seen from a moving frame (`boosted`) has no such luck, so that is compared too.
+    installed. As the case starts, its symmetry may keep the codes together after the horizon; the same
+    motion seen from a moving frame (`boosted`) is not symmetric, so that is compared too.
     """
     end = min(grown.horizon, float(grown.time[-1]))
     spacing = end / INSTANTS
-    beyond = np.arange(spacing, min(SHOWN_PAST * end, float(grown.time[-1])) - end + 1e-9 * end, spacing)
-    times = np.concatenate([np.linspace(0.0, end, INSTANTS + 1), end + beyond])
+    later = np.arange(spacing, min(SHOWN_PAST * end, float(grown.time[-1])) - end + 1e-9 * end, spacing)
+    times = np.concatenate([np.linspace(0.0, end, INSTANTS + 1), end + later])
     apart: dict[str, Floats] = {}
     for label, start in (("as the case starts", case), (f"moving along at {BOOST} m/s", boosted(case))):
         if start is None:
@@ -68,14 +68,16 @@ def converged(case: BothCodes, grown: Growth) -> Iterator[Finding]:
     yield _apart(case, times, apart, grown.horizon)
 
 
-def _own(case: BothCodes, a: Motion, b: Motion) -> Floats:
+def _own(case: BothCodes, a: Trajectory, b: Trajectory) -> Floats:
     """(2, t) largest differences of a position and of a bullet's speed, of size and launch speed."""
     net = case.start.net
-    speeds = np.abs(bullet_speeds(net, a.velocity) - bullet_speeds(net, b.velocity)).max(axis=1)
+    speeds = np.abs(tracked_speeds(net, a.velocity) - tracked_speeds(net, b.velocity)).max(axis=1)
     return np.array([distances(a, b).max(axis=1) / case.size, speeds / case.speed])
 
 
-def _compared(form: BothCodes, own: Floats, ours: Motion, theirs: Motion, horizon: float) -> Iterator[Check]:
+def _compared(
+    form: BothCodes, own: Floats, ours: Trajectory, theirs: Trajectory, horizon: float
+) -> Iterator[Check]:
     """own : (2, 2, t) for each code the differences between its own tolerances, as `_own`.
 
     An error of its own that is NaN or infinite, or that is there at the start, where nothing has been
@@ -109,8 +111,8 @@ def _compared(form: BothCodes, own: Floats, ours: Motion, theirs: Motion, horizo
             if name == "positions"
             else difference(
                 until,
-                bullet_speeds(form.start.net, ours.velocity)[:kept],
-                bullet_speeds(form.start.net, theirs.velocity)[:kept],
+                tracked_speeds(form.start.net, ours.velocity)[:kept],
+                tracked_speeds(form.start.net, theirs.velocity)[:kept],
                 TRAJECTORY,
                 ("instant", "bullet"),
                 "m/s",
@@ -119,7 +121,7 @@ def _compared(form: BothCodes, own: Floats, ours: Motion, theirs: Motion, horizo
         )
 
 
-def _positions(form: BothCodes, name: str, a: Motion, b: Motion, kept: int) -> Check:
+def _positions(form: BothCodes, name: str, a: Trajectory, b: Trajectory, kept: int) -> Check:
     gap = distances(a, b)[:kept]
     at, node = (int(k) for k in np.unravel_index(int(np.argmax(gap)), gap.shape))
     places = (", ".join(f"{c:.12g}" for c in motion.position[at, node]) for motion in (a, b))
@@ -127,7 +129,9 @@ def _positions(form: BothCodes, name: str, a: Motion, b: Motion, kept: int) -> C
     return Check(name, float(gap[at, node]) / form.size, TRAJECTORY, worst)
 
 
-def _within_own(form: BothCodes, own: Floats, ours: Motion, theirs: Motion, kept: int) -> tuple[bool, str]:
+def _within_own(
+    form: BothCodes, own: Floats, ours: Trajectory, theirs: Trajectory, kept: int
+) -> tuple[bool, str]:
     """Whether the codes differ by no more than their own errors together, from instant `kept` on; in words.
 
     own : (2, t) of positions; an error that was there remains, even where two tolerances happen to meet

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
-from exunet.studies.both_codes import BothCodes, Motion
+from exunet.studies.both_codes import BothCodes, Trajectory
 from exunet.studies.neighbours import MOVE, PAPER_SIZE, SEED, perturbed
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 
@@ -93,7 +93,7 @@ def grid(case: BothCodes, end: float | None = None) -> tuple[Floats, Plan]:
     return np.linspace(0.0, end, STATES + 1), fixed_plan(case, end / STATES)
 
 
-def moved(case: BothCodes, part: float, seed: int = SEED) -> BothCodes:
+def nearby(case: BothCodes, part: float, seed: int = SEED) -> BothCodes:
     """The case with each coordinate of the start moved by up to a part of its size; see `perturbed`."""
     start = case.start
     return case.from_state(perturbed(start.net, start.position, part * case.size, seed), start.velocity)
@@ -110,7 +110,7 @@ def boosted(case: BothCodes) -> BothCodes | None:
     return replace(flying, name=f"{case.name}, boosted")
 
 
-def distances(a: Motion, b: Motion) -> Floats:
+def distances(a: Trajectory, b: Trajectory) -> Floats:
     """(t, n) distances between the places of each node in two motions [m]."""
     return np.asarray(np.linalg.norm(a.position - b.position, axis=-1))
 
@@ -123,8 +123,8 @@ def growth(case: BothCodes, end: float | None = None, amplitudes: tuple[float, .
     apart = np.zeros((len(amplitudes), len(times), case.start.net.n_nodes))
     for row, amplitude in zip(apart, amplitudes, strict=True):
         for seed in SEEDS if amplitude == ROUND_OFF else SEEDS[:1]:
-            nearby = moved(fast, amplitude, seed).run_exunet(times, plan)
-            np.maximum(row, distances(base, nearby) / case.size, out=row)
+            other = nearby(fast, amplitude, seed).run_exunet(times, plan)
+            np.maximum(row, distances(base, other) / case.size, out=row)
     difference = apart.max(axis=2)
     rates = [_rate(times, row, a) for row, a in zip(difference, amplitudes, strict=True)]
     return Growth(times, np.array(amplitudes), difference, apart.argmax(axis=2), np.array(rates))

@@ -9,7 +9,7 @@ import numpy as np
 
 from exunet.studies.both_codes import BothCodes
 from exunet.studies.neighbours import MOVE, PAPER_SIZE
-from exunet.verification.check import Check, Finding, Plate, Text, left_out
+from exunet.verification.check import Check, Evidence, Plate, Text, left_out
 from exunet.verification.figures import bands, curves
 from exunet.verification.growth import AMPLITUDE, FURTHER, ROUND_OFF, SEEDS, VISIBLE, Growth
 from exunet.verification.statistics import REFERENCE, Statistics, our_code, statistics
@@ -19,10 +19,10 @@ SMALL = 1e-8 / PAPER_SIZE  # of the size: differences below are in proportion to
 MEANS = ("area", "energy", "speed")  # of `Statistics`
 
 
-def sensitivity(case: BothCodes, grown: Growth) -> Iterator[Finding]:
+def sensitivity(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
     """Rate of growth and horizon of a case, and that small differences grow in proportion.
 
-    A difference that is NaN or infinite fails; nothing is said of such a growth then.
+    A difference that is NaN or infinite fails, and ends the comparison.
     """
     horizon, size = grown.horizon, case.size
     wrong = np.argwhere(~np.isfinite(grown.difference))
@@ -86,10 +86,10 @@ def _in_proportion(case: BothCodes, grown: Growth) -> Check:
     return Check(name, float(ratio[at]), PROPORTIONAL, words)
 
 
-def after_it(case: BothCodes, grown: Growth, both: bool) -> Iterator[Finding]:
+def after_it(case: BothCodes, grown: Growth, both: bool) -> Iterator[Evidence]:
     """Mean and spread of perturbed runs; with `both`, those of the two codes are compared.
 
-    A value that is NaN or infinite fails; nothing is said of such runs then.
+    A value that is NaN or infinite fails, and ends the comparison.
     """
     ours, parted = statistics(case, our_code()), grown.reaches(AMPLITUDE)
     if wrong := _not_finite(ours):

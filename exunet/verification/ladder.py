@@ -16,7 +16,7 @@ from exunet.studies.both_codes import BothCodes, read_both
 from exunet.studies.neighbours import MOVE
 from exunet.verification import at_states, converged, growth, horizon, matrices, stepping, symmetry, topology
 from exunet.verification.answers import ANSWERS
-from exunet.verification.check import Check, Finding, left_out
+from exunet.verification.check import Check, Evidence, left_out
 from exunet.verification.shipped import shipped
 from exunet.verification.tolerances import RAN
 
@@ -43,9 +43,9 @@ class Step:
 
     rung: int
     subject: str
-    work: Callable[[], Iterable[Finding]]
+    work: Callable[[], Iterable[Evidence]]
 
-    def run(self) -> Iterator[Finding]:
+    def run(self) -> Iterator[Evidence]:
         """The findings of the step, under its rung and subject; a run that stops becomes a failed check."""
         try:
             for finding in self.work():
@@ -55,7 +55,7 @@ class Step:
         except (ExunetError, IntegrationFailed, reference.Diverged) as stop:
             yield self._signed(Check("ran to its end", math.inf, RAN, str(stop).split("\n")[0]))
 
-    def _signed(self, finding: Finding) -> Finding:
+    def _signed(self, finding: Evidence) -> Evidence:
         rung = finding.rung or self.rung
         if isinstance(finding, Check):
             return replace(finding, rung=rung, subject=finding.subject or self.subject)
@@ -142,7 +142,7 @@ class Ladder:
                 row = left_out(f"whole runs and horizon, {WHOLE_RUNS}", "--quick follows one case")
                 yield Step(4, case.name, partial(iter, [row]))
 
-    def _trajectories(self, case: BothCodes) -> Iterator[Finding]:
+    def _trajectories(self, case: BothCodes) -> Iterator[Evidence]:
         if (count := case.start.net.n_elements) > MOST_ELEMENTS:
             why = f"for up to {MOST_ELEMENTS} elements, not {count}"
             yield left_out(f"whole runs and horizon, {WHOLE_RUNS}", why)
@@ -189,8 +189,8 @@ class Ladder:
 
 
 def _known(
-    paths: dict[str, Path], name: str, answer: Callable[[BothCodes], Iterator[Finding]]
-) -> Iterator[Finding]:
+    paths: dict[str, Path], name: str, answer: Callable[[BothCodes], Iterator[Evidence]]
+) -> Iterator[Evidence]:
     if name not in paths:
         raise InputError(f"cases/verification/{name}.toml: the case of this answer is not there")
     return answer(read_both(paths[name]))

@@ -15,7 +15,7 @@ from exunet.backends.exudyn.loading import exudyn_version
 from exunet.base.files import cannot_write, replacing
 from exunet.base.markdown import markdown_table
 from exunet.verification import tolerances
-from exunet.verification.check import Check, Finding, Plate, Text
+from exunet.verification.check import Check, Evidence, Plate, Text
 from exunet.verification.tolerances import Tolerance
 
 
@@ -39,7 +39,7 @@ class Report:
     opening: Sequence[str] = ()
     closing: Sequence[str] = ()
     tolerances: str = ""
-    findings: list[Finding] = field(default_factory=list)
+    findings: list[Evidence] = field(default_factory=list)
     interrupted: bool = False
 
     @property
@@ -74,7 +74,7 @@ class Report:
         except OSError as error:
             raise cannot_write(folder, error) from error
 
-    def add(self, finding: Finding, folder: Path) -> list[str]:
+    def add(self, finding: Evidence, folder: Path) -> list[str]:
         """Take a finding and draw its figure into the folder (within `exunet.figures.style.drawing`).
 
         Returns its lines for the terminal, under a heading where a section begins.
@@ -133,7 +133,7 @@ def _printed(check: Check) -> list[str]:
     return [_LINE.format(*cells).rstrip(), *([f"    {more}: {check.worst}"] if shown else [])]
 
 
-def _section(findings: Sequence[Finding]) -> Iterator[str]:
+def _section(findings: Sequence[Evidence]) -> Iterator[str]:
     if checks := [finding for finding in findings if isinstance(finding, Check)]:
         head = ("case", "check", "measured", "allowed", "verdict", "worst")
         yield from markdown_table(head, [_cells(check) for check in checks])

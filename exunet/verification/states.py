@@ -23,7 +23,7 @@ def random_states(
 ) -> Iterator[tuple[Floats, Floats]]:
     """`count` states (position, velocity), (n, 3) each [m], [m/s], fixed nodes included.
 
-    packed        : 2 to 30 % of the reference configuration, strewn about
+    packed        : 2 to 30 % of the reference configuration, scattered
     slack         : 80 to 99.9 %, so nothing pulls but what the scatter of the nodes stretches
     taut          : strains between 1e-3 and 0.03
     overstretched : 1.1 to 3 times the reference configuration

@@ -22,7 +22,7 @@ from exunet.codegen.compile import numba_installed
 from exunet.results.measures import mouth_area
 from exunet.studies.both_codes import BothCodes
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
-from exunet.studies.neighbours import bullet_speeds
+from exunet.studies.neighbours import tracked_speeds
 from exunet.system import energy
 from exunet.verification.converged import best_plan
 from exunet.verification.growth import AMPLITUDE, grid
@@ -83,16 +83,16 @@ def statistics(case: BothCodes, code: str, runs: int | None = None) -> Statistic
 
 def _one(case: BothCodes, code: str, times: Floats, place: Floats) -> tuple[Floats, ...]:
     """Area, kinetic and elastic energy and the bullets' speeds of one run, as in `run_ensemble`."""
-    nearby, net = case.from_state(place, case.start.velocity), case.start.net
+    other, net = case.from_state(place, case.start.velocity), case.start.net
     if code == EXUDYN:
-        motion = nearby.run_exunet(times, best_plan(case, TOLERANCE))
+        motion = other.run_exunet(times, best_plan(case, TOLERANCE))
     else:
-        motion = nearby.run_reference(times, method="RK45", rtol=TOLERANCE, atol=TOLERANCE)
+        motion = other.run_reference(times, method="RK45", rtol=TOLERANCE, atol=TOLERANCE)
     return (
         mouth_area(net, motion.position),
         energy.kinetic(net.mass, motion.velocity),
         energy.elastic(case.start.system.forces, motion.position),
-        bullet_speeds(net, motion.velocity),
+        tracked_speeds(net, motion.velocity),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from exunet.studies.both_codes import BothCodes
 from exunet.studies.neighbours import MOVE
-from exunet.verification.check import Check, Finding, Plate, difference, left_out, worst_of
+from exunet.verification.check import Check, Evidence, Plate, difference, left_out, worst_of
 from exunet.verification.figures import curves
 from exunet.verification.growth import VISIBLE, Growth, distances, fixed_plan
 from exunet.verification.states import HALF_SLACK, NO_HALF_SLACK, smooth_states
@@ -41,7 +41,7 @@ def one_step(case: BothCodes) -> Iterator[Check]:
         )
 
 
-def same_scheme(case: BothCodes, grown: Growth) -> Iterator[Finding]:
+def same_scheme(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
     """The growth of the difference over the run, against the growth of a perturbation of the start.
 
     grown : of this case, over the time to compare

@@ -15,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.studies.both_codes import BothCodes, Motion
+from exunet.studies.both_codes import BothCodes, Trajectory
 from exunet.studies.neighbours import PAPER_SIZE
 from exunet.verification.check import Check, worst_of
-from exunet.verification.growth import moved
+from exunet.verification.growth import nearby
 from exunet.verification.statistics import in_parallel
 from exunet.verification.tolerances import SYMMETRIC
 
@@ -35,7 +35,7 @@ def symmetry(case: BothCodes) -> Iterator[Check]:
     """Spread of the bullets' speeds in mirrored arithmetic, and when it is seen in ordinary arithmetic."""
     end = case.start.scene.time.end
     jobs: list[tuple[BothCodes, float, float]] = [(mirrored(case), t, LATER * end) for t in TOLERANCES]
-    *equal, ordinary = in_parallel(_run, [*jobs, (moved(case, NUDGE), TOLERANCES[0], end)])
+    *equal, ordinary = in_parallel(_run, [*jobs, (nearby(case, NUDGE), TOLERANCES[0], end)])
     rows = [
         _largest(f"tolerance {tolerance:.0e}", motion, bullet_spread(case, motion))
         for tolerance, motion in zip(TOLERANCES, equal, strict=True)
@@ -51,23 +51,23 @@ def mirrored(case: BothCodes) -> BothCodes:
     return replace(case, theirs=replace(case.theirs, system=system))
 
 
-def bullet_spread(case: BothCodes, motion: Motion) -> Floats:
+def bullet_spread(case: BothCodes, motion: Trajectory) -> Floats:
     """(t,) largest less smallest speed of a bullet [m/s]."""
     # x and y first, as the mirrored arithmetic adds them, so that mirrored speeds are equal.
     x, y, z = np.moveaxis(motion.velocity[:, case.start.net.bullet_nodes] ** 2, -1, 0)
     return np.asarray(np.ptp(np.sqrt((x + y) + z), axis=1))
 
 
-def separation(case: BothCodes, motion: Motion, part: float = SEPARATE) -> float:
+def separation(case: BothCodes, motion: Trajectory, part: float = SEPARATE) -> float:
     """First stored time [s] at which the spread exceeds a part of the launch speed; infinite if never."""
     apart = np.flatnonzero(bullet_spread(case, motion) > part * case.speed)
     return float(motion.time[apart[0]]) if len(apart) else float("inf")
 
 
-def _run(case: BothCodes, tolerance: float, end: float) -> Motion:
+def _run(case: BothCodes, tolerance: float, end: float) -> Trajectory:
     return case.run_reference(np.linspace(0.0, end, INSTANTS), rtol=tolerance, atol=1e-2 * tolerance)
 
 
-def _largest(name: str, motion: Motion, spread: Floats) -> Check:
+def _largest(name: str, motion: Trajectory, spread: Floats) -> Check:
     at = int(np.argmax(spread))
     return Check(name, float(spread[at]), SYMMETRIC, f"t = {motion.time[at]:.4g} s")

@@ -82,9 +82,8 @@ CONVERGED = Tolerance(
 )
 LEFT_OUT = Tolerance(
     0.5,
-    "of the time to the horizon of one round-off, for positions: where the errors of all steps have grown "
-    "beyond what CONVERGED allows, there is nothing to compare and a row says so, but that comes late: more "
-    "fails",
+    "of the time to the horizon of one round-off, for positions: where the errors of all steps exceed "
+    "CONVERGED there is nothing to compare, and a row says so; if that is so for more of the time, it fails",
 )
 TRAJECTORY = Tolerance(
     1e-5, "of the net's size and of the launch speed: ten times the error that each code has by itself"
@@ -139,7 +138,8 @@ PROPORTIONAL = Tolerance(
     0.5,
     "small differences obey linear equations, so a start moved 100 times further (another length of the same "
     "move) parts 100 times as much, but for the kinks that the larger one meets at other times; small is "
-    "below 1e-8 m in 7 m, since threads that tremble about their kink keep all starts some 1e-7 m apart",
+    "below 1e-8 m in 7 m, since threads that oscillate about the kink of their law keep all starts some "
+    "1e-7 m apart",
     "decades",
 )
 SAME_STATISTICS = Tolerance(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from exunet.results.measures import Deployment, deployment_of
 from exunet.studies.cost.runners import Subject, trajectory
 from exunet.studies.cost.settings import Setting
-from exunet.studies.neighbours import MOVE, bullet_speeds, moved
+from exunet.studies.neighbours import MOVE, nearby_start, tracked_speeds
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def converge(subject: Subject, *, compiled: bool) -> Converged:
         others = [Setting("connectors", "DOPRI5", tolerance=OWN[-1])]
     runs = [_solution(fine, setting) for setting in (*own, *others)]
     speeds = np.array([one for one, _ in runs])  # (settings, t, k)
-    nearby, its_deployment = _solution(replace(fine, start=moved(fine.start)), own[-1])
+    nearby, its_deployment = _solution(replace(fine, start=nearby_start(fine.start)), own[-1])
     best = speeds[len(own) - 1, -1]
     sensitivity = float(np.abs(nearby[-1] - best).max()) / scale
     spread = np.ptp(speeds, axis=0).max(axis=-1) / scale  # (t,)
@@ -94,4 +94,4 @@ def converge(subject: Subject, *, compiled: bool) -> Converged:
 def _solution(subject: Subject, setting: Setting) -> tuple[Floats, Deployment | None]:
     """(t, k) speeds [m/s] at the stored times, measures of deployment."""
     net, found = subject.start.net, trajectory(subject, setting)
-    return bullet_speeds(net, found.velocity), deployment_of(net, found.time, found.position)
+    return tracked_speeds(net, found.velocity), deployment_of(net, found.time, found.position)

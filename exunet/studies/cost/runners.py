@@ -20,7 +20,7 @@ from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import BothCodes
 from exunet.studies.cost.settings import Setting
-from exunet.studies.neighbours import bullet_speeds, launch_speed
+from exunet.studies.neighbours import launch_speed, tracked_speeds
 from exunet.system import energy
 from exunet.system.energy_scale import EnergyScale
 from exunet.system.states import States
@@ -71,7 +71,7 @@ def measures(start: Start, time: Floats, position: Floats, velocity: Floats, dis
     gained = scales.gained(states, dissipated)[0]
     scale = scales.start + float(gained.max()) or float(states.kinetic.max()) or 1.0
     return Measures(
-        speeds=bullet_speeds(net, velocity[-1]),
+        speeds=tracked_speeds(net, velocity[-1]),
         energy=float(np.abs(total - total[0]).max()) / scale,
         momentum=_momentum(start, velocity),
         deployment=deployment_of(net, time, position[:, : net.n_nodes]),
@@ -103,7 +103,7 @@ class Work:
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class TimedTrajectory:
     """Stored states in exunet's numbering, (t, n_nodes, 3), with the wall time of the stepping [s]."""
 
     time: Floats
@@ -163,7 +163,7 @@ def run(subject: Subject, setting: Setting, until: float | None = None) -> Trial
     return Trial(found.seconds, found.work, shown)
 
 
-def trajectory(subject: Subject, setting: Setting) -> Trajectory:
+def trajectory(subject: Subject, setting: Setting) -> TimedTrajectory:
     """The stored states; raises RunStopped if the run stops, KeyboardInterrupt on Ctrl-C."""
     try:
         return (_by_reference if setting.code == "reference" else _by_exunet)(subject, setting)
@@ -173,7 +173,7 @@ def trajectory(subject: Subject, setting: Setting) -> Trajectory:
         raise RunStopped(f"the reference {stop}") from stop
 
 
-def _by_exunet(subject: Subject, setting: Setting) -> Trajectory:
+def _by_exunet(subject: Subject, setting: Setting) -> TimedTrajectory:
     scene = with_setting(subject.start.scene, setting, subject.speed, subject.times)
     result = simulate(prepare(scene).moved(subject.start.position))
     cost = result.provenance
@@ -181,7 +181,9 @@ def _by_exunet(subject: Subject, setting: Setting) -> Trajectory:
         cost["steps"], cost["rejected_steps"], cost["right_hand_sides"], cost.get("newton_iterations", 0)
     )
     position, velocity = (_of_points(subject.start, result, name) for name in ("position", "velocity"))
-    return Trajectory(result.time, position, velocity, result.dissipated, work, cost["integration_seconds"])
+    return TimedTrajectory(
+        result.time, position, velocity, result.dissipated, work, cost["integration_seconds"]
+    )
 
 
 def _of_points(start: Start, result: Result, quantity: str) -> Floats:
@@ -190,7 +192,7 @@ def _of_points(start: Start, result: Result, quantity: str) -> Floats:
     return np.concatenate([getattr(result, quantity), *bodies], axis=1)
 
 
-def _by_reference(subject: Subject, setting: Setting) -> Trajectory:
+def _by_reference(subject: Subject, setting: Setting) -> TimedTrajectory:
     assert subject.both is not None
     both = subject.both.from_state(subject.start.position, subject.start.velocity)
     how: dict[str, object] = {"step": setting.step}
@@ -201,7 +203,7 @@ def _by_reference(subject: Subject, setting: Setting) -> Trajectory:
     seconds = clock.perf_counter() - began
     x, v = both.from_reference(found.x), both.from_reference(found.v)
     work = Work(found.n_steps, found.n_rejected, found.n_rhs, found.n_newton)
-    return Trajectory(found.t, x, v, found.dissipated, work, seconds)
+    return TimedTrajectory(found.t, x, v, found.dissipated, work, seconds)
 
 
 def with_setting(scene: Scene, setting: Setting, speed: float, times: tuple[float, ...]) -> Scene:

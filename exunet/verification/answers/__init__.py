@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 
 from exunet.studies.both_codes import BothCodes
 from exunet.verification.answers import linear, motions, mouth, orders
-from exunet.verification.check import Finding
+from exunet.verification.check import Evidence
 
-Answer = Callable[[BothCodes], Iterator[Finding]]
+Answer = Callable[[BothCodes], Iterator[Evidence]]
 
 # What is known of the case of that name under cases/verification/.
 ANSWERS: tuple[tuple[str, Answer], ...] = (

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.studies.both_codes import BothCodes, Motion
+from exunet.studies.both_codes import BothCodes, Trajectory
 from exunet.verification.check import Check
 from exunet.verification.converged import with_tolerance
 from exunet.verification.growth import fixed_plan
@@ -18,13 +18,13 @@ Floats = NDArray[np.float64]
 CODES = ("Exudyn", "reference")
 
 
-def best(case: BothCodes, times: Floats, tolerance: float = 1e-11) -> Iterator[tuple[str, Motion]]:
+def best(case: BothCodes, times: Floats, tolerance: float = 1e-11) -> Iterator[tuple[str, Trajectory]]:
     """(code, motion at `times`) with the best adaptive method of each code; tolerance in m and m/s."""
     yield CODES[0], case.run_exunet(times, with_tolerance(case, "DOPRI5", tolerance))
     yield CODES[1], case.run_reference(times, rtol=1e-11, atol=1e-13)
 
 
-def in_steps(case: BothCodes, times: Floats, part: float) -> Iterator[tuple[str, Motion]]:
+def in_steps(case: BothCodes, times: Floats, part: float) -> Iterator[tuple[str, Trajectory]]:
     """(code, motion at `times`) with the classical Runge-Kutta method at a part of its stable step.
 
     Its errors are in proportion to the motion, however small that is.

@@ -154,7 +154,7 @@ def pendulum(case: BothCodes) -> Iterator[Check]:
 def braking(case: BothCodes) -> Iterator[Check]:
     """Angular momentum that beta T(reference) takes from a rigid rotation by the angle a.
 
-    The cable lies along x at first, so eq. (13) damps the relative velocity along x for ever, with beta k,
+    The cable lies along x at first, so eq. (13) damps the relative velocity along x throughout, with beta k,
     k = EA / L0. At the distance l the relative velocity along x is -w l sin(a), the torque
     -beta k w l^2 sin(a)^2, and over the angle the loss is beta k l^2 (a / 2 - sin(2 a) / 4). An
     objective damping would take nothing.

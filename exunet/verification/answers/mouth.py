@@ -56,7 +56,7 @@ def _flat(case: BothCodes) -> float:
 
 
 def _folded(place: Floats) -> Floats:
-    """The half beyond the diagonal x + y = 0 turned out of the plane."""
+    """The half with x + y > 0 turned out of the plane about the diagonal."""
     along, across = (place[:, 1] - place[:, 0]) / math.sqrt(2.0), (place[:, 0] + place[:, 1]) / math.sqrt(2.0)
     return np.column_stack([np.maximum(across, 0.0), along, np.maximum(-across, 0.0)])
 

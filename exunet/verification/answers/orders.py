@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.methods.plan import Plan
-from exunet.studies.both_codes import BothCodes, Motion
-from exunet.verification.check import Check, Finding, Plate
+from exunet.studies.both_codes import BothCodes, Trajectory
+from exunet.verification.check import Check, Evidence, Plate
 from exunet.verification.converged import with_tolerance
 from exunet.verification.figures import convergence
 from exunet.verification.tolerances import ADAPTIVE_ORDER, KINK, ORDER
@@ -91,7 +91,7 @@ def _plans(case: BothCodes, method: Method, end: float) -> list[Plan]:
 
 
 def _series(
-    label: str, order: int, adaptive: bool, runs: Sequence[Sequence[Motion]], exact: Sequence[Motion]
+    label: str, order: int, adaptive: bool, runs: Sequence[Sequence[Trajectory]], exact: Sequence[Trajectory]
 ) -> Series:
     apart = np.array(  # (settings, starts, nodes)
         [
@@ -107,7 +107,7 @@ def _series(
     return Series(label, order, adaptive, steps, errors, apart.max(axis=1).argmax(axis=1).tolist())
 
 
-def smooth(case: BothCodes) -> Iterator[Finding]:
+def smooth(case: BothCodes) -> Iterator[Evidence]:
     """Where no element ever goes slack, every method must show its declared order."""
     found = all_series([case])
     for series in found:
@@ -118,7 +118,7 @@ def smooth(case: BothCodes) -> Iterator[Finding]:
     yield _plate(case, found, "always taut", "Every method shows its declared order.")
 
 
-def with_kink(case: BothCodes) -> Iterator[Finding]:
+def with_kink(case: BothCodes) -> Iterator[Evidence]:
     """Where a cable becomes taut and slack again: second order is left of any higher one with equal steps."""
     found = all_series(_shifted(case))
     for series in found:
