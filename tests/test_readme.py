@@ -1,36 +1,66 @@
-"""What the README shows, done."""
+"""What the README and the documentation show, done."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README = ROOT / "README.md"
+PAGES = sorted((ROOT / "docs").glob("*.md"))
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+def blocks(page: Path, language: str) -> list[str]:
+    text = page.read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
 
 
-def test_python_example_runs(tmp_path, monkeypatch, capsys):
-    (code,) = blocks("python")
-    assert len([line for line in code.splitlines() if line]) <= 11
-    (tmp_path / "cases").symlink_to(ROOT / "cases")
-    monkeypatch.chdir(tmp_path)
-    exec(compile(code, "README.md", "exec"), {})
+def done(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The Python blocks of a page in their order, in a folder that has the cases."""
+    (folder / "cases").symlink_to(ROOT / "cases")
+    monkeypatch.chdir(folder)
+    names: dict[str, Any] = {}
+    for code in blocks(page, "python"):
+        exec(compile(code, page.name, "exec"), names)
+
+
+def test_python_examples_of_the_readme_run(tmp_path, monkeypatch, capsys):
+    done(README, tmp_path, monkeypatch)
     shown = capsys.readouterr().out
     assert "2.261" in shown  # m/s at 1 s, damped: reference_impl/README.md
     assert (tmp_path / "deployment.h5").exists()
     assert len(list((tmp_path / "figures").glob("*.png"))) == 5
 
 
-def test_picture_and_links_exist():
-    for target in re.findall(r"\]\((?!http)([^)#]+)\)", README):
-        assert (ROOT / target).exists(), target
+def test_python_examples_of_the_step_api_run(tmp_path, monkeypatch, capsys):
+    done(ROOT / "docs" / "simulation.md", tmp_path, monkeypatch)
+    shown = capsys.readouterr().out
+    balance = re.search(r"energy balance: (\S+) J", shown)
+    assert balance is not None
+    assert abs(float(balance[1])) < 1e-10  # round-off: no cable is taut yet
+    assert shown.endswith("ok 201\n")
+
+
+def test_the_readme_is_short():
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 120
+
+
+@pytest.mark.parametrize("page", [README, *PAGES], ids=lambda page: page.name)
+def test_pictures_and_links_exist(page):
+    for target in re.findall(r"\]\((?!http)([^)#]+)\)", page.read_text(encoding="utf-8")):
+        assert (page.parent / target).exists(), target
+
+
+def test_the_index_lists_every_page():
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    for page in PAGES:
+        assert page.name == "README.md" or f"({page.name})" in index, page.name
 
 
 def test_first_blocks_are_the_newcomers_commands():
-    first, second, *_ = blocks("sh")
+    first, second, *_ = blocks(README, "sh")
     assert "exunet run cases/planar_deployment.toml --check" in first
     assert "pytest" in second
