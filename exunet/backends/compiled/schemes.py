@@ -37,7 +37,7 @@ def accelerate(t: float, x: Any, v: Any, m: Any, a: Any) -> float:
         a[c] = m.push[c]
     held = add_forces(t, x, v, m.data, a)
     if BODIES:
-        add_gyroscopic(v, m.inertia, x.size, a)
+        add_gyroscopic(v, m.inertia, m.x.size, a)
     for c in range(a.size):
         a[c] *= m.inverse[c]
     return held
