@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from exunet.backends.compiled import many_steps, schemes
-from exunet.backends.compiled.arrays import Control, Kept, Motion, Seen, Stages, clock_at
+from exunet.backends.compiled.arrays import PEAKS, Control, Kept, Motion, Seen, Stages, clock_at
 
 START, H = 0.3, 0.7  # [s]
 Force = Callable[[float, Any, Any], float]
@@ -35,10 +35,10 @@ def under(monkeypatch: pytest.MonkeyPatch) -> Callable[[Force], None]:
 
 def at_start(x: float = 0.0, v: float = 0.0) -> Motion:
     """One coordinate at START; the work space holds its acceleration, and nothing else that is known."""
-    of_one = {name: np.full(1, np.nan) for name in Stages._fields}
-    stages = Stages(**of_one | {"z1": np.zeros(0), "turns": np.zeros((7, 0))})
+    work = np.full((len(Stages._fields), 1), np.nan)
     state = (np.array([x]), np.array([v]), np.zeros(0))
-    motion = Motion(*state, np.ones(1), np.zeros((0, 3)), np.zeros(1), (), stages, np.zeros(1))
+    none = (np.zeros(0), np.zeros((7, 0)))
+    motion = Motion(*state, np.ones(1), np.zeros((0, 3)), np.zeros(1), (), work, *none, np.zeros(1))
     many_steps.begin(START, False, motion)
     return motion
 
@@ -59,7 +59,7 @@ def test_a_dormand_prince_step_takes_the_forces_at_its_stages_own_times(
     force, way, speed = power_of_time(p)
     under(force)
     motion = at_start()
-    end = motion.stages
+    end = schemes.stages_of(motion.work)
     error, held = schemes.dormand_prince_step(START, H, motion)
     assert end.v1[0] == pytest.approx(speed, rel=1e-13)
     if p <= 3:
@@ -79,9 +79,9 @@ def test_a_runge_kutta_step_takes_the_forces_at_its_stages_own_times(
     under(force)
     motion = at_start()
     schemes.runge_kutta_4_step(START, H, motion)
-    assert motion.stages.v1[0] == pytest.approx(speed, rel=1e-13)
+    assert schemes.stages_of(motion.work).v1[0] == pytest.approx(speed, rel=1e-13)
     if p <= 2:
-        assert motion.stages.x1[0] == pytest.approx(way, rel=1e-13)
+        assert schemes.stages_of(motion.work).x1[0] == pytest.approx(way, rel=1e-13)
 
 
 @pytest.mark.parametrize(("method", "order"), [("runge_kutta_4_step", 4), ("dormand_prince_step", 5)])
@@ -102,7 +102,7 @@ def test_a_step_has_its_order_where_time_speed_and_place_all_matter(
             lambda t, y: (y[1], force(t, *y)), (START, START + h), (0.4, 1.0),
             method="DOP853", rtol=1e-13, atol=1e-15,
         ).y[:, -1]  # fmt: skip
-        found = np.concatenate([motion.stages.x1, motion.stages.v1])
+        found = np.concatenate([schemes.stages_of(motion.work).x1, schemes.stages_of(motion.work).v1])
         errors.append(np.abs(found - exact))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert orders.min() > order + 0.8, orders
@@ -119,7 +119,7 @@ def test_a_verlet_step_takes_the_force_at_its_end_with_the_velocity_of_its_middl
     middle = 3.0 + 0.35 * a0
     x1 = 2.0 + 0.7 * middle
     a1 = 5.0 * 1.0 - 7.0 * x1 - 11.0 * middle
-    end = motion.stages
+    end = schemes.stages_of(motion.work)
     assert [end.a1[0], end.x1[0], end.v1[0]] == pytest.approx([a1, x1, middle + 0.35 * a1], rel=1e-13)
     assert held == pytest.approx(0.5 * x1**2, rel=1e-13)
 
@@ -132,20 +132,20 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
     none = np.zeros(0)
     for equal in (True, False):
         motion, clock = at_start(), clock_at(START, 0.05)
-        extremes = [np.array([value]) for value in (0.0, np.inf, np.inf, np.inf, 0.0, 0.0, -1.0)]
-        seen = Seen(*extremes, 0.5 * np.ones(1), np.zeros((0, 2), dtype=int), none, none, none)
+        peaks = np.array([(0.0, np.inf, np.inf, np.inf, 0.0, 0.0, -1)], dtype=PEAKS)
+        seen = Seen(peaks, 0.5 * np.ones(1), np.zeros((0, 2), dtype=int), none, none, none)
         kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros((50, 0)), np.zeros(50))
         last = (motion, clock, seen, kept)
         if equal:
             rows = many_steps.equal_steps(False, START, START + H, 7, 0, 7, 0, 1, *last)
-            assert clock.steps[0] == 7
+            assert clock["steps"][0] == 7
         else:
             limits = Control(tolerance=1e-9, longest=0.2, least=1e-6)
             rows = many_steps.chosen_steps(limits, START + H, 100, 0, 1, *last)
-        assert clock.time[0] == START + H
+        assert clock["time"][0] == START + H
         assert kept.time[rows - 1] == START + H
         assert motion.v[0] == pytest.approx(speed, rel=1e-12)
         assert motion.x[0] == pytest.approx(way, rel=1e-12)
         # It moves away from the origin, so that the end has the largest of the energies told.
-        assert seen.elastic[0] == pytest.approx(0.5 * motion.x[0] ** 2, rel=1e-12)
-        assert motion.stages.a1[0] == pytest.approx((START + H) ** p, rel=1e-12)
+        assert seen.peaks["elastic"][0] == pytest.approx(0.5 * motion.x[0] ** 2, rel=1e-12)
+        assert schemes.stages_of(motion.work).a1[0] == pytest.approx((START + H) ** p, rel=1e-12)
