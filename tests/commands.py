@@ -14,15 +14,16 @@ from pathlib import Path
 
 import pytest
 
+from exunet.base.errors import InputError
 from exunet.interfaces.cli import main
 from exunet.results.reading import load_result
 
 PATIENCE = 120.0  # [s] for what takes a second or two on an idle machine
 
-# The command, with what is done so far written at each stored time, and not only every half a minute.
+# The command, with a checkpoint at each stored time, and not only every half a minute.
 WRITING_OFTEN = """
 import exunet.simulation.run as run
-run.KEEP_EVERY, run.KEEP_PART = 0.0, 1e9
+run.WALL_TIME, run.WALL_PART = 0.0, 1e9
 from exunet.interfaces.cli import main
 main()
 """
@@ -85,6 +86,10 @@ def wait_until(reached: Callable[[], bool], running: subprocess.Popen[str]) -> N
         time.sleep(0.01)
 
 
-def states_stored(path: Path) -> int:
-    """Stored times in a result file; none if it is not there yet."""
-    return len(load_result(path).time) if path.exists() else 0
+def states_stored(folder: Path) -> int:
+    """Stored times of the run that goes on in a folder; none before the first can be read."""
+    try:
+        result = load_result(folder)
+    except InputError:  # or a file was replaced while it was read
+        return 0
+    return 0 if result.complete else len(result.time)

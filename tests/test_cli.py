@@ -187,12 +187,13 @@ def test_ctrl_c_keeps_the_part_done(tmp_path):
     """Pressed in the middle of the run: once some of it can be read."""
     arguments = ["run", PLANAR, "--set", "time.end=1000", "--set", "time.output_step=0.05", "--out", "here"]
     running = process(*arguments, folder=tmp_path, program=WRITING_OFTEN)
-    wait_until(lambda: states_stored(tmp_path / "here/result.h5") > 2, running)
+    wait_until(lambda: states_stored(tmp_path / "here") > 2, running)
     running.send_signal(signal.SIGINT)
     done = ended(running)
     assert done.returncode == 130
     assert "interrupted after t = " in done.stderr
     assert "Traceback" not in done.stderr
+    assert not (tmp_path / "here/unfinished").exists()
     result = exunet.load_result(tmp_path / "here/result.h5")
     assert not result.complete
     assert result.verdict.startswith("interrupted")

@@ -1,4 +1,4 @@
-"""A run killed at any moment: its result is absent, or whole and marked as incomplete."""
+"""A run killed at any moment: its result is absent, whole, or a sound beginning marked as incomplete."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import PATIENCE, WRITING_OFTEN, process, wait_until
+from commands import PATIENCE, WRITING_OFTEN, process, states_stored, wait_until
 
 import exunet
 from exunet.base.errors import InputError
 from exunet.base.files import replacing, sweep
+from exunet.simulation import run as runs
 
 CASE = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
 KILLS = 24
@@ -25,7 +26,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL")
 
 
 def started(folder: Path, *overrides: str) -> subprocess.Popen[str]:
-    """A run that writes a part at each stored time, so that many kills hit a file half written."""
+    """A run that writes at each stored time, so that many kills hit a file half written."""
     return process("run", CASE, *overrides, "--out", folder, folder=folder.parent, program=WRITING_OFTEN)
 
 
@@ -57,23 +58,59 @@ def writes_seen(path: Path) -> Callable[[], int]:
 
 
 def parts(folder: Path) -> list[Path]:
-    return list(folder.glob(".exunet-*.part")) if folder.exists() else []
+    return [*folder.glob(".exunet-*.part"), *folder.glob("unfinished/.exunet-*.part")]
 
 
 def check(folder: Path, end: float) -> str:
     """What is left of a killed run: "absent", "part" or "whole"."""
     assert len(parts(folder)) <= 1
-    path = folder / "result.h5"
-    if not path.exists():
-        return "absent"
-    result = exunet.load_result(path)
-    assert np.isfinite(result.position).all()
-    if result.complete:
+    if not (folder / "result.h5").exists():
+        try:
+            result = exunet.load_result(folder)
+        except InputError as error:
+            if "neither a result.h5" in str(error) or "not stored a state yet" in str(error):
+                return "absent"
+            raise
+        assert not result.complete
+        assert result.verdict.startswith("unfinished")
+        assert not (folder / "summary.json").exists()
+    else:
+        result = exunet.load_result(folder / "result.h5")
+        assert result.complete
         assert result.time[-1] == end
-        return "whole"
-    assert result.verdict.startswith("unfinished")
-    assert not (folder / "summary.json").exists()
-    return "part"
+    assert np.isfinite(result.position).all()
+    assert np.array_equal(result.time, 0.02 * np.arange(len(result.time)))
+    return "whole" if result.complete else "part"
+
+
+def test_every_part_that_is_stored_is_a_beginning_of_the_result(tmp_path, monkeypatch):
+    """Bit for bit; what another process could read after every fifth of the checkpoints.
+
+    States are stored when the guards have looked at them, which they do 256 steps at a time.
+    """
+    parts_seen = []
+    checkpoint = runs._Checkpoints.__call__
+
+    def look(self):
+        checkpoint(self)
+        if round(self._simulation.time / 2e-4) % 50 == 0:
+            parts_seen.append(exunet.load_result(tmp_path))
+
+    monkeypatch.setattr(runs._Checkpoints, "__call__", look)
+    case = exunet.load(CASE, ["time.end=0.12", "time.output_step=2e-4"])
+    whole = runs.run_into(tmp_path, case, checkpoint_every=0.002)
+    assert whole.complete
+    sizes = [len(part.time) for part in parts_seen]
+    assert len(sizes) == 12
+    assert sizes == sorted(sizes)
+    assert len(set(sizes)) == 3  # the start; 256 and 512 steps, one to a stored time
+    assert 601 - sizes[-1] <= 256
+    for part in parts_seen:
+        assert not part.complete
+        assert part.verdict.startswith("unfinished")
+        for name in ("time", "position", "velocity", "tension", "dissipated", "largest_elastic"):
+            ours, theirs = (np.asarray(getattr(one, name)) for one in (part, whole))
+            assert np.array_equal(ours, theirs[: len(ours)]), name
 
 
 @pytest.mark.slow
@@ -86,7 +123,10 @@ def test_kill_minus_9_in_a_loop(tmp_path):
         short = number % 3 == 2
         # The endless ones over and over in one folder, on what the kill before has left.
         folder = tmp_path / (f"short{number}" if short else "endless")
-        writes, enough = writes_seen(folder / "result.h5"), int(random.integers(1, 12)) if number >= 3 else 0
+        writes, enough = (
+            writes_seen(folder / "unfinished/index.exu"),
+            int(random.integers(1, 12)) if number >= 3 else 0,
+        )
         running = started(folder, *(SHORT if short else ENDLESS))
         within = number >= 3 and number % 2 == 1
         killed(running, lambda: writes() >= enough and (not within or bool(parts(folder))))  # noqa: B023
@@ -102,7 +142,8 @@ def test_a_killed_run_leaves_its_beginning(tmp_path):
     """Also: it takes the place of an earlier, complete result, which would pass for its own."""
     assert finished(tmp_path, *SHORT) == 0
     assert exunet.load_result(tmp_path / "result.h5").complete
-    killed(started(tmp_path, *ENDLESS), lambda: not exunet.load_result(tmp_path / "result.h5").complete)
+    killed(started(tmp_path, *ENDLESS), lambda: states_stored(tmp_path) > 0)
+    assert not (tmp_path / "result.h5").exists()
     assert check(tmp_path, 0.4) == "part"
 
 

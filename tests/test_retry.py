@@ -150,23 +150,6 @@ def test_restarts_change_nothing_but_round_off():
     assert again.provenance["steps"] > whole.provenance["steps"]  # those of both attempts are counted
 
 
-def test_what_broke_in_a_failed_attempt_is_whole_again_after_it():
-    """The retry breaks each element once, after the state that it went back to, as steps that are finer from
-    the start do. Catches memories that are not taken back, and breaks that are told of both attempts.
-    """
-    effects = {"breaking": {"strain": 0.004}}
-    run = exunet.run(thrown(COARSE, end=0.3, effects=effects))
-    fine = exunet.run(thrown({**COARSE, "step": 2.3e-4 / 4}, end=0.3, effects=effects))
-    assert len(run.provenance["retries"]) == 2
-    assert fine.provenance["retries"] == []
-    broken, expected = (
-        {one["element"]: one["time_s"] for one in r.provenance["broken"]} for r in (run, fine)
-    )
-    assert len(run.provenance["broken"]) == len(broken) == 8
-    assert min(broken.values()) > run.provenance["retries"][-1]["from_time"]
-    assert broken == pytest.approx(expected, rel=0.01)
-
-
 @pytest.mark.parametrize("engine", FORMS)
 def test_what_broke_after_the_state_gone_back_to_is_whole_again(engine):
     """Eight elements break in the second snap; the run is stopped by hand right after, and goes on as before.

@@ -130,6 +130,8 @@ def run_into(
     Raises as `run` (the part of a run that stopped is in `result.h5`), and InputError if files cannot be
     written.
     """
+    import h5py  # noqa: F401 - lest the result turn out to be unwritable only when the run is done
+
     start = prepare_case(case) if start is None else start
     _refuse_checkpoints(start, checkpoint_every)
     simulation, recorder, files = _begun(Path(folder), case, start, checkpoint_every)
