@@ -17,14 +17,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from unwatched import Unwatched
 
 import exunet
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.base.files import replacing
 from exunet.case.scene import Engine
+from exunet.methods.method import Method
 from exunet.methods.plan import Plan
 from exunet.simulation.auto import NEARLY_DEPLOYED
-from exunet.simulation.preparation import build, prepare
+from exunet.simulation.preparation import Start, prepare
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost.converged import Converged, converge
 from exunet.studies.cost.runners import Subject, run
@@ -213,10 +215,11 @@ def seconds_of_forms() -> list[tuple[int, float, float]]:
     return rows
 
 
-def _seconds(start) -> float:
+def _seconds(start: Start) -> float:
     steps = max(20, 40_000 // start.net.n_elements)
     step = 1e-9
-    stepper = Stepper(build(start), Plan("RK44", step=step), 1.0, lambda *_: None)
+    plan, fused = Plan(Method.RK44, step=step), start.scene.engine.net == "fused"
+    stepper = Stepper(start.system, start.state, plan, Unwatched(), fused=fused)
     stepper.advance(step)
     began = time.perf_counter()
     stepper.advance(step * (1 + steps))

@@ -14,19 +14,21 @@ import platform
 import statistics
 import sys
 import time
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import peers
+from unwatched import Unwatched
 
 import exunet
-from exunet.backends.compiled.loop import Loop
+from exunet.backends.compiled.loop import March, loop_kernel
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.figures.style import BLACK, BLUE, RED, YELLOW, blank, drawing
+from exunet.methods.method import Method
 from exunet.methods.plan import Plan
-from exunet.simulation.preparation import build, prepare
+from exunet.simulation.preparation import Start, prepare
 
 HERE = Path(__file__).parent
 CASE = HERE.parent / "cases" / "planar_undamped.toml"
@@ -63,19 +65,24 @@ def measure(meshes: int, form: str) -> tuple[int, float, float]:
     steps = max(20, WORK // elements)
     if form.startswith("bare"):
         return elements, time.perf_counter() - began, _bare(start, steps)
-    plan = Plan("RK44", step=STEP)
-    if form == "compiled loop":
-        stepper: Any = Loop(replace(start, plan=plan), 1.0, lambda *_: None, every=1 << 30)
-    else:
-        stepper = Stepper(build(start), plan, 1.0, lambda *_: None)
-    stepper.advance(STEP)  # compiles, allocates
+    advance = _advancing(start, form, Plan(Method.RK44, step=STEP))
+    advance(0.0, STEP)  # compiles, allocates
     built = time.perf_counter() - began
     began = time.perf_counter()
-    stepper.advance(STEP * (1 + steps))
+    advance(STEP, STEP * (1 + steps))
     return elements, built, (time.perf_counter() - began) / (4 * steps)
 
 
-def _bare(start: Any, steps: int) -> float:
+def _advancing(start: Start, form: str, plan: Plan) -> Callable[[float, float], object]:
+    """advance(a, b): take the steps from one time [s] to another, without guards."""
+    if form == "compiled loop":
+        march = March(start.system, start.state, plan, loop_kernel(start.system))
+        return lambda a, b: march.through(np.array([a, b]))
+    stepper = Stepper(start.system, start.state, plan, Unwatched(), fused=form == "fused")
+    return lambda _, b: stepper.advance(b)
+
+
+def _bare(start: Start, steps: int) -> float:
     net = start.net
     problem = peers.Problem(
         *net.element_nodes.T, net.mass, net.reference_length, net.axial_stiffness,

@@ -64,6 +64,8 @@ def parts(folder: Path) -> list[Path]:
 def check(folder: Path, end: float) -> str:
     """What is left of a killed run: "absent", "part" or "whole"."""
     assert len(parts(folder)) <= 1
+    if not folder.exists():
+        return "absent"
     if not (folder / "result.h5").exists():
         try:
             result = exunet.load_result(folder)

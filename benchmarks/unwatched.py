@@ -1,0 +1,19 @@
+"""An observer that looks at nothing, for timings of an integrator alone."""
+
+from __future__ import annotations
+
+from exunet.backends.protocol import Batch, Extremes
+from exunet.forces.terms import Change
+
+
+class Unwatched:
+    """See `exunet.backends.protocol.Observer`."""
+
+    def take(self, batch: Batch) -> None:
+        """No guard looks."""
+
+    def between(self, until: float, extremes: Extremes) -> None:
+        """No extreme is kept."""
+
+    def changed(self, time: float, memory: str, change: Change) -> None:
+        """No event is booked."""
