@@ -48,8 +48,10 @@ def seen(sim: Simulation) -> tuple[Any, ...]:
 
 
 def through(sim: Simulation, times: Iterable[float]) -> None:
+    """To each of the times, where the energy is read, so that the guards have looked."""
     for time in times:
         sim.advance_to(time)
+        assert np.isfinite(sim.energy.kinetic)
 
 
 def of_launch(form: str, *overrides: str) -> Simulation:
@@ -244,6 +246,7 @@ def test_reset_forgets_forces_and_retries(form: str) -> None:
     start, plan = seen(sim), sim.plan
     sim.set_force(0, [0.1, 0.0, 0.0])
     sim.advance(0.5)
+    assert sim.energy.kinetic > 0.0  # the guards look
     assert sim.plan != plan  # it was retried
     sim.reset()
     assert seen(sim) == start
@@ -445,13 +448,45 @@ def test_a_run_that_diverges_stops_out_of_advance(form: str) -> None:
         assert seen(sim) == before
 
 
+@form_of_net
+def test_no_state_is_shown_that_the_guards_have_not_seen(form: str) -> None:
+    """They look at many states at once, so `advance` may go on from one that is wrong; nobody reads it."""
+    read_outs = ("state", "net", "bodies", "energy", "largest_tension")
+    for name in read_outs:
+        sim = Simulation(thrown(HOPELESS | {"retry": 0}, engine=FORMS[form]))
+        with pytest.raises(RunStopped, match="diverged at t = "):
+            getattr(advanced(sim, 0.2, 40), name)
+
+
+def advanced(sim: Simulation, duration: float, number: int) -> Simulation:
+    """Through so many equal times, without a look."""
+    for _ in range(number):
+        sim.advance(duration / number)
+    return sim
+
+
+@form_of_net
+def test_what_is_read_on_the_way_changes_nothing(form: str) -> None:
+    """Nor does it when steps fail on the way: the guards find the same first wrong state."""
+    scene = thrown(COARSE, engine=FORMS[form])
+    unread, read = advanced(Simulation(scene), 0.3, 60), Simulation(scene)
+    for _ in range(60):
+        advanced(read, 0.005, 1)
+        assert read.energy.kinetic > 0.0
+    *ours, counts, plan = seen(unread)
+    *theirs, fewer, finer = seen(read)
+    assert (ours, plan) == (theirs, finer)
+    assert plan.step < COARSE["step"]  # type: ignore[operator]
+    assert counts.steps >= fewer.steps  # more of them in vain, until somebody looked
+
+
 def test_a_stretch_beyond_the_law_stops_out_of_advance() -> None:
     """Not the steps' doing, so there is no retry: masses that part at 12 m/s on a cable of EA = 10 N."""
     scene = pair_of_masses(initial={"packing": 1.0, "node_velocities": [[-6, 0, 0], [6, 0, 0]]})
     sim = Simulation(scene)
     plan = sim.plan
     with pytest.raises(RunStopped, match="element is longer than 2 times"):
-        sim.advance(0.5)
+        through(sim, [0.5])
     assert sim.plan == plan
 
 
@@ -490,9 +525,9 @@ def test_a_retry_acts_with_each_force_when_it_acted(form: str) -> None:
             sim.set_force(3, [0.0, 0.0, 0.5])
         if time == times[12]:  # 0.26 s
             sim.set_force(3, np.zeros(3))
+    momentum = sim.start.system.mass @ sim.state.velocity  # the guards look
     assert sim.plan.step is not None
     assert sim.plan.step < 2.3e-4
-    momentum = sim.start.system.mass @ sim.state.velocity
     assert momentum == pytest.approx([0.0, 0.0, 0.5 * 0.08], abs=1e-11)  # 1e4 steps of round-off 1e-15
 
 

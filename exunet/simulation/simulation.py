@@ -40,13 +40,13 @@ class Simulation:
         while sim.time < 1.0:
             sim.advance(0.01)
 
-    A state that breaks a guard's bound raises RunStopped out of `advance`, after `solver.retry` attempts to
-    go on from the last good one with finer steps; Ctrl-C raises Interrupted.
+    The guards look at many states at once, and at all of them before one is read. A state that breaks a bound
+    raises RunStopped, out of `advance` or of what reads it, after `solver.retry` attempts to go on from the
+    last good one with finer steps, through the same times; Ctrl-C raises Interrupted.
 
     case      : a case file's name, or what `exunet.load` or `prepare` gave
     overrides : "key.path=value", as after --set
-    recorder  : stores the states that its times ask for; the states between are handed over when there are
-                many. None: nothing is stored, and each `advance` ends with all states looked at
+    recorder  : stores the states that its times ask for; None: nothing is stored
     """
 
     def __init__(
@@ -104,6 +104,7 @@ class Simulation:
     @property
     def state(self) -> State:
         """The whole state, as copies."""
+        self._settle()
         return self._integrator.state()
 
     @property
@@ -114,7 +115,6 @@ class Simulation:
     @property
     def energy(self) -> Energies:
         """Energies now."""
-        self._integrator.hand_over()
         now = States.of(self._start.system, self.state)
         kinetic, elastic, potential = (float(part[0]) for part in (now.kinetic, now.elastic, now.potential))
         return Energies(kinetic, elastic, potential, self._monitor.dissipated)
@@ -140,7 +140,7 @@ class Simulation:
     @property
     def largest_tension(self) -> dict[str, Any]:
         """The largest tension of all steps so far: "tension_N", "time_s", "element" (-1: none pulled)."""
-        self._integrator.hand_over()
+        self._settle()
         return self._monitor.peaks.provenance()
 
     def advance(self, duration: float) -> None:
@@ -155,18 +155,26 @@ class Simulation:
             raise InputError(
                 f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
             )
+        self._stops.add(until, self._pushed)
+        self._through(len(self._stops) - 1)
+
+    def _through(self, stop: int) -> None:
+        """Go to a stop and those after it, with the forces that act until there."""
         stops = self._stops
-        stops.add(until, self._pushed)
-        here = len(stops) - 1
         try:
-            while here < len(stops):
-                time, force = stops[here]
-                self._act(force)
-                here = here + 1 if self.attempt(time) else stops.after(self.time)
+            while stop < len(stops):
+                time, force = stops[stop]
+                arrived = self._act(force) and self.attempt(time)
+                stop = stop + 1 if arrived else stops.after(self.time)
         except BaseException:
             stops.forget_after(self.time)
             raise
         stops.forget_until(self._monitor.safe.time)
+
+    def _settle(self) -> None:
+        """Let the guards see all states; if steps failed, the simulation comes here again with finer ones."""
+        while not self.finish():
+            self._through(self._stops.after(self.time))
 
     def attempt(self, until: float) -> bool:
         """Go on to a time [s]; False if steps failed and the simulation went back to an earlier state.
@@ -177,9 +185,7 @@ class Simulation:
         began = clock.perf_counter()
         try:
             self._integrator.advance(until)
-            if self._recorder is None:
-                self._integrator.hand_over()
-            else:
+            if self._recorder is not None:
                 self._recorder.flush(all_of_them=False)
         except (RunStopped, IntegrationFailed) as failure:
             self._seconds += clock.perf_counter() - began
@@ -245,17 +251,21 @@ class Simulation:
             vector = np.empty(0)
         if vector.shape != (3,) or not np.isfinite(vector).all():
             raise InputError(f"set_force: a force is three finite numbers, got {force!r}")
+        self._settle()
         pushed = self._pushed.copy()
         pushed[number] = vector
         self._act(pushed)
 
-    def _act(self, force: Floats) -> None:
-        """Let forces (n_points, 3) [N] from outside act from now on."""
-        if not np.array_equal(force, self._pushed):
-            self._integrator.hand_over()
-            self._pushed = force
-            self._monitor.push(force)
-            self._integrator.push(force)
+    def _act(self, force: Floats) -> bool:
+        """Let forces (n_points, 3) [N] from outside act from now on; False if the simulation went back."""
+        if force is self._pushed or np.array_equal(force, self._pushed):
+            return True
+        if not self.finish():
+            return False
+        self._pushed = force
+        self._monitor.push(force)
+        self._integrator.push(force)
+        return True
 
     @property
     def can_restart(self) -> bool:
