@@ -25,43 +25,39 @@ from exunet.forces.requirements import bullet_keys, needs_bullets
 from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
 
-# The keys of cases/README.md, which is the contract between the two codes.
-CONTRACT = {
-    None: """format title time.end time.output_step time.output_times net.topology net.divisions
-        net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
-        initial.packing initial.velocity initial.spin initial.node_positions initial.node_velocities
-        launch.radial_speed launch.axial_speed
-        bodies.NAME.mass bodies.NAME.inertia bodies.NAME.position bodies.NAME.velocity
-        bodies.NAME.attitude bodies.NAME.angular_velocity
-        effects.rayleigh_damping.alpha effects.rayleigh_damping.beta effects.gravity.acceleration
-        effects.mass_damping.alpha effects.material_damping.relaxation_time effects.orbit.altitude
-        effects.orbit.mean_motion effects.orbit.radial effects.orbit.along_track effects.orbit.model
-        launch.speed launch.spread_angle effects.choose effects.threshold
-        effects.air_drag.density effects.air_drag.drag_coefficient effects.air_drag.bullet_drag_coefficient
-        effects.air_drag.bullet_area effects.bending.modulus effects.breaking.strain effects.breaking.force
-        effects.j2.altitude effects.j2.mean_motion effects.j2.radial effects.j2.along_track
-        effects.j2.inclination effects.j2.argument_of_latitude effects.launch_force.kind
-        effects.launch_force.force effects.launch_force.stroke effects.launch_force.spread_angle
-        effects.launch_force.chaser_mass effects.launch_force.dead_length effects.launch_force.exponent
-        effects.molecular_drag.density effects.molecular_drag.altitude effects.molecular_drag.flow
-        effects.molecular_drag.drag_coefficient effects.molecular_drag.bullet_area
-        effects.solar_pressure.flux effects.solar_pressure.direction
-        effects.solar_pressure.pressure_coefficient effects.solar_pressure.bullet_area
-        effects.thermal_strain.temperature_change effects.thermal_strain.expansion_coefficient
-        effects.thrust.bullets effects.thrust.time effects.thrust.force""",
-    "square": "net.size net.mesh",
-    "rectangular": "net.size net.mesh",
-    "hexagonal": "net.mesh net.rings",
-    "radial": "net.radius net.spokes net.rings",
-    "explicit": "net.nodes net.elements net.node_masses net.fixed",
-}
+CONTRACT = (Path(__file__).parents[1] / "cases" / "README.md").read_text(encoding="utf-8")
+# The keys of cases/README.md, the contract between the two codes, outside [effects.NAME] and of all nets.
+COMMON = """format title time.end time.output_step time.output_times net.topology net.divisions
+    net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
+    initial.packing initial.velocity initial.spin initial.node_positions initial.node_velocities
+    launch.radial_speed launch.axial_speed launch.speed launch.spread_angle
+    bodies.NAME.mass bodies.NAME.inertia bodies.NAME.position bodies.NAME.velocity
+    bodies.NAME.attitude bodies.NAME.angular_velocity effects.choose effects.threshold"""
 THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
     net.strings.length net.strings.divisions net.bullets.mass"""
 
 
+def of_effects() -> set[str]:
+    """The keys in the rows below each row **`[effects.NAME]`**."""
+    found, table = set(), ""
+    for cell in re.findall(r"^\| ([^|]+) \|", CONTRACT, re.MULTILINE):
+        if heading := re.match(r"\*\*`\[(.+)\]`\*\*", cell):
+            table = heading[1]
+        elif re.fullmatch(r"effects\.[a-z]\w*", table):
+            found |= {f"{table}.{key}" for key in re.findall(r"`\.(\w+)`", cell)}
+    return found
+
+
+def of_topology(name: str) -> set[str]:
+    """The keys in the second cell of its row."""
+    row = re.search(rf"^\| `{name}` \| ([^|]+) \|", CONTRACT, re.MULTILINE)
+    assert row is not None
+    return {f"net.{key}" for key in re.findall(r"`(\w+)`", row[1])}
+
+
 def contract(topology: str) -> set[str]:
     thrown = THROWN if topology != "explicit" else ""
-    return set(f"{CONTRACT[None]} {CONTRACT[topology]} {thrown}".split())
+    return {*COMMON.split(), *thrown.split()} | of_effects() | of_topology(topology)
 
 
 def leaves(topology: str, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
