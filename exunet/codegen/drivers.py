@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
 
@@ -13,35 +14,40 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
 
 
-def engine_forces(
-    t: float,
-    q: Any,
-    q_t: Any,
-    column: Any,
-    free: Any,
-    reference: Any,
-    data: Any,
-    x: Any,
-    v: Any,
-    push: Any,
-    force: Any,
-    out: Any,
-) -> None:
-    """Forces on the free coordinates from the engine's displacements and velocities.
+class Place(NamedTuple):
+    """Where the coordinates of points stand in the engine's, and work space.
 
-    q, q_t    : all second-order coordinates of the engine
-    column    : (n_free,) where in q the free coordinates stand
+    column    : (n_free,) where in the engine's coordinates the free ones stand
     free      : (n_free,) which of the 3 n_points coordinates are free
     reference : (n_free,) their reference positions [m]
-    x, v      : (3 n_points,) work space that holds the fixed nodes; force : (3 n_points,) work space
+    x, v      : (3 n_points,) work space that holds the fixed nodes
     push      : (3 n_points,) forces from outside [N]
-    out       : (n_free,) the result [N]
+    force     : (3 n_points,) work space
     """
+
+    column: NDArray[np.uint32]
+    free: NDArray[np.uint32]
+    reference: NDArray[np.float64]
+    x: NDArray[np.float64]
+    v: NDArray[np.float64]
+    push: NDArray[np.float64]
+    force: NDArray[np.float64]
+
+
+def engine_forces(t: float, q: Any, q_t: Any, data: Any, place: Any, out: Any) -> None:
+    """Forces on the free coordinates [N] into out (n_free,), from all the engine's coordinates q, q_t.
+
+    place : a `Place`
+    """
+    x = place.x
+    v = place.v
+    force = place.force
+    free = place.free
     for k in range(free.size):
-        x[free[k]] = reference[k] + q[column[k]]
-        v[free[k]] = q_t[column[k]]
+        x[free[k]] = place.reference[k] + q[place.column[k]]
+        v[free[k]] = q_t[place.column[k]]
     for k in range(force.size):
-        force[k] = push[k]
+        force[k] = place.push[k]
     add_forces(t, x, v, data, force)
     for k in range(free.size):
         out[k] = force[free[k]]

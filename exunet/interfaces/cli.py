@@ -108,9 +108,12 @@ def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B
     from exunet.case.casefile import load
     from exunet.interfaces.commands.check import describe
     from exunet.interfaces.commands.table import print_table
+    from exunet.interfaces.commands.waiting import waiting
 
     loaded = load(case, overrides)
-    print_table(loaded.scene.title, describe(loaded))
+    with waiting("weaving the net, looking for its stable step"):
+        rows = describe(loaded)
+    print_table(loaded.scene.title, rows)
 
 
 @app.command("effects")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from exunet.backends.exudyn.model import Jacobian, Model
+from exunet.codegen.drivers import Place
 from exunet.codegen.kernel import Kernel
 from exunet.codegen.linearised import Linearised
 from exunet.forces.terms import Index
@@ -27,15 +27,14 @@ class AppliedKernel:
         self._model, self._kernel = model, kernel
         self._data = kernel.data(memory)
         self._run: Callable[..., None] = kernel.module.engine_forces
-        self._place: tuple[Any, ...] | None = None
+        self._place: Place | None = None
         self._push = np.zeros(3 * model.n_points)
 
     def evaluate(self, t: float, q: Floats, q_t: Floats, out: Floats) -> None:
         """Forces [N] on the free coordinates of the points into out; see `Model.applied_forces`."""
         if self._place is None:
-            self._place = _place(self._model)
-        column, free, reference, x, v, force = self._place
-        self._run(t, q, q_t, column, free, reference, self._data, x, v, self._push, force, out)
+            self._place = _place(self._model, self._push)
+        self._run(t, q, q_t, self._data, self._place, out)
 
     def jacobian(self, linearised: Linearised | None) -> Jacobian | None:
         """The kernel's derivatives as `Model.applied_forces` takes them."""
@@ -44,10 +43,10 @@ class AppliedKernel:
 
         def compute(t: float, q: Floats, q_t: Floats, of_position: float, of_velocity: float) -> csr_array:
             assert self._place is not None
-            column, free, reference, x, v, _ = self._place
-            x[free] = reference + q[column]
-            v[free] = q_t[column]
-            return linearised(t, x, v, of_position, of_velocity)
+            place = self._place
+            place.x[place.free] = place.reference + q[place.column]
+            place.v[place.free] = q_t[place.column]
+            return linearised(t, place.x, place.v, of_position, of_velocity)
 
         return compute
 
@@ -60,15 +59,8 @@ class AppliedKernel:
         self._kernel.remember(self._data, memory)
 
 
-def _place(model: Model) -> tuple[Any, ...]:
-    """Column and coordinate of each free coordinate of the points, its reference, and work space."""
+def _place(model: Model, push: Floats) -> Place:
     free = np.flatnonzero(np.repeat(model.free, 3))
     x = model.reference.ravel().copy()
-    return (
-        model.columns().astype(Index),
-        free.astype(Index),
-        x[free],
-        x,
-        np.zeros_like(x),
-        np.zeros_like(x),
-    )
+    column = model.columns().astype(Index)
+    return Place(column, free.astype(Index), x[free], x, np.zeros_like(x), push, np.zeros_like(x))

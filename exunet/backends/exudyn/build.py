@@ -33,6 +33,24 @@ def build(system: System, state: State, plan: Plan, *, fused: bool, pushed: bool
     return model
 
 
+def expected_items(system: System, *, fused: bool) -> dict[str, int]:
+    """How many objects of each kind `build` would make, without making them."""
+    forces, net = system.forces, system.net
+    free = int(system.free.sum())
+    if fused:
+        counts = {"ObjectGenericODE2": 2 if free else 0}
+    else:
+        linear = forces.linear is not None
+        generic = linear + (2 if forces.kernels and free else 0)
+        counts = {
+            "MassPoint": free,
+            "ObjectConnectorSpringDamper": net.n_elements,
+            "ObjectGenericODE2": generic,
+        }
+    counts["ObjectRigidBody"] = len(system.bodies)
+    return {kind: number for kind, number in counts.items() if number}
+
+
 def _connectors(model: Model, system: System, state: State, *, implicit: bool, pushed: bool) -> None:
     net, forces = system.net, system.forces
     _points(model, system, state, massive=True)

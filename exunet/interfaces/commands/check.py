@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from exunet.backends.exudyn.build import build
+from exunet.backends.exudyn.build import expected_items
 from exunet.case.casefile import Case
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import EFFECTS, switched_on
@@ -43,9 +43,8 @@ def describe(case: Case) -> list[tuple[str, str]]:
 
 
 def _items(start: Start) -> str:
-    fused = start.scene.engine.net == NetForm.FUSED
-    model = build(start.system, start.state, start.plan, fused=fused)
-    return ", ".join(f"{number} {kind}" for kind, number in model.items().items())
+    items = expected_items(start.system, fused=start.scene.engine.net == NetForm.FUSED)
+    return ", ".join(f"{number} {kind}" for kind, number in items.items())
 
 
 def _stable_steps(start: Start) -> str:

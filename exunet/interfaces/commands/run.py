@@ -14,6 +14,7 @@ from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped,
 from exunet.base.files import cannot_write, sweep
 from exunet.case.casefile import Case, parse_case
 from exunet.interfaces.commands.table import print_table
+from exunet.interfaces.commands.waiting import waiting
 from exunet.results.agreement import Agreement
 from exunet.results.reading import RESULT_FILE, STORE_FOLDER
 from exunet.results.result import Result
@@ -109,7 +110,7 @@ def _agreement(
 ) -> tuple[Agreement | None, ExunetError | None, str | None]:
     """What the reference says; or the error that it could not be asked, and the reason for the summary."""
     try:
-        with _waiting("waiting for the reference"):
+        with waiting("waiting for the reference"):
             return reference.agreement(result), None, None
     except InputError as error:
         return None, UncheckedRun(f"the result is written but not checked: {error}"), str(error)
@@ -183,15 +184,3 @@ def _progress(end: float) -> Iterator[Progress | None]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=end)
         yield lambda time: bar.update(task, completed=time)
-
-
-@contextmanager
-def _waiting(words: str) -> Iterator[None]:
-    """Words and a moving sign on stderr while something lasts; nothing when that is not a terminal."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(words):
-        yield
