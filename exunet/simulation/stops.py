@@ -30,9 +30,10 @@ class Stops:
         return self._times[k], self._forces[k]
 
     def add(self, time: float, force: Floats) -> None:
-        """One more, after the others; the array is kept as it is."""
+        """One more, after the others; the array is kept as it is, once for stops with the same forces."""
+        last = self._forces[-1] if self._forces else force
         self._times.append(time)
-        self._forces.append(force)
+        self._forces.append(last if np.array_equal(force, last) else force)
 
     def after(self, time: float) -> int:
         """Number of the first stop after a time [s]."""
