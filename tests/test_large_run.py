@@ -1,0 +1,63 @@
+"""A million stored states of the paper's net, run by the command: below 500 MB to the last figure."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from exunet.results.reading import load_result
+
+CASE = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
+STATES = 10**6
+MEMORY = 500.0  # MB, the bound that was set for such a run
+
+PROGRAM = """
+import json, resource, sys
+from pathlib import Path
+import exunet
+from exunet.interfaces.commands.run import run_case
+from exunet.simulation import run as runs
+
+memory, real = {}, runs.join
+
+def reached(what):
+    memory[what] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+def join(*arguments, **more):
+    reached("run")
+    real(*arguments, **more)
+    reached("joined")
+
+runs.join = join
+overrides = ["engine.loop=compiled", "time.output_step=2e-6"]
+stopped = run_case(exunet.load(sys.argv[1], overrides), Path(sys.argv[2]), check=False)
+assert stopped is None
+reached("described")
+Path(sys.argv[3]).write_text(json.dumps(memory))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="asks for the largest memory of a process")
+def test_a_run_with_a_million_stored_states_stays_below_the_bound(tmp_path: Path) -> None:
+    """Two seconds of flight, stored every 2 microseconds: some minutes, and 3 GB on the disk twice over."""
+    folder, told = tmp_path / "run", tmp_path / "memory.json"
+    command = [sys.executable, "-c", PROGRAM, str(CASE), str(folder), str(told)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    try:
+        assert done.returncode == 0, done.stderr
+        result = load_result(folder)
+        assert result.complete
+        assert len(result.time) == STATES + 1
+        assert (folder / "summary.json").is_file()
+        assert not (folder / "unfinished").exists()
+    finally:
+        (folder / "result.h5").unlink(missing_ok=True)
+    memory = json.loads(told.read_text())
+    print(memory)  # noqa: T201 - what it needed, with -s
+    assert max(memory.values()) < MEMORY, memory
