@@ -45,6 +45,8 @@ STRONG: dict[str, dict[str, Any]] = {
     "solar_pressure": {"flux": 1e10, "direction": [0.0, 1.0, 0.0], "pressure_coefficient": 1.3,
                        "bullet_area": 0.01},
     "thermal_strain": {"temperature_change": -80.0, "expansion_coefficient": 1e-4},
+    "thrust": {"bullets": [0, 3], "time": [0.05, 0.1, 0.22],
+               "force": [[0.0, 0.0, 20.0], [5.0, 0.0, 10.0], [0.0, -8.0, 0.0]]},
     "thrust": {"bullets": [0], "time": [0.0, 0.2], "force": [[0.0, 0.0, 5.0], [0.0, 3.0, 0.0]]},
 }  # fmt: skip
 
@@ -137,6 +139,7 @@ LEAVES = {
     "molecular_drag": ({"kernels"}, {"add_molecular_drag"}),
     "solar_pressure": ({"load"}, {"add_load"}),
     "thermal_strain": ({"free_strain"}, set()),
+    "thrust": ({"kernels", "memory", "switch"}, {"add_thrust"}),
     "thrust": ({"kernels", "memory", "switch"}, {"add_thrust"}),
 }
 
