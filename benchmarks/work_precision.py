@@ -118,7 +118,7 @@ def contestants() -> list[Contestant]:
 
 
 def find_best(contestant: Contestant) -> None:
-    """Set the best setting, or the note that says why there is none."""
+    """Set the best setting, or a note with the reason if no setting qualifies."""
     found: list[tuple[float, Any, float]] = []
     least = (float("inf"), None)
     try:

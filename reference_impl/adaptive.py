@@ -73,7 +73,7 @@ class Dop853:
     Stored times are hit by shortening steps, not by interpolation: a stored state then has the full order and
     its error is under the same control; many stored times shorten steps.  Only the fifth-order estimate is
     used.  The customary blend with a third-order one presumes smooth motion: now and then it lets a step
-    swallow an impact, and 1e-5 of the energy goes astray at rtol 1e-10.
+    pass over an impact, and 1e-5 of the energy is lost at rtol 1e-10.
 
     Under material_damping the control includes W [J].  A cable that contracts so fast that it would push has
     no force but still dissipates: nodes fly freely, no error of x or v shortens the step, and that of W would

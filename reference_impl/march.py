@@ -55,7 +55,7 @@ def march(
     """States at `times` [s] from x0, v0 (n, 3) [m, m/s] at times[0].
 
     `rtol`, `atol` [m, m/s] are for RK45 and DOP853, `step` [s] for RK4, Verlet and EM.  `progress(t, end)` is
-    called at each stored time; None is silent.  Raises ValueError for arguments that cannot be meant,
+    called at each stored time; None is silent.  Raises ValueError for arguments out of range,
     Diverged where no finite step is left, Interrupted on Ctrl-C; these two carry what was stored.
     """
     times = np.asarray(times, dtype=float)
@@ -95,7 +95,7 @@ def _check(
     atol: float | None,
     step: float | None,
 ) -> None:
-    """Refuses arguments that cannot be meant."""
+    """Refuses arguments that are out of range."""
     shape = system.net.reference_position.shape
     if np.shape(x0) != shape or np.shape(v0) != shape:
         raise ValueError(f"x0 and v0 must have the shape {shape}")

@@ -140,7 +140,7 @@ def test_the_front_and_the_cheapest():
 def test_an_error_below_the_solutions_own_cannot_be_told():
     unsure = Converged(np.array([1.0]), 1e-5, 1e-5, None, ())
     rows = dict(answer_rows(Study(unsure, [entry("DOPRI5", 1e-9, 1.0, 1e-6)])))
-    assert "cannot be told" in rows["error <= 1e-06"]
+    assert "not resolved" in rows["error <= 1e-06"]
     assert "DOPRI5" in rows["error <= 1e-04"]
 
 

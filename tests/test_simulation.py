@@ -272,9 +272,9 @@ def test_simulations_do_not_see_each_other() -> None:
 
 
 @pytest.mark.parametrize("duration", [0.0, -0.01, np.nan, np.inf, -np.inf])
-def test_only_a_positive_finite_time_can_be_gone_on_by(duration: float) -> None:
+def test_only_a_positive_finite_duration_is_accepted(duration: float) -> None:
     sim = Simulation(pair_of_masses())
-    with pytest.raises(InputError, match=r"^advance: the time to go on by must be positive and finite"):
+    with pytest.raises(InputError, match=r"^advance: the duration must be positive and finite"):
         sim.advance(duration)
     assert sim.time == 0.0
     sim.advance(0.01)

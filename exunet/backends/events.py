@@ -49,7 +49,7 @@ class Events:
         return step
 
     def at(self, time: float, position: Floats) -> Iterator[tuple[str, Change]]:
-        """What happens at the end of an accepted step; the memories are changed, the observer is told."""
+        """What happens at the end of an accepted step; memories change, and the observer is notified."""
         for name, switch in self._switches:
             items = switch.crossed(time, position, self.memory[name])
             if len(items):

@@ -1,4 +1,4 @@
-"""What every integrator offers, and what it tells on its way; who uses one need not know which it is."""
+"""What every integrator offers and reports; its user need not know which one it is."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class StepsCollapsed(IntegrationFailed):
 
 
 class Integrator(Protocol):
-    """Advances a system in time. Made at a state, ready to go on from it."""
+    """Advances a system in time. Made at a state, ready to continue from it."""
 
     @property
     def time(self) -> float:
@@ -91,7 +91,7 @@ class Integrator(Protocol):
 
     @property
     def can_restart(self) -> bool:
-        """True if a snapshot goes on to the same bits as the integrator that it was taken of."""
+        """True if a run from a snapshot repeats to the last bit what followed when it was taken."""
 
     @property
     def items(self) -> dict[str, int]:

@@ -58,7 +58,7 @@ def exactly_one(keys: Table) -> Iterator[Fault]:
 def collected() -> Iterator[list[Fault]]:
     """A list for the faults that the block finds; at its end all are raised at once, if there are any.
 
-    A CaseError from inside the block, after which it cannot go on, is told together with those found before.
+    A CaseError from inside the block, after which it cannot continue, joins those found before.
     """
     faults: list[Fault] = []
     try:

@@ -157,7 +157,7 @@ def _parse_override(option: str) -> _Change:
 
 
 def key_path(key: str) -> tuple[str, ...]:
-    """The keys of a dotted key as TOML writes it; ValueError if it is none."""
+    """The keys of a dotted key as TOML writes it; ValueError if it is not a key."""
     try:
         node: Any = tomllib.loads(f"{key} = 0")
     except ValueError:

@@ -1,4 +1,4 @@
-"""Faults that show only when a case is prepared, told as those of reading: with the file and the line."""
+"""Faults that show only when a case is prepared, reported as those of reading: with file and line."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def figures(result: Result, agreement: Agreement | None = None) -> dict[str, Figure]:
-    """The figures that make sense for `result`, by name.
+    """The figures of a result that has what they show, by name.
 
     Always there  : reference_net, snapshots, energies
     With bullets  : bullet_speeds

@@ -163,13 +163,13 @@ class Breaking:
         stiffness = self._law.stiffness * memory
         held = 0.5 * np.maximum(strain, 0.0) ** 2 * stiffness * self._law.natural_length
         excess = (strain / self._at_limit) ** 2 - 1.0
-        told = tuple(
+        events = tuple(
             {"element": int(e), "time_s": time, "energy_J": float(held[e]), "energy_excess": float(excess[e])}
             for e in items
         )
         intact = memory.copy()
         intact[items] = 0.0
-        return Change(intact, float(held[items].sum()), told)
+        return Change(intact, float(held[items].sum()), events)
 
 
 def breaking_lengths(term: CableTerm) -> Floats:

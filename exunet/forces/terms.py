@@ -98,11 +98,11 @@ class Switch(Protocol):
 
 @dataclass(frozen=True)
 class Change:
-    """What an event did: the new memory, the energy [J] that is lost with it, and what to tell of it."""
+    """What an event did: the new memory, the energy [J] that is lost with it, and a record of each item."""
 
     memory: Floats
     energy_lost: float = 0.0
-    told: tuple[dict[str, Any], ...] = ()
+    events: tuple[dict[str, Any], ...] = ()
 
 
 class Term(Protocol):

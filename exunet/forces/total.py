@@ -14,7 +14,7 @@ Contribution = KernelTerm | LinearTerm | ElementLaw
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """The terms of a scene; linear ones are summed beforehand, None if there is none.
+    """The terms of a scene; linear ones are summed beforehand; None without linear ones.
 
     Iterating gives every `Term` in the order in which a kernel adds them.
     """

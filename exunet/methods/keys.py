@@ -76,7 +76,7 @@ class Solver(Table):
         2,
         ge=0,
         le=20,
-        description="how often a run that is spoiled by its steps continues from its last good state with "
+        description="how often a run that fails because of its steps continues from its last good state with "
         "finer ones",
     )
 

@@ -10,7 +10,7 @@ from exunet.methods.method import Method
 
 @dataclass(frozen=True)
 class Plan:
-    """How one run is integrated: what the solver keys came to on this scene.
+    """How one run is integrated: what follows from the solver keys on this scene.
 
     tolerance  : absolute tolerance per step [m, m/s] of an adaptive method, else None
     step       : longest step [s] of a fixed-step method, else None

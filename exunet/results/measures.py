@@ -1,6 +1,6 @@
 """Measures of a result: areas, the four measures of deployment, bullet speeds, the energy balance.
 
-Two areas of a net are told apart:
+Two areas of a net are distinguished:
 
 - the **mouth area** is the area of the closed polygon through the net's corner knots. When its corners do
   not lie in a plane, it is triangulated as a fan from the mean of its corners, and the area is the sum of the
@@ -129,7 +129,7 @@ def time_above(time: Floats, values: Floats, level: float) -> float:
 
 
 def energy_balance(result: Result) -> float:
-    """Largest error of the energy balance over the stored times, relative to the energy in play.
+    """Largest error of the energy balance at the stored times, over the energy that can deform the net.
 
     The error is |K + U + V + W - (K + U + V + W at the first stored time)|, with the kinetic, elastic and
     potential energies K, U, V and the dissipated work W; for the divisor see `energy_scale`. If that is

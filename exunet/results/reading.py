@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 RESULT_FILE = "result.h5"
-STORE_FOLDER = "unfinished"  # beside it, while the run goes on
+STORE_FOLDER = "unfinished"  # beside it, during the run
 
 
 def load_result(path: str | Path) -> Result:
@@ -57,7 +57,7 @@ def load_result(path: str | Path) -> Result:
 
 
 def open_unfinished(folder: str | Path) -> Result:
-    """The states that a run had stored, while it goes on or after it was killed: an incomplete Result.
+    """The states that a run has stored, during the run or after it was killed: an incomplete Result.
 
     folder : the run's folder, or the one in it with the stored states
 

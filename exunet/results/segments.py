@@ -113,7 +113,7 @@ class SegmentStore(Segments):
     def __init__(self, folder: str | Path) -> None:
         """Open the store that `create` has made in `folder`; what the index does not name is removed.
 
-        Raises InputError if there is none, if it is damaged, or if another process writes to it.
+        Raises InputError if there is no store, if it is damaged, or if another process writes to it.
         """
         folder = Path(folder)
         if not is_store(folder):

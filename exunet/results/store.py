@@ -1,4 +1,4 @@
-"""Where stored states are kept while a run goes on: the protocol, and the store in memory."""
+"""Where stored states are kept during a run: the protocol, and the store in memory."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class RowSource(Protocol):
 
 
 class RowStore(RowSource, Protocol):
-    """Rows that grow while a run goes on."""
+    """Rows that grow during a run."""
 
     def append(self, rows: Mapping[str, Floats]) -> None:
         """Add k rows: an array (k, *row) of each column, by path. They are copied."""

@@ -1,4 +1,4 @@
-"""What solver.method = "auto" and engine.net = "auto" come to, from a stored table of measurements.
+"""What solver.method = "auto" and engine.net = "auto" choose, from a stored table of measurements.
 
 auto_table.toml is written by benchmarks/auto_table.py, which says on what scenes it measured.
 """

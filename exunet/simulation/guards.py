@@ -16,7 +16,7 @@ from exunet.system.system import State, System
 Floats = NDArray[np.float64]
 
 # The balance kinetic + elastic + potential + dissipated energy may leave its start by this part of the energy
-# scale before a run is stopped, up or down: a method that swallows energy lies as much as one that makes it
+# scale before a run is stopped, up or down: a method that loses energy is as wrong as one that gains it
 # (RK44 at half its stable step loses a quarter of the energy of the paper's net, and looks calm). A converged
 # run stays below 1e-5.
 ENERGY_BOUND = 0.05

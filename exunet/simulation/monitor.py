@@ -27,7 +27,7 @@ Store = Callable[[States, Floats], None]
 
 # The guards look at one state in so many; where they find one wrong, they look at those before it too.
 STATES_A_LOOK = 32
-# A state is good to go on from while its energy balance is within this part of the guard's bound: what the
+# A run may continue from a state while its energy balance is within this part of the guard's bound: what the
 # steps that went wrong have done to it is then a tenth of what may be wrong with a result.
 GOOD_PART = 0.1
 
@@ -63,7 +63,7 @@ class Monitor:
         self.dissipated = 0.0
         self.last_good = state
         self.safe, self.safe_dissipated = state, 0.0
-        self.told: list[dict[str, Any]] = []
+        self.events: list[dict[str, Any]] = []
         self._remember(state.memory)
 
     def _remember(self, memory: Arrays) -> None:
@@ -90,17 +90,17 @@ class Monitor:
         self._push = force.copy() if force.any() else None
 
     def go_back(self) -> State:
-        """Take up from the last state that was safe to go on from, which is returned."""
+        """Go back to the last state from which a run may continue, which is returned."""
         self.dissipated = self._base = self.safe_dissipated
         self.last_good = self.safe
         self._marks, self._drifted = [], False
-        self.told = [one for one in self.told if one["time_s"] < self.safe.time]
+        self.events = [one for one in self.events if one["time_s"] < self.safe.time]
         self._remember(self.safe.memory)
         self.forget_after(self.safe.time)
         return self.safe
 
     def forget_after(self, time: float) -> None:
-        """Drop the largest values after the stored time [s] at which a run ends, or goes on."""
+        """Drop the largest values after the stored time [s] at which a run ends or continues."""
         self.peaks.forget_after(time)
         if self._envelope is not None:
             self._envelope.forget_after(time)
@@ -121,7 +121,7 @@ class Monitor:
             held |= grouped("envelope", self._envelope.arrays(now))
         return held
 
-    def restore(self, arrays: Arrays, told: list[dict[str, Any]]) -> None:
+    def restore(self, arrays: Arrays, events: list[dict[str, Any]]) -> None:
         """Go back to what `arrays` gave."""
         self._guards.gained = arrays["gained"]
         self.dissipated, self._base, self.safe_dissipated = map(float, arrays["dissipated"])
@@ -131,7 +131,7 @@ class Monitor:
         self.safe = State.from_arrays(group_of("safe", arrays))
         self._remember(group_of("memory", arrays))
         self.peaks.restore(arrays)
-        self.told = list(told)
+        self.events = list(events)
         if self._envelope is not None:
             self._envelope.restore(group_of("envelope", arrays))
 
@@ -149,7 +149,7 @@ class Monitor:
 
     def changed(self, time: float, memory: str, change: Change) -> None:
         self.dissipated += change.energy_lost
-        self.told += change.told
+        self.events += change.events
         self._remember({**self._memory, memory: change.memory})
 
     def take(self, batch: Batch) -> None:
@@ -211,7 +211,7 @@ class Monitor:
             self._store(states[marked], dissipated[marked])
 
     def _stop(self, states: States, dissipated: Floats, marked: NDArray[np.int64]) -> NoReturn:
-        """Find the first state of a batch that is wrong, and say so."""
+        """Raise RunStopped for the first state of a batch that is wrong."""
         look = self._guards.look(states, dissipated)
         bad = int(np.argmax(look.wrong))
         if bad:

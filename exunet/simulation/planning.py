@@ -58,7 +58,7 @@ def make_plan(scene: Scene, system: System, velocity: NDArray[np.float64]) -> tu
 
 
 def _chosen(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan:
-    """What "auto" comes to: an adaptive explicit method, by the accuracy asked for.
+    """What "auto" chooses: an adaptive explicit method, by the accuracy asked for.
 
     That holds for stiff damping too: implicit steps beyond the damping's own time misjudge the work that it
     takes, and the guards stop them (benchmarks/auto_table.md).

@@ -142,7 +142,7 @@ class Recorder:
         }
 
     def retried(self, stopped: str, time: float, plan: Plan) -> None:
-        """Tell that the run was stopped, and goes on from an earlier state with a finer plan."""
+        """Note that the run was stopped and continues from an earlier state with a finer plan."""
         setting = {"step": plan.step} if plan.step is not None else {"tolerance": plan.tolerance}
         self.story["retries"].append({"stopped": stopped, "from_time": time, **setting})
         self.story |= setting
@@ -157,7 +157,7 @@ class Recorder:
         self.story["largest_tension"] = monitor.peaks.provenance()
         self.story["energy_scale_J"] = monitor.energy_scale
         if self._start.system.forces.cable.breaks:
-            self.story["broken"] = [one for one in monitor.told if "element" in one]
+            self.story["broken"] = [one for one in monitor.events if "element" in one]
         return verdict, self.story
 
     def result(self, verdict: str, monitor: Monitor) -> Result:

@@ -1,4 +1,4 @@
-"""What a run that its steps have spoiled tries next."""
+"""The next plan after a run that failed because of its steps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FINER_TOLERANCE = 0.1  # of a method of order 5, steps that are 0.63 times as lo
 
 
 def finer(plan: Plan) -> Plan | None:
-    """The plan with half the step, or a tenth of the tolerance; None if there is none finer."""
+    """The plan with half the step, or a tenth of the tolerance; None if neither can be reduced further."""
     if plan.step is not None:
         return replace(plan, step=FINER_STEP * plan.step)
     if plan.tolerance is None or plan.tolerance <= LEAST_TOLERANCE:

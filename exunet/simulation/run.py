@@ -46,7 +46,7 @@ def run(case: Case | Scene, progress: Progress | None = None) -> Result:
 
 
 def provenance(case: Case) -> dict[str, Any]:
-    """What a result tells of the case that it comes from."""
+    """What a result records of the case."""
     return {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
 
 
@@ -59,10 +59,10 @@ def simulate(
         simulation = Simulation(start, recorder=recorder)
         drive(simulation, recorder, progress)
     except RunStopped as stop:
-        _told(simulation, recorder, stop)
+        _close(simulation, recorder, stop)
         stop.partial = recorder.result(str(stop), simulation.monitor)
         raise
-    _told(simulation, recorder)
+    _close(simulation, recorder)
     return recorder.result("ok", simulation.monitor)
 
 
@@ -75,7 +75,7 @@ def drive(
     """Take a simulation through the times of its recorder that are still to come.
 
     checkpoint : called after each stored time
-    Ctrl-C is taken up within the steps, lest it cut the storing of a state in two.
+    Ctrl-C is taken up within the steps, so that it does not interrupt the storing of a state.
     """
     try:
         with postponed():
@@ -103,8 +103,8 @@ def _through(
             shown = clock.monotonic()
 
 
-def _told(simulation: Simulation, recorder: Recorder, stop: RunStopped | None = None) -> None:
-    """Let the record know what it cost and where it ends."""
+def _close(simulation: Simulation, recorder: Recorder, stop: RunStopped | None = None) -> None:
+    """Complete the record: what the run cost and where it ends."""
     recorder.flush()
     recorder.integrated(*simulation.spent())
     if stop is not None:
@@ -126,11 +126,11 @@ def run_into(
 
     checkpoint_every : [s] of simulated time between two checkpoints, which are made at stored times; None:
                        one every 30 s of wall time, where the method can restart exactly
-    begun            : called once nothing stands in the way of the run, before its first step
+    begun            : called when the run can begin, before its first step
     Raises as `run` (the part of a run that stopped is in `result.h5`), and InputError if files cannot be
     written.
     """
-    import h5py  # noqa: F401 - lest the result turn out to be unwritable only when the run is done
+    import h5py  # noqa: F401 - so that a missing h5py shows before the run, not after it
 
     start = prepare_case(case) if start is None else start
     _refuse_checkpoints(start, checkpoint_every)
@@ -171,7 +171,7 @@ def resume(folder: str | Path, progress: Progress | None = None) -> Result:
 
 
 def _refuse_checkpoints(start: Start, every: float | None) -> None:
-    """Raise InputError for a time between checkpoints that is none, or a method that cannot restart."""
+    """Raise InputError for a wrong time between checkpoints, or a method that cannot restart."""
     if every is None:
         return
     if not (np.isfinite(every) and every > 0.0):
@@ -210,7 +210,7 @@ def _into(
     except BaseException:
         files.store.close()
         raise
-    _told(simulation, recorder, stopped)
+    _close(simulation, recorder, stopped)
     verdict, story = recorder.finish(verdict, simulation.monitor)
     bodies, path = mass_properties(simulation.start.system), folder / RESULT_FILE
     try:

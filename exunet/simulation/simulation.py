@@ -41,8 +41,8 @@ class Simulation:
             sim.advance(0.01)
 
     The guards look at many states at once, and at all of them before one is read. A state that breaks a bound
-    raises RunStopped, out of `advance` or of what reads it, after `solver.retry` attempts to go on from the
-    last good one with finer steps, through the same times; Ctrl-C raises Interrupted.
+    raises RunStopped, out of `advance` or of what reads it, after `solver.retry` attempts from the last good
+    one with finer steps, through the same times; Ctrl-C raises Interrupted.
 
     case      : a case file's name, or what `exunet.load` or `prepare` gave
     overrides : "key.path=value", as after --set
@@ -146,7 +146,7 @@ class Simulation:
     def advance(self, duration: float) -> None:
         """Go on by a time [s]."""
         if not (np.isfinite(duration) and duration > 0.0):
-            raise InputError(f"advance: the time to go on by must be positive and finite, got {duration!r} s")
+            raise InputError(f"advance: the duration must be positive and finite, got {duration!r} s")
         self.advance_to(self.time + duration)
 
     def advance_to(self, until: float) -> None:
@@ -273,17 +273,17 @@ class Simulation:
         return self._integrator.can_restart
 
     def snapshot(self) -> Snapshot:
-        """All that the simulation depends on from now on; raises InputError for a method that cannot go on
+        """All that the simulation depends on from now on; raises InputError for a method that cannot restart
         exactly (see `can_restart`).
         """
         if not self.can_restart:
             raise InputError(f"snapshot: {cannot_restart(self._plan.method)}")
         header = {
             "time": self.time,
-            "plan": _told(self._plan),
+            "plan": _as_json(self._plan),
             "retries": self._retries,
             "spent": asdict(self._spent),
-            "told": self._monitor.told,
+            "events": self._monitor.events,
         }
         if self._recorder is not None:
             self._recorder.flush()
@@ -312,7 +312,7 @@ class Simulation:
             self._integrator = self._begin(self._start.state)
         self._monitor.explain(self._plan)
         self._integrator.restore(group_of("integrator", arrays))
-        self._monitor.restore(group_of("monitor", arrays), header["told"])
+        self._monitor.restore(group_of("monitor", arrays), header["events"])
         self._monitor.push(self._pushed)
         if self._recorder is not None:
             self._recorder.drop_after(header["rows"])
@@ -361,16 +361,16 @@ def _prepared(case: str | Path | Case | Scene | Start, overrides: Sequence[str])
     return prepare_case(case if isinstance(case, Case) else load(case, overrides))
 
 
-def _told(plan: Plan) -> dict[str, Any]:
-    """A plan in JSON, which has no infinity."""
+def _as_json(plan: Plan) -> dict[str, Any]:
+    """A plan in JSON, where null stands for infinity."""
     return {name: None if value == np.inf else value for name, value in asdict(plan).items()}
 
 
-def _plan(told: Mapping[str, Any]) -> Plan:
-    """The plan that a snapshot tells."""
-    longest = np.inf if told["longest_step"] is None else told["longest_step"]
-    lists = {name: tuple(value) for name, value in told.items() if isinstance(value, list)}
-    return Plan(**{**told, **lists, "longest_step": longest})
+def _plan(stored: Mapping[str, Any]) -> Plan:
+    """The plan in a snapshot's header."""
+    longest = np.inf if stored["longest_step"] is None else stored["longest_step"]
+    lists = {name: tuple(value) for name, value in stored.items() if isinstance(value, list)}
+    return Plan(**{**stored, **lists, "longest_step": longest})
 
 
 def _sum(a: StepCounts, b: StepCounts) -> StepCounts:

@@ -120,7 +120,7 @@ def _toggle(scene: Scene, found: Finding, base: Result, noise: _Noise, progress:
 
 
 def _settled(scene: Scene) -> Scene:
-    """The scene with what effects.choose = "auto" comes to, which then does not choose again."""
+    """The scene with what effects.choose = "auto" has chosen, which then does not choose again."""
     scene, _ = chosen(scene)
     effects: Any = scene.effects
     return scene.model_copy(

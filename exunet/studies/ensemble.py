@@ -51,7 +51,7 @@ def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int) ->
     """(runs, n_nodes, 3) initial positions, each coordinate of free nodes moved by up to +-amplitude [m].
 
     Run k gets the same perturbation however many runs there are. Raises InputError for a number of runs, a
-    seed or an amplitude that cannot be meant.
+    seed or an amplitude that is out of range.
     """
     _whole("runs", runs, at_least=0)
     _whole("seed", seed, at_least=0)
@@ -70,7 +70,7 @@ def run_ensemble(
     workers            : threads (compiled code runs beside each other); None: one a core
     Raises RunStopped, naming the run, if one diverges or its steps collapse; MissingExtra without Numba;
     InputError for a method that the compiled loop does not have, breaking, states of another shape or that
-    are no finite numbers, or a number of workers that cannot be meant.
+    are not finite numbers, or a number of workers below 1.
     """
     if start.plan.method not in COMPILED_METHODS:
         words = f"an ensemble runs by {', '.join(COMPILED_METHODS)}, not by {start.plan.method}"

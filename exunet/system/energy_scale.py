@@ -20,13 +20,13 @@ WORK_PART = 1e-5
 
 
 class EnergyScale:
-    """What energy can deform the net of a system that starts in a state, and what comes to it later.
+    """What energy can deform the net of a system that starts in a state, and what is added later.
 
     By Koenig's theorem the kinetic energy of a part that nothing holds is that of its centre of mass plus
     that in its centre-of-mass frame; only the latter can stretch a cable. Of a potential, the part that the
     nodes would have if all were at their centre of mass goes with the former: all of it in a uniform field,
     which leaves the motion in that frame alone. By the momentum theorem, what forces without a potential do
-    to the centre of mass is the change of its energy; the rest of their work is in play.
+    to the centre of mass is the change of its energy; the rest of their work counts.
 
     A rigid body is a free part of its own, whose rotation counts.
 

@@ -159,7 +159,7 @@ def _failure(check: Check) -> str:
 
 
 def _listed(checks: Sequence[Check]) -> str:
-    """In words; rows that leave out the same for the same reason are told together."""
+    """In words; rows that leave out the same for the same reason are joined."""
     subjects: dict[tuple[str, str], list[str]] = {}
     for check in checks:
         subjects.setdefault((check.name, check.worst), []).append(check.subject)

@@ -107,7 +107,7 @@ class CompiledLoop(March):
     """The integrator without an engine.
 
     One state in some is handed over, but none is left out in which an element may be stretched beyond the
-    law's validity; energies and tensions of the others are told as extremes.
+    law's validity; energies and tensions of the others are reported as extremes.
     """
 
     items: dict[str, int] = {}  # noqa: RUF012 - it has none

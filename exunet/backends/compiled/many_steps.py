@@ -155,7 +155,7 @@ def keep(row: int, t: float, m: Any, kept: Any) -> int:
 def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> Any:
     """The next jump of the forces, as `exunet.forces.jumps.jump_ahead`: time until then, step across it [s].
 
-    Both infinite if there is none within a time [s] that matters.
+    Both infinite without a jump within a time [s] that matters.
     """
     x = m.x
     v = m.v
@@ -259,11 +259,11 @@ def chosen_steps(
     """Dormand-Prince steps to `until`, the largest error estimate of each not above the tolerance.
 
     `until` is hit by shortened steps, the last two of a stretch made equal, and the length that the control
-    had chosen goes on after it: so the stored states are of full order, which interpolated ones would not be.
+    had chosen continues after it: the stored states are of full order, which interpolated ones would not be.
     The control is that of Hairer, Norsett and Wanner, "Solving Ordinary Differential Equations I", eq.
     (II.4.13), with growth by 2 at most: a slack net snaps taut within a step, and larger jumps get rejected.
     Where a rejected step had a jump of the forces in its way, steps go to just before it, one goes across it
-    whatever its error estimate, and the control goes on with the step that it had chosen before.
+    whatever its error estimate, and the control continues with the step that it had chosen before.
     """
     s = stages_of(m.work)
     least = control.least

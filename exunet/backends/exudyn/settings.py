@@ -54,5 +54,5 @@ def longest_of(plan: Plan) -> float:
 
 
 def ends_at(until: float) -> float:
-    """What to tell the engine, which ends a stretch `_GAP` before the end that it is told."""
+    """The end to give to the engine, which ends a stretch `_GAP` before it."""
     return until - 64.0 * math.ulp(until) + _GAP

@@ -36,7 +36,7 @@ class StepChoice:
         self._first = self._attempt = plan.first_step
         self._from = float(solver.it.currentTime)  # the engine's own time at the start of the step
         self._until = self._from
-        self._beyond = 0.0  # the step to go on with beyond the jump that is approached
+        self._beyond = 0.0  # the step to continue with beyond the jump that is approached
         self._approaching = self._lifted = False
 
     def numbers(self) -> Floats:
@@ -72,12 +72,12 @@ class StepChoice:
     def choose(self, end_of_attempt: float, attempting: bool, rejected: bool) -> float:
         """Set the step that is about to be tried; returns its end."""
         progress = self._solver.it
-        wished = progress.currentStepSize
+        wanted = progress.currentStepSize
         if end_of_attempt >= self._until and not rejected and attempting:
-            wished = self._controlled()  # the engine has cut it short already
+            wanted = self._controlled()  # the engine has cut it short already
         if self.jump is not None:
-            wished = self._mind_jumps(wished, rejected)
-        step = self._until - self._from if self._from + wished > self._until else wished
+            wanted = self._mind_jumps(wanted, rejected)
+        step = self._until - self._from if self._from + wanted > self._until else wanted
         if step != progress.currentStepSize:
             progress.currentStepSize = step
             progress.currentTime = self._from + step
@@ -91,11 +91,11 @@ class StepChoice:
         most = min(progress.maxStepSize, self._attempt * integration.stepSizeMaxIncrease)
         return float(min(most, max(progress.minStepSize, integration.stepSizeSafety * best)))
 
-    def _mind_jumps(self, wished: float, rejected: bool) -> float:
-        """The step to try where a jump of the forces may have been in the way of the last one.
+    def _mind_jumps(self, wanted: float, rejected: bool) -> float:
+        """The step to try where a jump of the forces may have spoiled the last one.
 
         Only a rejected step makes look for one. Then steps go to just before it, one goes across it, whatever
-        its error estimate, and the control goes on with the step that it had chosen before.
+        its error estimate, and the control continues with the step that it had chosen before.
         """
         assert self.jump is not None
         assert self._plan.tolerance is not None
@@ -104,16 +104,16 @@ class StepChoice:
             self._lifted = False
             integration.absoluteTolerance = self._plan.tolerance
         if not (rejected or self._beyond):
-            return wished
+            return wanted
         beyond = self._beyond or self._attempt
         jump = self.jump(beyond)
         approaching, self._approaching = self._approaching, jump is not None
         if jump is None:
             self._beyond = 0.0
-            return wished if rejected else beyond
+            return wanted if rejected else beyond
         self._beyond = beyond
         if rejected and approaching:
-            return wished  # the jump came sooner than foreseen
+            return wanted  # the jump came sooner than foreseen
         if jump.after > jump.step:
             return jump.to_it
         step = jump.after + jump.step

@@ -25,7 +25,7 @@ from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
-_ROWS = 256  # states that the observer gets in one go: enough to be fast, few enough to be told soon
+_ROWS = 256  # states that the observer gets in one go: enough to be fast, few enough to come soon
 _BUFFER_NUMBERS = 2**19  # of one coordinate array; bounds memory
 _TINY_ATTEMPTS = 200  # of the least size, one after the other; a snap's beginning may need a few
 
@@ -116,7 +116,7 @@ class Stepper:
         try:
             with postponed() as self._check_interrupt:
                 done = self._solver.SolveSteps(self._model.system, self._settings)
-        except Exception as error:  # noqa: BLE001 - as above; told or raised again below
+        except Exception as error:  # noqa: BLE001 - as above; reported or raised again below
             done, words = False, _first_line(error)
             if self._stop is None and isinstance(error.__cause__, KeyboardInterrupt):
                 self._stop = error.__cause__
@@ -175,7 +175,7 @@ class Stepper:
         return True
 
     def _refuse_collapse(self, end_of_attempt: float) -> None:
-        """The engine goes on for ever with its smallest step when a tolerance cannot be met."""
+        """The engine repeats its smallest step without end when a tolerance cannot be met."""
         if end_of_attempt - self._step_start > 4.0 * self._plan.least_step:
             self._tiny_attempts = 0
             return

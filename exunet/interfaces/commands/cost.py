@@ -159,7 +159,7 @@ def _write(study: Study, folder: Path, title: str) -> None:
 def _write_words(folder: Path, title: str, study: Study, rows: list[tuple[str, str]]) -> None:
     what = "Errors are those of speeds at the end, relative to the launch speed."
     if not study.converged.predicts:
-        what = "Errors are those of the energy balance, relative to the energy in play."
+        what = "Errors are those of the energy balance, relative to the energy that can deform the net."
     lines = [f"# {title}", "", what, "", *markdown_table(("", ""), rows)]
     lines += ["![work-precision diagram](work_precision.png)"]
     with replacing(folder / WORDS) as part:

@@ -42,7 +42,7 @@ class Measures:
     """Numbers of one run.
 
     speeds   : (k,) speeds at the end [m/s], of the bullets, or of all nodes if there are none
-    energy   : largest error of the energy balance over the stored times, relative to the energy in play
+    energy   : largest error of the energy balance at the stored times, over the energy that deforms
     momentum : largest change of the linear momentum, relative to the sum of m |v| at the start; None where
                forces from outside change it
     deployment : over the stored times; None for a net without a mouth
@@ -62,7 +62,7 @@ def four(found: Deployment) -> tuple[float, ...]:
 def measures(start: Start, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> Measures:
     """Measures of a trajectory; time (t,) [s], position, velocity (t, n_points, 3), dissipated (t,) [J].
 
-    The energy is relative to what the guards go by: the energy in play, without the common flight.
+    The energy is relative to the guards' energy scale: what can deform the net, without the common flight.
     """
     net, bodies = start.net, RigidStates.none(len(time))
     states = States(start.system, time, position, velocity, bodies, start.state.memory)

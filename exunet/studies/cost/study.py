@@ -78,7 +78,7 @@ class Study:
     def error(self, entry: Entry) -> float:
         """The error that counts: of the speed, or after the horizon that of the energy balance.
 
-        A speed cannot be told closer than the converged solution knows it; some settings are part of that.
+        Speed errors are not resolved below the uncertainty of the converged solution, of which some are part.
         """
         assert entry.measures is not None
         if self.converged.predicts:

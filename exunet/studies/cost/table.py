@@ -12,7 +12,7 @@ from exunet.studies.cost.study import Entry, Study
 
 _ROUND_OFF = 1e-9  # in the units of the measures of deployment
 LEVELS = tuple(10.0**-k for k in range(2, 9))
-_RESOLVED = 3.0  # an error must be this many times the converged solution's own uncertainty to be told
+_RESOLVED = 3.0  # an error must be this many times the converged solution's own uncertainty to be listed
 
 Effort = Callable[[Entry], float]
 
@@ -78,7 +78,7 @@ def answer_rows(study: Study) -> list[tuple[str, str]]:
     rows = []
     for level in LEVELS:
         if study.converged.predicts and level < study.converged.uncertainty:
-            words = f"cannot be told: the converged solutions differ by {study.converged.uncertainty:.1e}"
+            words = f"not resolved: the converged solutions differ by {study.converged.uncertainty:.1e}"
         elif (entry := cheapest(study, level)) is None:
             words = "no setting that was run"
         else:
