@@ -47,7 +47,6 @@ STRONG: dict[str, dict[str, Any]] = {
     "thermal_strain": {"temperature_change": -80.0, "expansion_coefficient": 1e-4},
     "thrust": {"bullets": [0, 3], "time": [0.05, 0.1, 0.22],
                "force": [[0.0, 0.0, 20.0], [5.0, 0.0, 10.0], [0.0, -8.0, 0.0]]},
-    "thrust": {"bullets": [0], "time": [0.0, 0.2], "force": [[0.0, 0.0, 5.0], [0.0, 3.0, 0.0]]},
 }  # fmt: skip
 
 
@@ -139,7 +138,6 @@ LEAVES = {
     "molecular_drag": ({"kernels"}, {"add_molecular_drag"}),
     "solar_pressure": ({"load"}, {"add_load"}),
     "thermal_strain": ({"free_strain"}, set()),
-    "thrust": ({"kernels", "memory", "switch"}, {"add_thrust"}),
     "thrust": ({"kernels", "memory", "switch"}, {"add_thrust"}),
 }
 
