@@ -210,6 +210,6 @@ def test_a_case_out_of_reach_is_refused_by_name(tmp_path, monkeypatch):
 
     monkeypatch.setattr(reference_impl, "read", refuses)
     out = tmp_path / "out"
-    with pytest.raises(InputError, match=r"planar_deployment: .*reach.*effects\.magnetism"):
+    with pytest.raises(InputError, match=r"planar_deployment: .*does not cover.*effects\.magnetism"):
         verify([PAPER], out, quick=True)
     assert not out.exists()

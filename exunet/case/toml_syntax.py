@@ -13,7 +13,7 @@ _STATEMENT = "a line is key = value, [table] or # comment"
 _ADVICE = {
     "Expected '=' after a key": _STATEMENT,
     "Invalid statement": _STATEMENT,
-    "Invalid initial character": "keys are of letters, digits, _ and -; any other key stands in quotes",
+    "Invalid initial character": "keys consist of letters, digits, _ and -; put any other key in quotes",
     "Unterminated string": "close the text with the quote that it begins with",
     'Expected "': "close the text with the quote that it begins with",
     "Illegal character '\\n'": "close the text on its line with the quote that it begins with",
@@ -24,8 +24,8 @@ _ADVICE = {
     "Duplicate": "a key is given once: keep one of them",
     "Unescaped": "write \\\\ for a backslash, or put the text in single quotes",
     "Invalid hex": "write \\\\ for a backslash, or put the text in single quotes",
-    "Found invalid": "remove the character, which does not show",
-    "Illegal": "remove the character, which does not show",
+    "Found invalid": "remove the invisible character",
+    "Illegal": "remove the invisible character",
 }  # fmt: skip
 
 # What stands where a value should.
@@ -34,18 +34,18 @@ _VALUES = (
     (r"(true|false)\b", "write true or false in small letters"),
     (r"(none|null|nil)\b", "leave the key out instead"),
     (r"[+-]?\.\d", "put a digit before the point, such as 0.5"),
-    ("[\u201c\u201d\u2018\u2019`]", 'text stands in plain quotes, such as "RK44"'),
-    (r"[a-z_]", 'text stands in quotes, such as "RK44"'),
-    (r"\(", "a list stands in brackets, such as [0.0, 0.0, 1.0]"),
-    (r"=", "one = stands between key and value"),
+    ("[\u201c\u201d\u2018\u2019`]", 'put text in plain quotes, such as "RK44"'),
+    (r"[a-z_]", 'put text in quotes, such as "RK44"'),
+    (r"\(", "put a list in brackets, such as [0.0, 0.0, 1.0]"),
+    (r"=", "put one = between key and value"),
 )
 # What stands after the = where something after the value is wrong.
 _REMAINDERS = (
     (r"[+-]?\d+,\d+\s*(#.*)?$", "a number has a point, not a comma"),
     (r"[+-]?\d+\.(?!\d)", "put a digit after the point, such as 5.0"),
-    (r"[+-]?0\d", "a number begins with no zero that could be left out"),
+    (r"[+-]?0\d", "remove the leading zeros of the number"),
     (rf"({_NUMBER})\s*(//|%|;(?!.*=))", "a comment begins with #"),
-    (rf"({_NUMBER})\s*[*/^+-]", "write the number itself: there are no formulas"),
+    (rf"({_NUMBER})\s*[*/^+-]", "write the number itself: formulas are not evaluated"),
     (rf"({_NUMBER})\s+\d", "a number has no blanks; 1_000 is a thousand"),
     (rf"({_NUMBER})\s*[a-z]", "a unit belongs in a comment, after #"),
 )
@@ -69,9 +69,9 @@ def _advice(message: str, line: str, rest: str) -> str:
     if rest.startswith("//"):
         return "a comment begins with #"
     if message.startswith("Invalid initial") and rest.startswith("}"):
-        return "no comma stands before }"
+        return "remove the comma before }"
     if message.startswith("Expected '='") and rest.startswith(":"):
-        return "= stands between key and value, not :"
+        return "put = between key and value, not :"
     if message == "Invalid value":
         words = 'a value is a number, "text", true, false, a [list] or a { key = value }'
         return _first(_VALUES, rest) or words

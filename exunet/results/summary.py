@@ -124,7 +124,7 @@ def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["complete"]:
         return []
     until = summary["simulated_until_s"]
-    return [("stored states", f"until t = {until:.6g} s; what follows is about them:")]
+    return [("stored states", f"until t = {until:.6g} s; the rows below refer to them")]
 
 
 def _peak(summary: dict[str, Any]) -> str:

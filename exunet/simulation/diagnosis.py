@@ -39,7 +39,7 @@ def state_of_worst(system: System, state: State) -> str:
 def step_advice(plan: Plan | None) -> str:
     """Likely cause and remedy where the steps are to blame."""
     if plan is None:
-        return "Likely cause: too long steps. Give a smaller solver.step or an adaptive method (DOPRI5)"
+        return "Likely cause: steps too long. Give a smaller solver.step or an adaptive method (DOPRI5)"
     if plan.tolerance is not None:
         return (
             f"Likely cause: the tolerance {plan.tolerance:.2g} lets steps pass that jump over a snap. "
@@ -48,7 +48,7 @@ def step_advice(plan: Plan | None) -> str:
     kind = "an adaptive method" if METHODS[plan.method].kind == Kind.EXPLICIT else "an explicit method"
     return (
         f"Likely cause: the step {plan.step:.3g} s is too long for {plan.method} where cables snap taut. "
-        f"Give a smaller solver.step (`exunet check` tells the stable one) or {kind} (solver.method = DOPRI5)"
+        f"Give a smaller solver.step (`exunet check` shows the stable one) or {kind} (solver.method = DOPRI5)"
     )
 
 

@@ -76,7 +76,7 @@ def _chosen(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan
     rate, frequency = largest_damping_rate(system), largest_frequency(system)
     if rate > STIFF * frequency:
         steps = scene.time.end / stable_step(Method.RK44, frequency, rate)
-        notes.append(f"stiff damping ({rate:.2g}/s): it, not the accuracy, asks for some {steps:.2g} steps")
+        notes.append(f"stiff damping ({rate:.2g}/s): it, not the accuracy, requires some {steps:.2g} steps")
     if plan.expected_error is not None:
         median, worst = plan.expected_error
         notes.append(

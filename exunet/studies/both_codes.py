@@ -171,7 +171,7 @@ def _with_engine(scene: Scene, **keys: str) -> Scene:
 
 
 class _Unobserved:
-    """An observer that only lets the integrator go on."""
+    """An observer that ignores what it gets."""
 
     def take(self, batch: Batch) -> None: ...
 
@@ -216,4 +216,4 @@ def both_of_text(name: str, text: str) -> BothCodes:
 
 def _out_of_reach(name: str, refused: reference.Refused) -> InputError:
     reasons = "; ".join(fault.replace("\n", " ") for fault in refused.faults[:5])
-    return InputError(f"{name}: out of the reference's reach, so nothing of it is compared: {reasons}")
+    return InputError(f"{name}: the reference does not cover this case, so nothing is compared: {reasons}")

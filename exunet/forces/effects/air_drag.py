@@ -22,7 +22,7 @@ from exunet.forces.terms import KernelTerm
 NO_LENGTH = 1e-9  # of the reference length: below it the direction of an element is round-off
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
 EXCLUDES = {
-    "molecular_drag": "one is for the air of the ground, one for that of an orbit",
+    "molecular_drag": "air_drag is for the ground, molecular_drag for orbits",
     "orbit": "there is no continuous air in orbit; use molecular_drag",
 }
 BULLET_KEYS = ("bullet_drag_coefficient", "bullet_area")
