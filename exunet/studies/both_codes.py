@@ -162,6 +162,11 @@ class BothCodes:
         return reference.march(self.theirs.system, x0, v0, times, **how)
 
 
+def coordinates(nodes: Ints) -> Ints:
+    """(3n,) rows of the nodes (n,) in matrices that count three coordinates a node."""
+    return np.asarray((3 * nodes[:, None] + np.arange(3)).ravel())
+
+
 def _at_start(net: Any, position: Floats, velocity: Floats) -> States:
     return States.of_net(net, np.zeros(1), position[None], velocity[None])
 

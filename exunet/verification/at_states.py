@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 import reference_impl as reference
 from exunet.bodies.rigid import RigidStates
-from exunet.studies.both_codes import BothCodes
+from exunet.studies.both_codes import BothCodes, Floats
 from exunet.system.states import States
 from exunet.verification.check import Check, difference, worst_of
 from exunet.verification.states import KINDS, random_states
 from exunet.verification.tolerances import FORCES, MEASURES
 from reference_impl import energy as their_energy
 from reference_impl import forces as formulas
-
-Floats = NDArray[np.float64]
 
 SEED, SEED_OF_MEASURES = 20210614, 20210620
 STATES, MEASURED = 200, 20  # of each of six kinds: 1200 and 120 states a case
@@ -56,19 +53,13 @@ def measures(case: BothCodes, states_of_a_kind: int = MEASURED) -> Iterator[Chec
         position += case.size * random.normal(size=(len(position), 1, 3))
         position[:, net.fixed_nodes], velocity[:, net.fixed_nodes] = case.start.position[net.fixed_nodes], 0.0
         velocity[0] = 0.0
-        ours = _stored(case, position, velocity)
+        time, none = np.arange(float(len(position))), RigidStates.none(len(position))
+        ours = States(case.start.system, time, position, velocity, none, case.start.state.memory)
         for name, unit, a, b in _quantities(case, ours):
             axes = ("state", "number")[: a.ndim]
             found.setdefault(name, []).append(difference(kind, a, b, MEASURES, axes, unit))
     for name, checks in found.items():
         yield worst_of(f"{name}, {states_of_a_kind * len(KINDS)} random states", checks)
-
-
-def _stored(case: BothCodes, position: Floats, velocity: Floats) -> States:
-    """What exunet makes of these states, as it stores them."""
-    number = len(position)
-    system, none = case.start.system, RigidStates.none(number)
-    return States(system, np.arange(float(number)), position, velocity, none, case.start.state.memory)
 
 
 def _quantities(case: BothCodes, ours: States) -> Iterator[tuple[str, str, Floats, Floats]]:

@@ -7,20 +7,17 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.codegen.compile import numba_installed
 from exunet.methods.keys import Solver
 from exunet.methods.plan import Plan
 from exunet.simulation.planning import make_plan
-from exunet.studies.both_codes import BothCodes, Trajectory
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.neighbours import tracked_speeds
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out
 from exunet.verification.figures import curves
-from exunet.verification.growth import BOOST, Growth, boosted, distances
+from exunet.verification.growth import BOOST, Growth, at_node, boosted, distances
 from exunet.verification.tolerances import CONVERGED, LEFT_OUT, TRAJECTORY
-
-Floats = NDArray[np.float64]
 
 INSTANTS = 48  # compared times, evenly spaced up to the horizon
 SHOWN_PAST = 1.2  # of the horizon
@@ -65,7 +62,15 @@ def converged(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
             for check in _compared(form, own, ours[-1], theirs[-1], grown.horizon):
                 yield replace(check, subject=form.name)
             apart.setdefault(label, distances(ours[-1], theirs[-1]).max(axis=1))
-    yield _apart(case, times, apart, grown.horizon)
+    figure = curves(
+        f"{case.name}: the two codes, each with its best method", times, apart, grown.named_horizon
+    )
+    caption = (
+        f"{case.name}: distance between the codes. A symmetric start may keep them together for longer than "
+        "the horizon allows, since the errors of integrators are symmetric too; in a moving frame the motion "
+        "is the same (but for forces that depend on the speed), its round-off and the steps are not."
+    )
+    yield Plate(f"trajectories_{case.name}", figure, caption)
 
 
 def _own(case: BothCodes, a: Trajectory, b: Trajectory) -> Floats:
@@ -106,27 +111,15 @@ def _compared(
             else:
                 yield left_out(f"{name}: {share:.0%} {what}", words)
         until = f"{name}, {kept - 1} instants to t = {times[kept - 1]:.4g} s"
-        yield (
-            _positions(form, until, ours, theirs, kept)
-            if name == "positions"
-            else difference(
-                until,
-                tracked_speeds(form.start.net, ours.velocity)[:kept],
-                tracked_speeds(form.start.net, theirs.velocity)[:kept],
-                TRAJECTORY,
-                ("instant", "bullet"),
-                "m/s",
-                scale=form.speed,
-            )
-        )
-
-
-def _positions(form: BothCodes, name: str, a: Trajectory, b: Trajectory, kept: int) -> Check:
-    gap = distances(a, b)[:kept]
-    at, node = (int(k) for k in np.unravel_index(int(np.argmax(gap)), gap.shape))
-    places = (", ".join(f"{c:.12g}" for c in motion.position[at, node]) for motion in (a, b))
-    worst = f"t = {a.time[at]:.4g} s, node {node}: " + " and ".join(f"({place}) m" for place in places)
-    return Check(name, float(gap[at, node]) / form.size, TRAJECTORY, worst)
+        if name == "positions":
+            gap = distances(ours, theirs)[:kept]
+            at, node = (int(k) for k in np.unravel_index(int(np.argmax(gap)), gap.shape))
+            words = at_node(ours, theirs, at, node)
+            yield Check(until, float(gap[at, node]) / form.size, TRAJECTORY, words)
+        else:
+            a, b = (tracked_speeds(form.start.net, run.velocity)[:kept] for run in (ours, theirs))
+            axes = ("instant", "bullet")
+            yield difference(until, a, b, TRAJECTORY, axes, "m/s", scale=form.speed)
 
 
 def _within_own(
@@ -148,15 +141,3 @@ def _within_own(
         f"; from there on the codes differ by {more} than their own errors together, at "
         f"t = {ours.time[kept + at]:.4g} s {gap[at]:.2g} and {allowed[at]:.2g}"
     )
-
-
-def _apart(case: BothCodes, times: Floats, apart: dict[str, Floats], horizon: float) -> Plate:
-    title = f"{case.name}: the two codes, each with its best method"
-    marks = {f"horizon, t = {horizon:.3g} s": horizon}
-    figure = curves(title, "largest difference of a position [m]", times, apart, marks)
-    caption = (
-        f"{case.name}: distance between the codes. A symmetric start may keep them together for longer than "
-        "the horizon allows, since the errors of integrators are symmetric too; in a moving frame the motion "
-        "is the same (but for forces that depend on the speed), its round-off and the steps are not."
-    )
-    return Plate(f"trajectories_{case.name}", figure, caption)

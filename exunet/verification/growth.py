@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
-from exunet.studies.both_codes import BothCodes, Trajectory
-from exunet.studies.neighbours import MOVE, PAPER_SIZE, SEED, perturbed
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
+from exunet.studies.neighbours import MOVE, PAPER_SIZE, SEED, nearby_start
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
-
-Floats = NDArray[np.float64]
 
 ROUND_OFF = 1e-16 / PAPER_SIZE
 VISIBLE = 1e-3 / PAPER_SIZE  # the horizon is where `ROUND_OFF` has become this
@@ -68,6 +66,11 @@ class Growth:
         """
         return self.reaches(ROUND_OFF)
 
+    @property
+    def named_horizon(self) -> dict[str, float]:
+        """Its label in figures, and the horizon."""
+        return {f"horizon, t = {self.horizon:.3g} s": self.horizon}
+
     def reaches(self, amplitude: float, level: float = VISIBLE) -> float:
         """Time [s] at which starts moved by `amplitude` are `level` apart; infinite if not here."""
         at = np.flatnonzero(self.of(amplitude) >= level)
@@ -94,9 +97,8 @@ def grid(case: BothCodes, end: float | None = None) -> tuple[Floats, Plan]:
 
 
 def nearby(case: BothCodes, part: float, seed: int = SEED) -> BothCodes:
-    """The case with each coordinate of the start moved by up to a part of its size; see `perturbed`."""
-    start = case.start
-    return case.from_state(perturbed(start.net, start.position, part * case.size, seed), start.velocity)
+    """The case with each coordinate of the start moved by up to a part of its size; see `nearby_start`."""
+    return replace(case, start=nearby_start(case.start, part, seed))
 
 
 def boosted(case: BothCodes) -> BothCodes | None:
@@ -113,6 +115,12 @@ def boosted(case: BothCodes) -> BothCodes | None:
 def distances(a: Trajectory, b: Trajectory) -> Floats:
     """(t, n) distances between the places of each node in two motions [m]."""
     return np.asarray(np.linalg.norm(a.position - b.position, axis=-1))
+
+
+def at_node(a: Trajectory, b: Trajectory, at: int, node: int) -> str:
+    """Where a node is in two motions at one of their instants, in words."""
+    places = (", ".join(f"{c:.12g}" for c in motion.position[at, node]) for motion in (a, b))
+    return f"t = {a.time[at]:.4g} s, node {node}: " + " and ".join(f"({place}) m" for place in places)
 
 
 def growth(case: BothCodes, end: float | None = None, amplitudes: tuple[float, ...] = AMPLITUDES) -> Growth:

@@ -23,7 +23,7 @@ from exunet.case.stored_times import stored_times
 from exunet.methods.method import METHODS, Kind
 from exunet.results.measures import energy_balance
 from exunet.results.result import Result
-from exunet.simulation.preparation import prepare
+from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import both_of
 from exunet.system.stability import largest_frequency, stable_step
@@ -31,7 +31,7 @@ from exunet.verification import tolerances as tol
 from exunet.verification.check import Check, left_out
 from exunet.verification.ladder import Step
 from exunet.verification.shipped import shipped
-from exunet.verification.tolerances import RAN, Tolerance
+from exunet.verification.tolerances import Tolerance
 from reference_impl import energy as theirs
 from reference_impl.forces import strain
 
@@ -85,13 +85,13 @@ class Hard:
 
 
 def _drift(result: Any, _start: Any) -> Iterator[Check]:
-    energy = _relative_energy(result)
-    yield Check("energy drift per second", abs(float(np.polyfit(result.time, energy, 1)[0])), tol.HARD_DRIFT)
+    slope = np.polyfit(result.time, _relative_energy(result), 1)[0]
+    yield Check("energy drift per second", abs(float(slope)), tol.HARD_DRIFT)
 
 
 def _trend(result: Any, _start: Any) -> Iterator[Check]:
-    energy = _relative_energy(result)
-    seconds = np.diff(np.interp(np.arange(0.0, result.time[-1] + 0.5), result.time, energy))
+    full = np.arange(0.0, result.time[-1] + 0.5)
+    seconds = np.diff(np.interp(full, result.time, _relative_energy(result)))
     error = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
     yield Check("trend of the energy", abs(float(seconds.mean())) / error, tol.HARD_TREND)
 
@@ -187,9 +187,8 @@ def steps(forms: Sequence[str] = tuple(FORMS), quick: bool = False) -> Iterator[
             if not quick:
                 yield Step(item, f"{hard.case}, reference", partial(of_reference, hard))
         if item == 5 and not quick:
-            for form in forms:
-                if form != "compiled":
-                    yield Step(item, f"implicit, {form}", partial(implicit, form))
+            for form in (form for form in forms if form != "compiled"):
+                yield Step(item, f"implicit, {form}", partial(implicit, form))
             yield Step(item, "implicit, reference", energy_momentum)
         if item == 6:
             for form in forms:
@@ -203,15 +202,12 @@ def of_form(hard: Hard, form: str) -> Iterator[Check]:
     case = whole if end is None else load(case_path(hard.case), (*FORMS[form], f"time.end={end!r}"))
     ran = "ran to its end" if end is None else f"ran {end:g} s of {whole.scene.time.end:g} s"
     start = prepare(case.scene)
-    try:
-        result = simulate(start)
-    except Interrupted:  # a RunStopped too, but not a finding
-        raise
-    except RunStopped as stop:
-        yield Check(ran, math.inf, RAN, str(stop))
+    result = _outcome(start)
+    if isinstance(result, RunStopped):
+        yield Check(ran, math.inf, tol.RAN, str(result))
         return
-    yield Check(ran, 0.0 if _finite(result) else math.inf, RAN)
-    yield from _balances(hard, result, energy_balance(result))
+    yield Check(ran, 0.0 if _finite(result) else math.inf, tol.RAN)
+    yield from _balances(hard, result)
     if end is not None:
         why = "the whole run takes a quarter of an hour in this form; it is done in the others"
         yield left_out("what the whole run shows", why)
@@ -224,24 +220,33 @@ def of_form(hard: Hard, form: str) -> Iterator[Check]:
         yield Check("positions, from the reference's", apart, tol.HARD_POSITIONS)
 
 
+def _outcome(start: Start) -> Result | RunStopped:
+    """The result of a run, or the finding that it stopped."""
+    try:
+        return simulate(start)
+    except Interrupted:  # a RunStopped too, but not a finding
+        raise
+    except RunStopped as stop:
+        return stop
+
+
 def of_reference(hard: Hard) -> Iterator[Check]:
     """A case in the reference: energy balance, momenta and what concerns both codes, in the same bounds."""
     if isinstance(hard.reference, str):
         yield left_out("the whole case", hard.reference)
         return
-    how = dict(hard.reference)
+    how = hard.reference
     overrides = {"time.output_step": how["step"], "time.output_times": None} if "step" in how else {}
     scene = reference.load(case_path(hard.case), overrides)
-    run = scene.march(**how)
-    states = states_of(scene, run)
-    yield from _balances(hard, states, _reference_balance(scene, run))
+    states = states_of(scene, scene.march(**how))
+    yield from _balances(hard, states)
     if hard.of_both:
         yield from hard.of_both(states, None)
 
 
-def _balances(hard: Hard, states: Any, energy: float) -> Iterator[Check]:
+def _balances(hard: Hard, states: Any) -> Iterator[Check]:
     """Energy and momenta of a result, or of the reference's states with its names."""
-    yield Check("energy balance", energy, hard.energy)
+    yield Check("energy balance", energy_balance(states), hard.energy)
     shares = states.net.mass * np.linalg.norm(states.velocity, axis=-1)
     if hard.momentum:
         change = _change(states.momentum) / float(shares.sum(axis=1).max())
@@ -251,25 +256,18 @@ def _balances(hard: Hard, states: Any, energy: float) -> Iterator[Check]:
         yield Check("angular momentum", _change(states.angular_momentum) / float(arms), hard.angular)
 
 
-def states_of(scene: Any, run: Any) -> SimpleNamespace:
+def states_of(scene: Any, run: Any) -> Any:
     """States of the reference with the names of a result."""
-    system = scene.system
-    return SimpleNamespace(
-        net=scene.net,
-        time=run.t,
-        position=run.x,
-        velocity=run.v,
-        strain=strain(system, run.x),
-        kinetic=theirs.kinetic(system, run.v),
-        elastic=theirs.elastic(system, run.x),
-        momentum=theirs.momentum(system, run.v),
-        angular_momentum=theirs.angular_momentum(system, run.x, run.v),
+    system, x, v = scene.system, run.x, run.v
+    states = SimpleNamespace(net=scene.net, time=run.t, position=x, velocity=v, strain=strain(system, x))
+    states.kinetic, states.elastic = theirs.kinetic(system, v), theirs.elastic(system, x)
+    states.potential, states.dissipated = theirs.potential(system, x), run.dissipated
+    states.momentum, states.angular_momentum = (
+        theirs.momentum(system, v),
+        theirs.angular_momentum(system, x, v),
     )
-
-
-def _reference_balance(scene: Any, run: Any) -> float:
-    energy = theirs.kinetic(scene.system, run.v) + theirs.elastic(scene.system, run.x) + run.dissipated
-    return float(np.abs(energy - energy[0]).max() / energy[0])
+    states.provenance = {}
+    return states
 
 
 def implicit(form: str) -> Iterator[Check]:
@@ -278,22 +276,19 @@ def implicit(form: str) -> Iterator[Check]:
         for step in IMPLICIT_STEPS:
             settings = (f"solver.method={method}", f"solver.step={step!r}", *FORMS[form])
             name = f"{method} at {1e3 * step:g} ms"
-            try:
-                result = simulate(prepare(load(case_path("implicit"), settings).scene))
-            except Interrupted:
-                raise
-            except RunStopped as stop:
-                yield stopped(name, stop)
-                continue
-            measured = energy_balance(result) if _finite(result) else math.inf
-            yield Check(f"{name}: ran to the end", measured, tol.HARD_BOUND)
+            result = _outcome(prepare(load(case_path("implicit"), settings).scene))
+            if isinstance(result, RunStopped):
+                yield stopped(name, result)
+            else:
+                measured = energy_balance(result) if _finite(result) else math.inf
+                yield Check(f"{name}: ran to the end", measured, tol.HARD_BOUND)
 
 
 def stopped(name: str, stop: RunStopped) -> Check:
     """A run that did not end: a guard must have stopped it, for its energy, and what is kept is finite."""
     words = str(stop)
     found = re.match(r"diverged at t = (\S+) s: the energy (grew|fell)\D* by (\S+) J", words)
-    if not found or stop.partial is None or not _finite(stop.partial):
+    if not found or not _finite(stop.partial):
         return Check(f"{name}: stopped by something else", math.inf, tol.HARD_BY_GUARD, words)
     time, change, energy = found.groups()
     sign = "+" if change == "grew" else "-"
@@ -304,7 +299,7 @@ def energy_momentum() -> Iterator[Check]:
     """The energy-momentum method of the reference at the same steps: exact at all of them."""
     for step in IMPLICIT_STEPS:
         scene = reference.load(case_path("implicit"))
-        balance = _reference_balance(scene, scene.march(method="EM", step=step))
+        balance = energy_balance(states_of(scene, scene.march(method="EM", step=step)))
         yield Check(f"EM at {1e3 * step:g} ms: ran to the end", balance, tol.HARD_EXACT)
 
 
@@ -319,19 +314,15 @@ def above(form: str) -> Iterator[Check]:
         yield Check(f"{name}: refused", math.inf, tol.HARD_REFUSED)
     except CaseError:
         yield Check(f"{name}: refused", 0.0, tol.HARD_REFUSED)
-    try:
-        simulate(prepare(load(path, ("solver.force=true", "solver.retry=0", *setting)).scene))
-        yield Check(f"{name}, forced: stopped", math.inf, tol.HARD_CAUGHT)
-    except Interrupted:
-        raise
-    except RunStopped as stop:
-        kept = 0.0 if stop.partial is not None and _finite(stop.partial) else math.inf
-        yield Check(f"{name}, forced: stopped", kept, tol.HARD_CAUGHT, str(stop))
+    result = _outcome(prepare(load(path, ("solver.force=true", "solver.retry=0", *setting)).scene))
+    caught = isinstance(result, RunStopped) and _finite(result.partial)
+    words = str(result) if isinstance(result, RunStopped) else ""
+    yield Check(f"{name}, forced: stopped", 0.0 if caught else math.inf, tol.HARD_CAUGHT, words)
 
 
-def _finite(result: Result) -> bool:
+def _finite(result: Result | None) -> bool:
     names = ("position", "velocity", "tension", "kinetic", "elastic", "dissipated")
-    return all(bool(np.isfinite(getattr(result, name)).all()) for name in names)
+    return result is not None and all(bool(np.isfinite(getattr(result, name)).all()) for name in names)
 
 
 def _change(vectors: Any) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from exunet.base.markdown import markdown_table
 from exunet.studies.both_codes import BothCodes
 from exunet.studies.neighbours import MOVE, PAPER_SIZE
 from exunet.verification.check import Check, Evidence, Plate, Text, left_out
@@ -16,7 +17,12 @@ from exunet.verification.statistics import REFERENCE, Statistics, our_code, stat
 from exunet.verification.tolerances import PROPORTIONAL, RAN, SAME_STATISTICS
 
 SMALL = 1e-8 / PAPER_SIZE  # of the size: differences below are in proportion to their start, see PROPORTIONAL
-MEANS = ("area", "energy", "speed")  # of `Statistics`
+# Quantities of `Statistics`: label with unit, name.
+MEANS = {
+    "area": ("area / reference", "Mouth area"),
+    "energy": ("energy / start", "Kinetic and elastic energy"),
+    "speed": ("speed [m/s]", "Mean speed of the bullets"),
+}
 
 
 def sensitivity(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
@@ -53,8 +59,7 @@ def sensitivity(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
         for a, d in zip(grown.amplitudes, grown.difference, strict=True)
     }
     title = f"{case.name}: distance from the unperturbed motion"
-    marks = {f"horizon, t = {horizon:.3g} s": horizon}
-    figure = curves(title, "largest difference of a position [m]", grown.time, lines, marks)
+    figure = curves(title, grown.time, lines, grown.named_horizon)
     caption = (
         f"{case.name}: growth of perturbations of the start. The vertical line is where {apart}, about the "
         f"round-off of one operation, have become {VISIBLE * size:.0e} m apart."
@@ -131,26 +136,24 @@ def _same_mean(name: str, ours: Statistics, theirs: Statistics) -> Check:
 
 def _not_finite(found: Statistics) -> list[Check]:
     """A check that fails for each quantity of which a run has a value that is NaN or infinite."""
-    checks = []
-    for name in MEANS:
-        wrong = np.argwhere(~np.isfinite(getattr(found, name)))
-        if len(wrong):
-            run, at = wrong[0]
-            words = f"first: run {run}, t = {found.time[at]:.4g} s"
-            title = f"values of the {name} that are NaN or infinite ({found.code})"
-            checks.append(Check(title, len(wrong), RAN, words))
-    return checks
+    wrong = {name: np.argwhere(~np.isfinite(getattr(found, name))) for name in MEANS}
+    return [
+        Check(
+            f"values of the {name} that are NaN or infinite ({found.code})",
+            len(places),
+            RAN,
+            f"first: run {places[0][0]}, t = {found.time[places[0][1]]:.4g} s",
+        )
+        for name, places in wrong.items()
+        if len(places)
+    ]
 
 
 def _band(case: BothCodes, found: Statistics, parted: float) -> Plate:
-    panels = {
-        "area / reference": (found.area, "Mouth area"),
-        "energy / start": (found.energy, "Kinetic and elastic energy"),
-        "speed [m/s]": (found.speed, "Mean speed of the bullets"),
-    }
+    panels = {label: (getattr(found, name), title) for name, (label, title) in MEANS.items()}
     moved, seen = f"{AMPLITUDE * case.size:.0e} m", f"{VISIBLE * case.size:.0e} m"
     title = f"{case.name}: {len(found.area)} runs ({found.code}), starts moved by {moved}"
-    figure = bands(title, found.time, panels, (f"{moved} has become {seen}", parted))
+    figure = bands(title, found.time, panels, {f"{moved} has become {seen}": parted})
     caption = (
         f"{case.name}: what {len(found.area)} perturbed runs have in common. Dashed: where a start moved by "
         f"{moved} is {seen} from the unmoved one."
@@ -159,13 +162,12 @@ def _band(case: BothCodes, found: Statistics, parted: float) -> Plate:
 
 
 def _words(case: BothCodes, found: Statistics) -> Text:
-    rows = ["| t [s] | area / reference | energy / start | mean bullet speed [m/s] |", "|---|---|---|---|"]
+    rows = []
     for at in np.linspace(0, len(found.time) - 1, 9).round().astype(int)[1:]:
-        cells = [
-            f"{values[:, at].mean():.4f} ± {values[:, at].std(ddof=1):.1e}"
-            for values in (found.area, found.energy, found.speed)
-        ]
-        rows.append(f"| {found.time[at]:.3g} | " + " | ".join(cells) + " |")
+        values = [getattr(found, name)[:, at] for name in MEANS]
+        cells = [f"{value.mean():.4f} ± {value.std(ddof=1):.1e}" for value in values]
+        rows.append([f"{found.time[at]:.3g}", *cells])
     runs = f"{len(found.area)} runs ({found.code})"
     head = f"What stays predictable in `{case.name}`: mean ± standard deviation over {runs}."
-    return Text(head + "\n\n" + "\n".join(rows))
+    table = markdown_table(["t [s]", *(label for label, _ in MEANS.values())], rows)
+    return Text("\n".join([head, "", *table[:-1]]))

@@ -56,10 +56,9 @@ class Step:
             yield self._signed(Check("ran to its end", math.inf, RAN, str(stop).split("\n")[0]))
 
     def _signed(self, finding: Evidence) -> Evidence:
-        rung = finding.rung or self.rung
-        if isinstance(finding, Check):
-            return replace(finding, rung=rung, subject=finding.subject or self.subject)
-        return replace(finding, rung=rung)
+        if isinstance(finding, Check) and not finding.subject:
+            finding = replace(finding, subject=self.subject)
+        return replace(finding, rung=finding.rung or self.rung)
 
 
 def read_cases(paths: Sequence[Path]) -> list[BothCodes]:
@@ -139,8 +138,7 @@ class Ladder:
             if number == 0 or not self._quick:
                 yield Step(4, case.name, partial(self._trajectories, case))
             else:
-                row = left_out(f"whole runs and horizon, {WHOLE_RUNS}", "--quick follows one case")
-                yield Step(4, case.name, partial(iter, [row]))
+                yield _without(4, case.name, f"whole runs and horizon, {WHOLE_RUNS}", "follows one case")
 
     def _trajectories(self, case: BothCodes) -> Iterator[Evidence]:
         if (count := case.start.net.n_elements) > MOST_ELEMENTS:
@@ -150,14 +148,12 @@ class Ladder:
         end = case.start.scene.time.end
         quick_end = QUICK_PART * end
         followed = (quick_end, (growth.ROUND_OFF, MOVE)) if self._quick else ()
-        grown = growth.growth(case, *followed)
-        self._grown[case.name] = grown
+        self._grown[case.name] = grown = growth.growth(case, *followed)
         reached = float(grown.time[-1])
         if reached < 0.999 * end:
-            stopped = self._quick and reached == quick_end
-            why = (
-                "--quick goes no further" if stopped else f"more than {growth.MOST_WORK:.0e} elements x steps"
-            )
+            why = f"more than {growth.MOST_WORK:.0e} elements x steps"
+            if self._quick and reached == quick_end:
+                why = "--quick goes no further"
             yield left_out(f"whole runs from t = {reached:.3g} s on, of {end:g} s: {WHOLE_RUNS}", why)
         yield from stepping.same_scheme(case, grown)
         for finding in converged.converged(case, grown):
@@ -166,8 +162,7 @@ class Ladder:
     def _answers(self) -> Iterator[Step]:
         for name, answer in ANSWERS:
             if self._quick and name in LONG_ANSWERS:
-                row = left_out("the known answers of this case", "--quick leaves out the long ones")
-                yield Step(6, name, partial(iter, [row]))
+                yield _without(6, name, "the known answers of this case", "leaves out the long ones")
             else:
                 yield Step(6, name, partial(_known, self._known, name, answer))
 
@@ -176,9 +171,10 @@ class Ladder:
         for name, case in cases.items():
             yield Step(7, name, partial(horizon.sensitivity, case, self._grown[name]))
         if self._quick:
-            row = left_out("what perturbed runs have in common", "--quick leaves out what takes many runs")
             for name in list(cases)[:1]:
-                yield Step(7, name, partial(iter, [row]))
+                yield _without(
+                    7, name, "what perturbed runs have in common", "leaves out what takes many runs"
+                )
             return
         papers = [cases[name] for name in PAPER if name in cases] if self._paper else []
         for case in papers[:2] if self._paper else cases.values():
@@ -186,6 +182,11 @@ class Ladder:
             yield Step(7, case.name, partial(horizon.after_it, case, self._grown[case.name], both))
         for case in papers:
             yield Step(7, case.name, partial(symmetry.symmetry, case))
+
+
+def _without(rung: int, subject: str, what: str, why: str) -> Step:
+    """A step of which --quick makes one row: what it leaves out."""
+    return Step(rung, subject, partial(iter, [left_out(what, f"--quick {why}")]))
 
 
 def _known(

@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 import reference_impl as reference
 from exunet.methods.method import NetForm
-from exunet.studies.both_codes import BothCodes
+from exunet.studies.both_codes import BothCodes, Floats, coordinates
 from exunet.verification import tolerances as tol
 from exunet.verification.check import Check, difference, left_out, worst_of
 from exunet.verification.states import HALF_SLACK, NO_HALF_SLACK, smooth_states
 from reference_impl import forces as formulas
-
-Floats = NDArray[np.float64]
 
 SEED = 20210615
 # Effects of which the reference has the matrices too (at rest), as formulas. With others its accelerations
@@ -49,7 +46,7 @@ def matrices(case: BothCodes) -> Iterator[Check]:
     if HALF_SLACK not in states:
         yield left_out(f"matrices, {HALF_SLACK}", NO_HALF_SLACK)
     at_rest = np.zeros_like(net.reference_position)
-    held = (3 * case.reference_nodes[net.fixed_nodes][:, None] + np.arange(3)).ravel()
+    held = coordinates(case.reference_nodes[net.fixed_nodes])
     for kind, position in states.items():
         position[net.fixed_nodes] = case.start.position[net.fixed_nodes]
         there = case.to_reference(position)
@@ -74,8 +71,7 @@ def matrices(case: BothCodes) -> Iterator[Check]:
 
 def _formulas(case: BothCodes, there: Floats) -> tuple[Floats, Floats]:
     """Tangent stiffness and damping matrix of the reference, (3n, 3n) in exunet's order."""
-    system = case.theirs.system
-    tangent, damping = formulas.tangent(system, there), formulas.damping(system, there)
+    tangent, damping = (of(case.theirs.system, there) for of in (formulas.tangent, formulas.damping))
     return _ours(case, tangent.toarray()), _ours(case, damping.toarray())
 
 
@@ -115,8 +111,7 @@ def _gravity(case: BothCodes) -> Floats:
 
 def _ours(case: BothCodes, matrix: Floats) -> Floats:
     """A matrix of the reference (3n, 3n) in exunet's order, with zero rows and columns for fixed nodes."""
-    place = (3 * case.reference_nodes[:, None] + np.arange(3)).ravel()
+    place, fixed = coordinates(case.reference_nodes), coordinates(case.start.net.fixed_nodes)
     result = matrix[np.ix_(place, place)]
-    fixed = (3 * case.start.net.fixed_nodes[:, None] + np.arange(3)).ravel()
     result[fixed], result[:, fixed] = 0.0, 0.0
     return result

@@ -126,8 +126,8 @@ _HEAD = _LINE.format("case", "check", "measured", "allowed", "verdict", "unit")
 
 def _printed(check: Check) -> list[str]:
     """A row of the terminal's table, with what is worst where it fails."""
-    allowed, unit = (_number(check.allowed.value), check.allowed.unit) if check.allowed else ("-", "")
-    cells = (check.subject, check.name, _number(check.measured), allowed, check.verdict, unit)
+    allowed, unit = (check.allowed.value, check.allowed.unit) if check.allowed else (None, "")
+    cells = (check.subject, check.name, _number(check.measured), _number(allowed), check.verdict, unit)
     more = "because" if check.left_out else "worst"
     shown = check.left_out or not check.holds
     return [_LINE.format(*cells).rstrip(), *([f"    {more}: {check.worst}"] if shown else [])]
@@ -145,17 +145,14 @@ def _section(findings: Sequence[Evidence]) -> Iterator[str]:
 
 
 def _cells(check: Check) -> tuple[str, ...]:
-    unit = check.allowed.unit if check.allowed else ""
-    allowed = _number(check.allowed.value, unit) if check.allowed else "-"
-    return check.subject, check.name, _number(check.measured, unit), allowed, check.verdict, check.worst
+    allowed, unit = (check.allowed.value, check.allowed.unit) if check.allowed else (None, "")
+    amounts = _number(check.measured, unit), _number(allowed, unit)
+    return check.subject, check.name, *amounts, check.verdict, check.worst
 
 
 def _failure(check: Check) -> str:
-    allowed = _number(check.allowed.value) if check.allowed else "-"
-    return (
-        f"- rung {check.rung}, {check.subject}, {check.name}: {_number(check.measured)} (allowed {allowed}). "
-        f"Worst: {check.worst}"
-    )
+    subject, name, measured, allowed, _, worst = _cells(check)
+    return f"- rung {check.rung}, {subject}, {name}: {measured} (allowed {allowed}). Worst: {worst}"
 
 
 def _listed(checks: Sequence[Check]) -> str:
@@ -176,5 +173,5 @@ def _tolerances(prefix: str) -> Iterator[str]:
     yield from markdown_table(("name", "value", "reason"), rows)
 
 
-def _number(value: float, unit: str = "") -> str:
-    return f"{value:.3g} {unit}".strip()
+def _number(value: float | None, unit: str = "") -> str:
+    return "-" if value is None else f"{value:.3g} {unit}".strip()

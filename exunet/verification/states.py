@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.forces import cable
 from exunet.net.arrays import Net
-
-Floats = NDArray[np.float64]
+from exunet.verification.check import Floats
 
 KINDS = ("packed", "slack", "taut", "overstretched", "coincident", "crumpled")
 HALF_SLACK = "half slack"
@@ -66,8 +64,7 @@ def smooth_states(net: Net, random: np.random.Generator) -> dict[str, Floats]:
         axes = _rotation(random)
         stretch = axes @ np.diag(random.uniform(0.9, 1.06, size=3)) @ axes.T
         position = x @ stretch
-        length = cable.lengths(net, position)
-        strain = 0.5 * ((length / net.reference_length) ** 2 - 1.0)
+        strain = cable.green_lagrange_strain(cable.lengths(net, position), net.reference_length)
         if strain.min() < 0 < strain.max() and np.abs(strain).min() > CLEAR_OF_THE_KINK:
             states[HALF_SLACK] = position
             break

@@ -10,24 +10,21 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.codegen.compile import numba_installed
 from exunet.results.measures import mouth_area
-from exunet.studies.both_codes import BothCodes
+from exunet.studies.both_codes import BothCodes, Floats
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
 from exunet.studies.neighbours import tracked_speeds
 from exunet.system import energy
 from exunet.verification.converged import best_plan
 from exunet.verification.growth import AMPLITUDE, grid
-
-Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-7  # of `best_plan`: keeps the energy of the paper's undamped net to 2e-5
 COMPILED, EXUDYN, REFERENCE = "compiled loop", "Exudyn", "reference"
@@ -101,11 +98,7 @@ def in_parallel(work: Any, jobs: Sequence[tuple[Any, ...]]) -> list[Any]:
     context = multiprocessing.get_context("spawn")  # the engine has threads, which a fork would not survive
     with ProcessPoolExecutor(max_workers=os.cpu_count(), mp_context=context) as pool:
         try:
-            return list(pool.map(_call, [work] * len(jobs), jobs, chunksize=1))
+            return list(pool.map(work, *zip(*jobs, strict=True)))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-
-
-def _call(work: Any, job: Iterable[Any]) -> Any:
-    return work(*job)

@@ -10,7 +10,7 @@ from exunet.studies.both_codes import BothCodes
 from exunet.studies.neighbours import MOVE
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out, worst_of
 from exunet.verification.figures import curves
-from exunet.verification.growth import VISIBLE, Growth, distances, fixed_plan
+from exunet.verification.growth import VISIBLE, Growth, at_node, distances, fixed_plan
 from exunet.verification.states import HALF_SLACK, NO_HALF_SLACK, smooth_states
 from exunet.verification.tolerances import ONE_STEP, SAME_SCHEME
 
@@ -30,15 +30,13 @@ def one_step(case: BothCodes) -> Iterator[Check]:
         velocity = case.speed * random.normal(size=position.shape)
         there = case.from_state(position, velocity)
         ours, theirs = there.run_exunet(times, plan), there.run_reference(times, method="RK4", step=plan.step)
-        yield worst_of(
-            f"one step of {plan.step:.3g} s, {kind}",
-            [
-                difference("position", ours.position[1], theirs.position[1], ONE_STEP, ("node", "xyz"), "m"),
-                difference(
-                    "velocity", ours.velocity[1], theirs.velocity[1], ONE_STEP, ("node", "xyz"), "m/s"
-                ),
-            ],
-        )
+        found = [
+            difference(
+                name, getattr(ours, name)[1], getattr(theirs, name)[1], ONE_STEP, ("node", "xyz"), unit
+            )
+            for name, unit in (("position", "m"), ("velocity", "m/s"))
+        ]
+        yield worst_of(f"one step of {plan.step:.3g} s, {kind}", found)
 
 
 def same_scheme(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
@@ -59,18 +57,13 @@ def same_scheme(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
     share = (apart / np.where(apart > 0.0, bound, 1.0))[:kept]
     at = int(np.argmax(share))
     node = int(np.argmax(distances(ours, theirs)[at]))
-    a, b = (", ".join(f"{c:.12g}" for c in run.position[at, node]) for run in (ours, theirs))
-    words = f"t = {times[at]:.4g} s, node {node}: ({a}) and ({b}) m; bound {bound[at]:.2g} m"
+    words = f"{at_node(ours, theirs, at, node)}; bound {bound[at]:.2g} m"
     name = f"equal steps to t = {times[kept - 1]:.3g} s, part of the bound"
     yield Check(name, float(share[at]), SAME_SCHEME, words)
     ended = f"bound {VISIBLE * size:.0e} m, compared until here"
-    figure = curves(
-        f"{case.name}: Exudyn RK44 and reference RK4, step {plan.step:.3g} s",
-        "largest difference of a position [m]",
-        times,
-        {"Exudyn and reference": apart, f"one code, start moved by {MOVE * size:.0e} m": lone},
-        {ended: float(times[kept - 1])} if kept < len(times) else {},
-    )
+    title = f"{case.name}: Exudyn RK44 and reference RK4, step {plan.step:.3g} s"
+    lines = {"Exudyn and reference": apart, f"one code, start moved by {MOVE * size:.0e} m": lone}
+    figure = curves(title, times, lines, {ended: float(times[kept - 1])} if kept < len(times) else {})
     caption = (
         f"{case.name}: the same scheme with the same step in both codes. The difference begins as round-off "
         "and grows as fast as any small change of the start does."

@@ -13,16 +13,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from exunet.studies.both_codes import BothCodes, Trajectory
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.neighbours import PAPER_SIZE
 from exunet.verification.check import Check, worst_of
 from exunet.verification.growth import nearby
 from exunet.verification.statistics import in_parallel
 from exunet.verification.tolerances import SYMMETRIC
-
-Floats = NDArray[np.float64]
 
 LATER = 1.25  # of the run of the case: how far the symmetric solution is followed
 INSTANTS = 501
@@ -36,10 +33,12 @@ def symmetry(case: BothCodes) -> Iterator[Check]:
     end = case.start.scene.time.end
     jobs: list[tuple[BothCodes, float, float]] = [(mirrored(case), t, LATER * end) for t in TOLERANCES]
     *equal, ordinary = in_parallel(_run, [*jobs, (nearby(case, NUDGE), TOLERANCES[0], end)])
-    rows = [
-        _largest(f"tolerance {tolerance:.0e}", motion, bullet_spread(case, motion))
-        for tolerance, motion in zip(TOLERANCES, equal, strict=True)
-    ]
+    rows = []
+    for tolerance, motion in zip(TOLERANCES, equal, strict=True):
+        spread = bullet_spread(case, motion)
+        at = int(np.argmax(spread))
+        words = f"t = {motion.time[at]:.4g} s"
+        rows.append(Check(f"tolerance {tolerance:.0e}", float(spread[at]), SYMMETRIC, words))
     yield worst_of(f"spread of speeds in mirrored arithmetic to t = {LATER * end:g} s", rows)
     name = f"bullets {SEPARATE:.0%} of the launch speed apart, start moved by {NUDGE * case.size:.0e} m [s]"
     yield Check(name, separation(case, ordinary), None, f"tolerance {TOLERANCES[0]:.0e}, ordinary arithmetic")
@@ -66,8 +65,3 @@ def separation(case: BothCodes, motion: Trajectory, part: float = SEPARATE) -> f
 
 def _run(case: BothCodes, tolerance: float, end: float) -> Trajectory:
     return case.run_reference(np.linspace(0.0, end, INSTANTS), rtol=tolerance, atol=1e-2 * tolerance)
-
-
-def _largest(name: str, motion: Trajectory, spread: Floats) -> Check:
-    at = int(np.argmax(spread))
-    return Check(name, float(spread[at]), SYMMETRIC, f"t = {motion.time[at]:.4g} s")

@@ -46,12 +46,6 @@ def planted(rung, what, code=EXUDYN, case="planar_deployment"):
     return enter
 
 
-@planted(2, "factor 1/2 missing in the Green-Lagrange strain")
-def strain_without_half(patch):
-    right = cable.green_lagrange_strain
-    patch.setattr(cable, "green_lagrange_strain", lambda length, reference: 2.0 * right(length, reference))
-
-
 @planted(2, "length ratio L/L0 missing in the tension")
 def no_length_ratio(patch):
     def wrong(length, reference, stiffness, maximum=np.maximum):
@@ -136,12 +130,6 @@ def beta_lost(patch):
     _other_damping(patch, beta=lambda beta: 0.0)
 
 
-@planted(1, "bullets launched inwards")
-def launch_inwards(patch):
-    right = initial._launch_velocity
-    patch.setattr(initial, "_launch_velocity", lambda launch, net: -right(launch, net))
-
-
 @planted(2, "elements slightly too long in the engine alone")
 def stale_length(patch):
     right = Model.cable_element
@@ -152,30 +140,10 @@ def stale_length(patch):
     patch.setattr(Model, "cable_element", wrong)
 
 
-def _doubled(patch, module, name):
-    right = getattr(module, name)
-    patch.setattr(module, name, lambda *state: 2.0 * right(*state))
-
-
 @planted(2, "factor 1/2 missing in the kinetic energy")
 def kinetic_doubled(patch):
     right = States.kinetic.func
     patch.setattr(States, "kinetic", property(lambda states: 2.0 * right(states)))
-
-
-@planted(2, "factor 1/2 missing in the elastic energy")
-def elastic_doubled(patch):
-    _doubled(patch, cable, "elastic_energy")
-
-
-@planted(2, "stored tensions twice as large")
-def tension_doubled(patch):
-    _doubled(patch, cable, "element_tension")
-
-
-@planted(6, "factor 1/2 missing in the area of the mouth")
-def mouth_doubled(patch):
-    _doubled(patch, metrics, "mouth_area")
 
 
 def _other_terms(patch, effect, change):
@@ -203,33 +171,6 @@ def viscous_compression(patch):
     patch.setattr(cable, "viscous_tension", wrong)
 
 
-@planted(2, "potential with the wrong sign", REFERENCE, case="orbit")
-def reference_potential_sign(patch):
-    right = reference_energy.potential
-    patch.setattr(reference_energy, "potential", lambda *state: -right(*state))
-
-
-@planted(2, "factor 1/2 missing in the kinetic energy", REFERENCE)
-def reference_kinetic_doubled(patch):
-    _doubled(patch, reference_energy, "kinetic")
-
-
-@planted(2, "factor 1/2 missing in the elastic energy", REFERENCE)
-def reference_elastic_doubled(patch):
-    _doubled(patch, reference_energy, "elastic")
-
-
-@planted(2, "stored tensions twice as large", REFERENCE)
-def reference_tension_doubled(patch):
-    _doubled(patch, forces, "tension")
-
-
-@planted(2, "stored strains of slack cables positive", REFERENCE)
-def reference_strain_sign(patch):
-    right = forces.strain
-    patch.setattr(forces, "strain", lambda system, x: np.abs(right(system, x)))
-
-
 @planted(2, "T at the current state in the damping", REFERENCE)
 def reference_current_tangent(patch):
     right = forces._element_forces
@@ -244,12 +185,6 @@ def reference_current_tangent(patch):
         return push + forces.gather(system, forces._drag(system, v)[0] - viscous), power
 
     patch.setattr(forces, "_element_forces", wrong)
-
-
-@planted(2, "factor 1/2 missing in the Green-Lagrange strain", REFERENCE)
-def reference_no_half(patch):
-    right = forces._strain
-    patch.setattr(forces, "_strain", lambda system, d: 2.0 * right(system, d))
 
 
 @planted(2, "slack cables push", REFERENCE)
@@ -295,3 +230,32 @@ def reference_rk4_weights(patch):
         return lambda end: whole_steps(state, step, end, take)
 
     patch.setitem(march.STEPPED, "RK4", midpoint)
+
+
+def _twice(value):
+    return 2.0 * value
+
+
+def _of_result(name, rung, what, module, function, change=_twice, case="planar_deployment"):
+    """Enters an error that changes nothing but what one function returns."""
+
+    def plant(patch):
+        right = getattr(module, function)
+        patch.setattr(module, function, lambda *given: change(right(*given)))
+
+    PLANTED[name] = Planted(what, REFERENCE if name.startswith("reference") else EXUDYN, rung, case, plant)
+
+
+NO_HALF, TENSIONS = "factor 1/2 missing in the", "stored tensions twice as large"
+OTHER_SIGN, POSITIVE = "potential with the wrong sign", "stored strains of slack cables positive"
+_of_result("strain_without_half", 2, f"{NO_HALF} Green-Lagrange strain", cable, "green_lagrange_strain")
+_of_result("launch_inwards", 1, "bullets launched inwards", initial, "_launch_velocity", np.negative)
+_of_result("elastic_doubled", 2, f"{NO_HALF} elastic energy", cable, "elastic_energy")
+_of_result("tension_doubled", 2, TENSIONS, cable, "element_tension")
+_of_result("mouth_doubled", 6, f"{NO_HALF} area of the mouth", metrics, "mouth_area")
+_of_result("reference_no_half", 2, f"{NO_HALF} Green-Lagrange strain", forces, "_strain")
+_of_result("reference_kinetic_doubled", 2, f"{NO_HALF} kinetic energy", reference_energy, "kinetic")
+_of_result("reference_elastic_doubled", 2, f"{NO_HALF} elastic energy", reference_energy, "elastic")
+_of_result("reference_tension_doubled", 2, TENSIONS, forces, "tension")
+_of_result("reference_strain_sign", 2, POSITIVE, forces, "strain", np.abs)
+_of_result("reference_potential_sign", 2, OTHER_SIGN, reference_energy, "potential", np.negative, "orbit")

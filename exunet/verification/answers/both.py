@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from exunet.studies.both_codes import BothCodes, Trajectory
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check
 from exunet.verification.converged import with_tolerance
 from exunet.verification.growth import fixed_plan
 from exunet.verification.tolerances import Tolerance
-
-Floats = NDArray[np.float64]
 
 CODES = ("Exudyn", "reference")
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import eigsh
 
@@ -15,7 +14,7 @@ from exunet.forces.points import Points
 from exunet.forces.total import Forces
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
-from exunet.studies.both_codes import BothCodes, read_both
+from exunet.studies.both_codes import BothCodes, Floats, Ints, coordinates, read_both
 from exunet.system.stability import largest_frequency, stable_step
 from exunet.system.system import System
 from exunet.verification import tolerances as tol
@@ -23,10 +22,6 @@ from exunet.verification.answers.both import against, in_steps
 from exunet.verification.check import Check
 from reference_impl import Effects
 from reference_impl import forces as formulas
-
-Floats = NDArray[np.float64]
-
-Ints = NDArray[np.int64]
 
 # Stable step in units of mesh / sqrt(E / rho), by meshes on a side.
 KNOWN = {5: 1.251, 10: 1.234, 25: 1.227}
@@ -54,9 +49,8 @@ def waves(case: BothCodes) -> Iterator[Check]:
     """
     net = case.start.net
     count, element = net.n_elements, float(net.reference_length[0])
-    ends = net.fixed_nodes
     total = float(np.ptp(net.reference_position[:, 0]))
-    stretch = float(np.ptp(case.start.position[ends, 0])) / total
+    stretch = float(np.ptp(case.start.position[net.fixed_nodes, 0])) / total
     modulus = float(net.youngs_modulus[0] / net.density[0])
     shape = np.sin(np.pi * net.reference_position[:, 0] / total)
     rest = stretch * net.reference_position
@@ -92,25 +86,19 @@ class Modes:
     squares: Floats
     shapes: Floats
 
-    def amplitudes(self, position: Floats) -> Floats:
-        """Of each mode in the position (n, 3) [m]."""
-        return self.shapes.T @ (self.root * (position - self.rest)[self.free].ravel())
-
-    def rates(self, velocity: Floats) -> Floats:
-        """Of each mode in the velocity (n, 3) [m/s]."""
-        return self.shapes.T @ (self.root * velocity[self.free].ravel())
+    def amplitudes(self, values: Floats) -> Floats:
+        """Of each mode in displacements from the rest or velocities (n, 3)."""
+        return self.shapes.T @ (self.root * values[self.free].ravel())
 
 
 def modes_of(case: BothCodes) -> Modes:
     """Eigenvalues of M^-1 T, eq. (14) of the reference, of a net that its supports stretch evenly."""
     net = case.start.net
-    fixed = net.fixed_nodes
-    stretch = float(
-        np.linalg.norm(case.start.position[fixed[0]]) / np.linalg.norm(net.reference_position[fixed[0]])
-    )
-    rest = stretch * net.reference_position
-    free = np.setdiff1d(np.arange(net.n_nodes), fixed)
-    place = (3 * case.reference_nodes[free][:, None] + np.arange(3)).ravel()
+    corner = net.fixed_nodes[0]
+    before, after = (np.linalg.norm(x[corner]) for x in (net.reference_position, case.start.position))
+    rest = float(after / before) * net.reference_position
+    free = np.setdiff1d(np.arange(net.n_nodes), net.fixed_nodes)
+    place = coordinates(case.reference_nodes[free])
     stiffness = formulas.tangent(case.theirs.system, case.to_reference(rest)).toarray()[np.ix_(place, place)]
     root = np.sqrt(np.repeat(net.mass[free], 3))
     squares, shapes = np.linalg.eigh(stiffness / np.outer(root, root))
@@ -121,10 +109,10 @@ def vibration(case: BothCodes) -> Iterator[Check]:
     """Frequencies of the modes that the start contains, against the eigenvalues."""
     modes = modes_of(case)
     end = case.start.scene.time.end
-    begin = modes.amplitudes(case.start.position)
+    begin = modes.amplitudes(case.start.position - modes.rest)
     shown = np.flatnonzero(np.abs(begin) > SHARE * np.abs(begin).max())
     for code, motion in in_steps(case, np.array([0.0, end]), 1 / 32):
-        now, rate = modes.amplitudes(motion.position[1]), modes.rates(motion.velocity[1])
+        now, rate = map(modes.amplitudes, (motion.position[1] - modes.rest, motion.velocity[1]))
         for k in shown:
             known = math.sqrt(modes.squares[k])
             found = frequency(now[k], rate[k], begin[k], end, known)
@@ -136,17 +124,14 @@ def stable_steps(case: BothCodes) -> Iterator[Check]:
     for meshes, known in KNOWN.items():
         larger = read_both(case.path, {"net.size": str(float(meshes))})
         net = larger.start.net
-        step = stable_step(
-            Method.VELOCITY_VERLET, largest_frequency(System(Points.of_net(net), Forces.of(net)))
-        )
+        highest = largest_frequency(System(Points.of_net(net), Forces.of(net)))
+        step = stable_step(Method.VELOCITY_VERLET, highest)
         theirs = 2.0 / math.sqrt(_largest_eigenvalue(larger))
-        name, values = f"{meshes} x {meshes} meshes", f"{step:.9g} s and {theirs:.9g} s"
-        yield Check(f"Verlet step, {name}: codes differ by", abs(step / theirs - 1), tol.EIGENVALUE, values)
+        name, values = f"Verlet step, {meshes} x {meshes} meshes", f"{step:.9g} s and {theirs:.9g} s"
+        yield Check(f"{name}: codes differ by", abs(step / theirs - 1), tol.EIGENVALUE, values)
         unit = net.reference_length[0] / math.sqrt(net.youngs_modulus[0] / net.density[0])
         words = f"{step / unit:.5f}, known: {known}"
-        yield Check(
-            f"Verlet step, {name}: off the known by", abs(step / unit - known), tol.FIELD_DIGITS, words
-        )
+        yield Check(f"{name}: off the known by", abs(step / unit - known), tol.FIELD_DIGITS, words)
 
 
 def _largest_eigenvalue(case: BothCodes) -> float:
@@ -164,10 +149,9 @@ def near_the_limit(case: BothCodes) -> Iterator[Check]:
     """A small disturbance of a taut net between supports after some steps on either side of the limit."""
     modes = modes_of(case)
     limit = 2.0 / math.sqrt(modes.squares[-1])
-    random = np.random.default_rng(SEED)
-    shift = random.uniform(-DISTURBED, DISTURBED, modes.rest.shape)
+    shift = np.random.default_rng(SEED).uniform(-DISTURBED, DISTURBED, modes.rest.shape)
     moved = case.from_state(modes.rest + shift, np.zeros_like(shift))
-    for part, allowed in ((0.99, tol.STABLE), (1.01, tol.UNSTABLE)):
+    for part, allowed, what in ((0.99, tol.STABLE, "growth"), (1.01, tol.UNSTABLE, "1 / growth")):
         step = part * limit
         times = np.array([0.0, STEPS * step])
         for code, motion in (
@@ -175,7 +159,6 @@ def near_the_limit(case: BothCodes) -> Iterator[Check]:
             ("reference", moved.run_reference(times, method="Verlet", step=step)),
         ):
             grown = float(np.abs(motion.position[1] - modes.rest)[modes.free].max()) / DISTURBED
-            measured = grown if allowed is tol.STABLE else 1.0 / grown
+            measured = grown if what == "growth" else 1.0 / grown
             words = f"in {STEPS} steps a disturbance of {DISTURBED:.0e} m grew {grown:.3g} times"
-            what = "growth" if allowed is tol.STABLE else "1 / growth"
             yield Check(f"Verlet at {part} of its step, {code}: {what}", measured, allowed, words)

@@ -4,32 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.optimize import brentq, root
 
 from exunet.case.stored_times import stored_times
 from exunet.forces import cable
 from exunet.net.arrays import Net
-from exunet.studies.both_codes import BothCodes
+from exunet.studies.both_codes import BothCodes, Floats
 from exunet.system import energy
 from exunet.verification import tolerances as tol
 from exunet.verification.answers.both import CODES, against, best, in_steps
 from exunet.verification.answers.linear import frequency
 from exunet.verification.check import Check
-from exunet.verification.tolerances import Tolerance
 from reference_impl import forces as formulas
 
-Floats = NDArray[np.float64]
 
-REFERENCE = CODES[1]
-
-
-@dataclass(frozen=True)
-class Known:
+class Known(NamedTuple):
     """Largest strain, peak force [N] and contact time [s] of a snap."""
 
     strain: float
@@ -44,14 +37,11 @@ def known_snap(axial_stiffness: float, length: float, reduced_mass: float, speed
     L0 E11max / (v lambda) over s from 0 to pi, lambda = sqrt(1 + 2 E11).
     """
     strain = speed * math.sqrt(reduced_mass / (axial_stiffness * length))
-    quarter, _ = quad(
+    half, _ = quad(
         lambda s: 1.0 / math.sqrt(1.0 + 2.0 * strain * math.sin(s)), 0.0, math.pi / 2, epsrel=1e-13
     )
-    return Known(
-        strain,
-        axial_stiffness * strain * math.sqrt(1.0 + 2.0 * strain),
-        2.0 * length * strain / speed * quarter,
-    )
+    force = axial_stiffness * strain * math.sqrt(1.0 + 2.0 * strain)
+    return Known(strain, force, 2.0 * length * strain / speed * half)
 
 
 def snap(case: BothCodes) -> Iterator[Check]:
@@ -74,17 +64,15 @@ def snap(case: BothCodes) -> Iterator[Check]:
 
 def _by_code(case: BothCodes, code: str, position: Floats) -> tuple[Floats, Floats, Floats]:
     """Length [m], strain and tension [N] of the cable (t,), each code's motion by its own formulas."""
-    if code == REFERENCE:
+    if code == CODES[1]:
         system, x = case.theirs.system, case.to_reference(position)
         length, strain = formulas.length(system, x), formulas.strain(system, x)
         return length[:, 0], strain[:, 0], formulas.tension(system, x)[:, 0]
     net = case.start.net
     length = cable.lengths(net, position)
     strain = cable.green_lagrange_strain(length, net.reference_length)
-    tension = cable.element_tension(
-        net, case.start.system.forces.cable.law, position, np.zeros_like(position)
-    )
-    return length[:, 0], strain[:, 0], tension[:, 0]
+    law, at_rest = case.start.system.forces.cable.law, np.zeros_like(position)
+    return length[:, 0], strain[:, 0], cable.element_tension(net, law, position, at_rest)[:, 0]
 
 
 def hanging_chain(net: Net, weight: Floats, span: float) -> Floats:
@@ -128,13 +116,10 @@ def hanging(case: BothCodes) -> Iterator[Check]:
     for code, motion in in_steps(case, np.array([0.0, case.start.scene.time.end]), 1 / 2):
         gap = np.linalg.norm(motion.position[1][:, [0, 2]] - known, axis=1)
         node = int(np.argmax(gap))
-        x, z = motion.position[1, node, [0, 2]]
-        words = (
-            f"node {node}: ({x:.10g}, {z:.10g}) m, known: ({known[node, 0]:.10g}, {known[node, 1]:.10g}) m"
-        )
-        yield Check(
-            f"shape at rest, {code}: off by part of length", float(gap[node]) / size, tol.HANGING, words
-        )
+        places = (motion.position[1, node, [0, 2]], known[node])
+        words = f"node {node}: " + ", known: ".join(f"({x:.10g}, {z:.10g}) m" for x, z in places)
+        name = f"shape at rest, {code}: off by part of length"
+        yield Check(name, float(gap[node]) / size, tol.HANGING, words)
 
 
 def pendulum(case: BothCodes) -> Iterator[Check]:
@@ -171,9 +156,8 @@ def braking(case: BothCodes) -> Iterator[Check]:
         known = beta * stiffness * length**2 * (angle / 2 - math.sin(2 * angle) / 4)
         found = float(spin[0] - spin[-1])
         yield against(f"momentum taken by damping, {code}", found, known, tol.BRAKING, "kg m2/s")
-        words = (
-            f"of {spin[0]:.6g} kg m2/s in {angle / (2 * math.pi):.3f} turns; an objective damping takes none"
-        )
+        turns = angle / (2 * math.pi)
+        words = f"of {spin[0]:.6g} kg m2/s in {turns:.3f} turns; an objective damping takes none"
         yield Check(f"part of the rotation lost, {code}", found / float(spin[0]), None, words)
 
 
@@ -182,25 +166,17 @@ def free_net(case: BothCodes) -> Iterator[Check]:
     net = case.start.net
     shares = net.mass[:, None] * case.start.velocity
     turning = np.cross(case.start.position, shares)
+    scales = [float(np.linalg.norm(parts, axis=1).sum()) for parts in (shares, turning)]
     for code, motion in best(case, stored_times(case.start.scene.time)):
-        total = energy.kinetic(net.mass, motion.velocity)
-        total = total + energy.elastic(case.start.system.forces, motion.position)
-        kept: tuple[tuple[str, np.ndarray, float, Tolerance], ...] = (
-            ("momentum", energy.momentum(net.mass, motion.velocity), _size(shares), tol.MOMENTUM),
-            (
-                "angular momentum",
-                energy.angular_momentum(net.mass, motion.position, motion.velocity),
-                _size(turning),
-                tol.ANGULAR,
-            ),
+        x, v = motion.position, motion.velocity
+        total = energy.kinetic(net.mass, v) + energy.elastic(case.start.system.forces, x)
+        spin = energy.angular_momentum(net.mass, x, v)
+        for name, values, scale, allowed in (
+            ("momentum", energy.momentum(net.mass, v), scales[0], tol.MOMENTUM),
+            ("angular momentum", spin, scales[1], tol.ANGULAR),
             ("energy", total[:, None], float(total[0]), tol.ENERGY),
-        )
-        for name, values, scale, allowed in kept:
+        ):
             change = np.linalg.norm(values - values[0], axis=1)
             at = int(np.argmax(change))
             words = f"t = {motion.time[at]:.4g} s: {values[at]} at first: {values[0]}"
             yield Check(f"{name}, {code}: relative change", float(change[at]) / scale, allowed, words)
-
-
-def _size(shares: np.ndarray) -> float:
-    return float(np.linalg.norm(shares, axis=1).sum())

@@ -6,16 +6,13 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.net import radial, square
 from exunet.results import measures as metrics
-from exunet.studies.both_codes import BothCodes
+from exunet.studies.both_codes import BothCodes, Floats
 from exunet.verification.check import Check, worst_of
 from exunet.verification.tolerances import AREA
-
-Floats = NDArray[np.float64]
 
 SEED = 20210621
 SHAPES = 10
@@ -29,11 +26,12 @@ def areas(case: BothCodes) -> Iterator[Check]:
     """
     net, flat = case.start.net, _flat(case)
     maps = [np.eye(3), *np.random.default_rng(SEED).normal(size=(SHAPES, 3, 3))]
-    shapes = [(f"shape {k}", net.reference_position @ a.T, flat * _stretch(a)) for k, a in enumerate(maps)]
-    of_mouth = [_against(name, metrics.mouth_area(net, x), known) for name, x, known in shapes]
-    of_openings = [_against(name, metrics.mesh_area(net, x), known) for name, x, known in shapes]
-    yield worst_of(f"area of the mouth, {len(maps)} flat shapes", of_mouth)
-    yield worst_of(f"area of all openings, {len(maps)} flat shapes", of_openings)
+    for what, area in (("the mouth", metrics.mouth_area), ("all openings", metrics.mesh_area)):
+        checks = []
+        for k, a in enumerate(maps):
+            known = flat * float(np.linalg.norm(np.cross(a[:, 0], a[:, 1])))
+            checks.append(_against(f"shape {k}", area(net, net.reference_position @ a.T), known))
+        yield worst_of(f"area of {what}, {len(maps)} flat shapes", checks)
     if isinstance(case.start.scene.net, square.Keys):
         folded = metrics.mouth_area(net, _folded(net.reference_position))
         yield _against("area of the mouth, folded by a right angle", folded, flat * FOLDED)
@@ -59,10 +57,6 @@ def _folded(place: Floats) -> Floats:
     """The half with x + y > 0 turned out of the plane about the diagonal."""
     along, across = (place[:, 1] - place[:, 0]) / math.sqrt(2.0), (place[:, 0] + place[:, 1]) / math.sqrt(2.0)
     return np.column_stack([np.maximum(across, 0.0), along, np.maximum(-across, 0.0)])
-
-
-def _stretch(a: Floats) -> float:
-    return float(np.linalg.norm(np.cross(a[:, 0], a[:, 1])))
 
 
 def _against(name: str, found: Floats | float, known: float) -> Check:

@@ -7,17 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from exunet.methods.method import METHODS, Kind, Method
+from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
-from exunet.studies.both_codes import BothCodes, Trajectory
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check, Evidence, Plate
 from exunet.verification.converged import with_tolerance
 from exunet.verification.figures import convergence
 from exunet.verification.tolerances import ADAPTIVE_ORDER, KINK, ORDER
-
-Floats = NDArray[np.float64]
 
 # Declared orders of the reference's methods (its README).
 REFERENCE: dict[str, int] = {"RK4": 4, "Verlet": 2, "EM": 2, "RK45": 5, "DOP853": 8}
@@ -72,9 +69,12 @@ def all_series(cases: Sequence[BothCodes]) -> list[Series]:
     exact = [case.run_reference(times, rtol=3e-14, atol=1e-15) for case in cases]
     found = []
     for method, facts in METHODS.items():
-        plans = _plans(cases[0], method, end)
+        adaptive = facts.kind == Kind.ADAPTIVE
+        plans = [Plan(method, step=end / n) for n in STEPS]
+        if adaptive:
+            plans = [with_tolerance(cases[0], method, tolerance) for tolerance in TOLERANCES]
         runs = [[case.run_exunet(times, plan) for case in cases] for plan in plans]
-        found.append(_series(f"Exudyn {method}", facts.order, facts.kind == Kind.ADAPTIVE, runs, exact))
+        found.append(_series(f"Exudyn {method}", facts.order, adaptive, runs, exact))
     for theirs, order in REFERENCE.items():
         settings: list[dict[str, Any]] = [{"step": end / n} for n in STEPS]
         if theirs in ADAPTIVE:
@@ -84,24 +84,11 @@ def all_series(cases: Sequence[BothCodes]) -> list[Series]:
     return found
 
 
-def _plans(case: BothCodes, method: Method, end: float) -> list[Plan]:
-    if METHODS[method].kind != Kind.ADAPTIVE:
-        return [Plan(method, step=end / n) for n in STEPS]
-    return [with_tolerance(case, method, tolerance) for tolerance in TOLERANCES]
-
-
 def _series(
     label: str, order: int, adaptive: bool, runs: Sequence[Sequence[Trajectory]], exact: Sequence[Trajectory]
 ) -> Series:
-    apart = np.array(  # (settings, starts, nodes)
-        [
-            [
-                np.abs(run.position[-1] - true.position[-1]).max(axis=1)
-                for run, true in zip(row, exact, strict=True)
-            ]
-            for row in runs
-        ]
-    )
+    ends, known = ([[run.position[-1] for run in row] for row in rows] for rows in (runs, [exact]))
+    apart = np.abs(np.array(ends) - np.array(known)).max(axis=3)  # (settings, starts, nodes)
     steps = np.array([np.mean([run.steps for run in row]) for row in runs])
     errors = np.sqrt(np.mean(apart.max(axis=2) ** 2, axis=1))
     return Series(label, order, adaptive, steps, errors, apart.max(axis=1).argmax(axis=1).tolist())
@@ -139,21 +126,18 @@ def with_kink(case: BothCodes) -> Iterator[Evidence]:
 
 def _shifted(case: BothCodes) -> list[BothCodes]:
     """The case with its nodes moved apart by up to what they travel in the longest step."""
-    random = np.random.default_rng(SEED)
-    start = case.start
+    start, shares = case.start, np.random.default_rng(SEED).random(STARTS)
     step = start.scene.time.end / STEPS[0]
-    return [
-        case.from_state(start.position + share * step * start.velocity, start.velocity)
-        for share in random.random(STARTS)
-    ]
+    places = [start.position + share * step * start.velocity for share in shares]
+    return [case.from_state(place, start.velocity) for place in places]
 
 
 def _plate(case: BothCodes, found: list[Series], what: str, caption: str) -> Plate:
-    lines = {series.label: (series.steps, np.maximum(series.errors, 1e-17)) for series in found}
+    lines = {series.label: (series.steps, series.errors) for series in found}
     ours = [label for label in lines if label.startswith("Exudyn")]
     panels = {
         "Exudyn, explicit": ours[:8],
         "Exudyn, implicit; reference": ours[8:] + [label for label in lines if label not in ours],
     }
-    figure = convergence(f"Errors against the number of steps: {what}", "steps", lines, panels)
+    figure = convergence(f"Errors against the number of steps: {what}", lines, panels)
     return Plate(f"orders_{case.name}", figure, f"{case.name}: {what}. {caption}")
