@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -13,8 +14,9 @@ from matplotlib.collections import LineCollection
 from result_samples import net, result, square_net, unfolding
 from small_nets import CABLE, thrown
 
+import exunet
 from exunet.base.errors import InputError
-from exunet.figures import figures, save_figures
+from exunet.figures import figures, nets, save_figures
 from exunet.figures.nets import snapshot_indices
 from exunet.figures.style import drawing, shortened
 from exunet.figures.thinning import BINS, thinned, thinned_band
@@ -370,3 +372,20 @@ def test_rotation_is_drawn_for_rigid_bodies():
     drawn = curves(checked(replace(THROWN, bodies={"a": rigid, "b": rigid}))["rotation"])
     assert list(drawn) == [f"{name}, {axis}" for name in "ab" for axis in "xyz"]
     np.testing.assert_array_equal(drawn["b, y"].get_ydata(), turning[:, 1])
+
+
+def test_snapshots_show_the_bodies_where_they_are(tmp_path):
+    case = exunet.load(
+        Path(__file__).parents[1] / "cases" / "verification" / "snap.toml",
+        [
+            "engine.loop=compiled",
+            "bodies.target={mass=7.0, inertia=[2.0, 3.0, 4.0], position=[0.2, 0.3, 0.0], velocity=[1.0, 0, 0]}",
+        ],
+    )
+    result = exunet.run(case)
+    axes = nets.snapshots(result).axes[-1]
+    (mark,) = [line for line in axes.lines if line.get_marker() == "D"]
+    np.testing.assert_allclose(
+        [*mark.get_xdata(), *mark.get_ydata()], [0.2 + result.time[-1], 0.3], rtol=1e-12
+    )
+    assert "target" in [text.get_text() for text in axes.texts]

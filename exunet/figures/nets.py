@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from exunet.bodies.rigid import rotation_matrix
 from exunet.figures.dimensions import dimensions, draw_dimension
-from exunet.figures.style import BLACK, BLUE, REFERENCE, heading, number
+from exunet.figures.style import BLACK, BLUE, RED, REFERENCE, heading, number
 from exunet.figures.views import best_view, draw_net, net_size, panels
 from exunet.net.arrays import Net
 from exunet.results.measures import centre_of_mass
@@ -56,7 +57,8 @@ def snapshots(result: Result) -> Figure:
     if follows:
         reference = reference - net.mass @ reference / net.mass.sum()
         states = [state - centre[k] for state, k in zip(states, chosen, strict=True)]
-    view = best_view(net, [reference, *states])
+    moved = centre[chosen] if follows else np.zeros((len(chosen), 3))
+    view = best_view(net, [reference, *states, *(_places(result, chosen) - moved[:, None])])
     head, title = 0.3 + _verdict_room(result), 0.42 if follows else 0.28
     count = len(chosen)
     figure, grid = panels(view, count, min(3, count), head, title, 9.0 if count > 1 else 6.5)
@@ -64,13 +66,36 @@ def snapshots(result: Result) -> Figure:
         for ax, plane in zip(panel, view.planes, strict=True):
             draw_net(ax, net, reference, plane, REFERENCE, 0.8)
             draw_net(ax, net, state, plane, BLUE, 1.0)
+            _draw_bodies(ax, result, k, centre[k] if follows else np.zeros(3), plane)
         text = f"t = {number(result.time[k])} s"
         if follows:
             text += "\ncentre ({}) m".format(", ".join(f"{c + 0.0:.3g}" for c in np.round(centre[k], 2)))
         panel[0].set_title(text.replace("-", "\N{MINUS SIGN}"), loc="left", fontsize=9)
     text = "Snapshots (blue) over the reference configuration (grey)"
+    if result.bodies:
+        text = "Snapshots (blue), bodies (red, with their x and y axes), reference (grey)"
     heading(figure, result, text + (", seen from the centre of mass" if follows else ""))
     return figure
+
+
+def _places(result: Result, chosen: list[int]) -> Floats:
+    """(k, n_bodies, 3) [m] of the bodies' centres of mass at chosen stored times."""
+    places = [body.position[chosen] for body in result.bodies.values()]
+    return np.stack(places, axis=1) if places else np.zeros((len(chosen), 0, 3))
+
+
+def _draw_bodies(axes: Axes, result: Result, k: int, origin: Floats, plane: tuple[int, int]) -> None:
+    """A mark and the name of each body; of rigid ones their x and y axes, the y axis thin."""
+    reach = 0.12 * net_size(result.net)
+    for name, body in result.bodies.items():
+        at = (body.position[k] - origin)[list(plane)]
+        if body.attitude is not None:
+            arms = reach * rotation_matrix(np.asarray(body.attitude[k]))[list(plane)]
+            for axis, width in ((0, 2.2), (1, 1.0)):
+                axes.plot(*np.stack([at, at + arms[:, axis]], axis=1), color=RED, linewidth=width)
+        axes.plot(*at, marker="D", markersize=4, color=RED)
+        offset: dict[str, Any] = {"xytext": (0, -11), "textcoords": "offset points", "ha": "center"}
+        axes.annotate(name, at, fontsize=7, color=RED, annotation_clip=True, **offset)
 
 
 def snapshot_indices(time: Floats, count: int) -> list[int]:

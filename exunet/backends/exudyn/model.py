@@ -279,8 +279,8 @@ class Model:
 
     @property
     def all_points_alone(self) -> bool:
-        """True if the mass matrix can be inverted body by body (mass points and connectors only)."""
-        return set(self._counts) <= {"MassPoint", "ObjectConnectorSpringDamper"}
+        """True if the mass matrix can be inverted body by body: no object has several nodes."""
+        return set(self._counts) <= {"MassPoint", "ObjectConnectorSpringDamper", "ObjectRigidBody"}
 
     @property
     def free(self) -> NDArray[np.bool_]:
