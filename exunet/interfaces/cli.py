@@ -1,7 +1,8 @@
 """The `exunet` command: thin wrappers that read arguments, call the rooms, print, and set exit codes.
 
 Exit codes: 0 done, 1 a check of `verify` failed (or a defect of exunet), 2 bad input (nothing written), 3 a
-run that stopped (what was computed is kept), 130 interrupted.
+run that stopped (what was computed is kept), 4 a run that `--check` could not check (its result is written),
+130 interrupted.
 """
 
 from __future__ import annotations
