@@ -1,0 +1,376 @@
+"""Change operators of the physics one at a time and look which tests notice.
+
+    python tests/mutations/operators.py --sample 0.05 --seed 20261121 [--only MODULE] [--jobs 2]
+
+What is changed: the arithmetic operators (+ - * / **, unary minus, augmented assignments) and comparisons
+(< <= > >= == !=) of the modules in PHYSICS; annotations, f-strings, the building of texts and `raise`
+statements are left out. Whether an operator is in the sample, and what replaces it, follow from the seed and
+the operator's own line alone, so edits elsewhere do not change the sample.
+
+How: `git archive` puts the commit into one scratch folder for each job, which stands first on PYTHONPATH (the
+copy is complete, so an editable install cannot fill gaps from the working tree). The quick tests run there
+once unchanged; tests that fail there are left out and named. Then each mutant meets the quick test files that
+concern its module (CONCERNED), and what survives those meets all quick tests, all with `-x`. A test that
+takes longer than the limit counts as one that fails: a mutant that never ends is noticed. XDG_CACHE_HOME is
+a folder of the job's own, filled from the user's cache, so the kernels of mutants stay out of that; they are
+removed after each.
+
+Every verdict is appended to `records.jsonl` in --out as it falls. A second call with the same --out goes on
+where the first ended; survivors are tried again if the commit has changed. The survivors of the last
+complete sample are explained in operators.md beside this file.
+"""
+
+# ruff: noqa: T201
+from __future__ import annotations
+
+import argparse
+import ast
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+import time
+import xml.etree.ElementTree
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from queue import Queue
+
+ROOT = Path(__file__).resolve().parents[2]
+
+PHYSICS = (
+    "forces/cable.py", "forces/cable_term.py", "forces/loops.py", "forces/jumps.py", "forces/terms.py",
+    "forces/surface.py", "forces/directions.py", "forces/atmosphere.py", "forces/lumped.py",
+    "forces/effects/*.py", "forces/estimate.py", "bodies/rigid.py",
+    "system/energy.py", "system/energy_scale.py", "system/stability.py",
+    "system/initial.py", "system/limits.py", "system/states.py", "system/system.py",
+    "backends/compiled/schemes.py", "backends/compiled/many_steps.py", "backends/compiled/arrays.py",
+    "backends/exudyn/step_choice.py", "simulation/guards.py", "simulation/monitor.py",
+    "simulation/envelope.py", "simulation/peaks.py", "simulation/refinement.py", "results/measures.py",
+    "net/weave.py", "net/square.py", "net/rectangular.py", "net/hexagonal.py", "net/radial.py",
+)  # fmt: skip
+
+# Quick test files that concern the modules whose path begins so; the longest prefix counts. They run in the
+# order of the time that they take.
+CONCERNED = {
+    "forces/": "force_loops effects terms effects_estimates effects_together verify kernel stability guards",
+    "forces/cable": "force_loops terms effects kernel stability planar guards peaks auto simulation verify",
+    "forces/jumps": "jumps terms effects auto methods retry loop",
+    "forces/loops": "force_loops terms kernel effects effects_together loop verify",
+    "forces/effects/": "force_loops effects effects_estimates effects_together terms bodies thrust schema",
+    "forces/effects/thrust": "thrust terms simulation",
+    "forces/estimate": "effects_estimates effects",
+    "bodies/": "turning bodies simulation restart envelope guards",
+    "system/energy": "guards bodies envelope effects effects_together planar metrics verify",
+    "system/stability": "stability guards methods auto verify",
+    "system/initial": "initial net planar verify",
+    "system/limits": "guards guards_limits preparation",
+    "system/": "bodies simulation guards restart envelope planar terms",
+    "backends/compiled/": "schemes turning seen_steps jumps loop terms bodies simulation peaks retry auto",
+    "backends/exudyn/": "terms effects auto retry methods restart simulation",
+    "simulation/": "guards peaks envelope retry effects_estimates simulation guards_limits loop",
+    "results/": "metrics guards planar plot bodies effects large_result",
+    "net/": "net initial planar verify",
+}
+
+REPLACED = {
+    ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.Pow: "*", ast.USub: "+",
+    ast.Lt: ("<=", ">="), ast.LtE: ("<", ">"), ast.Gt: (">=", "<="), ast.GtE: (">", "<"),
+    ast.Eq: "!=", ast.NotEq: "==",
+}  # fmt: skip
+SYMBOL = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**", ast.USub: "-",
+    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
+}  # fmt: skip
+TEST_LIMIT = 120.0  # [s] of one test; the longest takes 20 s on two idle cores
+WHOLE_LIMIT = 3600.0  # [s] of all quick tests
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One changed operator.
+
+    key  : module, function, text of the line, and which operator of that line in that function
+    span : byte offsets of the operator and of the expression that it joins, put in brackets if `bracketed`
+    """
+
+    key: str
+    module: str
+    line: int
+    source: str
+    original: str
+    replaced: str
+    span: tuple[int, int, int, int]
+    bracketed: bool
+
+    def applied(self, text: bytes) -> bytes:
+        """The module's text with the change."""
+        start, first, last, end = self.span
+        left, right = (b"(", b")") if self.bracketed else (b"", b"")
+        changed = text[:start] + left + text[start:first] + self.replaced.encode() + text[last:end] + right
+        return changed + text[end:]
+
+
+def share(seed: int, key: str) -> float:
+    """A number in [0, 1) that follows from the seed and the key alone."""
+    return int(hashlib.sha256(f"{seed} {key}".encode()).hexdigest()[:12], 16) / 16.0**12
+
+
+def mutants_of(tree: Path, module: str, seed: int) -> Iterator[Mutant]:
+    """All mutants of a module, one for each operator."""
+    text = (tree / module).read_bytes()
+    lines = text.splitlines(keepends=True)
+    begins = [0]
+    for line in lines:
+        begins.append(begins[-1] + len(line))
+    seen: Counter[str] = Counter()
+
+    def place(line: int, column: int) -> int:
+        return begins[line - 1] + column
+
+    def mutant(function: str, operator: ast.AST, whole: ast.AST, after: int, before: int) -> Mutant:
+        symbol, choice = SYMBOL[type(operator)], REPLACED[type(operator)]
+        first = after + text[after:before].index(symbol.encode())
+        line = text[:first].count(b"\n") + 1
+        shown = lines[line - 1].decode().strip()
+        name = f"{module}:{function}: {shown}"
+        seen[name] += 1
+        key = f"{name} [{seen[name]}]"
+        if not isinstance(choice, str):
+            choice = choice[int(2.0 * share(seed, key + " replacement"))]
+        span = (place(whole.lineno, whole.col_offset), first, first + len(symbol),
+                place(whole.end_lineno, whole.end_col_offset))  # fmt: skip
+        bracketed = isinstance(whole, ast.BinOp)
+        if isinstance(whole, ast.AugAssign):
+            choice = choice + "="
+            span = (span[0], span[1], span[2] + 1, span[3])
+            symbol += "="
+        return Mutant(key, module, line, shown, symbol, choice, span, bracketed)
+
+    def visit(node: ast.AST, function: str) -> Iterator[Mutant]:
+        if isinstance(node, ast.JoinedStr | ast.Raise):
+            return
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            function = f"{function}.{node.name}" if function else node.name
+        if isinstance(node, ast.BinOp) and type(node.op) in SYMBOL and not builds_text(node):
+            left, right = node.left, node.right
+            yield mutant(function, node.op, node, place(left.end_lineno, left.end_col_offset),
+                         place(right.lineno, right.col_offset))  # fmt: skip
+        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+            start = place(node.lineno, node.col_offset)
+            yield mutant(function, node.op, node, start, start + 1)
+        elif isinstance(node, ast.AugAssign) and type(node.op) in SYMBOL and not builds_text(node):
+            yield mutant(function, node.op, node, place(node.target.end_lineno, node.target.end_col_offset),
+                         place(node.value.lineno, node.value.col_offset))  # fmt: skip
+        elif isinstance(node, ast.Compare):
+            operands = [node.left, *node.comparators]
+            for left, operator, right in zip(operands, node.ops, operands[1:], strict=False):
+                if type(operator) in SYMBOL:
+                    yield mutant(function, operator, node, place(left.end_lineno, left.end_col_offset),
+                                 place(right.lineno, right.col_offset))  # fmt: skip
+        for name, child in ast.iter_fields(node):
+            if name not in ("annotation", "returns"):
+                for part in child if isinstance(child, list) else [child]:
+                    if isinstance(part, ast.AST):
+                        yield from visit(part, function)
+
+    yield from visit(ast.parse(text), "")
+
+
+def builds_text(node: ast.AST) -> bool:
+    """True if a string stands somewhere in an expression."""
+    return any(
+        isinstance(part, ast.JoinedStr) or (isinstance(part, ast.Constant) and isinstance(part.value, str))
+        for operand in ((node.left, node.right) if isinstance(node, ast.BinOp) else (node.value,))
+        for part in [operand]
+    )
+
+
+def drawn(tree: Path, sample: float, seed: int, only: str) -> tuple[list[Mutant], int]:
+    """The sample, and the number of operators that it is drawn from."""
+    modules = sorted({path for pattern in PHYSICS for path in (tree / "exunet").glob(pattern)})
+    every = [m for path in modules for m in mutants_of(tree, path.relative_to(tree).as_posix(), seed)]
+    every = [m for m in every if only in m.module]
+    return [m for m in every if share(seed, m.key) < sample], len(every)
+
+
+def concerned(tree: Path, module: str) -> list[str]:
+    """The test files that concern a module."""
+    path = module.removeprefix("exunet/")
+    prefix = max((p for p in CONCERNED if path.startswith(p)), key=len)
+    files = [f"tests/test_{name}.py" for name in CONCERNED[prefix].split()]
+    if missing := [file for file in files if not (tree / file).is_file()]:
+        print(f"CONCERNED names files that are not there: {missing}")
+    return [file for file in files if file not in missing]
+
+
+class Scratch:
+    """A copy of the tree in which one mutant at a time is tried."""
+
+    def __init__(self, folder: Path, commit: str, cache: Path) -> None:
+        self.tree, self.cache = folder / "tree", folder / "cache"
+        if not self.tree.is_dir():
+            self.tree.mkdir(parents=True)
+            packed = subprocess.run(["git", "archive", commit], cwd=ROOT, check=True, capture_output=True)
+            subprocess.run(["tar", "x"], cwd=self.tree, input=packed.stdout, check=True)
+        if not self.cache.is_dir():
+            if cache.is_dir():
+                shutil.copytree(cache, self.cache / "exunet", copy_function=shutil.copy2)
+            self.cache.mkdir(exist_ok=True)
+
+    def pytest(self, arguments: list[str]) -> tuple[int | None, str]:
+        """Exit code (None: longer than the limit) and output of the quick tests with these arguments."""
+        environment = dict(os.environ, XDG_CACHE_HOME=str(self.cache), PYTHONPATH=str(self.tree),
+                           PYTHONDONTWRITEBYTECODE="1")  # fmt: skip
+        command = [sys.executable, "-m", "pytest", "-q", "-rfE", "--tb=line", "-p", "no:cacheprovider"]
+        command += ["-o", f"faulthandler_timeout={TEST_LIMIT}", "-o", "faulthandler_exit_on_timeout=true"]
+        process = subprocess.Popen(
+            [*command, *arguments], cwd=self.tree, env=environment, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        )  # fmt: skip
+        try:
+            output = process.communicate(timeout=WHOLE_LIMIT)[0]
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, 9)
+            process.communicate()
+            return None, ""
+        return process.returncode, output
+
+    def unchanged(self) -> dict[str, object]:
+        """Seconds of each test file without a change, and the tests that fail."""
+        report = self.tree.parent / "unchanged.xml"
+        self.pytest([f"--junitxml={report}", "-o", "junit_family=xunit1"])
+        seconds: Counter[str] = Counter()
+        failing = []
+        for case in xml.etree.ElementTree.parse(report).iter("testcase"):
+            file = case.get("file", "")
+            seconds[file] += float(case.get("time", 0.0))
+            if case.find("failure") is not None or case.find("error") is not None:
+                failing.append(f"{file}::{case.get('name')}")
+        return {"seconds": dict(seconds), "failing": failing}
+
+    def killed(self, mutant: Mutant, tests: list[str]) -> tuple[str | None, float]:
+        """The test that notices a mutant ("time limit" if one never ends, None if none does), and [s]."""
+        path = self.tree / mutant.module
+        right = path.read_bytes()
+        kernels = set(self.cache.rglob("*"))
+        began = time.monotonic()
+        path.write_bytes(mutant.applied(right))
+        try:
+            code, output = self.pytest(["-x", *tests])
+        finally:
+            path.write_bytes(right)
+            for file in set(self.cache.rglob("*")) - kernels:
+                if file.is_file():
+                    file.unlink()
+        seconds = time.monotonic() - began
+        if code is None or "Timeout (" in output:
+            return "time limit", seconds
+        if code == 0:
+            return None, seconds
+        if found := re.search(r"^(?:FAILED|ERROR) (tests/\S+)", output, re.MULTILINE):
+            return found[1], seconds
+        raise RuntimeError(f"pytest ended with {code}, no test failed: {output[-2000:]}")
+
+
+def main() -> None:
+    """Draw, try, record, and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sample", type=float, default=0.05, help="part of the operators")
+    parser.add_argument("--seed", type=int, default=20261121)
+    parser.add_argument("--only", default="", help="modules whose path contains this")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--commit", default="HEAD", help="what to put into the scratch folders")
+    parser.add_argument("--out", type=Path, default=ROOT / "results" / "mutations")
+    parser.add_argument("--concerned-only", action="store_true", help="not all quick tests for survivors")
+    parser.add_argument("--list", action="store_true", help="only show the sample")
+    chosen = parser.parse_args()
+    sample, total = drawn(ROOT, chosen.sample, chosen.seed, chosen.only)
+    if chosen.list:
+        for mutant in sample:
+            print(f"{mutant.module}:{mutant.line}: {mutant.original} -> {mutant.replaced}: {mutant.source}")
+        print(f"{len(sample)} of {total} operators")
+        return
+
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", chosen.commit], cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout.strip()
+    folder = chosen.out / commit
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "exunet"
+    first = Scratch(folder / "0", commit, home)
+    told = folder / "unchanged.json"
+    if not told.is_file():
+        told.write_text(json.dumps(first.unchanged(), indent=1))
+    unchanged = json.loads(told.read_text())
+    for test in unchanged["failing"]:
+        print(f"fails without a change, left out: {test}")
+    left_out = [f"--deselect={test}" for test in unchanged["failing"]]
+    idle: Queue[Scratch] = Queue()
+    idle.put(first)
+    for number in range(1, chosen.jobs):
+        if not (folder / str(number)).is_dir():
+            shutil.copytree(folder / "0", folder / str(number), copy_function=shutil.copy2)
+        idle.put(Scratch(folder / str(number), commit, home))
+
+    sample, total = drawn(first.tree, chosen.sample, chosen.seed, chosen.only)
+    records = chosen.out / "records.jsonl"
+    verdicts: dict[str, dict[str, object]] = {}
+    if records.is_file():
+        for line in records.read_text().splitlines():
+            record = json.loads(line)
+            verdicts[record["key"]] = record
+    writing = threading.Lock()
+
+    def attempt(mutant: Mutant, whole: bool) -> None:
+        files = sorted(
+            concerned(first.tree, mutant.module), key=lambda file: unchanged["seconds"].get(file, 0.0)
+        )
+        scratch = idle.get()
+        try:
+            by, seconds = scratch.killed(mutant, [*(["tests"] if whole else files), *left_out])
+        finally:
+            idle.put(scratch)
+        verdict = "killed" if by else "survived" if whole else "survived what concerns it"
+        record = asdict(mutant) | {
+            "commit": commit,
+            "verdict": verdict,
+            "by": by,
+            "seconds": round(seconds, 1),
+        }
+        with writing:
+            verdicts[mutant.key] = record
+            with records.open("a") as file:
+                file.write(json.dumps(record) + "\n")
+            print(f"{verdict:9} {mutant.module}:{mutant.line} {mutant.original} -> {mutant.replaced} | "
+                  f"{mutant.source} | {by} ({seconds:.0f} s)", flush=True)  # fmt: skip
+
+    def undecided(mutant: Mutant, known: tuple[str, ...]) -> bool:
+        record = verdicts.get(mutant.key, {})
+        return record.get("verdict") not in known or (
+            record["verdict"] != "killed" and record["commit"] != commit
+        )
+
+    for whole in (False,) if chosen.concerned_only else (False, True):
+        known = ("killed", "survived") if whole else ("killed", "survived", "survived what concerns it")
+        left = [mutant for mutant in sample if undecided(mutant, known)]
+        with ThreadPoolExecutor(chosen.jobs) as pool:
+            list(pool.map(attempt, left, [whole] * len(left)))
+
+    print(f"\ncommit {commit}, seed {chosen.seed}, {len(sample)} of {total} operators")
+    table = Counter((m.module, verdicts[m.key]["verdict"]) for m in sample)
+    print(f"{'module':44} killed survived")
+    for module, number in sorted(Counter(m.module for m in sample).items()):
+        print(f"{module:44} {table[module, 'killed']:6} {number - table[module, 'killed']:8}")
+    for mutant in sample:
+        if verdicts[mutant.key]["verdict"] != "killed":
+            print(f"survived: {mutant.key}: {mutant.original} -> {mutant.replaced}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,248 @@
+"""The forces' scalar loops as plain Python on a few nodes, against the same laws in vectors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exunet.forces import cable, loops
+from exunet.forces.cable import Law
+from exunet.forces.cable_term import Breaking, CableTerm, ElementLaw
+from exunet.forces.effects import air_drag, launch_force, orbit
+
+RANDOM = np.random.default_rng(20261121)
+ENDS = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3]])
+NATURAL = np.array([0.8, 0.9, 1.1, 1.3, 1.0, 1.2])
+LAW = Law(NATURAL, np.array([3.0, 5.0, 7.0, 2.0, 4.0, 6.0]), np.array([0.1, 0.3, 0.2, 0.4, 0.25, 0.15]))
+NET: Any = SimpleNamespace(element_nodes=ENDS)  # as much of a net as the laws ask for
+FIRST, SECOND = 3 * ENDS.T
+LOOP = (FIRST, SECOND, NATURAL**2, LAW.stiffness / (2.0 * NATURAL**3))
+TWICE = 2.0 * np.array(LAW.relaxation_time)
+
+
+def random_states(number: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Positions and velocities (4, 3): elements slack and taut, becoming longer and shorter."""
+    return [(RANDOM.normal(0.0, 0.6, (4, 3)), RANDOM.normal(0.0, 1.5, (4, 3))) for _ in range(number)]
+
+
+def gradient(function: Callable[[np.ndarray], Any], x: np.ndarray, h: float = 1e-5) -> np.ndarray:
+    """Derivatives of a function of a flat array by central differences of order 4."""
+    columns = []
+    for k in range(x.size):
+        e = np.zeros(x.size)
+        e[k] = h
+        near, far = function(x + e) - function(x - e), function(x + 2.0 * e) - function(x - 2.0 * e)
+        columns.append((8.0 * np.asarray(near) - far) / (12.0 * h))
+    return np.array(columns)
+
+
+# Cables
+
+
+@pytest.mark.parametrize("viscous", [False, True])
+def test_the_loops_have_the_tensions_and_the_energy_of_the_law(viscous: bool) -> None:
+    law = LAW if viscous else Law(LAW.natural_length, LAW.stiffness)
+    pulled = []
+    for x, v in random_states(20):
+        tension = cable.element_tension(NET, law, x, v)
+        span = cable.spans(NET, x)
+        pull = tension[:, None] * span / np.linalg.norm(span, axis=1, keepdims=True)
+        wanted = np.zeros((4, 3))
+        np.add.at(wanted, ENDS[:, 0], pull)
+        np.add.at(wanted, ENDS[:, 1], -pull)
+        force = np.zeros(12)
+        if viscous:
+            energy = loops.add_viscous_tension(0.0, x.ravel(), v.ravel(), *LOOP, TWICE, force)
+        else:
+            energy = loops.add_tension(0.0, x.ravel(), v.ravel(), *LOOP, force)
+        np.testing.assert_allclose(force.reshape(4, 3), wanted, rtol=1e-12, atol=1e-13)
+        assert energy == pytest.approx(cable.elastic_energy(law, cable.lengths(NET, x)), rel=1e-13)
+        pulled += (tension > 0.0).tolist()
+    assert 0.2 < np.mean(pulled) < 0.8
+
+
+def test_viscous_work_is_that_of_the_law_and_the_integral_of_its_power() -> None:
+    """The rule of `cable.viscous_work` element by element; Simpson's rule where each stress lasts."""
+    lasting = 0
+    for (x, v), (_, w) in zip(random_states(40), random_states(40), strict=True):
+        h = float(RANDOM.uniform(0.05, 0.5))
+        states = [(x + s * h * v, v + s * w) for s in (0.0, 0.5, 1.0)]
+        batch = [(place[None], speed[None]) for place, speed in states]
+        flat = [part.ravel() for state in states for part in state]
+        found = loops.viscous_work(h, *flat, *LOOP, TWICE)
+        assert found == pytest.approx(cable.viscous_work(NET, LAW, np.array([h]), batch)[0], rel=1e-12)
+        # By hand, element by element.
+        total = 0.0
+        for e in range(len(ENDS)):
+            stress, elastic, rate = [], [], []
+            for place, speed in states:
+                d, u = place[ENDS[e, 1]] - place[ENDS[e, 0]], speed[ENDS[e, 1]] - speed[ENDS[e, 0]]
+                strain = (d @ d - NATURAL[e] ** 2) / (2.0 * NATURAL[e] ** 2)
+                rate.append(d @ u / NATURAL[e] ** 2)
+                elastic.append(max(strain, 0.0))
+                viscous = strain + 0.5 * TWICE[e] * rate[-1]
+                stress.append(max(viscous, 0.0) if strain > 0.0 else 0.0)
+            lasts = min(stress) > 0.0
+            lasting += lasts
+            power = [(s - lasts * k) * r for s, k, r in zip(stress, elastic, rate, strict=True)]
+            work = h / 6.0 * (power[0] + 4.0 * power[1] + power[2])
+            work -= 0.0 if lasts else 0.5 * (elastic[2] ** 2 - elastic[0] ** 2)
+            total += LAW.stiffness[e] * NATURAL[e] * work
+        assert found == pytest.approx(total, rel=1e-11, abs=1e-12)
+    assert 20 < lasting < 200
+
+
+def test_tangents_are_the_derivatives_of_the_loops() -> None:
+    seen = set()
+    for x, v in random_states(20):
+        force = np.zeros(12)
+
+        def forces(x: np.ndarray, v: np.ndarray) -> np.ndarray:
+            out = np.zeros(12)
+            loops.add_viscous_tension(0.0, x, v, *LOOP, TWICE, out)
+            return out
+
+        stiffness, damping = cable.tangent_blocks(LAW, cable.spans(NET, x), cable.spans(NET, v))
+        assert damping is not None
+        by_hand = gradient(lambda y, v=v: forces(y, v.ravel()), x.ravel()).T
+        net: Any = SimpleNamespace(element_nodes=ENDS, n_nodes=4)
+        np.testing.assert_allclose(-cable.assemble_pairs(net, stiffness).toarray(), by_hand, atol=1e-6)
+        by_hand = gradient(lambda w, x=x: forces(x.ravel(), w), v.ravel()).T
+        np.testing.assert_allclose(-cable.assemble_pairs(net, damping).toarray(), by_hand, atol=1e-6)
+        seen.update((np.abs(damping).max(axis=(1, 2)) > 0.0).tolist())
+        assert not force.any()
+    assert seen == {True, False}
+
+
+# Breaking
+
+
+def breaking_pair(**limit: Any) -> tuple[Breaking, float]:
+    """One element of 0.5 m and 40 N whose limit is a strain of 0.02, and its length there [m]."""
+    net: Any = SimpleNamespace(
+        element_nodes=np.array([[0, 1]]), reference_length=np.array([0.5]), axial_stiffness=np.array([40.0])
+    )
+    term = CableTerm(net, ElementLaw(**({"breaking_strain": np.array([0.02])} | limit)))
+    return Breaking(term), 0.5 * math.sqrt(1.04)
+
+
+def places(length: float) -> np.ndarray:
+    return np.array([[1.0, 2.0, 3.0], [1.0, 2.0 + length, 3.0]])
+
+
+def test_a_broken_element_loses_what_it_held() -> None:
+    breaking, limit = breaking_pair()
+    length = 0.5 * math.sqrt(1.0 + 2.0 * 0.0201)  # a strain of 0.0201
+    assert breaking.crossed(0.0, places(limit * 1.000001), np.ones(1)).tolist() == [0]
+    assert breaking.crossed(0.0, places(limit * 0.999999), np.ones(1)).tolist() == []
+    assert breaking.crossed(0.0, places(limit * 1.000001), np.zeros(1)).tolist() == []
+    change = breaking.change(7.0, places(length), np.ones(1), np.array([0]))
+    assert change.energy_lost == pytest.approx(0.5 * 40.0 * 0.5 * 0.0201**2, rel=1e-12)
+    assert change.memory.tolist() == [0.0]
+    (told,) = change.events
+    assert told["energy_J"] == change.energy_lost
+    assert told["energy_excess"] == pytest.approx(1.005**2 - 1.0, rel=1e-10)
+    assert (told["element"], told["time_s"]) == (0, 7.0)
+
+
+def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
+    """Halved until the straight way ends within a strain of 0.02 (1 + 5e-4), and left alone elsewhere."""
+    breaking, limit = breaking_pair()
+    least, far = 1e-9, 0.5 * math.sqrt(1.0 + 2.0 * 0.02 * 1.0005)
+    parting = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # 1 m/s
+
+    def step(length: float, step: float, memory: float = 1.0, least: float = least) -> float:
+        return breaking.step_within(step, least, places(length), parting, np.array([memory]))
+
+    whole, gap = 1e-3, far - limit  # [s], which is as long [m] at 1 m/s
+    assert gap == pytest.approx(0.5 * 0.02 * 5e-4 / math.sqrt(1.04), rel=1e-3)
+    assert step(limit - 2e-3, whole) == whole  # does not get there
+    assert step(limit - whole + 0.9 * gap, whole) == whole  # beyond the limit, but not far
+    assert step(limit - whole + 1.1 * gap, whole) == whole / 2
+    assert step(limit - 0.3e-3, whole) == whole / 4
+    near = limit * (1.0 - 1e-12)
+    assert step(near, whole) == whole / 2 ** math.ceil(math.log2(whole / gap))
+    assert step(limit + gap / 2, whole) == whole  # beyond already: the next event takes it out
+    assert step(near, whole, memory=0.0) == whole  # broken before
+    assert step(near, whole, least=whole / 5) == whole / 8
+
+
+# Effects
+
+
+def test_cross_flow_brakes_what_is_normal_to_each_element() -> None:
+    quarter, least = RANDOM.uniform(0.5, 2.0, 6), np.full(6, 1e-12)
+    for x, v in random_states(5):
+        x[3] = x[0] + 1e-9  # on one spot but for less than counts: the whole flow
+        wanted = np.zeros((4, 3))
+        for e, (i, j) in enumerate(ENDS):
+            u = 0.5 * (v[i] + v[j])
+            along = (x[j] - x[i]) / np.linalg.norm(x[j] - x[i])
+            normal = u if {i, j} == {0, 3} else u - (u @ along) * along
+            wanted[[i, j]] -= quarter[e] * np.linalg.norm(normal) * normal
+        force = np.zeros(12)
+        air_drag.add_cross_flow(0.0, x.ravel(), v.ravel(), FIRST, SECOND, quarter, least, force)
+        np.testing.assert_allclose(force.reshape(4, 3), wanted, rtol=1e-12, atol=1e-13)
+
+
+MASS, RADIUS, RATE = np.array([2.0, 3.0, 0.5, 1.0]), 5.0, 0.7  # an orbit so small that every term shows
+RADIAL, NORMAL = np.array([0.36, 0.48, 0.8]), np.array([0.8, -0.6, 0.0])
+
+
+def test_two_bodies_pull_with_the_inverse_square() -> None:
+    """m [-mu (R r + x) / |R r + x|^3 + n^2 (R r + x, without its part along h)], mu = n^2 R^3."""
+    for x, _ in random_states(5):
+        place = RADIUS * RADIAL + x
+        pull = -(RATE**2) * RADIUS**3 * place / np.linalg.norm(place, axis=1, keepdims=True) ** 3
+        turned = RATE**2 * (place - np.outer(place @ NORMAL, NORMAL))
+        force = np.zeros(12)
+        orbit.add_two_body(0.0, x.ravel(), x.ravel(), MASS, RATE, RADIUS, RADIAL, NORMAL, force)
+        np.testing.assert_allclose(force.reshape(4, 3), MASS[:, None] * (pull + turned), atol=1e-13)
+
+        def stored(y: np.ndarray) -> float:
+            return orbit.two_body_potential(y, MASS, RATE, RADIUS, RADIAL, NORMAL)
+
+        np.testing.assert_allclose(gradient(stored, x.ravel(), 1e-3), -force, rtol=1e-9, atol=1e-10)
+    assert stored(np.zeros(12)) == 0.0
+
+
+BULLETS, CHASER = np.array([0, 3, 6]), 9
+AXES = np.array([[0.6, 0.0, 0.8], [0.0, -0.6, 0.8], [0.48, 0.64, 0.6]])
+BEGIN, FORCE, STROKE, DEAD, EXPONENT = np.array([0.1, 0.2, -0.3]), 60.0, 0.4, 0.15, 1.4
+
+
+@pytest.mark.parametrize("kind", ["spring", "gas"])
+def test_a_launch_pushes_along_the_barrels_by_its_law(kind: str) -> None:
+    """Bullets behind their start, in the barrel and out of it; the force is the slope of the potential."""
+    ways = np.array([[-0.02, 0.1, 0.39], [0.2, 0.41, 0.0], [0.5, 0.3, -0.1]]) + 1e-3
+    for way in ways:
+        x = RANDOM.normal(0.0, 0.1, (4, 3))
+        for b in range(3):
+            x[b] += (way[b] + BEGIN[b] - (x[b] - x[3]) @ AXES[b]) * AXES[b]
+        data: tuple[Any, ...] = (BULLETS, CHASER, AXES, BEGIN, FORCE, STROKE)
+        if kind == "spring":
+            law = FORCE * (1.0 - way / STROKE)
+            add, potential = launch_force.add_spring_launch, launch_force.spring_launch_potential
+            left = FORCE * (STROKE - way) ** 2 / (2.0 * STROKE)
+        else:
+            data = (*data, DEAD, EXPONENT)
+            law = FORCE * (DEAD / (DEAD + np.maximum(way, 0.0))) ** EXPONENT
+            add, potential = launch_force.add_gas_launch, launch_force.gas_launch_potential
+            grid = [np.linspace(s, STROKE, 20001) for s in way]
+            push = [FORCE * (DEAD / (DEAD + np.maximum(s, 0.0))) ** EXPONENT for s in grid]
+            left = np.array([np.trapezoid(p, s) for p, s in zip(push, grid, strict=True)])
+        law = np.where(way < STROKE, law, 0.0)
+        force = np.zeros(12)
+        add(0.0, x.ravel(), np.zeros(12), *data, force)
+        found = force.reshape(4, 3)
+        np.testing.assert_allclose(found[:3], law[:, None] * AXES, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(found[3], -law @ AXES, rtol=1e-12)
+        slope = gradient(lambda y, p=potential, d=data: p(y, *d), x.ravel())
+        np.testing.assert_allclose(slope, -force, rtol=1e-7, atol=1e-6)
+        stored = potential(x.ravel(), *data)
+        assert stored == pytest.approx(float(np.where(way < STROKE, left, 0.0).sum()), rel=1e-7)

@@ -1,0 +1,167 @@
+"""What the compiled loop sees, keeps and adds up of its steps, as plain Python on a few nodes."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exunet.backends.compiled import many_steps, schemes
+from exunet.backends.compiled.arrays import PEAKS, Control, Kept, Motion, Seen, Stages, clock_at
+from exunet.forces import cable
+from exunet.forces.cable import Law
+
+ENDS = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+LENGTH, STIFFNESS = np.array([0.7, 0.6, 0.9, 0.8]), np.array([30.0, 20.0, 50.0, 40.0])
+TWICE_TAU = np.array([0.04, 0.1, 0.0, 0.06])
+NET: Any = SimpleNamespace(element_nodes=ENDS)
+FIRST, LAST = 1.5, 2.7  # [s]
+
+
+def seen_so_far(look_above: float = 0.0, twice: np.ndarray | None = None, n_v: int = 12) -> Seen:
+    peaks = np.array([(0.0, np.inf, np.inf, look_above, 0.0, 0.0, -1)], dtype=PEAKS)
+    half = np.linspace(0.2, 1.3, n_v)
+    return Seen(peaks, half, ENDS, LENGTH, STIFFNESS, np.zeros(4) if twice is None else twice)
+
+
+def states(number: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    random = np.random.default_rng(3)
+    return [(random.normal(0.0, 0.5, (4, 3)), random.normal(0.0, 1.0, (4, 3))) for _ in range(number)]
+
+
+@pytest.mark.parametrize("n_v", range(9, 14))
+def test_the_kinetic_energy_is_summed_over_all_coordinates(n_v: int) -> None:
+    v = np.random.default_rng(n_v).normal(size=n_v)
+    seen = seen_so_far(np.inf, n_v=n_v)
+    many_steps.see(0.5, 7.0, v, v, seen)
+    assert seen.peaks["kinetic"][0] == pytest.approx((seen.half * v**2).sum(), rel=1e-14)
+    assert seen.peaks["elastic"][0] == 7.0
+    many_steps.see(0.6, 6.0, v, 2.0 * v, seen)  # neither a larger elastic nor a smaller kinetic energy
+    assert seen.peaks["kinetic"][0] == pytest.approx((seen.half * v**2).sum(), rel=1e-14)
+    assert seen.peaks["elastic"][0] == 7.0
+
+
+@pytest.mark.parametrize("viscous", [False, True])
+def test_the_largest_tension_is_that_of_the_law(viscous: bool) -> None:
+    law = Law(LENGTH, STIFFNESS, 0.5 * TWICE_TAU if viscous else None)
+    seen = seen_so_far(twice=TWICE_TAU if viscous else None)
+    largest = 0.0
+    for time, (x, v) in enumerate(states(8)):
+        many_steps.see_tensions(float(time), x.ravel(), v.ravel(), seen)
+        tension = cable.element_tension(NET, law, x, v)
+        if tension.max() > largest:
+            largest, when, where = tension.max(), time, int(np.argmax(tension))
+        told = seen.peaks[0]
+        assert told["tension"] == pytest.approx(largest, rel=1e-13)
+        assert (told["time"], told["element"]) == (when, where)
+    assert largest > 0.0
+    assert (seen.peaks["look_above"][0] == 0.0) == viscous
+
+
+def test_no_tension_is_larger_below_the_energy_from_which_states_are_looked_at() -> None:
+    """That of the strain e with EA e (1 + e) = N, in the element that needs least; near to it for small N."""
+    for scale in (1.0, 1e-3):
+        x = np.array(
+            [[0.0, 0.0, 0.0], [0.7 * (1.0 + 0.05 * scale), 0.0, 0.0], [0.6, 0.1, 0.0], [0.1, 0.0, 0.0]]
+        )
+        seen = seen_so_far()
+        many_steps.see_tensions(0.0, x.ravel(), np.zeros(12), seen)
+        tension = float(seen.peaks["tension"][0])
+        strain = np.array([np.roots([1.0, 1.0, -tension / ea]).max() for ea in STIFFNESS])
+        least = 0.5 * STIFFNESS * LENGTH * strain**2
+        assert seen.peaks["look_above"][0] == pytest.approx(least.min(), rel=1e-9)
+        taut = 0.5 * 30.0 * 0.7 * cable.green_lagrange_strain(0.7 * (1.0 + 0.05 * scale), 0.7) ** 2
+        assert least[0] < taut < least[0] * (1.0 + 0.1 * scale)
+
+
+@pytest.fixture
+def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One coordinate of 1 kg under the force t, and a power 4 t^3 v that is taken out."""
+
+    def add_forces(t: float, x: Any, v: Any, data: Any, out: Any) -> float:
+        out[0] += t
+        return float(t)
+
+    def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float:
+        return 4.0 * t**3 + float(x[0]) ** 2 + 3.0 * float(v[0]) ** 2
+
+    monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
+    monkeypatch.setattr(many_steps, "power", power, raising=False)
+    monkeypatch.setattr(many_steps, "extra_work", lambda h, *state: 0.5 * h, raising=False)
+    for module in (schemes, many_steps):
+        for name, value in (("BODIES", False), ("TAKES_ENERGY", True), ("JUMPS", False)):
+            monkeypatch.setattr(module, name, value, raising=False)
+
+
+def moving() -> tuple[Motion, np.ndarray, Seen, Kept]:
+    """At FIRST where x = t^3 / 6, v = t^2 / 2, which the force t continues."""
+    work = np.zeros((len(Stages._fields), 1))
+    state = (np.array([FIRST**3 / 6.0]), np.array([FIRST**2 / 2.0]), np.zeros(0))
+    none = (np.zeros(0), np.zeros((7, 0)))
+    motion = Motion(*state, np.ones(1), np.zeros((0, 3)), np.zeros(1), (), work, *none, np.zeros(1))
+    peaks = np.array([(0.0, np.inf, np.inf, np.inf, 0.0, 0.0, -1)], dtype=PEAKS)
+    nothing = np.zeros(0)
+    seen = Seen(peaks, np.ones(1), np.zeros((0, 2), dtype=int), nothing, nothing, nothing)
+    many_steps.begin(FIRST, False, motion)
+    kept = Kept(np.zeros(90), np.zeros((90, 1)), np.zeros((90, 1)), np.zeros((90, 0)), np.zeros(90))
+    return motion, clock_at(FIRST, 0.01), seen, kept
+
+
+def taken(t: float) -> float:
+    """The integral from FIRST of 4 t^3 + (t^3 / 6)^2 + 3 (t^2 / 2)^2, and 1/2 for each second."""
+    t, s = np.array(t), FIRST
+    return float(t**4 - s**4 + (t**7 - s**7) / 252.0 + 0.15 * (t**5 - s**5) + 0.5 * (t - s))
+
+
+@pytest.mark.usefixtures("dissipating")
+@pytest.mark.parametrize("verlet", [False, True])
+def test_equal_steps_add_up_work_wherever_they_are_interrupted(verlet: bool) -> None:
+    """Simpson's rule over the Hermite polynomial, of order 4: exact for t^3 and nearly so for the rest."""
+    found = []
+    for parts in ((60,), (17, 43)):
+        motion, clock, seen, kept = moving()
+        row = done = 0
+        for part in parts:
+            row = many_steps.equal_steps(
+                verlet, FIRST, LAST, 60, done, part, row, 7, motion, clock, seen, kept
+            )
+            done += part
+        times = FIRST + (LAST - FIRST) / 60.0 * np.array([7, 14, 21, 28, 35, 42, 49, 56, 60])
+        assert row == 9
+        np.testing.assert_allclose(kept.time[:row], times, rtol=1e-14)
+        allowed = 1e-3 if verlet else 1e-8  # Verlet's own path is of order 2
+        np.testing.assert_allclose(kept.taken[:row], [taken(t) for t in times], rtol=allowed)
+        found.append((motion.x[0], motion.v[0], motion.taken[0], *kept.taken))
+    assert found[0] == found[1]
+
+
+@pytest.mark.usefixtures("dissipating")
+def test_steps_of_much_energy_are_all_kept() -> None:
+    """The elastic energy told here is the time; above 2 s each step is kept, below one in twenty."""
+    motion, clock, seen, kept = moving()
+    seen.peaks["keep_above"] = 2.0 + 1e-9
+    rows = many_steps.equal_steps(False, FIRST, LAST, 60, 0, 60, 0, 20, motion, clock, seen, kept)
+    steps = np.rint((kept.time[:rows] - FIRST) / 0.02).astype(int)
+    assert steps.tolist() == [20, *range(26, 61)]
+
+
+@pytest.mark.usefixtures("dissipating")
+def test_chosen_and_equal_steps_pass_through_given_times() -> None:
+    times = np.array([FIRST, 1.6, 2.05, LAST])
+    for equal in (False, True):
+        motion, clock, seen, kept = moving()
+        rows = kept._replace(time=np.zeros(4))
+        if equal:
+            reached = many_steps.through_equal(False, times, 0.02, motion, clock, seen, rows)
+            assert clock["steps"][0] == 5 + 23 + 33  # no step longer than 0.02 s
+        else:
+            control = Control(tolerance=1e-9, longest=0.05, least=1e-9)
+            reached = many_steps.through_chosen(times, control, 10.0, motion, clock, seen, rows)
+            assert clock["time"][0] == LAST
+        assert reached == 4
+        np.testing.assert_array_equal(rows.time, times)
+        np.testing.assert_allclose(rows.x[:4, 0], times**3 / 6.0, rtol=1e-12)
+        np.testing.assert_allclose(rows.v[:4, 0], times**2 / 2.0, rtol=1e-12)
+        np.testing.assert_allclose(rows.taken[:4], [taken(t) for t in times], rtol=1e-6, atol=1e-12)

@@ -1,0 +1,124 @@
+"""Single steps of turning bodies in the compiled loop, as plain Python, against a solution by DOP853."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from exunet.backends.compiled import many_steps, schemes
+from exunet.backends.compiled.arrays import Motion, Stages
+from exunet.bodies.rigid import RigidStates, angular_momentum, rotation_matrix
+
+START = 0.2  # [s]
+INERTIA = np.array([[2.0, 3.0, 4.5], [1.0, 0.7, 0.4]])
+SPIN = np.array([[1.0, -2.0, 0.7], [-0.6, 0.9, 1.4]])
+ATTITUDE = np.array([[0.7, 0.1, -0.5, 0.5], [0.5, -0.7, 0.1, 0.5]])  # of length one
+CENTRES = 6  # coordinates of x: no point, two centres; the angular velocities stand behind
+
+
+def torque(t: float) -> np.ndarray:
+    """(2, 3) [N m] in the bodies' axes."""
+    return np.array([[np.cos(3.0 * t), 0.5, -t], [t * t, -np.sin(2.0 * t), 0.8]])
+
+
+@pytest.fixture(autouse=True)
+def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The names that a generated module has: bodies, and a torque that changes with time."""
+
+    def add_forces(t: float, x: Any, v: Any, data: Any, out: Any) -> float:
+        out[CENTRES:] += torque(t).ravel()
+        return 0.0
+
+    monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
+    for module in (schemes, many_steps):
+        for name, value in (("BODIES", True), ("TAKES_ENERGY", False), ("JUMPS", False)):
+            monkeypatch.setattr(module, name, value, raising=False)
+
+
+def at_start() -> Motion:
+    n = CENTRES + SPIN.size
+    v = np.concatenate([np.zeros(CENTRES), SPIN.ravel()])
+    inverse = np.concatenate([np.ones(CENTRES), (1.0 / INERTIA).ravel()])
+    work = np.zeros((len(Stages._fields), n))
+    turns = np.zeros((7, ATTITUDE.size))
+    z = ATTITUDE.ravel().copy()
+    return Motion(
+        np.zeros(CENTRES), v, z, inverse, INERTIA.copy(), np.zeros(n), (), work, z.copy(), turns, np.zeros(1)
+    )
+
+
+def exact(h: float) -> np.ndarray:
+    """(2, 7) attitudes and angular velocities after h: the product of quaternions, and Euler's equations."""
+    found = []
+    for body in range(2):
+
+        def rate(t: float, y: np.ndarray, b: int = body) -> np.ndarray:
+            (w, *u), spin = y[:4], y[4:]
+            turn = 0.5 * np.array([-np.dot(u, spin), *(w * spin + np.cross(u, spin))])
+            return np.concatenate([turn, (torque(t)[b] - np.cross(spin, INERTIA[b] * spin)) / INERTIA[b]])
+
+        start = np.concatenate([ATTITUDE[body], SPIN[body]])
+        end = solve_ivp(rate, (START, START + h), start, method="DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
+        found.append(end)
+    return np.array(found)
+
+
+@pytest.mark.parametrize(
+    ("method", "order"), [("verlet_step", 2), ("runge_kutta_4_step", 4), ("dormand_prince_step", 5)]
+)
+def test_a_step_turns_bodies_with_its_order(method: str, order: int) -> None:
+    """Half the step, 2^(order + 1) times less error in attitude and in angular velocity."""
+    errors = []
+    for h in (0.1, 0.05, 0.025):
+        motion = at_start()
+        many_steps.begin(START, method == "verlet_step", motion)
+        told = getattr(schemes, method)(START, h, motion)
+        spin = schemes.stages_of(motion.work).v1[CENTRES:].reshape(2, 3)
+        error = np.abs(np.hstack([motion.z1.reshape(2, 4), spin]) - exact(h))
+        errors.append([error[:, :4].max(), error[:, 4:].max()])
+        if method == "dormand_prince_step":  # what it tells of its error is that of a method of order 4
+            assert max(errors[-1]) < told[0] < 0.1 * h**4
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders.min() > order + 0.7, orders
+
+
+def test_without_torque_verlet_turns_with_order_4(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between the half steps of the torque, bodies rotate freely by a step of order 4."""
+    monkeypatch.setitem(globals(), "torque", lambda t: np.zeros((2, 3)))
+    errors = []
+    for h in (0.1, 0.05):
+        motion = at_start()
+        many_steps.begin(START, True, motion)
+        schemes.verlet_step(START, h, motion)
+        spin = schemes.stages_of(motion.work).v1[CENTRES:].reshape(2, 3)
+        errors.append(np.abs(np.hstack([motion.z1.reshape(2, 4), spin]) - exact(h)).max())
+    assert np.log2(errors[0] / errors[1]) > 4.7, errors
+
+
+def test_attitudes_are_of_length_one_after_a_step() -> None:
+    motion = at_start()
+    many_steps.begin(START, False, motion)
+    schemes.dormand_prince_step(START, 0.5, motion)
+    lengths = np.linalg.norm(motion.z1.reshape(2, 4), axis=1)
+    assert np.abs(lengths - 1.0).max() > 1e-6  # the step's error
+    direction = motion.z1.reshape(2, 4) / lengths[:, None]
+    many_steps.accept(motion)
+    np.testing.assert_allclose(motion.z.reshape(2, 4), direction, rtol=1e-14)
+
+
+def test_rotation_matrices_and_angular_momentum_are_those_of_scipy() -> None:
+    np.testing.assert_allclose(
+        rotation_matrix(ATTITUDE), Rotation.from_quat(ATTITUDE, scalar_first=True).as_matrix(), atol=1e-15
+    )
+    mass, place = np.array([2.0, 5.0]), np.array([[1.0, 2.0, -1.0], [0.5, -3.0, 2.0]])
+    speed = np.array([[0.3, -0.2, 0.9], [-1.0, 0.4, 0.7]])
+    wanted = sum(
+        m * np.cross(p, v) + Rotation.from_quat(q, scalar_first=True).apply(i * w)
+        for m, p, v, q, i, w in zip(mass, place, speed, ATTITUDE, INERTIA, SPIN, strict=True)
+    )
+    found = angular_momentum(mass, INERTIA, RigidStates(place, speed, ATTITUDE, SPIN))
+    np.testing.assert_allclose(found, wanted, rtol=1e-14)
