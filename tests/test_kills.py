@@ -37,7 +37,7 @@ SCENES: dict[str, tuple[str, list[str], float]] = {
         0.04,
     ),
     "breaks": ("effects/breaking", [], 0.002),
-    "viscous": ("effects/material_damping", [], 0.05),
+    "viscous": ("effects/material_damping", [], 0.002),
     "launched": ("effects/launch_force", [], 0.05),
     "diverges": (
         "planar_deployment",
