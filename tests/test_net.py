@@ -197,8 +197,9 @@ def test_every_thrown_topology_is_tested_here() -> None:
 
 @pytest.mark.parametrize("topology", THROWN)
 @pytest.mark.parametrize("divisions", [1, 3])
-def test_faces_are_anticlockwise_and_cover_the_net(topology: str, divisions: int) -> None:
-    woven = net(topology, **THROWN[topology], divisions=divisions)
+@pytest.mark.parametrize("more", [{}, {"strings": {**STRING, "length": 0.9}}], ids=["bare", "strings"])
+def test_faces_are_anticlockwise_and_cover_the_net(topology: str, divisions: int, more: Any) -> None:
+    woven = net(topology, **THROWN[topology], **more, divisions=divisions)
     areas = [area(face, woven.reference_position) for face in woven.faces]
     assert min(areas) > 0
     assert sum(areas) == pytest.approx(AREAS[topology], rel=1e-12)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 from exunet.case.scene import Scene
 from exunet.forces.terms import LinearTerm
@@ -14,6 +14,7 @@ from exunet.forces.total import Forces
 from exunet.methods.method import METHODS, Method
 from exunet.simulation.preparation import prepare
 from exunet.system.stability import (
+    _largest_eigenvalue,
     largest_damping_rate,
     largest_frequency,
     stable_step,
@@ -62,6 +63,14 @@ def test_verlet_step_of_square_nets(cells, factor):
     start = prepare(square_net(cells))
     step = stable_step("VelocityVerlet", largest_frequency(start.system))
     assert step == pytest.approx(factor / math.sqrt(E / RHO), rel=1e-3)
+
+
+@pytest.mark.parametrize("size", [40, 400])
+def test_the_largest_eigenvalue_is_found_from_above(size):
+    """Of a chain of masses and springs, 2 + 2 cos(pi / (n + 1)); Lanczos' method adds its tolerance, 1e-6."""
+    chain = diags_array([-np.ones(size - 1), 2.0 * np.ones(size), -np.ones(size - 1)], offsets=[-1, 0, 1])
+    known = 2.0 + 2.0 * math.cos(math.pi / (size + 1))
+    assert known * (1.0 - 1e-12) <= _largest_eigenvalue(csr_array(chain)) <= known * (1.0 + 2e-6)
 
 
 def test_frequency_of_one_mass_on_a_cable():

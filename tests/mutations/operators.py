@@ -65,7 +65,7 @@ CONCERNED = {
     "forces/loops": "force_loops terms kernel effects effects_together loop verify",
     "forces/effects/": "force_loops effects effects_estimates effects_together terms bodies thrust schema",
     "forces/effects/thrust": "thrust terms simulation",
-    "forces/estimate": "effects_estimates effects",
+    "forces/estimate": "nominal_motion effects_estimates effects",
     "bodies/": "turning bodies simulation restart envelope guards",
     "system/energy": "guards bodies envelope effects effects_together planar metrics verify",
     "system/stability": "stability guards methods auto verify",

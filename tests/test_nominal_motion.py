@@ -1,0 +1,94 @@
+"""What estimates rest on: the nominal motion and the hardest snap, of nets that are known by hand."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from exunet.forces.estimate import EstimateBasis, hardest_strain, snap_of
+from exunet.net import NetKeys, weave
+
+CABLE = {"area": 1e-3, "density": 1000.0, "youngs_modulus": 1e6}  # 1 kg a metre, EA = 1 kN
+
+
+def basis_of(net: dict[str, Any], position: Any, velocity: Any, duration: float = 0.5) -> EstimateBasis:
+    woven = weave(TypeAdapter(NetKeys).validate_python({"cable": CABLE} | net))
+    return EstimateBasis(woven, duration, np.array(position, dtype=float), np.array(velocity, dtype=float))
+
+
+def chain(**more: Any) -> EstimateBasis:
+    """Three nodes on a line, elements of 0.5 m and 2 m: masses of 0.25, 1.25 and 1 kg."""
+    net = {
+        "topology": "explicit",
+        "nodes": [[0, 0, 0], [0.5, 0, 0], [2.5, 0, 0]],
+        "elements": [[0, 1], [1, 2]],
+    }
+    place, speed = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]], [[0, 0, 0], [3, 0, 0], [3, 4, 0]]
+    return basis_of(net | more, place, speed)
+
+
+def test_the_hardest_snap_is_that_of_the_largest_strain() -> None:
+    """v sqrt(mu / (EA L)): 3 sqrt(0.2083 / 500) of the first element, 4 sqrt(0.5556 / 2000) of the second."""
+    snap = snap_of(chain())
+    reduced, other = 1.0 / (1.0 / 1.25 + 1.0), 1.0 / (1.0 / 0.25 + 1.0 / 1.25)
+    assert 3.0 * math.sqrt(other / 500.0) < 4.0 * math.sqrt(reduced / 2000.0)
+    assert snap.speed == 4.0
+    assert snap.strain == pytest.approx(4.0 * math.sqrt(reduced / 2000.0), rel=1e-12)
+    assert snap.frequency == pytest.approx(math.sqrt(1000.0 / 2.0 / reduced), rel=1e-12)
+
+
+def test_a_snap_against_a_fixed_node_moves_the_other_alone() -> None:
+    snap = snap_of(chain(fixed=[1]))
+    assert snap.strain == pytest.approx(4.0 * math.sqrt(1.0 / 2000.0), rel=1e-12)
+    assert snap.frequency == pytest.approx(math.sqrt(500.0), rel=1e-12)
+
+
+def opening(duration: float) -> EstimateBasis:
+    """2 x 2 meshes of 1 m at a tenth of their size; bullets of 3 kg at the corners fly out at 2 m/s, up at 1."""
+    net = {"topology": "square", "size": 2.0, "mesh": 1.0, "bullets": {"mass": 3.0}}
+    woven = weave(TypeAdapter(NetKeys).validate_python({"cable": CABLE} | net))
+    velocity = np.zeros((9, 3))
+    corners = woven.reference_position[woven.bullet_nodes]
+    velocity[woven.bullet_nodes] = math.sqrt(2.0) * corners + [0.0, 0.0, 1.0]
+    return basis_of(net, 0.1 * woven.reference_position, velocity, duration)
+
+
+@pytest.mark.parametrize("duration", [0.4, 5.0])
+def test_the_nominal_motion_opens_the_net_as_the_bullets_fly(duration: float) -> None:
+    """0.9 sqrt(2) m at 2 m/s; 12 kg of cable and 12 kg of bullets, which alone rise at the start."""
+    basis = opening(duration)
+    net, time = basis.net, 0.9 * math.sqrt(2.0) / 2.0
+    assert basis.opening_time == pytest.approx(time, rel=1e-12)
+    # 12 sides of 1 kg; a corner ends two of them: 1 kg, and its bullet.
+    rise = 4.0 * 4.0 / (12.0 + 12.0)
+    wanted = 0.9 * net.reference_position / time + [0.0, 0.0, rise]
+    wanted[net.bullet_nodes] = basis.velocity[net.bullet_nodes]
+    np.testing.assert_allclose(basis.motion, wanted, rtol=1e-12, atol=1e-14)
+    half = 0.5 * min(duration, time)
+    np.testing.assert_allclose(basis.middle, basis.position + half * wanted, rtol=1e-12, atol=1e-14)
+    assert basis.rms(wanted) == pytest.approx(
+        math.sqrt(float(net.mass @ (wanted**2).sum(axis=1)) / 24.0), rel=1e-12
+    )
+
+
+def test_the_hardest_strain_is_of_a_bullet_that_one_element_stops() -> None:
+    """sqrt(m v^2 / (EA L)) of 4 kg at the speed relative to the mean of the motion."""
+    basis = opening(0.4)
+    relative = basis.velocity[basis.net.bullet_nodes] - basis.motion.mean(axis=0)
+    assert np.ptp(np.linalg.norm(relative, axis=1)) < 1e-12
+    strain = math.sqrt(4.0 * float(relative[0] @ relative[0]) / 1000.0)
+    assert strain > snap_of(basis).strain
+    assert hardest_strain(basis) == pytest.approx(strain, rel=1e-12)
+
+
+def test_ways_of_constant_accelerations_and_decaying_speeds() -> None:
+    basis = opening(0.4)
+    assert basis.ballistic(3.0) == pytest.approx(0.5 * 3.0 * 0.16, rel=1e-12)
+    time = np.linspace(0.0, 0.4, 20001)
+    for rate in (1e-6, 2e-4, 0.5, 30.0):  # the first is below a loss of 1e-4, where digits would cancel
+        way = basis.speed * np.trapezoid(-np.expm1(-rate * time), time)
+        assert basis.braked(rate) == pytest.approx(way, rel=1e-6)
