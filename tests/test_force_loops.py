@@ -97,6 +97,26 @@ def test_viscous_work_is_that_of_the_law_and_the_integral_of_its_power() -> None
     assert 20 < lasting < 200
 
 
+def test_an_element_at_its_length_has_no_stress_yet() -> None:
+    """S11 = 0 where E11 = 0, however fast it lengthens: at the start, the middle or the end of a step."""
+    speed = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    net: Any = SimpleNamespace(element_nodes=np.array([[0, 1]]))
+    law = Law(np.ones(1), np.full(1, 6.0), np.full(1, 0.5))
+    for at in range(3):
+        lengths = [1.25, 1.25, 1.25]
+        lengths[at] = 1.0
+        states = [(np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), speed) for length in lengths]
+        flat = [part.ravel() for state in states for part in state]
+        index = (np.array([0]), np.array([3]), np.ones(1), np.full(1, 3.0), np.ones(1))
+        # Stress per stiffness (1.25^2 - 1) / 2 + 0.5 * 1.25, its rate of strain 1.25; zero at the length.
+        power = [0.0 if length == 1.0 else (0.28125 + 0.625) * 1.25 for length in lengths]
+        stored = 0.5 * (0.28125**2 * (lengths[2] > 1.0) - 0.28125**2 * (lengths[0] > 1.0))
+        work = 6.0 * (0.3 / 6.0 * (power[0] + 4.0 * power[1] + power[2]) - stored)
+        assert loops.viscous_work(0.3, *flat, *index) == pytest.approx(work, rel=1e-13)
+        batch = [(place[None], rate[None]) for place, rate in states]
+        assert cable.viscous_work(net, law, np.array([0.3]), batch)[0] == pytest.approx(work, rel=1e-13)
+
+
 def test_tangents_are_the_derivatives_of_the_loops() -> None:
     seen = set()
     for x, v in random_states(20):

@@ -111,3 +111,73 @@ def test_elements_that_do_not_count_have_no_jump() -> None:
     assert compiled(state, 1e-3, 0.0, twice_time=np.zeros(4)) == (math.inf, math.inf)
     assert compiled(state, 1e-3, 0.0, stiffness=np.zeros(4)) == (math.inf, math.inf)
     assert of_arrays(state, 1e-3, 0.0, fixed=(0, 1, 2, 3)) is None
+
+
+# Exact in binary: two threads of 1 m along x from a fixed point, whose ends of 1 kg move outward.
+THREADS = np.array([[0, 1], [0, 2]])
+
+
+def on_threads(
+    place: tuple[float, float],
+    speed: tuple[float, float],
+    bend: tuple[float, float] = (0.0, 0.0),
+    within: float = 0.5,
+    tolerance: float = 1.0,
+) -> tuple[jumps.Jump | None, tuple[float, float]]:
+    """What both forms find; a jump is 8 m/s2 for each m/s at which a thread becomes taut."""
+    x, v, a = (
+        np.array([[0.0, 0.0, 0.0], [one, 0.0, 0.0], [0.0, two, 0.0]]) for one, two in (place, speed, bend)
+    )
+    mass, ones = np.ones(3), np.ones(2)
+    points: Any = SimpleNamespace(
+        mass=mass, net=SimpleNamespace(element_nodes=THREADS, fixed_nodes=np.array([0]))
+    )
+    law = Law(ones, 16.0 * ones, 0.5 * ones)
+    found = jumps.jump_ahead(points, law, within, tolerance, 0.0, (x, v, a))
+    work = np.zeros((len(Stages._fields), 9))
+    work[0] = a.ravel()
+    none, inverse = np.zeros(0), np.repeat([0.0, 1.0, 1.0], 3)
+    state = (x.ravel(), v.ravel(), none)
+    motion = Motion(*state, inverse, np.zeros((0, 3)), np.zeros(9), (), work, none, none, np.zeros(1))
+    seen = Seen(np.zeros(1, dtype=PEAKS), none, THREADS, ones, 16.0 * ones, ones)
+    return found, many_steps.jump_ahead(within, tolerance, 0.0, motion, seen)
+
+
+def test_jumps_within_one_step_across_are_crossed_together() -> None:
+    """At 1/4 s and 3/8 s, where the step across the first is 1/8 s; a little later, it is alone."""
+    found, (after, across) = on_threads((0.75, 0.625), (1.0, 1.0))
+    assert found == jumps.Jump(0.25, 16.0, 0.125)
+    assert (after, across) == (0.25, 0.125)
+    found, _ = on_threads((0.75, 0.624), (1.0, 1.0))
+    assert found == jumps.Jump(0.25, 8.0, 0.125)
+
+
+def test_a_jump_at_the_end_of_the_time_counts() -> None:
+    """1/2 + 5/4 t - t^2 / 2 = 1 at t = 1/2; a little slower, it is too late."""
+    found, compiled_found = on_threads((0.5, 0.1), (1.25, 0.0), (-1.0, 0.0))
+    assert found is not None
+    assert found.after == compiled_found[0] == 0.5
+    found, compiled_found = on_threads((0.5, 0.1), (1.2499, 0.0), (-1.0, 0.0))
+    assert found is None
+    assert compiled_found == (math.inf, math.inf)
+
+
+def test_a_thread_at_its_length_that_parts_jumps_at_once() -> None:
+    found, compiled_found = on_threads((1.0, 0.1), (1.0, 0.0))
+    assert found == jumps.Jump(0.0, 8.0, 0.125)
+    assert compiled_found == (0.0, 0.125)
+    found, compiled_found = on_threads((1.0 + 1e-12, 0.1), (1.0, 0.0))  # taut already
+    assert found is None
+    assert compiled_found == (math.inf, math.inf)
+
+
+@pytest.mark.parametrize("within", [4.0, 1.0, 0.25])
+def test_a_thread_that_its_acceleration_makes_taut_in_time_is_found(within: float) -> None:
+    """From 1/8 m; the speed alone would need 2.25 times as long as there is."""
+    after = 0.9 * within
+    speed = 0.875 / (2.5 * after)
+    bend = 2.0 * (0.875 - speed * after) / after**2
+    found, compiled_found = on_threads((0.125, 0.1), (speed, 0.0), (bend, 0.0), within, 1e-3)
+    assert found is not None
+    assert found.after == pytest.approx(after, rel=1e-7)
+    assert compiled_found[0] == pytest.approx(after, rel=1e-7)

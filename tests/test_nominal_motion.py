@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
+from exunet.forces.effects import launch_force, material_damping
 from exunet.forces.estimate import EstimateBasis, hardest_strain, snap_of
 from exunet.net import NetKeys, weave
 
@@ -92,3 +93,30 @@ def test_ways_of_constant_accelerations_and_decaying_speeds() -> None:
     for rate in (1e-6, 2e-4, 0.5, 30.0):  # the first two lose less than 1e-4, where digits would cancel
         way = basis.speed * np.trapezoid(-np.expm1(-rate * time), time)
         assert basis.braked(rate) == pytest.approx(way, rel=1e-4)
+
+
+def test_a_launch_lags_behind_by_its_stroke_or_makes_the_way() -> None:
+    """Springs of 60 N over 0.1 m do 3 J on bullets of 4 kg; 16 of 24 kg are the bullets'."""
+    keys = launch_force.Keys.model_validate(
+        {"kind": "spring", "force": 60.0, "stroke": 0.1, "spread_angle": 0.6, "chaser_mass": 500.0}
+    )
+    basis = opening(0.4)
+    part = math.sqrt(16.0 / 24.0)
+    flying = launch_force.magnitude(keys, basis)
+    assert flying.displacement == pytest.approx(0.1 * part, rel=1e-12)
+    still = EstimateBasis(basis.net, 0.4, basis.position, np.zeros((9, 3)))
+    launched = launch_force.magnitude(keys, still)
+    assert launched.displacement == pytest.approx(math.sqrt(2.0 * 3.0 / 4.0) * 0.4 * part, rel=1e-12)
+    assert flying.acceleration == launched.acceleration == pytest.approx(60.0 / 4.0 * part, rel=1e-12)
+
+
+def test_material_damping_takes_speed_in_the_hardest_snap() -> None:
+    """v (1 - exp(-pi tau omega / 2)) over half of the time; beyond critical damping all of it."""
+    basis = opening(0.4)
+    snap = snap_of(basis)
+    for ratio in (0.1, 0.7, 1.5):
+        keys = material_damping.Keys(relaxation_time=2.0 * ratio / snap.frequency)
+        found = material_damping.magnitude(keys, basis)
+        lost = 1.0 - math.exp(-math.pi * ratio) if ratio < 1.0 else 1.0
+        assert found.displacement == pytest.approx(lost * basis.speed * 0.2, rel=1e-12)
+        assert found.acceleration == pytest.approx(2.0 * ratio * snap.frequency * basis.speed, rel=1e-12)
