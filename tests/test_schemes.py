@@ -106,6 +106,7 @@ def test_a_step_has_its_order_where_time_speed_and_place_all_matter(
         errors.append(np.abs(found - exact))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert orders.min() > order + 0.8, orders
+    assert np.max(errors[0]) < 0.04**order  # a far too large coefficient may shrink its error as fast
 
 
 def test_a_verlet_step_takes_the_force_at_its_end_with_the_velocity_of_its_middle(

@@ -84,6 +84,7 @@ def test_a_step_turns_bodies_with_its_order(method: str, order: int) -> None:
             assert max(errors[-1]) < told[0] < 0.1 * h**4
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert orders.min() > order + 0.7, orders
+    assert np.max(errors[0]) < 10.0 * 0.1 ** (order + 1)  # a far too large coefficient may shrink as fast
 
 
 def test_without_torque_verlet_turns_with_order_4(monkeypatch: pytest.MonkeyPatch) -> None:
