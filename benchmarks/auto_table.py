@@ -171,7 +171,7 @@ def stiff(words: list[str]) -> None:
     for setting in settings:
         trial = run(subject, setting)
         outcome = trial.reason.partition(";")[0] or "ran"
-        words.append(f"| {setting.name}, {setting.value} | {trial.seconds:.2f} | {outcome} |")
+        words.append(f"| {setting.name}, {setting.value} | {trial.median:.2f} | {outcome} |")
         say(words[-1])
 
 

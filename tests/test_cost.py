@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import exunet
+from exunet.backends.protocol import StepCounts
 from exunet.base.errors import InputError
 from exunet.interfaces.commands import cost as command
 from exunet.methods.method import METHODS
@@ -18,9 +19,9 @@ from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost import study as studies
 from exunet.studies.cost.converged import Converged, converge
-from exunet.studies.cost.runners import Measures, Subject, Trial, Work, run
+from exunet.studies.cost.runners import Entry, Measures, Subject, run
 from exunet.studies.cost.settings import Code, Setting, base, ladders
-from exunet.studies.cost.study import Entry, Study, all_rungs, climb
+from exunet.studies.cost.study import Study, all_rungs, climb
 from exunet.studies.cost.table import (
     LEVELS,
     answer_rows,
@@ -51,7 +52,7 @@ def measured(error: float, deployment: Deployment | None = None) -> Measures:
 
 def entry(method: str, tolerance: float, seconds: float, error: float, code: Code = "fused") -> Entry:
     setting = Setting(code, method, tolerance=tolerance)
-    return Entry(setting, [seconds], Work(1, 0, 7, 0), measured(error), error)
+    return Entry(setting, [seconds], StepCounts(1, right_hand_sides=7), measured(error), error)
 
 
 def test_the_converged_solution_is_the_known_one():
@@ -156,7 +157,7 @@ def test_no_setting_is_told_to_be_better_than_the_solution():
 
 
 def test_a_tighter_setting_that_fails_makes_its_method_unreliable():
-    good = Entry(Setting("fused", "RK44", step=1e-3), [0.1], Work(1, 0, 4, 0), measured(0.0), 1e-7)
+    good = Entry(Setting("fused", "RK44", step=1e-3), [0.1], StepCounts(1), measured(0.0), 1e-7)
     failed = Entry(Setting("fused", "RK44", step=5e-4), [0.2], reason="diverged", failed=True)
     left_out = Entry(Setting("fused", "RK44", step=2e-4), reason="left out")
     assert not reliable(Study(SURE, [good, failed, left_out]), good, 1e-6)
@@ -198,18 +199,17 @@ def test_the_base_is_run_whatever_the_budget():
 def test_evaluations_of_the_conserving_method_are_counted():
     trial = run(subject(0.02), Setting("reference", "EM", step=1e-3))
     assert trial.work is not None
-    assert trial.work.right_hand_sides >= trial.work.newton + trial.work.steps
+    assert trial.work.right_hand_sides >= trial.work.newton_iterations + trial.work.steps
 
 
 def test_a_budget_leaves_out_what_costs_too_much(monkeypatch, tmp_path):
     clock = [0.0]
 
-    def pretend(_subject: Subject, setting: Setting, until: float | None = None) -> Trial:
+    def pretend(_subject: Subject, setting: Setting, until: float | None = None) -> Entry:
         seconds = 0.0 if until else 1e-3 / float(setting.step or 1.0)
         clock[0] += seconds
-        return Trial(
-            seconds, Work(1, 0, 1000, 0), Measures(np.array([1.0 + seconds * 1e-6]), 0.0, None, None)
-        )
+        shown = Measures(np.array([1.0 + seconds * 1e-6]), 0.0)
+        return Entry(setting, [seconds], StepCounts(1, right_hand_sides=1000), shown)
 
     monkeypatch.setattr(studies, "run", pretend)
     ladder = [Setting("fused", "RK44", step=10.0**-k) for k in (3, 4, 5, 6)]
@@ -227,7 +227,7 @@ def test_a_budget_leaves_out_what_costs_too_much(monkeypatch, tmp_path):
 def test_an_interrupt_keeps_what_was_measured(monkeypatch, tmp_path):
     runs = []
 
-    def stop_at_the_fifth(scene: Subject, setting: Setting, until: float | None = None) -> Trial:
+    def stop_at_the_fifth(scene: Subject, setting: Setting, until: float | None = None) -> Entry:
         runs.append(setting)
         if len(runs) == 5:
             raise KeyboardInterrupt

@@ -180,7 +180,7 @@ def test_work_in_parallel_keeps_its_order():
 
 @pytest.mark.slow
 def test_an_ensemble_before_the_first_snap_has_no_spread():
-    case = read_both(CASES["planar_undamped"], {"time.end": "0.4"})
+    case = read_both(CASES["planar_undamped"], ["time.end=0.4"])
     found = statistics(case, EXUDYN, runs=4)
     assert found.speed.std(axis=0).max() < 1e-9
     assert 0 < found.area.std(axis=0).max() < 1e-6  # the starts differ by 1e-6 m in 7 m
@@ -192,7 +192,7 @@ def test_the_engine_and_the_compiled_loop_give_the_same_ensemble():
     pytest.importorskip("numba")
     assert our_code() == COMPILED
     assert RUNS[COMPILED] >= 64
-    case = read_both(CASES["planar_deployment"], {"time.end": "1.0"})
+    case = read_both(CASES["planar_deployment"], ["time.end=1.0"])
     loop, engine = (statistics(case, code, runs=3) for code in (COMPILED, EXUDYN))
     for name in ("area", "energy", "speed"):
         assert getattr(loop, name) == pytest.approx(getattr(engine, name), abs=1e-5)

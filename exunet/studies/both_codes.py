@@ -6,7 +6,7 @@ This is where exunet imports reference_impl. The two share the case file and not
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -66,9 +66,8 @@ class BothCodes:
     def reference_nodes(self) -> Ints:
         """(n_nodes,) for each node of exunet the node of the reference at the same place."""
         start, theirs = self.start, self.theirs
-        return match_nodes(
-            _at_start(start.net, start.position, start.velocity), _at_start(theirs.net, theirs.x0, theirs.v0)
-        )
+        ours = _at_start(start.net, start.position, start.velocity)
+        return match_nodes(ours, _at_start(theirs.net, theirs.x0, theirs.v0))
 
     @cached_property
     def reference_elements(self) -> Ints:
@@ -145,10 +144,8 @@ class BothCodes:
         for until in times[1:].tolist():
             stepper.advance(until)
             states.append(stepper.state())
-        position, velocity = (
-            np.array([getattr(state, name) for state in states]) for name in ("position", "velocity")
-        )
-        return Trajectory(np.asarray(times), position, velocity, stepper.counts.steps)
+        x, v = np.array([state.position for state in states]), np.array([state.velocity for state in states])
+        return Trajectory(np.asarray(times), x, v, stepper.counts.steps)
 
     def run_reference(self, times: Floats, **how: Any) -> Trajectory:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.march."""
@@ -185,15 +182,14 @@ class _Unobserved:
     def changed(self, time: float, memory: str, change: Change) -> None: ...
 
 
-def read_both(path: str | Path, overrides: Mapping[str, str] | None = None) -> BothCodes:
+def read_both(path: str | Path, overrides: Sequence[str] = ()) -> BothCodes:
     """The case at `path` in both codes.
 
-    overrides : key to value as in `--set` (text)
+    overrides : "key=value" as after `--set`
     Raises CaseError if exunet cannot read it, and InputError naming what the reference does not know: such
     a case is never compared in part.
     """
-    settings = [f"{key}={value}" for key, value in (overrides or {}).items()]
-    case = load(path, settings)
+    case = load(path, overrides)
     with located_faults(case):
         return both_of(case)
 
@@ -201,11 +197,12 @@ def read_both(path: str | Path, overrides: Mapping[str, str] | None = None) -> B
 def both_of(case: Case) -> BothCodes:
     """As `read_both`, of a case that exunet has read."""
     try:
-        theirs = reference.prepare(
-            reference.read(case.path, dict(map(reference.parse_override, case.overrides)))
-        )
+        overrides = dict(map(reference.parse_override, case.overrides))
+        theirs = reference.prepare(reference.read(case.path, overrides))
     except reference.Refused as refused:
-        raise _out_of_reach(case.name, refused) from refused
+        reasons = "; ".join(fault.replace("\n", " ") for fault in refused.faults[:5])
+        words = f"the reference does not cover this case, so nothing is compared: {reasons}"
+        raise InputError(f"{case.name}: {words}") from refused
     # The form that states the law element by element; `BothCodes.fused` is the other.
     scene = _with_engine(case.scene, net=NetForm.CONNECTORS, loop=TimeLoop.EXUDYN)
     return BothCodes(case.name, case.path, prepare(scene), theirs)
@@ -217,8 +214,3 @@ def both_of_text(name: str, text: str) -> BothCodes:
         path = Path(folder) / f"{name}.toml"
         path.write_text(text, encoding="utf-8")
         return read_both(path)
-
-
-def _out_of_reach(name: str, refused: reference.Refused) -> InputError:
-    reasons = "; ".join(fault.replace("\n", " ") for fault in refused.faults[:5])
-    return InputError(f"{name}: the reference does not cover this case, so nothing is compared: {reasons}")

@@ -22,11 +22,7 @@ STATES, MEASURED = 200, 20  # of each of six kinds: 1200 and 120 states a case
 
 def forces(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
     """The kind of state that differs most: largest difference over the largest acceleration of that kind."""
-    name = f"accelerations, {states_of_a_kind * len(KINDS)} random states"
-    yield worst_of(name, _kinds(case, states_of_a_kind))
-
-
-def _kinds(case: BothCodes, states_of_a_kind: int) -> Iterator[Check]:
+    checks = []
     probe, net, random = case.probe(), case.start.net, np.random.default_rng(SEED)
     for kind in KINDS:
         ours, others = [], []
@@ -35,7 +31,9 @@ def _kinds(case: BothCodes, states_of_a_kind: int) -> Iterator[Check]:
             ours.append(probe.accelerations(position, velocity))
             state = case.to_reference(position), case.to_reference(velocity)
             others.append(case.from_reference(reference.acceleration(case.theirs.system, 0.0, *state)))
-        yield difference(kind, np.array(ours), np.array(others), FORCES, ("state", "node", "xyz"), "m/s2")
+        a, b, axes = np.array(ours), np.array(others), ("state", "node", "xyz")
+        checks.append(difference(kind, a, b, FORCES, axes, "m/s2"))
+    yield worst_of(f"accelerations, {states_of_a_kind * len(KINDS)} random states", checks)
 
 
 def measures(case: BothCodes, states_of_a_kind: int = MEASURED) -> Iterator[Check]:

@@ -62,9 +62,8 @@ def converged(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
             for check in _compared(form, own, ours[-1], theirs[-1], grown.horizon):
                 yield replace(check, subject=form.name)
             apart.setdefault(label, distances(ours[-1], theirs[-1]).max(axis=1))
-    figure = curves(
-        f"{case.name}: the two codes, each with its best method", times, apart, grown.named_horizon
-    )
+    title = f"{case.name}: the two codes, each with its best method"
+    figure = curves(title, times, apart, grown.named_horizon)
     caption = (
         f"{case.name}: distance between the codes. A symmetric start may keep them together for longer than "
         "the horizon allows, since the errors of integrators are symmetric too; in a moving frame the motion "

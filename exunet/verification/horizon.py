@@ -73,8 +73,7 @@ def _in_proportion(case: BothCodes, grown: Growth) -> Check:
         why = "the viscous stress jumps where a thread becomes taut: any start parts there by step x jump"
         return left_out("growth in proportion", why)
     smaller, larger = (grown.of(a) for a in (MOVE, FURTHER))
-    small = larger < SMALL
-    small[int(np.argmin(small)) if not small.all() else len(small) :] = False
+    small = np.logical_and.accumulate(larger < SMALL)
     if not small.any():
         why = f"differences are above {SMALL * case.size:.0e} m from the start"
         return left_out("growth in proportion", why)
@@ -136,17 +135,13 @@ def _same_mean(name: str, ours: Statistics, theirs: Statistics) -> Check:
 
 def _not_finite(found: Statistics) -> list[Check]:
     """A check that fails for each quantity of which a run has a value that is NaN or infinite."""
-    wrong = {name: np.argwhere(~np.isfinite(getattr(found, name))) for name in MEANS}
-    return [
-        Check(
-            f"values of the {name} that are NaN or infinite ({found.code})",
-            len(places),
-            RAN,
-            f"first: run {places[0][0]}, t = {found.time[places[0][1]]:.4g} s",
-        )
-        for name, places in wrong.items()
-        if len(places)
-    ]
+    checks = []
+    for name in MEANS:
+        if len(wrong := np.argwhere(~np.isfinite(getattr(found, name)))):
+            words = f"first: run {wrong[0, 0]}, t = {found.time[wrong[0, 1]]:.4g} s"
+            title = f"values of the {name} that are NaN or infinite ({found.code})"
+            checks.append(Check(title, len(wrong), RAN, words))
+    return checks
 
 
 def _band(case: BothCodes, found: Statistics, parted: float) -> Plate:

@@ -84,9 +84,7 @@ class Ladder:
     """
 
     def __init__(self, cases: Sequence[BothCodes], *, quick: bool, paper: bool) -> None:
-        self._cases = cases
-        self._quick = quick
-        self._paper = paper
+        self._cases, self._quick, self._paper = cases, quick, paper
         self._different: set[str] = set()
         self._grown: dict[str, growth.Growth] = {}
         self._known = shipped("verification")

@@ -35,16 +35,11 @@ def random_case(random: np.random.Generator, topology: str | None = None) -> tup
         longer = side * float(random.uniform(0.6, 2.0))
         tables["net.strings"] = _cable(random) | {"length": longer, "divisions": int(random.integers(1, 3))}
         tables["net.bullets"] = {"mass": float(random.uniform(0.05, 2.0))}
-    tables["initial"] = {
-        "packing": float(random.uniform(0.02, 1.0)),
-        "velocity": random.normal(size=3).tolist(),
-        "spin": random.normal(size=3).tolist(),
-    }
+    packing, (velocity, spin) = random.uniform(0.02, 1.0), random.normal(size=(2, 3)).tolist()
+    tables["initial"] = {"packing": packing, "velocity": velocity, "spin": spin}
     if thrown:
-        tables["launch"] = {
-            "radial_speed": float(random.uniform(0.1, 5.0)),
-            "axial_speed": float(random.uniform(-5.0, 5.0)),
-        }
+        radial, axial = random.uniform(0.1, 5.0), random.uniform(-5.0, 5.0)
+        tables["launch"] = {"radial_speed": radial, "axial_speed": axial}
     if random.random() < 0.5:
         tables["effects.rayleigh_damping"] = {"alpha": float(random.uniform(0, 1e-2)), "beta": 1e-7}
     head = f'format = 1\ntitle = "random {kind} net"\n[time]\nend = 0.1\noutput_step = 0.1\n'

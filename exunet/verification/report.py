@@ -100,10 +100,7 @@ class Report:
         made = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
         programs = f"exunet {exunet.__version__}, Exudyn {exudyn_version()}, NumPy {np.__version__}"
         python = f"Python {platform.python_version()}, {platform.platform()}"
-        holding = (
-            "A check holds if what was measured is not more than what is allowed; every allowed value is in "
-            "the table of tolerances below, with its reason."
-        )
+        holding = "A check holds if it measures no more than is allowed; the last table gives the reasons."
         yield from (f"# {self.title}", "")
         for words in (f"**{self.verdict}**", *self.opening, holding, f"{made}, {programs}, {python}."):
             yield from (words, "")

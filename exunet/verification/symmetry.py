@@ -3,8 +3,7 @@
 The net, its start and the equations have the mirror symmetries of the square, so the four bullets must keep
 exactly the same speed. An error of an integrator is the same for mirrored nodes and keeps the symmetry; only
 round-off, which depends on the order of additions, breaks it. In mirrored arithmetic, which differs in that
-order only, the spread must be zero. When the curves separate in ordinary arithmetic, by code, tolerance and
-start, is measured by benchmarks/separation.py.
+order only, the spread must be zero. benchmarks/separation.py times the separation in ordinary arithmetic.
 """
 
 from __future__ import annotations

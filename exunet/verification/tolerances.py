@@ -41,8 +41,7 @@ STIFFNESS = Tolerance(
 EXACT_STIFFNESS = Tolerance(1e-12, "of the largest entry: the fused net has the derivative as a formula too")
 DIFFERENCED = Tolerance(
     1e-7,
-    "of the largest entry: the reference's accelerations differentiated with steps of 1e-6 of the shortest "
-    "element, which leaves 1e-9 of round-off; where the engine differentiates too, its tolerance holds",
+    "of the largest entry: differences of the reference over 1e-6 of the shortest element: round-off 1e-9",
 )
 RESOLVED = Tolerance(
     0.02,
@@ -63,9 +62,7 @@ SAME_SCHEME = Tolerance(
 )
 RAN = Tolerance(0.0, "a run that stops leaves nothing to compare")
 CONVERGED = Tolerance(
-    1e-6,
-    "of the net's size and the launch speed: a code is converged while ten times its tolerance changes no "
-    "position and no bullet's speed by more, a tenth of TRAJECTORY",
+    1e-6, "of the net's size and of v0: what ten times the tolerance may change; a tenth of TRAJECTORY"
 )
 LEFT_OUT = Tolerance(
     0.5,
@@ -75,9 +72,7 @@ LEFT_OUT = Tolerance(
 TRAJECTORY = Tolerance(1e-5, "of the net's size and of the launch speed: ten times each code's own error")
 SNAP = Tolerance(1e-8, "of the known value, which is exact: what the tolerances of the integrators leave")
 FREQUENCY = Tolerance(
-    1e-6,
-    "of the known frequency: with (w h)^4 / 120 the steps of RK4 shift it by less than 1e-7, and the "
-    "amplitude of 1e-6 m changes no stretch by more than 1e-8 of it",
+    1e-6, "of the known one: RK4 shifts it by (w h)^4 / 120 < 1e-7, the amplitude of 1e-6 m a stretch by 1e-8"
 )
 AREA = Tolerance(1e-14, "of the known area: a few last bits, as round-off of a dozen triangles leaves")
 EIGENVALUE = Tolerance(1e-6, "eigenvalues of the same matrix, for the larger nets by Lanczos' method to 1e-6")
@@ -86,9 +81,7 @@ STABLE = Tolerance(100.0, "bounded below the stable step, by about 1/sqrt(1 - 0.
 UNSTABLE = Tolerance(1e-3, "above it the highest mode grows by a third each step, by 1e7 in 60 steps")
 HANGING = Tolerance(1e-8, "of the length: what 14 s of damping leave of the fall, exp(-35), and round-off")
 PENDULUM = Tolerance(
-    1e-6,
-    "of the frequency: the formula leaves out terms of the fourth order in the angle and the pumping of "
-    "the cable's stretch by the swing, both about 1e-8 here",
+    1e-6, "of the frequency: the formula lacks angle^4 and the pumping of the cable's stretch, 1e-8 each"
 )
 MOMENTUM = Tolerance(1e-12, "of the sum of the nodes' shares: linear invariants are kept to round-off")
 ANGULAR = Tolerance(1e-8, "of the sum of the nodes' shares: kept by the accuracy of the integration only")
@@ -97,9 +90,7 @@ BRAKING = Tolerance(1e-4, "of the loss: the formula has a constant distance of t
 ORDER = Tolerance(0.5, "half an order: observed orders approach the declared one only for small steps")
 ADAPTIVE_ORDER = Tolerance(1.0, "one order: adaptive steps are unequal, few, and the last is cut short")
 KINK = Tolerance(
-    0.3,
-    "about order 2: a kink of the force inside a step costs a method of any order an error of h^2; it comes "
-    "anywhere in its step, so the root mean square over eight starts still scatters by a third",
+    0.3, "about order 2: a kink anywhere in a step costs any method h^2; over eight starts a third of scatter"
 )
 PROPORTIONAL = Tolerance(
     0.5,
@@ -150,7 +141,7 @@ HARD_GROWTH = Tolerance(
     "largest energy beside the prestress over that of the start, which is all kinetic, in the fastest mode: "
     "velocity Verlet keeps v^2 + w^2 (1 - (w h / 2)^2) x^2, so it may swing by 1 / (1 - (w h / 2)^2). At the "
     "strain of 1e-3, w^2 is (3 lambda^2 - 1) / 2 + N / EA = 1.004 times that of the just taut net: 62.6 at "
-    "0.99 of the limit. If it grew, it would overflow",
+    "0.99 of the limit",
     "x",
 )
 HARD_DAMPING_SETS = Tolerance(0.5, "the step over the one that the frequencies alone would allow", "x")

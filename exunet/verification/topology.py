@@ -27,17 +27,13 @@ def topology(case: BothCodes) -> Iterator[Check]:
 def random_topologies(count: int) -> Iterator[Check]:
     """The same over `count` random valid nets of all topologies; one check for all of them."""
     random = np.random.default_rng(SEED)
-    differing: list[Check] = []
-    measured: list[Check] = []
+    found: list[Check] = []
     for k in range(count):
         kind, text = random_case(random)
         name = f"random-{k}-{kind}"
-        for check in topology(both_of_text(name, text)):
-            named = replace(check, name=name)
-            if not check.holds:
-                differing.append(named)
-            if check.allowed is TOPOLOGY:
-                measured.append(named)
+        found += [replace(check, name=name) for check in topology(both_of_text(name, text))]
+    differing = [check for check in found if not check.holds]
+    measured = [check for check in found if check.allowed is TOPOLOGY]
     faults = f"{differing[0].name}: {differing[0].worst}" if differing else ""
     yield Check("nets that differ", len(differing), CONNECTIVITY, faults)
     if measured:
@@ -57,20 +53,13 @@ def _mismatch(case: BothCodes) -> str:
 
 def _differences(case: BothCodes) -> Iterator[Check]:
     """The largest difference of each quantity."""
-    ours, theirs, scene = case.start.net, case.theirs.net, case.theirs
-    of_nodes = {
-        "reference position": (ours.reference_position, theirs.reference_position),
-        "mass": (ours.mass, theirs.mass),
-        "initial position": (case.start.position, scene.x0),
-        "initial velocity": (case.start.velocity, scene.v0),
-    }
-    of_elements = {
-        "reference length": (ours.reference_length, theirs.reference_length),
-        "area": (ours.area, theirs.area),
-        "Young's modulus": (ours.youngs_modulus, theirs.youngs_modulus),
-        "density": (ours.density, theirs.density),
-    }
-    for name, (a, b) in of_nodes.items():
-        yield difference(name, a, b[case.reference_nodes], TOPOLOGY, ("node", "xyz")[: a.ndim])
-    for name, (a, b) in of_elements.items():
-        yield difference(name, a, b[case.reference_elements], TOPOLOGY, ("element",))
+    for axis, match, names in (
+        ("node", case.reference_nodes, ("reference_position", "mass")),
+        ("element", case.reference_elements, ("reference_length", "area", "youngs_modulus", "density")),
+    ):
+        for name in names:
+            a, b = getattr(case.start.net, name), getattr(case.theirs.net, name)[match]
+            yield difference(name.replace("_", " "), a, b, TOPOLOGY, (axis, "xyz")[: a.ndim])
+    start, theirs = case.start, case.theirs
+    for name, a, b in (("position", start.position, theirs.x0), ("velocity", start.velocity, theirs.v0)):
+        yield difference(f"initial {name}", a, b[case.reference_nodes], TOPOLOGY, ("node", "xyz"))

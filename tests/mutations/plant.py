@@ -146,21 +146,6 @@ def kinetic_doubled(patch):
     patch.setattr(States, "kinetic", property(lambda states: 2.0 * right(states)))
 
 
-def _other_terms(patch, effect, change):
-    right = effect.terms
-    patch.setattr(effect, "terms", lambda *keys: tuple(map(change, right(*keys))))
-
-
-@planted(2, "Coriolis force with the wrong sign", case="orbit")
-def coriolis_sign(patch):
-    _other_terms(patch, orbit, lambda terms: dataclasses.replace(terms, gyroscopic=-terms.gyroscopic))
-
-
-@planted(2, "mass damping that pushes on", case="mass_damping")
-def mass_damping_sign(patch):
-    _other_terms(patch, mass_damping, lambda terms: dataclasses.replace(terms, damping=-terms.damping))
-
-
 @planted(2, "viscous stress that pushes", case="material_damping")
 def viscous_compression(patch):
     right = cable.viscous_tension
@@ -246,13 +231,20 @@ def _of_result(name, rung, what, module, function, change=_twice, case="planar_d
     PLANTED[name] = Planted(what, REFERENCE if name.startswith("reference") else EXUDYN, rung, case, plant)
 
 
+def _negated(name):
+    return lambda terms: tuple(dataclasses.replace(term, **{name: -getattr(term, name)}) for term in terms)
+
+
 NO_HALF, TENSIONS = "factor 1/2 missing in the", "stored tensions twice as large"
+CORIOLIS, PUSHES = "Coriolis force with the wrong sign", "mass damping that pushes on"
 OTHER_SIGN, POSITIVE = "potential with the wrong sign", "stored strains of slack cables positive"
 _of_result("strain_without_half", 2, f"{NO_HALF} Green-Lagrange strain", cable, "green_lagrange_strain")
 _of_result("launch_inwards", 1, "bullets launched inwards", initial, "_launch_velocity", np.negative)
 _of_result("elastic_doubled", 2, f"{NO_HALF} elastic energy", cable, "elastic_energy")
 _of_result("tension_doubled", 2, TENSIONS, cable, "element_tension")
 _of_result("mouth_doubled", 6, f"{NO_HALF} area of the mouth", metrics, "mouth_area")
+_of_result("coriolis_sign", 2, CORIOLIS, orbit, "terms", _negated("gyroscopic"), "orbit")
+_of_result("mass_damping_sign", 2, PUSHES, mass_damping, "terms", _negated("damping"), "mass_damping")
 _of_result("reference_no_half", 2, f"{NO_HALF} Green-Lagrange strain", forces, "_strain")
 _of_result("reference_kinetic_doubled", 2, f"{NO_HALF} kinetic energy", reference_energy, "kinetic")
 _of_result("reference_elastic_doubled", 2, f"{NO_HALF} elastic energy", reference_energy, "elastic")

@@ -108,11 +108,7 @@ def _head(converged: Converged, subject: Subject) -> list[tuple[str, str]]:
 
 
 def _failures(study: Study) -> list[tuple[str, str]]:
-    return [
-        ("failed", f"{entry.setting.name}, {entry.setting.value}: {entry.reason}")
-        for entry in study.entries
-        if entry.failed
-    ]
+    return [("failed", f"{entry.setting}: {entry.reason}") for entry in study.entries if entry.failed]
 
 
 def _left_out(study: Study, budget: float) -> list[tuple[str, str]]:

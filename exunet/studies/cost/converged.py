@@ -6,14 +6,12 @@ import time as clock
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from exunet.results.measures import Deployment, deployment_of
+from exunet.studies.both_codes import Floats
 from exunet.studies.cost.runners import Subject, trajectory
 from exunet.studies.cost.settings import Setting
 from exunet.studies.neighbours import MOVE, nearby_start, tracked_speeds
-
-Floats = NDArray[np.float64]
 
 OWN = (1e-10, 1e-11)  # tolerances of DOPRI5, relative to the launch speed; below, round-off takes over
 THEIRS = (1e-11, 1e-12)  # rtol of the reference's DOP853
@@ -59,35 +57,31 @@ def converge(subject: Subject, *, compiled: bool) -> Converged:
         others = [Setting("reference", "DOP853", tolerance=t) for t in THEIRS]
     elif compiled:
         others = [Setting("connectors", "DOPRI5", tolerance=OWN[-1])]
-    runs = [_solution(fine, setting) for setting in (*own, *others)]
-    speeds = np.array([one for one, _ in runs])  # (settings, t, k)
-    nearby, its_deployment = _solution(replace(fine, start=nearby_start(fine.start)), own[-1])
-    best = speeds[len(own) - 1, -1]
+    settings = [*own, *others]
+    runs = [_solution(fine, setting) for setting in settings]
+    runs.append(_solution(replace(fine, start=nearby_start(fine.start)), own[-1]))
+    *found, nearby = (speeds for speeds, _ in runs)
+    best, ends = found[len(own) - 1][-1], [speeds[-1] / scale for speeds in found]
     sensitivity = float(np.abs(nearby[-1] - best).max()) / scale
-    spread = np.ptp(speeds, axis=0).max(axis=-1) / scale  # (t,)
+    spread = np.ptp(found, axis=0).max(axis=-1) / scale  # (t,)
     # The last agreement before the differences stay: single passes are instants inside a snap.
     lost = int(np.flatnonzero(spread <= VISIBLE)[-1]) + 1
-    deployments = [one for one in (*(one for _, one in runs), its_deployment) if one is not None]
     words = []
-    settings, ends = [*own, *others], speeds[:, -1] / scale
-    for k in range(0, len(settings) - 1, 2):
-        first, second = settings[k : k + 2]
-        gap = float(np.abs(ends[k] - ends[k + 1]).max())
-        words.append(f"{first.name}, {first.value} and {second.value}: speeds differ by {gap:.1e}")
-    words += [
-        f"both codes: speeds differ by {spread[-1]:.1e} at most"
-        if others
-        else "the reference does not know this scene: one code only",
-        f"start moved by {MOVE * subject.start.net.size:.0e} m: speeds change by {sensitivity:.1e}",
-    ]
+    for k in range(1, len(settings), 2):
+        gap = float(np.abs(ends[k - 1] - ends[k]).max())
+        words.append(f"{settings[k - 1]} and {settings[k].value}: speeds differ by {gap:.1e}")
+    of = "without the reference" if subject.both is None else "both codes"
+    words.append(f"{of}: speeds differ by {spread[-1]:.1e} at most")
+    moved = f"{MOVE * subject.start.net.size:.0e} m"
+    words.append(f"start moved by {moved}: speeds change by {sensitivity:.1e}")
     return Converged(
         best,
-        float(spread[-1]),
-        sensitivity,
-        times[lost] if lost < len(times) else None,
-        tuple(words),
-        tuple(deployments),
-        clock.perf_counter() - began,
+        uncertainty=float(spread[-1]),
+        sensitivity=sensitivity,
+        horizon=times[lost] if lost < len(times) else None,
+        words=tuple(words),
+        deployments=tuple(opening for _, opening in runs if opening is not None),
+        seconds=clock.perf_counter() - began,
     )
 
 

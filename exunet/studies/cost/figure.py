@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from exunet.figures.style import BLACK, BLUE, RED, REFERENCE, YELLOW, blank
-from exunet.studies.cost.study import Entry, Study
+from exunet.studies.cost.runners import Entry
+from exunet.studies.cost.study import Study
 from exunet.studies.cost.table import Effort, evaluations, pareto, wall_time
 
 _COLOURS = {"connectors": BLUE, "fused": RED, "compiled loop": BLACK, "reference": YELLOW}
@@ -26,18 +29,13 @@ def work_precision(study: Study, title: str) -> Figure:
     _panel(left, study, "wall time of the stepping, median [s]", wall_time)
     _panel(right, study, "evaluations of the forces", evaluations)
     predicts = study.converged.predicts
-    what = "speed error / launch speed" if predicts else "error of the energy balance"
-    left.set_ylabel(what)
+    left.set_ylabel("speed error / launch speed" if predicts else "error of the energy balance")
     if predicts:
+        resolved = max(study.converged.uncertainty, _LEAST)
         for axes in (left, right):
-            axes.axhspan(
-                _LEAST,
-                max(study.converged.uncertainty, _LEAST),
-                color="0.92",
-                zorder=-1,
-                label="not resolved",
-            )
-    left.set_ylim(_LEAST / 3 if _least(study) < 1e-11 else _least(study) / 5, 3.0)
+            axes.axhspan(_LEAST, resolved, color="0.92", zorder=-1, label="not resolved")
+    least = min((_drawn(study, entry) for entry in study.measured), default=_LEAST)
+    left.set_ylim(_LEAST / 3 if least < 1e-11 else least / 5, 3.0)
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc="center left", bbox_to_anchor=(0.76, 0.5), frameon=False, fontsize=7)
     note = "" if predicts else " (after the horizon: speeds cannot be predicted)"
@@ -47,34 +45,27 @@ def work_precision(study: Study, title: str) -> Figure:
     return figure
 
 
-def _least(study: Study) -> float:
-    return min((max(study.error(entry), _LEAST) for entry in study.measured), default=_LEAST)
-
-
 def _drawn(study: Study, entry: Entry) -> float:
     return max(study.error(entry), _LEAST)
 
 
 def _panel(axes: Axes, study: Study, label: str, effort: Effort) -> None:
-    ranked = study.ranked
-    names = sorted({entry.setting.name: entry.setting for entry in study.measured}.items())
-    for name, setting in sorted(names, key=lambda one: (list(_COLOURS).index(one[1].code), one[0])):
-        ladder = sorted(
-            (entry for entry in study.measured if entry.setting.name == name),
-            key=lambda entry: -(entry.setting.tolerance or entry.setting.step or 0.0),
+    def draw(entries: list[Entry], **style: Any) -> None:
+        axes.loglog(
+            [effort(entry) for entry in entries], [_drawn(study, entry) for entry in entries], **style
         )
-        axes.plot(
-            [effort(entry) for entry in ladder], [_drawn(study, entry) for entry in ladder],
-            color=_COLOURS[setting.code], marker=_MARKERS.get(setting.method, "."), markersize=4.5,
-            linewidth=0.9, label=name if ladder[0] in ranked else f"{name}: not ranked",
-            linestyle="-" if ladder[0] in ranked else ":",
+
+    settings = {entry.setting.name: entry.setting for entry in study.measured}.values()
+    for setting in sorted(settings, key=lambda one: (list(_COLOURS).index(one.code), one.name)):
+        ladder = [entry for entry in study.measured if entry.setting.name == setting.name]
+        ladder.sort(key=lambda entry: -entry.setting.size)
+        ranked = ladder[0] in study.ranked
+        draw(
+            ladder, color=_COLOURS[setting.code], marker=_MARKERS.get(setting.method, "."), markersize=4.5,
+            linewidth=0.9, linestyle="-" if ranked else ":",
+            label=setting.name if ranked else f"{setting.name}: not ranked",
         )  # fmt: skip
-    front = pareto(study, effort)
-    axes.plot(
-        [effort(entry) for entry in front], [_drawn(study, entry) for entry in front],
-        color=REFERENCE, linewidth=6, zorder=0, solid_joinstyle="round", label="Pareto front",
-    )  # fmt: skip
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    front = {"color": REFERENCE, "linewidth": 6, "zorder": 0, "solid_joinstyle": "round"}
+    draw(pareto(study, effort), label="Pareto front", **front)
     axes.set_xlabel(label)
     axes.grid(visible=True, which="major", color="0.9", linewidth=0.6)

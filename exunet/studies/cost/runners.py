@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import statistics
 import time as clock
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 import reference_impl as reference
+from exunet.backends.protocol import StepCounts
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.bodies.rigid import RigidStates
 from exunet.case.scene import Engine, Scene, Time
@@ -18,23 +20,20 @@ from exunet.results.measures import Deployment, deployment_of
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
-from exunet.studies.both_codes import BothCodes
+from exunet.studies.both_codes import BothCodes, Floats
 from exunet.studies.cost.settings import Setting
 from exunet.studies.neighbours import launch_speed, tracked_speeds
 from exunet.system import energy
 from exunet.system.energy_scale import EnergyScale
 from exunet.system.states import States
 
-Floats = NDArray[np.float64]
-
-
-# The four measures of deployment: name, unit.
-FOUR = (
-    ("largest area", "of the reference area"),
-    ("time of largest area", "s"),
-    ("distance", "m"),
-    ("time above 80 %", "s"),
-)
+# The four measures of deployment with their units.
+FOUR = {
+    "largest area": "of the reference area",
+    "time of largest area": "s",
+    "distance": "m",
+    "time above 80 %": "s",
+}
 
 
 @dataclass(frozen=True)
@@ -59,22 +58,22 @@ def four(found: Deployment) -> tuple[float, ...]:
     return found.relative_area, found.time_of_largest, found.distance, found.time_open
 
 
-def measures(start: Start, time: Floats, position: Floats, velocity: Floats, dissipated: Floats) -> Measures:
-    """Measures of a trajectory; time (t,) [s], position, velocity (t, n_points, 3), dissipated (t,) [J].
+def measures(start: Start, found: TimedTrajectory) -> Measures:
+    """Measures of a trajectory.
 
     The energy is relative to the guards' energy scale: what can deform the net, without the common flight.
     """
-    net, bodies = start.net, RigidStates.none(len(time))
-    states = States(start.system, time, position, velocity, bodies, start.state.memory)
-    total = states.kinetic + states.elastic + (states.potential - states.potential[0]) + dissipated
+    net, none = start.net, RigidStates.none(len(found.time))
+    states = States(start.system, found.time, found.position, found.velocity, none, start.state.memory)
+    total = states.kinetic + states.elastic + (states.potential - states.potential[0]) + found.dissipated
     scales = EnergyScale(start.system, start.state)
-    gained = scales.gained(states, dissipated)[0]
+    gained = scales.gained(states, found.dissipated)[0]
     scale = scales.start + float(gained.max()) or float(states.kinetic.max()) or 1.0
     return Measures(
-        speeds=tracked_speeds(net, velocity[-1]),
+        speeds=tracked_speeds(net, found.velocity[-1]),
         energy=float(np.abs(total - total[0]).max()) / scale,
-        momentum=_momentum(start, velocity),
-        deployment=deployment_of(net, time, position[:, : net.n_nodes]),
+        momentum=_momentum(start, found.velocity),
+        deployment=deployment_of(net, found.time, found.position[:, : net.n_nodes]),
     )
 
 
@@ -92,36 +91,46 @@ def _momentum(start: Start, velocity: Floats) -> float | None:
 
 
 @dataclass(frozen=True)
-class Work:
-    """Work of a run: `right_hand_sides` evaluations of the forces, residuals of implicit methods among them;
-    Newton iterations of those (linear systems solved)."""
-
-    steps: int
-    rejected: int
-    right_hand_sides: int
-    newton: int
-
-
-@dataclass(frozen=True)
 class TimedTrajectory:
-    """Stored states in exunet's numbering, (t, n_nodes, 3), with the wall time of the stepping [s]."""
+    """States in exunet's numbering, (t, n_points, 3), energy taken out (t,) [J], time of the stepping [s]."""
 
     time: Floats
     position: Floats
     velocity: Floats
     dissipated: Floats
-    work: Work
+    work: StepCounts
     seconds: float
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One run: wall time of its stepping [s], and what came out, or why it failed."""
+@dataclass
+class Entry:
+    """A setting, its runs so far, and what they showed.
 
-    seconds: float
-    work: Work | None = None
+    seconds     : wall times of the repeats [s]
+    speed_error : largest difference of a speed at the end from the converged one, over the launch speed
+    reason      : why there are no measures: it failed, or was left out
+    failed      : it ran and failed
+    """
+
+    setting: Setting
+    seconds: list[float] = field(default_factory=list)
+    work: StepCounts | None = None
     measures: Measures | None = None
+    speed_error: float = math.inf
     reason: str = ""
+    failed: bool = False
+
+    @property
+    def median(self) -> float:
+        """Median wall time of the stepping [s]."""
+        return statistics.median(self.seconds)
+
+    @property
+    def noise(self) -> float | None:
+        """Half the range of the repeats relative to the median; None of a single run."""
+        if len(self.seconds) < 2:
+            return None
+        return 0.5 * (max(self.seconds) - min(self.seconds)) / self.median
 
 
 @dataclass(frozen=True)
@@ -152,15 +161,14 @@ class Subject:
         return replace(self, times=times)
 
 
-def run(subject: Subject, setting: Setting, until: float | None = None) -> Trial:
+def run(subject: Subject, setting: Setting, until: float | None = None) -> Entry:
     """Run to the subject's end (or `until`). Raises KeyboardInterrupt on Ctrl-C, nothing else."""
     began = clock.perf_counter()
     try:
         found = trajectory(subject if until is None else subject.at((0.0, until)), setting)
     except Exception as error:  # noqa: BLE001 - a method that cannot run the scene stays in the table
-        return Trial(clock.perf_counter() - began, reason=str(error))
-    shown = measures(subject.start, found.time, found.position, found.velocity, found.dissipated)
-    return Trial(found.seconds, found.work, shown)
+        return Entry(setting, [clock.perf_counter() - began], reason=str(error), failed=True)
+    return Entry(setting, [found.seconds], found.work, measures(subject.start, found))
 
 
 def trajectory(subject: Subject, setting: Setting) -> TimedTrajectory:
@@ -176,14 +184,11 @@ def trajectory(subject: Subject, setting: Setting) -> TimedTrajectory:
 def _by_exunet(subject: Subject, setting: Setting) -> TimedTrajectory:
     scene = with_setting(subject.start.scene, setting, subject.speed, subject.times)
     result = simulate(prepare(scene).moved(subject.start.position))
-    cost = result.provenance
-    work = Work(
-        cost["steps"], cost["rejected_steps"], cost["right_hand_sides"], cost.get("newton_iterations", 0)
-    )
-    position, velocity = (_of_points(subject.start, result, name) for name in ("position", "velocity"))
-    return TimedTrajectory(
-        result.time, position, velocity, result.dissipated, work, cost["integration_seconds"]
-    )
+    told = result.provenance
+    newton = told.get("newton_iterations", 0)
+    work = StepCounts(told["steps"], told["rejected_steps"], newton, told["right_hand_sides"])
+    x, v = (_of_points(subject.start, result, name) for name in ("position", "velocity"))
+    return TimedTrajectory(result.time, x, v, result.dissipated, work, told["integration_seconds"])
 
 
 def _of_points(start: Start, result: Result, quantity: str) -> Floats:
@@ -202,7 +207,7 @@ def _by_reference(subject: Subject, setting: Setting) -> TimedTrajectory:
     found = both.reference_trajectory(subject.times, method=setting.method, **how)
     seconds = clock.perf_counter() - began
     x, v = both.from_reference(found.x), both.from_reference(found.v)
-    work = Work(found.n_steps, found.n_rejected, found.n_rhs, found.n_newton)
+    work = StepCounts(found.n_steps, found.n_rejected, found.n_newton, found.n_rhs)
     return TimedTrajectory(found.t, x, v, found.dissipated, work, seconds)
 
 
@@ -215,10 +220,5 @@ def with_setting(scene: Scene, setting: Setting, speed: float, times: tuple[floa
         solver |= {"step": setting.step, "force": True}
     form = {"loop": "compiled"} if setting.code == "compiled loop" else {"net": setting.code}
     time = {"end": times[-1], "output_times": [t for t in times if t > 0.0]}
-    return scene.model_copy(
-        update={
-            "solver": Solver.model_validate(solver),
-            "engine": Engine.model_validate(form),
-            "time": Time.model_validate(time),
-        }
-    )
+    tables = {"solver": Solver.model_validate(solver), "engine": Engine.model_validate(form)}
+    return scene.model_copy(update=tables | {"time": Time.model_validate(time)})

@@ -39,6 +39,9 @@ class Setting:
         """Method and code."""
         return f"{self.method} ({self.code})"
 
+    def __str__(self) -> str:
+        return f"{self.name}, {self.value}"
+
     @property
     def conserves(self) -> bool:
         """True if the energy balance holds by construction, however wrong the run."""
@@ -85,7 +88,7 @@ def ladders(
             return steps("reference", method, OF_REFERENCE[method], PARTS)
         if method == "EM":
             return steps("reference", method, "RK44", IMPLICIT_PARTS)
-        tolerances = TOLERANCES if method == "DOP853" else TOLERANCES[:6]
+        tolerances = TOLERANCES if method == "DOP853" else LOW_ORDER_TOLERANCES
         return [Setting("reference", method, tolerance=t) for t in tolerances]
 
     forms: tuple[Code, ...] = ("fused", "connectors") if compiled else ("connectors",)

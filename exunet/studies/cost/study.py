@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.studies.cost.converged import Converged
-from exunet.studies.cost.runners import Measures, Subject, Trial, Work, run
+from exunet.studies.cost.runners import Entry, Subject, run
 from exunet.studies.cost.settings import Setting, ladders
 from exunet.system.stability import largest_damping_rate, largest_frequency, step_limit
 from reference_impl.march import METHODS as REFERENCE_METHODS
@@ -24,37 +23,6 @@ _ADAPTIVE = 800.0  # right-hand sides at a tolerance of 1: some 5000 at 1e-4
 _NEXT = 1.6  # an adaptive run at the next decade of tolerance costs at most this much more
 
 Say = Callable[[str], None]
-
-
-@dataclass
-class Entry:
-    """A setting, its runs so far, and what they showed.
-
-    seconds     : wall times of the repeats [s]
-    speed_error : largest difference of a speed at the end from the converged one, over the launch speed
-    reason      : why there are no measures: it failed, or was left out
-    failed      : it ran and failed
-    """
-
-    setting: Setting
-    seconds: list[float] = field(default_factory=list)
-    work: Work | None = None
-    measures: Measures | None = None
-    speed_error: float = math.inf
-    reason: str = ""
-    failed: bool = False
-
-    @property
-    def median(self) -> float:
-        """Median wall time of the stepping [s]."""
-        return statistics.median(self.seconds)
-
-    @property
-    def noise(self) -> float | None:
-        """Half the range of the repeats relative to the median; None of a single run."""
-        if len(self.seconds) < 2:
-            return None
-        return 0.5 * (max(self.seconds) - min(self.seconds)) / self.median
 
 
 @dataclass
@@ -109,10 +77,13 @@ def climb(
         return rate * _right_hand_sides(setting, subject.end)
 
     def measure(setting: Setting) -> None:
-        say(f"{setting.name}, {setting.value}")
+        say(str(setting))
         if not any(entry.setting.name == setting.name for entry in study.entries):
             run(subject, setting, subject.end * _WARM_UP)
-        entry = _entry(setting, run(subject, setting), study.converged, subject)
+        entry = run(subject, setting)
+        if entry.measures is not None:
+            gaps = np.abs(entry.measures.speeds - study.converged.speeds)
+            entry.speed_error = float(gaps.max()) / subject.speed
         study.entries.append(entry)
         rates[setting.name] = entry.median / _right_hand_sides(setting, subject.end)
         if entry.work is not None and entry.work.right_hand_sides:
@@ -136,8 +107,8 @@ def climb(
         for number in range(2, REPEATS + 1):
             for entry in study.measured:
                 if entry.median <= left():
-                    say(f"repeat {number} of {entry.setting.name}, {entry.setting.value}")
-                    entry.seconds.append(run(subject, entry.setting).seconds)
+                    say(f"repeat {number} of {entry.setting}")
+                    entry.seconds += run(subject, entry.setting).seconds
     except KeyboardInterrupt:
         study.interrupted = True
 
@@ -150,16 +121,6 @@ def _right_hand_sides(setting: Setting, end: float) -> float:
     return stages * end / setting.step
 
 
-def _entry(setting: Setting, trial: Trial, converged: Converged, subject: Subject) -> Entry:
-    entry = Entry(setting, [trial.seconds], trial.work, trial.measures, reason=trial.reason)
-    if trial.measures is None:
-        entry.failed = True
-    else:
-        gaps = np.abs(trial.measures.speeds - converged.speeds)
-        entry.speed_error = float(gaps.max()) / subject.speed
-    return entry
-
-
 def all_rungs(subject: Subject, *, compiled: bool) -> list[list[Setting]]:
     """The ladders of every method and code that can run the scene."""
     theirs: tuple[str, ...] = ()
@@ -167,8 +128,7 @@ def all_rungs(subject: Subject, *, compiled: bool) -> list[list[Setting]]:
         conserving = not unsupported(subject.both.theirs.system)
         theirs = tuple(method for method in REFERENCE_METHODS if method != "EM" or conserving)
     start = subject.start
-    frequency = largest_frequency(start.system)
-    rate = largest_damping_rate(start.system)
+    frequency, rate = largest_frequency(start.system), largest_damping_rate(start.system)
     explicit = [name for name, method in METHODS.items() if method.kind == Kind.EXPLICIT]
     stable = {str(name): step_limit(name, frequency, rate) for name in explicit}
     return ladders(stable, subject.end, compiled=compiled, reference=theirs)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from operator import attrgetter
 from pathlib import Path
 
 from exunet.base.files import replacing
-from exunet.studies.cost.runners import FOUR, four
-from exunet.studies.cost.study import Entry, Study
+from exunet.studies.cost.runners import FOUR, Entry, four
+from exunet.studies.cost.study import Study
 
 _ROUND_OFF = 1e-9  # in the units of the measures of deployment
 LEVELS = tuple(10.0**-k for k in range(2, 9))
@@ -17,9 +18,7 @@ _RESOLVED = 3.0  # an error must be this many times the converged solution's own
 Effort = Callable[[Entry], float]
 
 
-def wall_time(entry: Entry) -> float:
-    """Median wall time of the stepping [s]."""
-    return entry.median
+wall_time: Effort = attrgetter("median")  # of the stepping [s]
 
 
 def evaluations(entry: Entry) -> float:
@@ -45,15 +44,8 @@ def reliable(study: Study, entry: Entry, level: float) -> bool:
     A tighter one that failed did not.
     """
     floor = _RESOLVED * study.converged.uncertainty if study.converged.predicts else 0.0
-    return all(
-        not other.failed and study.error(other) <= max(level, floor)
-        for other in [entry, *_tighter(study, entry)]
-    )
-
-
-def confirmed(study: Study, entry: Entry) -> bool:
-    """True if a tighter setting of the same ladder was measured too."""
-    return any(other.measures is not None for other in _tighter(study, entry))
+    ladder = [entry, *_tighter(study, entry)]
+    return all(not other.failed and study.error(other) <= max(level, floor) for other in ladder)
 
 
 def _tighter(study: Study, entry: Entry) -> list[Entry]:
@@ -82,9 +74,10 @@ def answer_rows(study: Study) -> list[tuple[str, str]]:
         elif (entry := cheapest(study, level)) is None:
             words = "no setting that was run"
         else:
-            words = f"{entry.setting.name}, {entry.setting.value}: {seconds(entry)}"
-            words += f", error {_told(study, entry)}"
-            words += "" if confirmed(study, entry) else "; unconfirmed: no tighter setting ran"
+            noise = "" if entry.noise is None else f" ± {entry.noise:.0%}"
+            words = f"{entry.setting}: {entry.median:.3g} s{noise}, error {_told(study, entry)}"
+            if all(other.measures is None for other in _tighter(study, entry)):
+                words += "; unconfirmed: no tighter setting ran"
         rows.append((f"error <= {level:.0e}", words))
     return rows
 
@@ -93,12 +86,6 @@ def _told(study: Study, entry: Entry) -> str:
     if study.converged.predicts and entry.speed_error <= study.converged.uncertainty:
         return f"at most the {study.converged.uncertainty:.1e} by which the converged solutions differ"
     return f"{study.error(entry):.1e}"
-
-
-def seconds(entry: Entry) -> str:
-    """Median wall time with its noise."""
-    digits = f"{entry.median:.3g} s"
-    return digits if entry.noise is None else f"{digits} ± {entry.noise:.0%}"
 
 
 def write_csv(study: Study, path: Path) -> None:
@@ -130,7 +117,7 @@ def _cells(study: Study, entry: Entry) -> dict[str, object]:
         "steps": work.steps if work else "",
         "rejected_steps": work.rejected if work else "",
         "right_hand_sides": work.right_hand_sides if work else "",
-        "newton_iterations": work.newton if work else "",
+        "newton_iterations": work.newton_iterations if work else "",
         "outcome": entry.reason or "ran",
     }
 
@@ -139,44 +126,37 @@ def _digits(value: float | None, digits: str) -> str:
     return "" if value is None else f"{value:.{digits}}"
 
 
-def spread(study: Study) -> list[tuple[float, float]]:
-    """Least and largest of each measure among the converged solutions; empty without a mouth."""
-    found = [four(one) for one in study.converged.deployments]
-    return [(min(column), max(column)) for column in zip(*found, strict=True)]
-
-
 def measure_rows(study: Study) -> list[tuple[str, str]]:
-    """Rows (name, value): the spread of each measure; the measures of what is on the front or not ranked."""
-    bounds = spread(study)
-    if not bounds:
+    """Rows (name, value): the spread of each measure; the measures of what is on the front or not ranked.
+
+    None without a mouth.
+    """
+    known = [four(one) for one in study.converged.deployments]
+    if not known:
         return []
-    number = len(study.converged.deployments)
+    bounds = [(min(column), max(column)) for column in zip(*known, strict=True)]
     rows = [
-        (name, f"{_shown(low)} to {_shown(high)} {unit}, of {number} converged solutions")
-        for (name, unit), (low, high) in zip(FOUR, bounds, strict=True)
+        (name, f"{_shown(low)} to {_shown(high)} {unit}, of {len(known)} converged solutions")
+        for (name, unit), (low, high) in zip(FOUR.items(), bounds, strict=True)
     ]
     # That one of n + 1 equal draws is the least or the largest.
-    often = f"{2 / (number + 1):.0%}"
+    often = f"{2 / (len(known) + 1):.0%}"
     rows.append(("(outside)", f"not between these, as each measure of a further good run is in some {often}"))
-    front = pareto(study)
     unranked = [entry for entry in study.measured if entry not in study.ranked]
-    rows += [("on the front", _words(entry, bounds)) for entry in front]
-    rows += [("not ranked", f"{_words(entry, bounds)}; conserves energy at any step") for entry in unranked]
+    rows += [("on the front", _opening(entry, bounds)) for entry in pareto(study)]
+    rows += [("not ranked", f"{_opening(entry, bounds)}; conserves energy at any step") for entry in unranked]
     return rows
 
 
-def _words(entry: Entry, bounds: list[tuple[float, float]]) -> str:
+def _opening(entry: Entry, bounds: list[tuple[float, float]]) -> str:
+    """Its measures of deployment in words; those outside the bounds are marked."""
     assert entry.measures is not None
-    head = f"{entry.setting.name}, {entry.setting.value}: "
-    if entry.measures.deployment is None:
-        return head + "no measures"
-    return head + ", ".join(_against(four(entry.measures.deployment), bounds))
-
-
-def _against(found: tuple[float, ...], bounds: list[tuple[float, float]]) -> Iterator[str]:
-    for (name, unit), value, (low, high) in zip(FOUR, found, bounds, strict=True):
-        inside = low - _ROUND_OFF <= value <= high + _ROUND_OFF
-        yield f"{name} {_shown(value)} {unit}" + ("" if inside else " (outside)")
+    assert entry.measures.deployment is not None  # as the converged solutions of the same net have them
+    words = []
+    for name, value, (low, high) in zip(FOUR, four(entry.measures.deployment), bounds, strict=True):
+        outside = "" if low - _ROUND_OFF <= value <= high + _ROUND_OFF else " (outside)"
+        words.append(f"{name} {_shown(value)} {FOUR[name]}{outside}")
+    return f"{entry.setting}: {', '.join(words)}"
 
 
 def _shown(value: float) -> str:

@@ -122,7 +122,7 @@ def vibration(case: BothCodes) -> Iterator[Check]:
 def stable_steps(case: BothCodes) -> Iterator[Check]:
     """2 / w_max of just taut bare square nets: both codes' eigenvalues, and the known ones."""
     for meshes, known in KNOWN.items():
-        larger = read_both(case.path, {"net.size": str(float(meshes))})
+        larger = read_both(case.path, [f"net.size={float(meshes)}"])
         net = larger.start.net
         highest = largest_frequency(System(Points.of_net(net), Forces.of(net)))
         step = stable_step(Method.VELOCITY_VERLET, highest)

@@ -52,11 +52,12 @@ class Series:
             return float("nan")
         return -float(np.polyfit(np.log(self.steps[good]), np.log(self.errors[good]), 1)[0])
 
-    def ends(self) -> str:
-        """The errors with the fewest and the most steps, in words."""
-        return " and ".join(
+    def words(self, observed: float) -> str:
+        """The observed order beside the declared one, and the errors with the fewest and the most steps."""
+        ends = (
             f"{self.errors[k]:.3g} m at node {self.nodes[k]} with {self.steps[k]:.0f} steps" for k in (0, -1)
         )
+        return f"observed {observed:.2f}, declared {self.order}; {' and '.join(ends)}"
 
 
 def all_series(cases: Sequence[BothCodes]) -> list[Series]:
@@ -99,7 +100,7 @@ def smooth(case: BothCodes) -> Iterator[Evidence]:
     found = all_series([case])
     for series in found:
         observed = series.observed(FITTED)
-        words = f"observed {observed:.2f}, declared {series.order}; {series.ends()}"
+        words = series.words(observed)
         allowed = ADAPTIVE_ORDER if series.adaptive else ORDER
         yield Check(f"order of {series.label}: off by", abs(observed - series.order), allowed, words)
     yield _plate(case, found, "always taut", "Every method shows its declared order.")
@@ -110,7 +111,7 @@ def with_kink(case: BothCodes) -> Iterator[Evidence]:
     found = all_series(_shifted(case))
     for series in found:
         observed = series.observed(len(series.steps))
-        words = f"observed {observed:.2f}, declared {series.order}; {series.ends()}"
+        words = series.words(observed)
         if series.adaptive or series.order < KINK_ORDER:
             yield Check(f"order of {series.label}: observed", observed, None, words)
         else:
