@@ -63,7 +63,7 @@ def test_the_changes_fit_the_package(tmp_path):
     """Each line that they refer to is there, once."""
     extended(tmp_path)
     assert len(FILES) == 5
-    assert '    "gust": gust,\n' in (tmp_path / "exunet/forces/effects/__init__.py").read_text()
+    assert '    "gust",\n' in (tmp_path / "exunet/forces/effects/__init__.py").read_text()
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from starts import planar, states
 from exunet.base.errors import MissingExtra
 from exunet.codegen import compile as compiling
 from exunet.codegen.compile import compiled_module, require_numba
+from exunet.codegen.drivers import Place
 from exunet.codegen.kernel import net_kernel
 from exunet.forces.terms import Index
 from exunet.system.energy import elastic
@@ -64,8 +65,8 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
         added, nothing, every = np.zeros(x.size), np.zeros(x.size), np.arange(x.size, dtype=Index)
         kernel.module.add_forces(0.0, x, v, data, added)
         work = [np.full(x.size, np.nan) for _ in range(4)]  # x, v, forces; forces on what is free
-        where = (every, every, nothing, data, *work[:2], nothing)
-        kernel.module.engine_forces(0.0, x, v, *where, *work[2:])
+        place = Place(every, every, nothing, *work[:2], push=nothing, force=work[2])
+        kernel.module.engine_forces(0.0, x, v, data, place, work[3])
         for found in (added, work[3]):
             assert found.reshape(-1, 3).tobytes() == first[name].tobytes()
         assert x.tobytes() == tried[name][0].tobytes()
@@ -82,6 +83,27 @@ def no_module_yet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("no_module_yet")
+def test_scenes_that_differ_in_numbers_share_one_compiled_kernel() -> None:
+    """Numbers of a term are data, not text: other nets, moduli, thrusts and knots compile nothing new."""
+    push = "effects.thrust={bullets=[%s],time=[%s],force=[%s]}"
+    scenes = [
+        planar(push % ("0", "0.1,0.2", "[0,0,1.0],[0,0,2.0]")),
+        planar(
+            push % ("1,3", "0.0,0.5,0.7", "[1.0,0,0],[0,0,0],[0,1.0,0]"),
+            "net.size=2.0",
+            "net.cable.diameter=0.001",
+        ),
+        planar(push % ("2", "0.3,0.4", "[0,0,1],[0,0,5]"), "net.size=4.0", "net.cable.youngs_modulus=1e9"),
+    ]
+    kernels = [net_kernel(start.system.forces) for start in scenes]
+    assert len({kernel.source for kernel in kernels}) == 1
+    for kernel, start in zip(kernels, scenes, strict=True):
+        kernel.forces(0.0, start.position, start.velocity)
+    compiled = kernels[0].module.add_forces
+    assert all(kernel.module.add_forces is compiled for kernel in kernels)
+    assert len(compiled.signatures) == 1
+
+
 def test_kernels_are_kept_in_the_cache_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert compiled_module(SOURCE.format(factor=2)).twice(3.0) == 6.0

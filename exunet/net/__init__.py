@@ -2,12 +2,13 @@
 
 A new topology is a module with `Keys` (a NetTable or ThrownNetTable with `topology: Literal["its name"]`),
 `mesh(keys) -> Mesh` and, if its keys demand something of each other, `cross_checks(keys) -> Iterator[Fault]`;
-and one line in `TOPOLOGIES`.
+and one line in `_NAMES`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, Union
 
@@ -15,18 +16,20 @@ from pydantic import Field
 
 from exunet.base.errors import Fault
 from exunet.base.faults import each
-from exunet.net import base, explicit, hexagonal, radial, rectangular, square
+from exunet.net import base
 from exunet.net.arrays import Net
 from exunet.net.base import AnyNet, NetTable
 from exunet.net.weave import assemble
 
-TOPOLOGIES: dict[str, ModuleType] = {
-    "square": square,
-    "rectangular": rectangular,
-    "hexagonal": hexagonal,
-    "radial": radial,
-    "explicit": explicit,
-}
+# The modules in this folder that are topologies. A new one is a line here.
+_NAMES = (
+    "square",
+    "rectangular",
+    "hexagonal",
+    "radial",
+    "explicit",
+)
+TOPOLOGIES: dict[str, ModuleType] = {name: import_module(f"{__name__}.{name}") for name in _NAMES}
 
 if TYPE_CHECKING:
     NetKeys = NetTable

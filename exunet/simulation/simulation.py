@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from exunet.backends import integrator
 from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
 from exunet.base.errors import InputError, Interrupted, RunStopped
+from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case, load
 from exunet.case.scene import Scene
 from exunet.methods.method import Method
@@ -184,9 +185,10 @@ class Simulation:
         self._monitor.mark(until)
         began = clock.perf_counter()
         try:
-            self._integrator.advance(until)
-            if self._recorder is not None:
-                self._recorder.flush(all_of_them=False)
+            with postponed():  # so that Ctrl-C does not cut a look at a batch in two
+                self._integrator.advance(until)
+                if self._recorder is not None:
+                    self._recorder.flush(all_of_them=False)
         except (RunStopped, IntegrationFailed) as failure:
             self._seconds += clock.perf_counter() - began
             self._retry(self._gave_up(failure) if isinstance(failure, IntegrationFailed) else failure)

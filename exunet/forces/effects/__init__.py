@@ -17,13 +17,14 @@ An effect's module has
 - if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`.
 
 Its energy is that of the terms: a potential, or work that is integrated along the run. A new effect is this
-module, one line in `EFFECTS`, a section of `cases/README.md` and a test.
+module, one line in `_NAMES`, a section of `cases/README.md` and a test.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from importlib import import_module
 from types import ModuleType
 from typing import Any, Literal
 
@@ -33,43 +34,29 @@ from pydantic import ConfigDict, Field, create_model
 from exunet.base.errors import BeyondFloats, Fault
 from exunet.base.faults import each, within
 from exunet.base.table import Positive, Table
-from exunet.forces.effects import (
-    air_drag,
-    bending,
-    breaking,
-    gravity,
-    j2,
-    launch_force,
-    mass_damping,
-    material_damping,
-    molecular_drag,
-    orbit,
-    rayleigh_damping,
-    solar_pressure,
-    thermal_strain,
-    thrust,
-)
 from exunet.forces.points import PointMass, Points
 from exunet.forces.requirements import RestOfCase, declared, excluded, required
 from exunet.forces.terms import largest_number
 from exunet.forces.total import Contribution, Forces
 
-EFFECTS: dict[str, ModuleType] = {
-    "gravity": gravity,
-    "mass_damping": mass_damping,
-    "material_damping": material_damping,
-    "orbit": orbit,
-    "rayleigh_damping": rayleigh_damping,
-    "air_drag": air_drag,
-    "bending": bending,
-    "breaking": breaking,
-    "j2": j2,
-    "launch_force": launch_force,
-    "molecular_drag": molecular_drag,
-    "solar_pressure": solar_pressure,
-    "thermal_strain": thermal_strain,
-    "thrust": thrust,
-}
+# The modules in this folder, in the order in which a kernel adds their forces. A new effect is a line here.
+_NAMES = (
+    "gravity",
+    "mass_damping",
+    "material_damping",
+    "orbit",
+    "rayleigh_damping",
+    "air_drag",
+    "bending",
+    "breaking",
+    "j2",
+    "launch_force",
+    "molecular_drag",
+    "solar_pressure",
+    "thermal_strain",
+    "thrust",
+)
+EFFECTS: dict[str, ModuleType] = {name: import_module(f"{__name__}.{name}") for name in _NAMES}
 
 
 LARGEST = 1e100  # of a number in an effect's terms; products of three are still numbers
