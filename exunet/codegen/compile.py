@@ -32,6 +32,13 @@ def numba_installed() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
+def numba_version() -> str | None:
+    """Version of the installed Numba; None if there is none."""
+    from importlib.metadata import version
+
+    return version("numba") if numba_installed() else None
+
+
 def require_numba(purpose: str) -> None:
     """Raise MissingExtra, naming what needs it, if Numba is not installed."""
     if not numba_installed():

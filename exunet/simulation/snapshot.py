@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.backends.exudyn.loading import exudyn_version
 from exunet.base.blob import read_arrays, write_arrays
 from exunet.base.errors import InputError
 from exunet.base.version import VERSION
+from exunet.codegen.compile import numba_version
 from exunet.simulation.preparation import Start
 
 KIND, FORMAT = "exunet snapshot", 1
@@ -62,6 +64,8 @@ class Snapshot:
 _DIFFERS = {
     "exunet": "another version of exunet",
     "numpy": "another version of NumPy",
+    "exudyn": "another version of Exudyn",
+    "numba": "another version of Numba",
     "engine": "another engine or form of the net",
     "scene": "another case",
     "state": "another start",
@@ -78,6 +82,8 @@ def identity(start: Start) -> dict[str, Any]:
     return {
         "exunet": VERSION,
         "numpy": np.__version__,
+        "exudyn": exudyn_version(),
+        "numba": numba_version(),
         "engine": start.scene.engine.model_dump(mode="json"),
         "scene": hashlib.sha256(json.dumps(scene, sort_keys=True).encode()).hexdigest(),
         "state": state.hexdigest(),
