@@ -164,8 +164,8 @@ def test_what_broke_after_the_state_gone_back_to_is_whole_again(engine):
     take, calls = Monitor.take, []
 
     def once(self: Monitor, batch: Batch) -> None:
-        if self.told and not calls:
-            calls.append([one["element"] for one in self.told])
+        if self.events and not calls:
+            calls.append([one["element"] for one in self.events])
             raise RunStopped("by hand", step_cause=True)
         take(self, batch)
 

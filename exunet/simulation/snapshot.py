@@ -70,7 +70,7 @@ _DIFFERS = {
     "scene": "another case",
     "state": "another start",
 }
-_READABLE = {"exunet", "numpy", "engine"}  # the others are checksums
+_READABLE = {"exunet", "numpy", "exudyn", "numba", "engine"}  # the others are checksums
 
 
 def identity(start: Start) -> dict[str, Any]:
