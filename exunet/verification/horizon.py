@@ -21,7 +21,7 @@ SMALL = 1e-8 / PAPER_SIZE  # of the size: differences below are in proportion to
 MEANS = {
     "area": ("area / reference", "Mouth area"),
     "energy": ("energy / start", "Kinetic and elastic energy"),
-    "speed": ("speed [m/s]", "Mean speed of the bullets"),
+    "speed": ("bullet speed [m/s]", "Mean speed of the bullets"),
 }
 
 
