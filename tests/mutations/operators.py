@@ -63,7 +63,7 @@ CONCERNED = {
     "forces/cable": "force_loops terms effects kernel stability planar guards peaks auto simulation verify",
     "forces/jumps": "jumps terms effects auto methods retry loop",
     "forces/loops": "force_loops terms kernel effects effects_together loop verify",
-    "forces/effects/": "force_loops nominal_motion effects effects_estimates effects_together terms bodies thrust schema",
+    "forces/effects/": "force_loops nominal_motion effects effects_estimates effects_together terms thrust",
     "forces/effects/thrust": "thrust terms simulation",
     "forces/estimate": "nominal_motion effects_estimates effects",
     "bodies/": "turning bodies simulation restart envelope guards",
