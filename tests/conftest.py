@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 
 import pytest
@@ -10,6 +11,10 @@ from hypothesis import settings
 # The examples follow from the test's own code alone; none is kept from run to run, none depends on the clock.
 settings.register_profile("exunet", derandomize=True, database=None, deadline=None)
 settings.load_profile("exunet")
+
+# A shell starts background jobs with Ctrl-C ignored, which every process that a test starts would inherit.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)
