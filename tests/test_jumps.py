@@ -181,3 +181,13 @@ def test_a_thread_that_its_acceleration_makes_taut_in_time_is_found(within: floa
     assert found is not None
     assert found.after == pytest.approx(after, rel=1e-7)
     assert compiled_found[0] == pytest.approx(after, rel=1e-7)
+
+
+def test_a_jump_that_costs_the_tolerance_and_no_more_is_none() -> None:
+    """8 m/s2 over 1/2 s."""
+    found, compiled_found = on_threads((0.75, 0.1), (1.0, 0.0), tolerance=4.0)
+    assert found is None
+    assert compiled_found == (math.inf, math.inf)
+    found, compiled_found = on_threads((0.75, 0.1), (1.0, 0.0), tolerance=3.999)
+    assert found is not None
+    assert compiled_found[0] == 0.25

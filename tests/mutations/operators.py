@@ -228,7 +228,18 @@ class Scratch:
         """Exit code (None: longer than the limit) and output of the quick tests with these arguments."""
         environment = dict(os.environ, XDG_CACHE_HOME=str(self.cache), PYTHONPATH=str(self.tree),
                            PYTHONDONTWRITEBYTECODE="1")  # fmt: skip
-        command = [sys.executable, "-m", "pytest", "-q", "-rfE", "--tb=line", "-p", "no:cacheprovider"]
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-n",
+            "0",
+            "-rfE",
+            "--tb=line",
+            "-p",
+            "no:cacheprovider",
+        ]
         command += ["-o", f"faulthandler_timeout={TEST_LIMIT}", "-o", "faulthandler_exit_on_timeout=true"]
         process = subprocess.Popen(
             [*command, *arguments], cwd=self.tree, env=environment, stdout=subprocess.PIPE,
