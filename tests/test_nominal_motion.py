@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from exunet.forces.effects import launch_force, material_damping
+from exunet.forces.effects import launch_force, material_damping, orbit
 from exunet.forces.estimate import EstimateBasis, hardest_strain, snap_of
 from exunet.net import NetKeys, weave
 
@@ -120,3 +120,17 @@ def test_material_damping_takes_speed_in_the_hardest_snap() -> None:
         lost = 1.0 - math.exp(-math.pi * ratio) if ratio < 1.0 else 1.0
         assert found.displacement == pytest.approx(lost * basis.speed * 0.2, rel=1e-12)
         assert found.acceleration == pytest.approx(2.0 * ratio * snap.frequency * basis.speed, rel=1e-12)
+
+
+def test_the_orbit_accelerates_the_nominal_motion_as_its_forces_do() -> None:
+    """With 2 rad/s, Coriolis force and gradient are alike, and their sum tells their signs."""
+    keys = orbit.Keys.model_validate(
+        {"mean_motion": 2.0, "radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0], "model": "linear"}
+    )
+    basis = opening(0.4)
+    (term,) = orbit.terms(keys, basis.points)
+    force = -(term.gyroscopic @ basis.motion.ravel()) - term.stiffness @ basis.middle.ravel()
+    wanted = basis.of_force(force.reshape(-1, 3))
+    found = orbit.magnitude(keys, basis)
+    assert found.acceleration == pytest.approx(wanted, rel=1e-12)
+    assert found.displacement == pytest.approx(basis.ballistic(wanted), rel=1e-12)
