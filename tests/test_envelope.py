@@ -135,3 +135,16 @@ def test_a_monitor_that_goes_back_forgets_what_it_saw_later() -> None:
     assert seen() == pytest.approx(0.5 * 10.0 * 0.01005**2)
     assert monitor.go_back().time == 1.0
     assert seen() == 0.0
+
+
+def test_a_snapshot_holds_the_interval_that_it_cuts() -> None:
+    """Steps to 0.5, 1.0 and 1.4 s of stored times 0, 1, 2, 3 s: the last belongs to that until 2 s."""
+    times = np.arange(4.0)
+    whole, again = Envelope(times), Envelope(times)
+    whole.look(np.array([0.5, 1.0, 1.4]), np.array([2.0, 1.0, 7.0]), np.array([4.0, 6.0, 3.0]))
+    again.restore(whole.arrays(1.4))
+    for one in (whole, again):
+        one.look(np.array([1.8, 2.5]), np.array([5.0, 0.5]), np.array([9.0, 8.0]))
+        largest, least = one.around(1, np.zeros(4), np.full(4, 20.0))
+        assert largest.tolist() == [2.0, 7.0, 0.5]
+        assert least.tolist() == [4.0, 3.0, 8.0]
