@@ -14,6 +14,7 @@ from exunet.backends.compiled.loop import March, loop_kernel
 from exunet.base.errors import CaseError, InputError, Interrupted, RunStopped
 from exunet.case.casefile import load
 from exunet.methods.plan import Plan
+from exunet.simulation import run as runs
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
@@ -126,7 +127,9 @@ def test_steps_that_collapse_are_told() -> None:
         simulate(start)
 
 
-def test_an_interrupt_keeps_what_was_computed() -> None:
+def test_an_interrupt_keeps_what_was_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "_SHOWN", -1.0)  # progress at each stored time, however fast the machine is
+
     def press_ctrl_c(time: float) -> None:
         if time > 0.1:
             raise KeyboardInterrupt
