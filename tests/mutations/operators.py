@@ -73,7 +73,7 @@ CONCERNED = {
     "system/limits": "guards guards_limits preparation",
     "system/": "bodies simulation guards restart envelope planar terms",
     "backends/compiled/": "schemes turning seen_steps jumps loop terms bodies simulation peaks retry auto",
-    "backends/exudyn/": "terms effects auto retry methods restart simulation",
+    "backends/exudyn/": "step_choice terms effects auto retry methods restart simulation",
     "simulation/": "guards peaks envelope retry effects_estimates simulation guards_limits loop",
     "results/": "metrics guards planar plot bodies effects large_result",
     "net/": "net initial planar verify",
