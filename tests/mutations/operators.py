@@ -183,12 +183,12 @@ def mutants_of(tree: Path, module: str, seed: int) -> Iterator[Mutant]:
     yield from visit(ast.parse(text), "")
 
 
-def builds_text(node: ast.AST) -> bool:
-    """True if a string stands somewhere in an expression."""
+def builds_text(node: ast.BinOp | ast.AugAssign) -> bool:
+    """True if one of the operands is a string."""
+    operands = (node.left, node.right) if isinstance(node, ast.BinOp) else (node.value,)
     return any(
-        isinstance(part, ast.JoinedStr) or (isinstance(part, ast.Constant) and isinstance(part.value, str))
-        for operand in ((node.left, node.right) if isinstance(node, ast.BinOp) else (node.value,))
-        for part in [operand]
+        isinstance(one, ast.JoinedStr) or (isinstance(one, ast.Constant) and isinstance(one.value, str))
+        for one in operands
     )
 
 
@@ -215,10 +215,10 @@ class Scratch:
 
     def __init__(self, folder: Path, commit: str, cache: Path) -> None:
         self.tree, self.cache = folder / "tree", folder / "cache"
-        if not self.tree.is_dir():
-            self.tree.mkdir(parents=True)
-            packed = subprocess.run(["git", "archive", commit], cwd=ROOT, check=True, capture_output=True)
-            subprocess.run(["tar", "x"], cwd=self.tree, input=packed.stdout, check=True)
+        shutil.rmtree(self.tree, ignore_errors=True)  # a call that was killed has left its mutant there
+        self.tree.mkdir(parents=True)
+        packed = subprocess.run(["git", "archive", commit], cwd=ROOT, check=True, capture_output=True)
+        subprocess.run(["tar", "x"], cwd=self.tree, input=packed.stdout, check=True)
         if not self.cache.is_dir():
             if cache.is_dir():
                 shutil.copytree(cache, self.cache / "exunet", copy_function=shutil.copy2)
@@ -229,18 +229,9 @@ class Scratch:
         environment = dict(os.environ, XDG_CACHE_HOME=str(self.cache), PYTHONPATH=str(self.tree),
                            PYTHONDONTWRITEBYTECODE="1")  # fmt: skip
         command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-q",
-            "-n",
-            "0",
-            "-rfE",
-            "--tb=line",
-            "-p",
-            "no:cacheprovider",
-        ]
-        command += ["-o", f"faulthandler_timeout={TEST_LIMIT}", "-o", "faulthandler_exit_on_timeout=true"]
+            sys.executable, "-m", "pytest", "-q", "-n", "0", "-rfE", "--tb=line", "-p", "no:cacheprovider",
+            "-o", f"faulthandler_timeout={TEST_LIMIT}", "-o", "faulthandler_exit_on_timeout=true",
+        ]  # fmt: skip
         process = subprocess.Popen(
             [*command, *arguments], cwd=self.tree, env=environment, stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, text=True, start_new_session=True,
@@ -325,9 +316,7 @@ def main() -> None:
     idle: Queue[Scratch] = Queue()
     idle.put(first)
     for number in range(1, chosen.jobs):
-        if not (folder / str(number)).is_dir():
-            shutil.copytree(folder / "0", folder / str(number), copy_function=shutil.copy2)
-        idle.put(Scratch(folder / str(number), commit, home))
+        idle.put(Scratch(folder / str(number), commit, first.cache / "exunet"))
 
     sample, total = drawn(first.tree, chosen.sample, chosen.seed, chosen.only)
     records = chosen.out / "records.jsonl"
