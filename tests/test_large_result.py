@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 import exunet
 from exunet.results.columns import PATHS, declare
-from exunet.results.comparison import States, compare
+from exunet.results.comparison import ComparedRun, compare
 from exunet.results.measures import bullet_speeds, energy_balance
 from exunet.results.reading import load_result
 from exunet.results.segments import SegmentStore
@@ -77,7 +77,7 @@ assert summary["largest_stored_tension_N"] == 1000.0
 assert bullet_speeds(result)[:, 1].max() == 50.0
 assert energy_balance(result) < 1e-12
 reached("summarised")
-agreement = compare(States.of(result), States.of(result))
+agreement = compare(ComparedRun.of(result), ComparedRun.of(result))
 assert agreement.agrees_until is None
 reached("compared")
 save_figures(result, folder, agreement)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.results.comparison import States, compare, match_nodes, read_states
+from exunet.results.comparison import ComparedRun, compare, match_nodes, read_states
 from exunet.results.measures import bullet_speeds, energy_balance
 from exunet.results.result import Result
 from exunet.simulation.preparation import prepare
@@ -39,7 +39,7 @@ def damped() -> Result:
 
 
 @pytest.fixture(scope="module")
-def reference(tmp_path_factory: pytest.TempPathFactory) -> States:
+def reference(tmp_path_factory: pytest.TempPathFactory) -> ComparedRun:
     """The damped case in reference_impl, up to where issue 2 asks for agreement."""
     import subprocess
     import sys
@@ -78,7 +78,7 @@ def test_both_codes_weave_the_same_net(reference):
 
     mine = prepare(exunet.load(CASES / "planar_deployment.toml").scene)
     theirs = weave(read(CASES / "planar_deployment.toml"))
-    states = States.of_net(mine.net, np.zeros(1), mine.position[None], mine.velocity[None])
+    states = ComparedRun.of_net(mine.net, np.zeros(1), mine.position[None], mine.velocity[None])
     match = match_nodes(states, reference)  # refuses another connectivity
     assert np.abs(mine.net.mass - theirs.mass[match]).max() < 1e-14
     mine_ends = {frozenset(map(int, match[e])): x for e, x in zip(
@@ -127,7 +127,7 @@ def test_damped_energy_balances_and_never_rises(damped):
 
 
 def test_damped_runs_agree_until_1_25_s(damped, reference):
-    found = compare(States.of(damped), reference)
+    found = compare(ComparedRun.of(damped), reference)
     assert found.allowed == pytest.approx(1e-4)  # m/s, issue 2, at 2.5 m/s
     before = found.time <= 1.25
     assert before.sum() > 1000

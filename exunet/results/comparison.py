@@ -33,7 +33,7 @@ ALLOWED_PER_SPEED = 4e-5
 SAME_NET = 1e-9
 
 
-class AnyNet(Protocol):
+class ComparedNet(Protocol):
     """What exunet's nets and those of reference_impl have in common; shapes as in `Net`."""
 
     @property
@@ -55,7 +55,7 @@ class AnyNet(Protocol):
 
 
 @dataclass(frozen=True)
-class States:
+class ComparedRun:
     """What two runs are compared by; shapes as in `Result`, axial_stiffness E A (n_elements,) [N]."""
 
     time: Floats
@@ -72,9 +72,9 @@ class States:
 
     @classmethod
     def of_net(
-        cls, net: AnyNet, time: Floats, position: Floats, velocity: Floats, complete: bool = True
-    ) -> States:
-        """States of a net of either code."""
+        cls, net: ComparedNet, time: Floats, position: Floats, velocity: Floats, complete: bool = True
+    ) -> ComparedRun:
+        """A run of a net of either code."""
         return cls(
             time,
             position,
@@ -90,17 +90,17 @@ class States:
         )
 
     @classmethod
-    def of(cls, result: Result) -> States:
+    def of(cls, result: Result) -> ComparedRun:
         """The states of one of exunet's results."""
         return cls.of_net(result.net, result.time, result.position, result.velocity, result.complete)
 
 
-def read_states(path: str | Path) -> States:
+def read_states(path: str | Path) -> ComparedRun:
     """States of a result.h5 of exunet or an .npz of reference_impl; raises InputError if it is neither."""
     if Path(path).suffix.lower() != ".npz":
-        return States.of(load_result(path))
+        return ComparedRun.of(load_result(path))
     file = read_reference(path)
-    return States(
+    return ComparedRun(
         file["t"],
         file["position"],
         file["velocity"],
@@ -115,7 +115,7 @@ def read_states(path: str | Path) -> States:
     )
 
 
-def match_nodes(a: States, b: States) -> Ints:
+def match_nodes(a: ComparedRun, b: ComparedRun) -> Ints:
     """(n_nodes,) for each node of a, the node of b at the same reference position.
 
     Nets that list their nodes alike are matched by number, others by place. Raises InputError if the nets
@@ -146,7 +146,7 @@ def _undirected(elements: Ints) -> list[tuple[int, ...]]:
     return sorted(map(tuple, np.sort(elements, axis=1).tolist()))
 
 
-def _refuse_other_properties(a: States, b: States, match: Ints) -> None:
+def _refuse_other_properties(a: ComparedRun, b: ComparedRun, match: Ints) -> None:
     """Raises InputError if matched nodes or elements differ in what moves them."""
     if set(match[a.fixed_nodes]) != set(b.fixed_nodes):
         raise InputError("not the same net: different nodes are fixed")
@@ -164,13 +164,13 @@ def _refuse_other_properties(a: States, b: States, match: Ints) -> None:
             raise InputError(f"not the same net: {what} of {item} {number} is {values}")
 
 
-def _in_order(nodes: Ints, states: States) -> Ints:
+def _in_order(nodes: Ints, states: ComparedRun) -> Ints:
     """Order of the elements by their nodes (n_elements, 2), and among those between the same by stiffness."""
     low, high = np.sort(nodes, axis=1).T
     return np.lexsort((states.axial_stiffness, high, low))
 
 
-def compare(a: States, b: States) -> Agreement:
+def compare(a: ComparedRun, b: ComparedRun) -> Agreement:
     """How far b is from a at the times that both have stored.
 
     Raises InputError if there are none, or the nets are not the same.
@@ -205,7 +205,9 @@ def compare(a: States, b: States) -> Agreement:
     )
 
 
-def _differences(a: States, b: States, match: Ints, at_a: Ints, at_b: Ints) -> tuple[Floats, Floats, Floats]:
+def _differences(
+    a: ComparedRun, b: ComparedRun, match: Ints, at_a: Ints, at_b: Ints
+) -> tuple[Floats, Floats, Floats]:
     """Of some rows of both: largest differences of positions and speeds (k,), b's bullet speeds (k, n)."""
     velocity_a, velocity_b = a.velocity[at_a], b.velocity[at_b][:, match]
     position = np.linalg.norm(a.position[at_a] - b.position[at_b][:, match], axis=-1)

@@ -160,11 +160,10 @@ def _run(
 
 
 def _distance(a: Result, b: Result) -> Floats:
-    """(n_times,) root mean square over the mass of how far the common nodes are apart [m]."""
-    nodes = min(a.net.n_nodes, b.net.n_nodes)  # a chaser comes last
-    mass = np.array(a.net.mass[:nodes])
+    """(n_times,) root mean square over the mass of how far the nodes are apart [m]."""
+    mass = np.array(a.net.mass)
     mass[a.net.fixed_nodes] = 0.0
-    apart = a.position[:, :nodes] - b.position[:, :nodes]
+    apart = a.position[:] - b.position[:]
     return np.sqrt(np.einsum("n,tna,tna->t", mass, apart, apart) / mass.sum())
 
 

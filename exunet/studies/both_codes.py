@@ -29,7 +29,7 @@ from exunet.forces.effects import switched_on
 from exunet.forces.terms import Change
 from exunet.methods.method import Method, NetForm, TimeLoop
 from exunet.methods.plan import Plan
-from exunet.results.comparison import States, match_nodes
+from exunet.results.comparison import ComparedRun, match_nodes
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies.neighbours import launch_speed
 
@@ -164,8 +164,8 @@ def coordinates(nodes: Ints) -> Ints:
     return np.asarray((3 * nodes[:, None] + np.arange(3)).ravel())
 
 
-def _at_start(net: Any, position: Floats, velocity: Floats) -> States:
-    return States.of_net(net, np.zeros(1), position[None], velocity[None])
+def _at_start(net: Any, position: Floats, velocity: Floats) -> ComparedRun:
+    return ComparedRun.of_net(net, np.zeros(1), position[None], velocity[None])
 
 
 def _with_engine(scene: Scene, **keys: str) -> Scene:

@@ -14,7 +14,7 @@ from typing import Self
 from exunet.base.errors import InputError
 from exunet.case.casefile import Case
 from exunet.results.agreement import Agreement
-from exunet.results.comparison import States, compare, read_states
+from exunet.results.comparison import ComparedRun, compare, read_states
 from exunet.results.result import Result
 
 # Ends the reference with the process that started it, however that died: its end of the pipe closes then.
@@ -72,7 +72,7 @@ class ReferenceRun:
         if self._process.wait() not in (0, 3):
             raise InputError(f"the reference cannot check this case: {_brief(words)}")
         states = read_states(self._output)
-        return compare(States.of(result), states)
+        return compare(ComparedRun.of(result), states)
 
 
 def _home() -> str:
