@@ -36,6 +36,8 @@ def test_run_writes_result_summary_and_figures_only(tmp_path):
     for row in (*rows, "largest area", "time of largest", "distance", "area above 80 %"):
         assert row in done.stdout
     assert f"{summary['mass_kg']:.6f} kg" in done.stdout
+    build, integration = (summary["engine"][f"{name}_seconds"] for name in ("build", "integration"))
+    assert f"{build:.2f} s build, {integration:.2f} s integration" in done.stdout
     assert result.provenance["text"] == PLANAR.read_text()
     assert result.provenance["overrides"] == [SHORT[1], SHORT[3]]
 
@@ -67,6 +69,21 @@ def test_check_command_says_what_would_be_simulated(tmp_path):
     bare = command("check", CASES / "planar_undamped.toml", folder=tmp_path)
     assert "ObjectGenericODE2" not in bare.stdout  # no damping object where there is no damping
     assert written(tmp_path) == set()
+
+
+def test_check_command_names_bodies_and_point_masses(tmp_path):
+    """Also with the compiled loop, whose engine items are none."""
+    body = (
+        "bodies.target={mass=7.0,inertia=[2.0,3.0,4.0],position=[0.0,0.0,9.0],angular_velocity=[0.0,0.0,0.1]}"
+    )
+    launched = CASES / "effects" / "launch_force.toml"
+    done = command("check", launched, "--set", body, "--set", "engine.loop=compiled", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    stdout = " ".join(done.stdout.split())  # the table folds long rows
+    assert "body target 7 kg, inertia 2, 3, 4 kg m2, starts at (0, 0, 9) m with (0, 0, 0) m/s" in stdout
+    assert "turns at (0, 0, 0.1) rad/s" in stdout
+    assert "point mass chaser 50 kg, starts at (0, 0, 0) m" in stdout
+    assert "none: compiled loop" in stdout
 
 
 @pytest.mark.parametrize(

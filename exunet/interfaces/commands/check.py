@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from exunet.backends.exudyn.build import expected_items
 from exunet.case.casefile import Case
 from exunet.case.stored_times import stored_times
@@ -15,6 +18,8 @@ from exunet.system.stability import (
     stable_step,
     step_limit,
 )
+
+Floats = NDArray[np.float64]
 
 
 def describe(case: Case) -> list[tuple[str, str]]:
@@ -32,6 +37,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("nodes, elements", f"{net.n_nodes}, {net.n_elements} ({int(net.is_string.sum())} of strings)"),
         ("bullets, fixed nodes", f"{len(net.bullet_nodes)}, {len(net.fixed_nodes)}"),
         ("mass", f"{net.mass.sum():.6f} kg"),
+        *_bodies(start),
         ("simulated time", f"{case.scene.time.end:g} s, {len(times)} stored states"),
         ("effects on", ", ".join(on) or "none"),
         ("effects off", ", ".join(off) or "none"),
@@ -40,6 +46,30 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("stable step", _stable_steps(start)),
         ("engine items", items),
     ]
+
+
+def _bodies(start: Start) -> list[tuple[str, str]]:
+    """A row for each rigid body and each point mass: what it is, and where and how it moves at the start."""
+    points, state = start.system.points, start.state
+    found = []
+    for k, body in enumerate(start.system.bodies):
+        inertia = ", ".join(f"{moment:g}" for moment in body.inertia)
+        moving = _motion(state.bodies.position[k], state.bodies.velocity[k])
+        turning = _vector(state.bodies.angular_velocity[k])
+        words = f"{body.mass:g} kg, inertia {inertia} kg m2, {moving}, turns at {turning} rad/s"
+        found.append((f"body {body.name}", words))
+    for name, point in points.body.items():
+        moving = _motion(state.position[point], state.velocity[point])
+        found.append((f"point mass {name}", f"{points.mass[point]:g} kg, {moving}"))
+    return found
+
+
+def _motion(position: Floats, velocity: Floats) -> str:
+    return f"starts at {_vector(position)} m with {_vector(velocity)} m/s"
+
+
+def _vector(values: Floats) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
 
 
 def _items(start: Start) -> str:
