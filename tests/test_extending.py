@@ -22,8 +22,16 @@ def stands_for(text: str, line: str) -> bool:
     return line.startswith(text.removesuffix("...")) if text.endswith("...") else line == text
 
 
-def changed(lines: list[str], change: str) -> list[str]:
-    """The lines after a change. Each of its lines that begins with " " or "-" must be there just once.
+def only_line(name: str, lines: list[str], text: str) -> int:
+    """The number of the one line that a text stands for."""
+    found = [k for k, line in enumerate(lines) if stands_for(text, line)]
+    there = f"in {name} {len(found)} times, not once" if found else f"not in {name}"
+    assert len(found) == 1, f"docs/extending.md names a line that is {there}: {text!r}"
+    return found[0]
+
+
+def changed(name: str, lines: list[str], change: str) -> list[str]:
+    """The lines of a file after a change. Each of its lines that begins with " " or "-" must be there once.
 
     What it adds goes below the line that is named before, or above the one after it if there is none.
     """
@@ -35,7 +43,7 @@ def changed(lines: list[str], change: str) -> list[str]:
             lines.insert(at, text)
             at += 1
         else:
-            (found,) = (k for k, line in enumerate(lines) if stands_for(text, line))
+            found = only_line(name, lines, text)
             if sign == "-":
                 del lines[found]
             lines[found:found] = waiting
@@ -51,11 +59,11 @@ def extended(folder: Path) -> None:
         shutil.copytree(ROOT / name, folder / name, symlinks=True, ignore=skipped)
     (folder / "tests").mkdir()
     for name, text in FILES:
-        assert not (folder / name).exists(), name
+        assert not (folder / name).exists(), f"docs/extending.md adds a file that is there already: {name}"
         (folder / name).write_text(text, encoding="utf-8")
     for name, change in CHANGES:
         path = folder / name
-        lines = changed(path.read_text(encoding="utf-8").splitlines(), change)
+        lines = changed(name, path.read_text(encoding="utf-8").splitlines(), change)
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -64,6 +72,18 @@ def test_the_changes_fit_the_package(tmp_path):
     extended(tmp_path)
     assert len(FILES) == 5
     assert '    "gust",\n' in (tmp_path / "exunet/forces/effects/__init__.py").read_text()
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        (["one", "two"], "not in some.py: 'three'"),
+        (["three", "three"], "in some.py 2 times, not once: 'three'"),
+    ],
+)
+def test_a_line_that_the_page_names_wrongly_is_named(lines, words):
+    with pytest.raises(AssertionError, match=f"names a line that is {words}"):
+        changed("some.py", lines, " three\n+four\n")
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from exunet.base.errors import CaseError
 from exunet.case.casefile import load
 from exunet.forces.effects import thrust
 from exunet.forces.requirements import RestOfCase
@@ -59,6 +60,12 @@ def test_faults_of_single_keys(changes: dict[str, Any]) -> None:
 
 
 # Two bullets: 1.5 N for 0.05 s, then on average (0.25, 0, 1) N for 0.15 s.
+def test_a_net_without_bullets_is_told_that_the_effect_acts_on_them() -> None:
+    table = "effects.thrust={bullets=[0],time=[0.0,0.5],force=[[0,0,1.0],[0,0,1.0]]}"
+    with pytest.raises(CaseError, match=r"effects\.thrust.*acts on bullets, and the net has none: add \[net"):
+        load(PLANAR.parent / "verification" / "square_net.toml", [table])
+
+
 PUSH = "effects.thrust={bullets=[0,2],time=[0.1,0.15,0.3],force=[[0,0,1],[0,0,2.0],[0.5,0,0]]}"
 IMPULSE = 2.0 * (np.array([0.0, 0.0, 1.5]) * 0.05 + np.array([0.25, 0.0, 1.0]) * 0.15)
 FORMS = ("engine.loop=compiled", "engine.net=fused", "engine.net=connectors")

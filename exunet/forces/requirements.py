@@ -96,7 +96,7 @@ def _others(module: ModuleType, effects: Table) -> Iterator[Fault]:
 
 def _bullets(module: ModuleType, rest: RestOfCase) -> Iterator[Fault]:
     if needs_bullets(module) and not rest.has_bullets:
-        yield Fault("", "there are no bullets to push: add [net.bullets] or remove this table")
+        yield Fault("", "acts on bullets, and the net has none: add [net.bullets] or remove this table")
 
 
 def _launch(module: ModuleType, rest: RestOfCase) -> Iterator[Fault]:
