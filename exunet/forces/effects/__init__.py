@@ -12,7 +12,8 @@ An effect's module has
 - if it acts on bullets only, `NEEDS_BULLETS = True`; if it gives them their speed, `REPLACES_LAUNCH = True`;
 - if keys must be given if and only if there are bullets, `BULLET_KEYS`: their names;
 - for whatever else its keys demand of each other and of the rest of the case,
-  `cross_checks(keys, rest) -> Iterator[Fault]` (exunet.forces.requirements, exunet.base.faults);
+  `cross_checks(keys, rest) -> Iterator[Fault]` (`exunet.base.errors.Fault`; rest is an
+  `exunet.forces.requirements.RestOfCase`);
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
 - if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`.
 
