@@ -23,13 +23,14 @@ from exunet.verification.matrices import matrices
 from exunet.verification.shipped import shipped
 from exunet.verification.stepping import one_step
 from exunet.verification.topology import random_topologies, topology
+from reference_impl.read import Refused, read_document
 
 CASES = [*shipped().values(), *shipped("verification/trajectories").values()]
 PAPER = shipped()["planar_deployment"]
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)
-@given(topology=st.sampled_from(sorted(TOPOLOGIES)), seed=st.integers(0, 2**32 - 1))
+@given(topology=st.sampled_from(sorted(random_nets.TOPOLOGIES)), seed=st.integers(0, 2**32 - 1))
 def test_random_nets_are_the_same_in_both_codes(topology, seed):
     kind, text = random_nets.random_case(np.random.default_rng(seed), topology)
     checks = list(globals()["topology"](both_of_text(kind, text)))
@@ -37,8 +38,13 @@ def test_random_nets_are_the_same_in_both_codes(topology, seed):
     assert len(checks) == 2
 
 
-def test_random_nets_cover_all_topologies():
-    assert set(random_nets.TOPOLOGIES) == set(TOPOLOGIES)
+def test_random_nets_cover_all_topologies_of_the_reference():
+    """Whose names are in its refusal of another one."""
+    with pytest.raises(Refused) as refused:
+        read_document({"net": {"topology": "unknown"}})
+    known = re.search(r'topology = "unknown": it knows (.*)', str(refused.value))
+    assert set(random_nets.TOPOLOGIES) == set(known[1].split(", "))
+    assert set(random_nets.TOPOLOGIES) <= set(TOPOLOGIES)
 
 
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)

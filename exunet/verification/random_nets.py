@@ -1,4 +1,4 @@
-"""Random valid cases: every topology, divided cables and strings, any material, any thrown start."""
+"""Random valid cases: the reference's topologies, divided cables, strings, any material, any thrown start."""
 
 from __future__ import annotations
 
