@@ -129,3 +129,29 @@ def test_the_guards_look_at_bodies():
     case = with_body("compiled", "RK44", "bodies.target.angular_velocity=[1e4, 2e4, 1e4]", "time.end=1.0")
     with pytest.raises(exunet.RunStopped, match=r"energy|not finite"):
         exunet.run(case)
+
+
+def test_a_body_does_not_blunt_the_guards_of_the_net():
+    """The balances are apart: a step too long stops the run where it would without the heavy body."""
+    planar = CASE.parents[1] / "planar_undamped.toml"
+    rough = [
+        "engine.loop=compiled",
+        "solver.method=RK44",
+        "solver.step=4e-4",
+        "solver.force=true",
+        "solver.retry=0",
+    ]
+    heavy = "bodies.target={mass=500.0, inertia=[80.0, 100.0, 120.0], angular_velocity=[0.0, 1.0, 0.1]}"
+    words = []
+    for more in ([], [heavy]):
+        with pytest.raises(exunet.RunStopped) as stopped:
+            exunet.run(exunet.load(planar, [*rough, *more]))
+        words.append(str(stopped.value))
+    assert words[0] == words[1]
+
+
+def test_a_body_of_the_name_of_a_point_mass_is_refused():
+    case = CASE.parents[1] / "effects" / "launch_force.toml"
+    body = "bodies.chaser={mass=1.0, inertia=[1.0, 1.0, 1.0]}"
+    with pytest.raises(exunet.CaseError, match=r"bodies\.chaser.*point mass of this name"):
+        exunet.run(exunet.load(case, [body]))

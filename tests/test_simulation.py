@@ -557,3 +557,89 @@ def test_what_is_shown_are_copies() -> None:
         one.advance(0.01)
     assert seen(sim) == seen(other)
     assert Energies(1.0, 2.0, 3.0, 4.0).total == 10.0
+
+
+def test_a_snapshot_does_not_change_when_the_simulation_goes_on():
+    """Breaks that come later are not in it, nor told twice after going back."""
+    sim = exunet.Simulation(CASES / "effects" / "breaking.toml", ["engine.loop=compiled"])
+    first = sim.snapshot()
+    end = sim.start.scene.time.end
+    sim.advance_to(end)
+    broken = len(sim.monitor.events)
+    assert broken > 0
+    assert first.header["events"] == []
+    sim.restore(first)
+    assert sim.monitor.events == []
+    sim.advance_to(end)
+    assert len(sim.monitor.events) == broken
+
+
+@pytest.mark.parametrize("form", ["engine.loop=compiled", "engine.net=fused", "engine.net=connectors"])
+def test_after_a_failure_time_and_state_belong_together(form):
+    """It is back at the last good state: the same as if nothing had been tried since."""
+    sim = exunet.Simulation(CASES / "planar_undamped.toml", [form, "solver.retry=0"])
+    sim.advance_to(0.1)
+    good = sim.state
+    sim.set_force(0, [0.0, 0.0, 1e12])
+
+    def until_it_is_looked_at():
+        sim.advance_to(0.3)
+        return sim.state
+
+    with pytest.raises(exunet.RunStopped):
+        until_it_is_looked_at()
+    assert sim.time == 0.1
+    np.testing.assert_array_equal(sim.state.position, good.position)
+    sim.set_force(0, [0.0, 0.0, 0.0])
+    sim.advance_to(0.2)
+    assert sim.energy.total == pytest.approx(6.25, rel=1e-6)  # 4 bullets of 0.5 kg at 2.5 m/s
+
+
+@pytest.mark.parametrize("form", ["engine.loop=compiled", "engine.net=fused"])
+def test_after_ctrl_c_time_and_state_belong_together(form, monkeypatch):
+    """Interrupted on the way to 0.5 s: at 0.1 s again, and on from there as if it had not been."""
+    sim = exunet.Simulation(CASES / "planar_undamped.toml", [form])
+    sim.advance_to(0.1)
+    good = sim.state
+    inner = sim._integrator.advance
+
+    def interrupted(until):
+        inner(0.5 * (sim.time + until))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sim._integrator, "advance", interrupted)
+    with pytest.raises(exunet.RunStopped, match=r"interrupted.*t = 0\.1 s"):
+        sim.advance_to(0.5)
+    assert sim.time == 0.1
+    np.testing.assert_array_equal(sim.state.position, good.position)
+    for _ in range(3):
+        sim.advance(0.01)
+        assert sim.energy.total == pytest.approx(6.25, rel=1e-6)  # as above
+    assert sim.monitor.safe.time == sim.time
+
+
+@pytest.mark.parametrize("given", [None, "a", [0.1], np.array([0.1]), True, float("nan"), 0.0])
+def test_a_duration_is_a_positive_number(given):
+    sim = exunet.Simulation(CASES / "planar_undamped.toml", ["engine.loop=compiled"])
+    with pytest.raises(exunet.InputError, match="positive and finite"):
+        sim.advance(given)
+    with pytest.raises(exunet.InputError, match="later than"):
+        sim.advance_to(given)
+    sim.advance(0.01)
+
+
+@pytest.mark.parametrize("lost", ["integrator:x", "pushed", "monitor:gained", "plan"])
+def test_an_incomplete_snapshot_is_refused_whole(lost):
+    sim = exunet.Simulation(CASES / "planar_undamped.toml", ["engine.loop=compiled"])
+    sim.advance(0.01)
+    whole = sim.snapshot()
+    header = {key: value for key, value in whole.header.items() if key != lost}
+    arrays = {key: value for key, value in whole.arrays.items() if key != lost}
+    with pytest.raises(exunet.InputError, match=f"damaged: it lacks {lost}"):
+        sim.restore(exunet.Snapshot(whole.of, header, arrays))
+    short = dict(whole.arrays) | {"pushed": np.zeros(1)}
+    with pytest.raises(exunet.InputError, match="pushed of shape"):
+        sim.restore(exunet.Snapshot(whole.of, whole.header, short))
+    with pytest.raises(exunet.InputError, match="needs what"):
+        sim.restore(None)
+    assert sim.snapshot().time == whole.time

@@ -34,6 +34,7 @@ class Look:
     balance, allowed : (k,) energy balance less that of the start, and what it may be off by [J]
     stretch          : (k,) largest of an element
     speed, allowed_speed : (k,) largest of a node, and what it may be [m/s]
+    of_bodies, allowed_of_bodies : (k,) the same of the rigid bodies, which no force acts on
     gained           : (2, k) see `EnergyScale.gained` [J], the largest until each state
     """
 
@@ -44,6 +45,8 @@ class Look:
     speed: Floats
     allowed_speed: Floats
     gained: Floats
+    of_bodies: Floats
+    allowed_of_bodies: Floats
 
     def __getitem__(self, rows: slice) -> Look:
         """That of some states."""
@@ -54,17 +57,19 @@ class Look:
     def wrong(self) -> NDArray[np.bool_]:
         """(k,) True for a state that breaks a bound."""
         inside = self.finite & (np.abs(self.balance) <= self.allowed)
+        inside &= np.abs(self.of_bodies) <= self.allowed_of_bodies
         inside &= (self.stretch <= STRETCH_BOUND) & (self.speed <= self.allowed_speed)
         return ~inside
 
     def of_steps(self, k: int) -> bool:
         """True if the steps are likely to blame for state k: its energy balance does not hold either."""
-        return not (self.finite[k] and abs(self.balance[k]) <= OF_STEPS * self.allowed[k])
+        return not (self.finite[k] and self.off[k] <= OF_STEPS)
 
     @property
     def off(self) -> Floats:
-        """(k,) how far the energy balance is off, over the bound."""
-        return np.asarray(np.abs(self.balance) / self.allowed)
+        """(k,) how far the energy balances are off, over their bounds."""
+        bodies = np.abs(self.of_bodies) / self.allowed_of_bodies
+        return np.maximum(np.abs(self.balance) / self.allowed, bodies)
 
     def words(self, k: int) -> str:
         """What is wrong with state k."""
@@ -75,6 +80,11 @@ class Look:
         if not abs(self.balance[k]) <= self.allowed[k]:
             change = "grew" if self.balance[k] > 0 else "fell, beside what was dissipated,"
             return f"the energy {change} by {abs(self.balance[k]):.3g} J (allowed {self.allowed[k]:.3g} J)"
+        if not abs(self.of_bodies[k]) <= self.allowed_of_bodies[k]:
+            limit = self.allowed_of_bodies[k]
+            return (
+                f"the energy of the rigid bodies changed by {self.of_bodies[k]:.3g} J (allowed {limit:.3g} J)"
+            )
         return f"a node runs away at {self.speed[k]:.3g} m/s (allowed {self.allowed_speed[k]:.3g} m/s)"
 
 
@@ -83,7 +93,8 @@ class Guards:
 
     def __init__(self, system: System, start: State) -> None:
         self._scale = EnergyScale(system, start)
-        self._start = float(_mechanical(States.of(system, start))[0])
+        now = States.of(system, start)
+        self._start, self._bodies = float(_mechanical(now)[0]), float(now.kinetic_of_bodies[0])
         self._gained = np.zeros(2)
         net = system.net
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
@@ -120,6 +131,8 @@ class Guards:
             speed=np.sqrt(states.squared_speed.max(axis=1, initial=0.0)),
             allowed_speed=SPEED_BOUND * (self._speeds + given),
             gained=gained,
+            of_bodies=states.kinetic_of_bodies - self._bodies,
+            allowed_of_bodies=np.full(len(states), allowed(np.asarray(self._bodies))),
         )
 
     def accept(self, look: Look, k: int) -> None:
@@ -128,7 +141,8 @@ class Guards:
 
 
 def _mechanical(states: States) -> Floats:
-    return states.kinetic + states.elastic + states.potential
+    """Energy of the net and the point masses [J]."""
+    return states.kinetic - states.kinetic_of_bodies + states.elastic + states.potential
 
 
 def allowed(scale: Floats) -> Floats:

@@ -149,7 +149,7 @@ class Monitor:
 
     def changed(self, time: float, memory: str, change: Change) -> None:
         self.dissipated += change.energy_lost
-        self.events += change.events
+        self.events = [*self.events, *change.events]  # snapshots hold the old list
         self._remember({**self._memory, memory: change.memory})
 
     def take(self, batch: Batch) -> None:

@@ -7,6 +7,7 @@ import time as clock
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -146,17 +147,19 @@ class Simulation:
 
     def advance(self, duration: float) -> None:
         """Go on by a time [s]."""
-        if not (np.isfinite(duration) and duration > 0.0):
+        seconds = _seconds(duration)
+        if seconds is None or not seconds > 0.0:
             raise InputError(f"advance: the duration must be positive and finite, got {duration!r} s")
-        self.advance_to(self.time + duration)
+        self.advance_to(self.time + seconds)
 
     def advance_to(self, until: float) -> None:
         """Go on to a time [s]."""
-        if not (np.isfinite(until) and until > self.time):
+        time = _seconds(until)
+        if time is None or not time > self.time:
             raise InputError(
                 f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
             )
-        self._stops.add(until, self._pushed)
+        self._stops.add(time, self._pushed)
         self._through(len(self._stops) - 1)
 
     def _through(self, stop: int) -> None:
@@ -195,7 +198,9 @@ class Simulation:
             return False
         except KeyboardInterrupt:
             self._seconds += clock.perf_counter() - began
-            raise self.interrupted() from None
+            error = self.interrupted()
+            self._to_safe_state()
+            raise error from None
         self._seconds += clock.perf_counter() - began
         return True
 
@@ -203,8 +208,20 @@ class Simulation:
         """The error for Ctrl-C, after the guards have seen what was computed; tells until when that is."""
         with suppress(RunStopped):  # the monitor knows until when states are good
             self._integrator.hand_over()
-        until = self._monitor.last_good.time if self._recorder is None else self._recorder.until
+        if self._recorder is None:
+            until = self._monitor.safe.time
+            return Interrupted(f"interrupted; the simulation is at its last good state, t = {until:.6g} s")
+        until = self._recorder.until
         return Interrupted(f"interrupted after t = {until:.6g} s; what was computed is kept")
+
+    def _to_safe_state(self) -> None:
+        """After a failure: be at the last good state that was asked for, with the books of that state.
+
+        A run that stores has its states in the record, and is over.
+        """
+        if self._recorder is None:
+            self._spent = _sum(self._spent, self._integrator.counts)
+            self._integrator = self._begin(self._monitor.go_back())
 
     def finish(self) -> bool:
         """Let the guards see the last states; False if one was wrong and the simulation went back."""
@@ -227,6 +244,7 @@ class Simulation:
         """Go back to the last safe state with finer steps; raises the error if there are none."""
         plan = finer(self._plan) if stop.step_cause and self._retries else None
         if plan is None:
+            self._to_safe_state()
             raise stop
         self._spent = _sum(self._spent, self._integrator.counts)
         self._plan, self._retries = plan, self._retries - 1
@@ -248,7 +266,8 @@ class Simulation:
             words = f"nodes are 0 to {points.net.n_nodes - 1}, point masses: {names}"
             raise InputError(f"set_force: there is no node or point mass {on!r}: {words}")
         try:
-            vector = np.asarray(force, dtype=float)
+            vector = np.asarray(force)
+            vector = vector.astype(float) if vector.dtype.kind in "iuf" else np.empty(0)
         except (TypeError, ValueError):
             vector = np.empty(0)
         if vector.shape != (3,) or not np.isfinite(vector).all():
@@ -285,7 +304,7 @@ class Simulation:
             "plan": _as_json(self._plan),
             "retries": self._retries,
             "spent": asdict(self._spent),
-            "events": self._monitor.events,
+            "events": list(self._monitor.events),
         }
         if self._recorder is not None:
             self._recorder.flush()
@@ -301,7 +320,10 @@ class Simulation:
 
         Raises InputError for one of another case, engine or version.
         """
+        if not isinstance(snapshot, Snapshot):
+            raise InputError(f"restore: needs what `snapshot` or `Snapshot.load` gave, got {snapshot!r}")
         snapshot.refuse_other(self._start)
+        snapshot.refuse_incomplete(self.snapshot())
         header, arrays = snapshot.header, snapshot.arrays
         if self._recorder is not None and "rows" not in header:
             raise InputError(f"the snapshot of t = {snapshot.time:g} s is not of a run with stored states")
@@ -344,8 +366,17 @@ def cannot_restart(method: Method) -> str:
     )
 
 
+def _seconds(given: object) -> float | None:
+    """A finite number, else None."""
+    if isinstance(given, bool) or not isinstance(given, Real) or not np.isfinite(float(given)):
+        return None
+    return float(given)
+
+
 def _index(on: object) -> int | None:
     """A whole number of any type, else None."""
+    if isinstance(on, bool):
+        return None
     try:
         return operator.index(on)  # type: ignore[arg-type]
     except TypeError:

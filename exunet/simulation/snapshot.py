@@ -50,6 +50,22 @@ class Snapshot:
         header, arrays = read_arrays(path, KIND, FORMAT)
         return cls(header.pop("of"), header, arrays)
 
+    def refuse_incomplete(self, like: Snapshot) -> None:
+        """Raise InputError if it lacks what another snapshot of the simulation has, or has other sizes."""
+        missing = [key for key in like.header if key not in self.header]
+        for name, values in like.arrays.items():
+            found = self.arrays.get(name)
+            grows = name.startswith(_GROW)
+            if found is None:
+                if not grows:
+                    missing.append(name)
+            elif found.shape[grows:] != values.shape[grows:] and found.size and values.size:
+                missing.append(f"{name} of shape {values.shape}")
+        if missing:
+            raise InputError(
+                f"the snapshot of t = {self.time:g} s is damaged: it lacks {', '.join(missing[:5])}"
+            )
+
     def refuse_other(self, start: Start) -> None:
         """Raise InputError if it does not belong to what `start` begins."""
         wanted = identity(start)
@@ -61,6 +77,16 @@ class Snapshot:
                 )
 
 
+# Arrays with a row for each state, mark, event or stop that there was.
+_GROW = (
+    "integrator:kept/",
+    "integrator:rows/",
+    "integrator:pushed",
+    "monitor:peaks",
+    "monitor:marks",
+    "monitor:envelope",
+    "stops:",
+)
 _DIFFERS = {
     "exunet": "another version of exunet",
     "numpy": "another version of NumPy",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from exunet.base.errors import CaseError, Fault
 from exunet.case.scene import Scene
 from exunet.forces.effects import forces_of, point_masses
 from exunet.forces.points import Points
@@ -20,5 +21,9 @@ def assemble(scene: Scene) -> tuple[System, State]:
     places = points.position[net.n_nodes :]
     velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
     bodies, moving = bodies_at_start(scene)
+    taken = [name for name in scene.bodies if name in points.body]
+    if taken:
+        words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
+        raise CaseError([Fault(f"bodies.{name}", words) for name in taken])
     system = System(points, forces_of(scene.effects, points), bodies)
     return system, State(0.0, points.position, velocity, moving, dict(system.memory))

@@ -28,7 +28,7 @@ class EnergyScale:
     which leaves the motion in that frame alone. By the momentum theorem, what forces without a potential do
     to the centre of mass is the change of its energy; the rest of their work counts.
 
-    A rigid body is a free part of its own, whose rotation counts.
+    A rigid body that no force acts on has a balance of its own (see `exunet.simulation.guards`).
 
     start : that energy at the start, kinetic and elastic [J]
     """
@@ -44,10 +44,6 @@ class EnergyScale:
         self._potential = float(energy.potential(system.forces, position[None], state.memory)[0])
         moving = float(self._common[0][0])
         self.start = float(kinetic + elastic) - moving + TRANSLATION_PART * moving
-        if system.bodies:
-            drift = float(energy.kinetic(system.body_mass, state.bodies.velocity))
-            whole = float(States.of(system, state).kinetic_of_bodies[0])
-            self.start += whole - drift + TRANSLATION_PART * drift
 
     def _parts(self, system: System) -> None:
         """Which points hang together, and the averages over those that no fixed node holds."""
