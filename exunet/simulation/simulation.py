@@ -323,10 +323,10 @@ class Simulation:
         if not isinstance(snapshot, Snapshot):
             raise InputError(f"restore: needs what `snapshot` or `Snapshot.load` gave, got {snapshot!r}")
         snapshot.refuse_other(self._start)
+        if self._recorder is not None and "rows" not in snapshot.header:
+            raise InputError(f"the snapshot of t = {snapshot.time:g} s is not of a run with stored states")
         snapshot.refuse_incomplete(self.snapshot())
         header, arrays = snapshot.header, snapshot.arrays
-        if self._recorder is not None and "rows" not in header:
-            raise InputError(f"the snapshot of t = {snapshot.time:g} s is not of a run with stored states")
         self._pushed = np.array(arrays["pushed"])
         self._stops.restore(group_of("stops", arrays))
         self._retries, self._spent = header["retries"], StepCounts(**header["spent"])
