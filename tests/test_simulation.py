@@ -583,7 +583,7 @@ def test_after_a_failure_time_and_state_belong_together(form):
     sim.set_force(0, [0.0, 0.0, 1e12])
 
     def until_it_is_looked_at():
-        sim.advance_to(0.101)
+        sim.advance_to(0.3)
         return sim.state
 
     with pytest.raises(exunet.RunStopped):

@@ -163,7 +163,7 @@ class Stepper:
             self._check_interrupt()
             if self._adaptive:
                 end_of_attempt = self._choice.choose(end_of_attempt, self._attempting, rejected)
-            self._refuse_collapse(end_of_attempt)
+            self._refuse_collapse()
             self._attempting = True
             self._attempt_end = end_of_attempt
             if self._adaptive:
@@ -174,15 +174,19 @@ class Stepper:
             raise  # returning False would not end the engine's search for a smaller step
         return True
 
-    def _refuse_collapse(self, end_of_attempt: float) -> None:
-        """The engine repeats its smallest step without end when a tolerance cannot be met."""
-        if end_of_attempt - self._step_start > 4.0 * self._plan.least_step:
+    def _refuse_collapse(self) -> None:
+        """The engine repeats its smallest step without end when a tolerance cannot be met.
+
+        The step's own size counts: after a step that overflowed, steps are too small to move the time at all.
+        """
+        size = self._solver.it.currentStepSize
+        if size > 4.0 * self._plan.least_step:
             self._tiny_attempts = 0
             return
         self._tiny_attempts += 1
         if self._tiny_attempts > _TINY_ATTEMPTS:
             raise StepsCollapsed(
-                f"the steps collapsed to {end_of_attempt - self._step_start:.1g} s at "
+                f"the steps collapsed to {size:.1g} s at "
                 f"t = {self._step_start:.6g} s: the tolerance {self._plan.tolerance:.2g} cannot be met"
             )
 
