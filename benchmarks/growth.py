@@ -23,7 +23,7 @@ import peers
 from unwatched import Unwatched
 
 import exunet
-from exunet.backends.compiled.loop import March, loop_kernel
+from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.figures.style import BLACK, BLUE, RED, YELLOW, blank, drawing
 from exunet.methods.method import Method
@@ -76,8 +76,8 @@ def measure(meshes: int, form: str) -> tuple[int, float, float]:
 def _advancing(start: Start, form: str, plan: Plan) -> Callable[[float, float], object]:
     """advance(a, b): take the steps from one time [s] to another, without guards."""
     if form == "compiled loop":
-        march = March(start.system, start.state, plan, loop_kernel(start.system))
-        return lambda a, b: march.through(np.array([a, b]))
+        motion = CompiledIntegration(start.system, start.state, plan, loop_kernel(start.system))
+        return lambda a, b: motion.through(np.array([a, b]))
     stepper = Stepper(start.system, start.state, plan, Unwatched(), fused=form == "fused")
     return lambda _, b: stepper.advance(b)
 

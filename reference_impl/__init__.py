@@ -1,13 +1,13 @@
 """A plain NumPy/SciPy cable net, written to cross-check another program: see README.md.
 
 scene = load("cases/planar_deployment.toml", {"time.end": 1.0})
-trajectory = scene.march(method="RK4", step=1e-4)
+trajectory = scene.integrate(method="RK4", step=1e-4)
 a = acceleration(scene.system, 0.0, scene.x0, scene.v0)
 """
 
 from reference_impl.effects import Effects, Orbit
 from reference_impl.forces import System, acceleration, assemble, damping, secant, tangent
-from reference_impl.march import Diverged, Interrupted, Trajectory, march
+from reference_impl.integration import Diverged, Interrupted, Trajectory, integrate
 from reference_impl.read import Case, Refused, parse_override, read, read_document
 from reference_impl.scene import Scene, load, perturbed, prepare
 from reference_impl.start import initial_state
@@ -28,8 +28,8 @@ __all__ = [
     "assemble",
     "damping",
     "initial_state",
+    "integrate",
     "load",
-    "march",
     "parse_override",
     "perturbed",
     "prepare",

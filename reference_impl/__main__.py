@@ -11,19 +11,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from reference_impl.archive import contents, save
 from reference_impl.forces import System, greatest_frequency
-from reference_impl.march import (
+from reference_impl.integration import (
     METHODS,
     STEPPED,
     TOLERANCES,
     Diverged,
     Interrupted,
     Trajectory,
-    march,
+    integrate,
     unsupported,
 )
 from reference_impl.read import Refused, parse_override
-from reference_impl.record import contents, save
 from reference_impl.scene import load
 
 ARITHMETIC: dict[str, dict[str, bool]] = {
@@ -122,15 +122,15 @@ def _run(options: argparse.Namespace) -> int:
     begin, code, note = time.perf_counter(), DONE, ""
     trajectory: Trajectory
     try:
-        trajectory = march(
+        trajectory = integrate(
             system, scene.x0, scene.v0, scene.case.times, options.method, rtol, atol, options.step
         )
     except Diverged as diverged:
         i, j = system.net.element_nodes[diverged.element] if diverged.element >= 0 else (-1, -1)
-        trajectory, code = diverged.partial, DIVERGED
+        trajectory, code = diverged.trajectory, DIVERGED
         note = f"{diverged}, nodes {i} and {j}. {_advice(system, options)}"
     except Interrupted as interrupted:
-        trajectory, code, note = interrupted.partial, INTERRUPTED, "interrupted."
+        trajectory, code, note = interrupted.trajectory, INTERRUPTED, "interrupted."
     provenance["wall_s"] = time.perf_counter() - begin
     try:
         save(options.output, contents(system, trajectory, code == DONE, provenance))

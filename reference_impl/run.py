@@ -26,21 +26,21 @@ class Trajectory:
 
 
 class Diverged(ArithmeticError):
-    """No finite step is left at `time` [s]; `element` was the most strained, `partial` is what was stored."""
+    """No finite step is left at `time` [s]; `element` was the most strained, `trajectory` what was stored."""
 
-    def __init__(self, time: float, element: int, strain: float, why: str, partial: Trajectory) -> None:
+    def __init__(self, time: float, element: int, strain: float, why: str, trajectory: Trajectory) -> None:
         super().__init__(
             f"{why} at t = {time:.9g} s; most strained element then: {element} (E11 = {strain:.3g})"
         )
-        self.time, self.element, self.strain, self.partial = time, element, strain, partial
+        self.time, self.element, self.strain, self.trajectory = time, element, strain, trajectory
 
 
 class Interrupted(KeyboardInterrupt):
-    """Stopped from the keyboard; `partial` is what was stored."""
+    """Stopped from the keyboard; `trajectory` is what was stored."""
 
-    def __init__(self, partial: Trajectory) -> None:
+    def __init__(self, trajectory: Trajectory) -> None:
         super().__init__()
-        self.partial = partial
+        self.trajectory = trajectory
 
 
 class Breakdown(Exception):

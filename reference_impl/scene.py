@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from reference_impl.forces import System, assemble
-from reference_impl.march import Progress, Trajectory, march
+from reference_impl.integration import Progress, Trajectory, integrate
 from reference_impl.read import Case, read
 from reference_impl.start import initial_state
 from reference_impl.weave import Floats, Net, weave
@@ -26,7 +26,7 @@ class Scene:
     x0: Floats
     v0: Floats
 
-    def march(
+    def integrate(
         self,
         times: Sequence[float] | Floats | None = None,
         method: str = "DOP853",
@@ -37,8 +37,8 @@ class Scene:
         x0: Floats | None = None,
         v0: Floats | None = None,
     ) -> Trajectory:
-        """See `march`; the stored times and the start are the case's where none are given."""
-        return march(
+        """See `integrate`; the stored times and the start are the case's where none are given."""
+        return integrate(
             self.system,
             self.x0 if x0 is None else x0,
             self.v0 if v0 is None else v0,

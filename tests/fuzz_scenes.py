@@ -187,9 +187,9 @@ def judge_case(words: str, folder: Path) -> tuple[str, str]:
     try:
         result = simulate(start)
     except RunStopped as stop:
-        if stop.partial is None:
+        if stop.result is None:
             return "stopped", "nothing of the run is kept"
-        return "stopped", _words(stop) or _faults(stop.partial, start, folder)
+        return "stopped", _words(stop) or _faults(stop.result, start, folder)
     missing = (
         "" if np.array_equal(result.time, stored_times(start.scene.time)) else "stored times are missing"
     )
@@ -198,7 +198,7 @@ def judge_case(words: str, folder: Path) -> tuple[str, str]:
 
 def _words(stop: RunStopped) -> str:
     text = str(stop)
-    if stop.partial is not None and (stop.partial.complete or stop.partial.verdict != text):
+    if stop.result is not None and (stop.result.complete or stop.result.verdict != text):
         return "a stopped run is not marked as such"
     if re.search(r"\bnan\b|\binf\b", text):
         return f"the message has a number that is none: {text}"

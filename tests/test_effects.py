@@ -64,7 +64,7 @@ def ran(case: dict[str, Any], form: str = "connectors") -> Result:
 def reference_run(case: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     """Times and positions (k, n, 3) [m] of the reference, whose explicit nets keep the listed order."""
     scene = reference_impl.prepare(reference_impl.read_document(case))
-    run = scene.march(rtol=1e-12, atol=1e-13)
+    run = scene.integrate(rtol=1e-12, atol=1e-13)
     return run.t, run.x
 
 
@@ -154,7 +154,7 @@ def test_both_codes_agree(name: str) -> None:
     path = CASES / f"{name}.toml"
     run = simulate(prepare(load(path, ["solver.tolerance=1e-11"]).scene))
     theirs = reference_impl.load(path)
-    other = theirs.march(rtol=1e-12, atol=1e-13)
+    other = theirs.integrate(rtol=1e-12, atol=1e-13)
     match = cKDTree(theirs.net.reference_position).query(run.net.reference_position)[1]
     np.testing.assert_allclose(run.time, other.t, rtol=0, atol=1e-12)
     assert np.abs(run.position - other.x[:, match]).max() < 2e-8

@@ -21,8 +21,9 @@ NATURAL = np.array([0.8, 0.9, 1.1, 1.3, 1.0, 1.2])
 LAW = Law(NATURAL, np.array([3.0, 5.0, 7.0, 2.0, 4.0, 6.0]), np.array([0.1, 0.3, 0.2, 0.4, 0.25, 0.15]))
 NET: Any = SimpleNamespace(element_nodes=ENDS)  # as much of a net as the laws ask for
 FIRST, SECOND = 3 * ENDS.T
-LOOP = (FIRST, SECOND, NATURAL**2, LAW.stiffness / (2.0 * NATURAL**3))
+LOOP = loops.Elements(FIRST, SECOND, NATURAL**2, LAW.stiffness / (2.0 * NATURAL**3))
 TWICE = 2.0 * np.array(LAW.relaxation_time)
+VISCOUS = loops.ViscousElements(*LOOP, TWICE)
 
 
 def random_states(number: int) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -57,9 +58,9 @@ def test_the_loops_have_the_tensions_and_the_energy_of_the_law(viscous: bool) ->
         np.add.at(wanted, ENDS[:, 1], -pull)
         force = np.zeros(12)
         if viscous:
-            energy = loops.add_viscous_tension(0.0, x.ravel(), v.ravel(), *LOOP, TWICE, force)
+            energy = loops.add_viscous_tension(0.0, x.ravel(), v.ravel(), VISCOUS, force)
         else:
-            energy = loops.add_tension(0.0, x.ravel(), v.ravel(), *LOOP, force)
+            energy = loops.add_tension(0.0, x.ravel(), v.ravel(), LOOP, force)
         np.testing.assert_allclose(force.reshape(4, 3), wanted, rtol=1e-12, atol=1e-13)
         assert energy == pytest.approx(cable.elastic_energy(law, cable.lengths(NET, x)), rel=1e-13)
         pulled += (tension > 0.0).tolist()
@@ -73,8 +74,8 @@ def test_viscous_work_is_that_of_the_law_and_the_integral_of_its_power() -> None
         h = float(RANDOM.uniform(0.05, 0.5))
         states = [(x + s * h * v, v + s * w) for s in (0.0, 0.5, 1.0)]
         batch = [(place[None], speed[None]) for place, speed in states]
-        flat = [part.ravel() for state in states for part in state]
-        found = loops.viscous_work(h, *flat, *LOOP, TWICE)
+        flat = [(place.ravel(), speed.ravel()) for place, speed in states]
+        found = loops.viscous_work(h, *flat, VISCOUS)
         assert found == pytest.approx(cable.viscous_work(NET, LAW, np.array([h]), batch)[0], rel=1e-12)
         # By hand, element by element.
         total = 0.0
@@ -106,13 +107,14 @@ def test_an_element_at_its_length_has_no_stress_yet() -> None:
         lengths = [1.25, 1.25, 1.25]
         lengths[at] = 1.0
         states = [(np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), speed) for length in lengths]
-        flat = [part.ravel() for state in states for part in state]
-        index = (np.array([0]), np.array([3]), np.ones(1), np.full(1, 3.0), np.ones(1))
+        flat = [(place.ravel(), rate.ravel()) for place, rate in states]
+        ends = np.array([0]), np.array([3])
+        element = loops.ViscousElements(*ends, np.ones(1), np.full(1, 3.0), np.ones(1))
         # Stress per stiffness (1.25^2 - 1) / 2 + 0.5 * 1.25, its rate of strain 1.25; zero at the length.
         power = [0.0 if length == 1.0 else (0.28125 + 0.625) * 1.25 for length in lengths]
         stored = 0.5 * (0.28125**2 * (lengths[2] > 1.0) - 0.28125**2 * (lengths[0] > 1.0))
         work = 6.0 * (0.3 / 6.0 * (power[0] + 4.0 * power[1] + power[2]) - stored)
-        assert loops.viscous_work(0.3, *flat, *index) == pytest.approx(work, rel=1e-13)
+        assert loops.viscous_work(0.3, *flat, element) == pytest.approx(work, rel=1e-13)
         batch = [(place[None], rate[None]) for place, rate in states]
         assert cable.viscous_work(net, law, np.array([0.3]), batch)[0] == pytest.approx(work, rel=1e-13)
 
@@ -124,7 +126,7 @@ def test_tangents_are_the_derivatives_of_the_loops() -> None:
 
         def forces(x: np.ndarray, v: np.ndarray) -> np.ndarray:
             out = np.zeros(12)
-            loops.add_viscous_tension(0.0, x, v, *LOOP, TWICE, out)
+            loops.add_viscous_tension(0.0, x, v, VISCOUS, out)
             return out
 
         stiffness, damping = cable.tangent_blocks(LAW, cable.spans(NET, x), cable.spans(NET, v))
@@ -196,7 +198,8 @@ def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
 
 
 def test_cross_flow_brakes_what_is_normal_to_each_element() -> None:
-    quarter, least = RANDOM.uniform(0.5, 2.0, 6), np.full(6, 1e-12)
+    quarter = RANDOM.uniform(0.5, 2.0, 6)
+    flow = air_drag.CrossFlow(FIRST, SECOND, quarter, np.full(6, 1e-12))
     for x, v in random_states(5):
         x[3] = x[0] + 1e-9  # on one spot but for less than counts: the whole flow
         wanted = np.zeros((4, 3))
@@ -206,12 +209,13 @@ def test_cross_flow_brakes_what_is_normal_to_each_element() -> None:
             normal = u if {i, j} == {0, 3} else u - (u @ along) * along
             wanted[[i, j]] -= quarter[e] * np.linalg.norm(normal) * normal
         force = np.zeros(12)
-        air_drag.add_cross_flow(0.0, x.ravel(), v.ravel(), FIRST, SECOND, quarter, least, force)
+        air_drag.add_cross_flow(0.0, x.ravel(), v.ravel(), flow, force)
         np.testing.assert_allclose(force.reshape(4, 3), wanted, rtol=1e-12, atol=1e-13)
 
 
 MASS, RADIUS, RATE = np.array([2.0, 3.0, 0.5, 1.0]), 5.0, 0.7  # an orbit so small that every term shows
 RADIAL, NORMAL = np.array([0.36, 0.48, 0.8]), np.array([0.8, -0.6, 0.0])
+ORBIT = orbit.CircularOrbit(MASS, RATE, RADIUS, RADIAL, NORMAL)
 
 
 def test_two_bodies_pull_with_the_inverse_square() -> None:
@@ -221,11 +225,11 @@ def test_two_bodies_pull_with_the_inverse_square() -> None:
         pull = -(RATE**2) * RADIUS**3 * place / np.linalg.norm(place, axis=1, keepdims=True) ** 3
         turned = RATE**2 * (place - np.outer(place @ NORMAL, NORMAL))
         force = np.zeros(12)
-        orbit.add_two_body(0.0, x.ravel(), x.ravel(), MASS, RATE, RADIUS, RADIAL, NORMAL, force)
+        orbit.add_two_body(0.0, x.ravel(), x.ravel(), ORBIT, force)
         np.testing.assert_allclose(force.reshape(4, 3), MASS[:, None] * (pull + turned), atol=1e-13)
 
         def stored(y: np.ndarray) -> float:
-            return orbit.two_body_potential(y, MASS, RATE, RADIUS, RADIAL, NORMAL)
+            return orbit.two_body_potential(y, ORBIT)
 
         np.testing.assert_allclose(gradient(stored, x.ravel(), 1e-3), -force, rtol=1e-9, atol=1e-10)
     assert stored(np.zeros(12)) == 0.0
@@ -244,13 +248,13 @@ def test_a_launch_pushes_along_the_barrels_by_its_law(kind: str) -> None:
         x = RANDOM.normal(0.0, 0.1, (4, 3))
         for b in range(3):
             x[b] += (way[b] + BEGIN[b] - (x[b] - x[3]) @ AXES[b]) * AXES[b]
-        data: tuple[Any, ...] = (BULLETS, CHASER, AXES, BEGIN, FORCE, STROKE)
+        data: Any = launch_force.Spring(BULLETS, CHASER, AXES, BEGIN, FORCE, STROKE)
         if kind == "spring":
             law = FORCE * (1.0 - way / STROKE)
             add, potential = launch_force.add_spring_launch, launch_force.spring_launch_potential
             left = FORCE * (STROKE - way) ** 2 / (2.0 * STROKE)
         else:
-            data = (*data, DEAD, EXPONENT)
+            data = launch_force.Gas(*data, DEAD, EXPONENT)
             law = FORCE * (DEAD / (DEAD + np.maximum(way, 0.0))) ** EXPONENT
             add, potential = launch_force.add_gas_launch, launch_force.gas_launch_potential
             grid = [np.linspace(s, STROKE, 20001) for s in way]
@@ -258,11 +262,11 @@ def test_a_launch_pushes_along_the_barrels_by_its_law(kind: str) -> None:
             left = np.array([np.trapezoid(p, s) for p, s in zip(push, grid, strict=True)])
         law = np.where(way < STROKE, law, 0.0)
         force = np.zeros(12)
-        add(0.0, x.ravel(), np.zeros(12), *data, force)
+        add(0.0, x.ravel(), np.zeros(12), data, force)
         found = force.reshape(4, 3)
         np.testing.assert_allclose(found[:3], law[:, None] * AXES, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(found[3], -law @ AXES, rtol=1e-12)
-        slope = gradient(lambda y, p=potential, d=data: p(y, *d), x.ravel())
+        slope = gradient(lambda y, p=potential, d=data: p(y, d), x.ravel())
         np.testing.assert_allclose(slope, -force, rtol=1e-7, atol=1e-6)
-        stored = potential(x.ravel(), *data)
+        stored = potential(x.ravel(), data)
         assert stored == pytest.approx(float(np.where(way < STROKE, left, 0.0).sum()), rel=1e-7)

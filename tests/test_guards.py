@@ -116,10 +116,10 @@ def test_a_stretch_beyond_the_law_is_no_matter_of_steps():
     assert "not the steps" in str(stop.value)
     assert "Change youngs_modulus" in str(stop.value)
     assert WORDS.match(str(stop.value))
-    partial = stop.value.partial
-    assert partial is not None
-    assert partial.provenance["retries"] == []
-    assert np.sqrt(1.0 + 2.0 * partial.strain.max()) < STRETCH_BOUND
+    part = stop.value.result
+    assert part is not None
+    assert part.provenance["retries"] == []
+    assert np.sqrt(1.0 + 2.0 * part.strain.max()) < STRETCH_BOUND
 
 
 @pytest.mark.parametrize(
@@ -148,9 +148,9 @@ def test_no_result_holds_a_stretch_beyond_the_law(solver, engine, output_step):
     scene = pair_of_masses(solver=solver, engine=loop, initial=initial, time=time)
     with pytest.raises(RunStopped, match="element is longer than 2 times") as stop:
         exunet.run(scene)
-    partial = stop.value.partial
-    assert partial is not None
-    assert np.sqrt(1.0 + 2.0 * partial.strain.max()) <= STRETCH_BOUND
+    part = stop.value.result
+    assert part is not None
+    assert np.sqrt(1.0 + 2.0 * part.strain.max()) <= STRETCH_BOUND
 
 
 def test_a_stretch_just_within_the_law_runs():
@@ -212,12 +212,12 @@ def test_a_method_that_swallows_energy_is_stopped(form):
     scene = thrown({"method": "RK44", "step": 2.3e-4, "retry": 0}, end=2.0, engine={"net": form})
     with pytest.raises(RunStopped, match="the energy fell, beside what was dissipated") as stop:
         exunet.run(scene)
-    partial = stop.value.partial
-    assert partial is not None
-    assert not partial.complete
-    assert partial.verdict == str(stop.value)
-    assert energy_balance(partial) <= ENERGY_BOUND
-    json.dumps(partial.provenance, allow_nan=False)
+    part = stop.value.result
+    assert part is not None
+    assert not part.complete
+    assert part.verdict == str(stop.value)
+    assert energy_balance(part) <= ENERGY_BOUND
+    json.dumps(part.provenance, allow_nan=False)
 
 
 @pytest.mark.parametrize("form", ["connectors", "fused"])
@@ -240,12 +240,12 @@ def test_what_moves_the_whole_net_hides_no_loss(form, effect):
     for effects in ({}, effect):
         with pytest.raises(RunStopped, match="the energy fell") as stop:
             exunet.run(thrown(solver, end=2.0, effects=effects, **tables))
-        partial = stop.value.partial
-        assert partial is not None
+        part = stop.value.result
+        assert part is not None
         # Four bullets at 5 m/s; of the energy of the common motion, some 2e3 J, a part of 1e-5.
-        bullets = partial.net.mass[partial.net.bullet_nodes].sum()
-        assert energy_scale(partial) == pytest.approx(0.5 * bullets * 5.0**2, abs=0.1)
-        stops.append(partial.time[-1])
+        bullets = part.net.mass[part.net.bullet_nodes].sum()
+        assert energy_scale(part) == pytest.approx(0.5 * bullets * 5.0**2, abs=0.1)
+        stops.append(part.time[-1])
     assert stops[1] == pytest.approx(stops[0], abs=0.1)  # round-off differs, so snaps do
 
 
@@ -350,8 +350,8 @@ def test_newtons_failure_is_told_with_step_and_state(monkeypatch):
         exunet.run(thrown({"method": "GeneralizedAlpha", "step": 1e-3, "retry": 1}))
     for words in ("Newton did not converge", "most stretched element", "0.0005 s is too long", "solver.step"):
         assert words in str(stop.value)
-    assert stop.value.partial is not None
-    assert len(stop.value.partial.provenance["retries"]) == 1
+    assert stop.value.result is not None
+    assert len(stop.value.result.provenance["retries"]) == 1
 
 
 @pytest.mark.parametrize("method", ["RK33", "RK44", "VelocityVerlet"])
@@ -411,7 +411,7 @@ def test_steps_ten_times_the_stable_one_are_stopped_at_the_first_snap(method):
     scene = thrown({"method": method, "step": 2.4e-3, "retry": 0, "force": True}, end=0.3)
     with pytest.raises(RunStopped, match="the energy grew by") as stop:
         exunet.run(scene)
-    part = stop.value.partial
+    part = stop.value.result
     assert part is not None
     assert part.time[-1] == pytest.approx(SNAP, abs=1e-12)
     assert len(part.time) == 21
@@ -432,7 +432,7 @@ def test_what_is_kept_of_a_run_has_its_energy_within_the_bound(method):
     try:
         run = exunet.run(thrown({"method": method, "step": 1e-4, "retry": 0, "force": True}, end=0.3))
     except RunStopped as stop:
-        run = stop.partial  # type: ignore[assignment]
+        run = stop.result  # type: ignore[assignment]
     total = energy_by_hand(run)
     assert np.abs(total - total[0]).max() <= ENERGY_BOUND * total[0]
     assert (run.time[-1] <= SNAP + 0.005) == (method == "ExplicitEuler")

@@ -92,7 +92,7 @@ def test_the_turns_of_the_spinning_net_are_counted_in_the_reference():
     one = next(one for one in GALLERY if one.case == "spinning")
     assert one.of_both is _turns
     short = reference.load(hard.case_path("spinning"), {"time.end": 2.0, "time.output_step": 0.02})
-    run = short.march(method="EM", step=0.02)
+    run = short.integrate(method="EM", step=0.02)
     found = {check.name: check.measured for check in _turns(hard.states_of(short, run), None)}
     assert found["100 revolutions, turned"] == pytest.approx(98.0, abs=0.01)
     assert found["slack elements"] == 0.0
@@ -123,7 +123,7 @@ def test_an_implicit_run_must_be_stopped_by_a_guard():
     told = hard.stopped("GeneralizedAlpha", stop.value)
     assert told.holds
     assert re.fullmatch(r"GeneralizedAlpha: stopped at 0\.\d+ s, energy \+0\.\d+ J", told.name)
-    other = RunStopped("the engine stopped after t = 0.5 s: Newton did not converge", stop.value.partial)
+    other = RunStopped("the engine stopped after t = 0.5 s: Newton did not converge", stop.value.result)
     assert not hard.stopped("GeneralizedAlpha", other).holds
 
 

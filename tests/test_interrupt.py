@@ -62,7 +62,7 @@ def test_all_that_was_computed_is_kept(form: str, moment: str, monkeypatch: pyte
         press_ctrl_c(monkeypatch, *method, pressed)
     with pytest.raises(Interrupted) as stop:
         simulate(start)
-    part = stop.value.partial
+    part = stop.value.result
     assert part is not None
     assert not part.complete
     said = re.match(r"interrupted after t = ([\d.e+-]+) s; what was computed is kept", str(stop.value))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from exunet.codegen import compile as compiling
 from exunet.codegen.compile import compiled_module, require_numba
 from exunet.codegen.drivers import Place
 from exunet.codegen.kernel import net_kernel
-from exunet.forces.terms import Index
+from exunet.forces.loops import Index
 from exunet.system.energy import elastic
 
 SOURCE = '"""A module."""\n\nimport numpy as np\n\n\n@compiled\ndef twice(x):\n    return {factor} * x\n'
@@ -71,7 +72,7 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
             assert found.reshape(-1, 3).tobytes() == first[name].tobytes()
         assert x.tobytes() == tried[name][0].tobytes()
         assert v.tobytes() == tried[name][1].tobytes()
-    for first_value, value in zip(before, data, strict=True):
+    for first_value, value in zip(chain(*before), chain(*data), strict=True):
         np.testing.assert_array_equal(first_value, value)
 
 

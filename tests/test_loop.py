@@ -10,7 +10,7 @@ import pytest
 from starts import CASES, planar
 
 import exunet
-from exunet.backends.compiled.loop import March, loop_kernel
+from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.base.errors import CaseError, InputError, Interrupted, RunStopped
 from exunet.case.casefile import load
 from exunet.methods.plan import Plan
@@ -47,7 +47,7 @@ def taut(plan: Plan, times: Any) -> Any:
     """States at `times` of a net that stays taut, so that its motion is smooth."""
     start = planar("initial.packing = 1.01", "launch.radial_speed = 0.0")
     state = start.state.at(start.position, 0.0 * start.velocity)
-    batch = March(start.system, state, plan, loop_kernel(start.system)).through(times)
+    batch = CompiledIntegration(start.system, state, plan, loop_kernel(start.system)).through(times)
     return batch.position, batch.velocity
 
 
@@ -112,7 +112,7 @@ def test_a_diverging_run_is_stopped_with_its_good_part() -> None:
     )
     with pytest.raises(RunStopped, match="diverged at t = ") as stop:
         simulate(start)
-    part = stop.value.partial
+    part = stop.value.result
     assert part is not None
     assert not part.complete
     assert 0.0 < part.time[-1] < 1.0
@@ -136,8 +136,8 @@ def test_an_interrupt_keeps_what_was_computed(monkeypatch: pytest.MonkeyPatch) -
 
     with pytest.raises(Interrupted) as stop:
         simulate(planar(COMPILED), progress=press_ctrl_c)
-    assert stop.value.partial is not None
-    assert 0.0 < stop.value.partial.time[-1] < 2.0
+    assert stop.value.result is not None
+    assert 0.0 < stop.value.result.time[-1] < 2.0
 
 
 SHORT = ("time.end = 1.0", "time.output_step = 0.1", "solver.accuracy = 1e-4")

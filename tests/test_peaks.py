@@ -78,5 +78,5 @@ def test_a_stretch_beyond_the_laws_validity_that_lasts_one_step_stops_the_run(en
     """Energy: strain sqrt(12.0 J / 5 N m) = 1.55, so a length of 2.025 m of 1 m, for one or two steps."""
     with pytest.raises(RunStopped, match="an element is longer than") as stop:
         pulled_apart(engine, speed=4.9, step=0.025, end=0.5, packing=1.0)
-    assert stop.value.partial is not None
-    assert stop.value.partial.time[-1] == 0.0  # the last stored state that is good
+    assert stop.value.result is not None
+    assert stop.value.result.time[-1] == 0.0  # the last stored state that is good

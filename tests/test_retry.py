@@ -69,7 +69,7 @@ def test_a_retry_mends_what_coarse_steps_spoil(engine):
     assert np.all(np.diff(run.dissipated) >= 0.0)  # the ledger goes on from the state gone back to
     assert run.time.tolist() == pytest.approx(np.arange(301) * 0.005)
 
-    first = stopped({**COARSE, "retry": 0}, end=1.5, engine=engine, effects=DAMPED).partial
+    first = stopped({**COARSE, "retry": 0}, end=1.5, engine=engine, effects=DAMPED).result
     assert first is not None
     back = retries[0]["from_time"]
     assert 0 < back < first.time[-1]
@@ -101,10 +101,10 @@ def test_retries_are_told_in_the_summary():
 def test_retries_are_bounded_and_can_be_turned_off():
     hopeless = {"method": "RK44", "step": 4e-3, "force": True}
     off, default = (stopped({**hopeless, **keys}) for keys in ({"retry": 0}, {}))
-    assert off.partial is not None
-    assert default.partial is not None
-    assert off.partial.provenance["retries"] == []
-    assert [r["step"] for r in default.partial.provenance["retries"]] == [2e-3, 1e-3]
+    assert off.result is not None
+    assert default.result is not None
+    assert off.result.provenance["retries"] == []
+    assert [r["step"] for r in default.result.provenance["retries"]] == [2e-3, 1e-3]
     assert "the step 0.001 s is too long" in str(default)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from starts import CASES, EFFECTS, model, planar, states
 
-from exunet.backends.compiled.loop import March, loop_kernel
+from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.backends.exudyn.probe import Probe
 from exunet.backends.protocol import Batch
 from exunet.case.casefile import load
@@ -18,6 +18,7 @@ from exunet.codegen.compile import interpreted_module
 from exunet.codegen.kernel import net_kernel, term_kernel
 from exunet.forces.cable import Law, elastic_energy, tension, viscous_tension
 from exunet.forces.cable_term import CableTerm, ElementLaw
+from exunet.forces.loops import Elements
 from exunet.forces.terms import KernelTerm
 from exunet.forces.total import Forces
 from exunet.methods.plan import Plan
@@ -99,7 +100,7 @@ MARKS = {
 
 def test_absent_effects_have_no_code_and_no_data() -> None:
     bare = net_kernel(Forces.of(planar().net))
-    assert len(bare.data()) == 4  # two ends, square of the length, factor
+    assert [type(data) for data in bare.data()] == [Elements]
     assert not any(mark in bare.source for mark in MARKS.values())
     for name, mark in MARKS.items():
         start = planar(on=[name])
@@ -116,7 +117,7 @@ def test_zero_coefficients_are_absent() -> None:
         assert not planar(f"effects.{keys}").system.forces.dissipates
 
 
-def other_add(t: float, x: Any, v: Any, force: Any) -> None:
+def other_add(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
     """Does nothing."""
 
 
@@ -127,13 +128,13 @@ def test_two_functions_of_one_name_are_refused() -> None:
         net_kernel(Forces.of(planar().net, [term, namesake]))
 
 
-def march(start: Start, end: float, times: int, tolerance: float, compiled: bool = True) -> Batch:
+def integrate(start: Start, end: float, times: int, tolerance: float, compiled: bool = True) -> Batch:
     """States, with the energy taken out; small nets are interpreted faster than compiled."""
     plan = Plan("DOPRI5", tolerance=tolerance, first_step=1e-6, least_step=1e-12)
     kernel = loop_kernel(start.system)
     if not compiled:
         kernel.__dict__["module"] = interpreted_module(kernel.source)
-    return March(start.system, start.state, plan, kernel).through(np.linspace(0.0, end, times))
+    return CompiledIntegration(start.system, start.state, plan, kernel).through(np.linspace(0.0, end, times))
 
 
 def balance(start: Start, states: Batch) -> float:
@@ -156,7 +157,7 @@ def test_the_energy_balance_closes_for_any_subset(seed: int) -> None:
     if "gravity" not in names:  # which an orbit excludes
         names.append(("linear orbit", "two-body orbit")[random.integers(2)])
     start = planar("initial.packing = 0.99", "initial.spin = [0.3, 0.2, 1.0]", on=names)
-    assert balance(start, march(start, 0.05, 6, 1e-9)) < 1e-5, names
+    assert balance(start, integrate(start, 0.05, 6, 1e-9)) < 1e-5, names
 
 
 @pytest.mark.slow
@@ -204,7 +205,7 @@ def test_the_linear_orbit_is_that_of_clohessy_and_wiltshire() -> None:
         (1e-6, 2e-6, -3e-6),
     )
     end = 2.0 * math.pi / n
-    states = march(start, end, 7, 1e-14, compiled=False)
+    states = integrate(start, end, 7, 1e-14, compiled=False)
     time, x = states.time, states.position
     (x0, y0, z0), (u0, v0, w0) = start.position[1], start.velocity[1]
     s, c = np.sin(n * time), np.cos(n * time)
@@ -226,7 +227,7 @@ def test_two_bodies_keep_energy_and_angular_momentum_in_the_inertial_frame() -> 
         (3e4, -1e4, 2e4),
         (5.0, -20.0, 10.0),
     )
-    states = march(start, math.pi / n, 5, 1e-9, compiled=False)
+    states = integrate(start, math.pi / n, 5, 1e-9, compiled=False)
     place = states.position[:, 1] + [radius, 0.0, 0.0]
     speed = states.velocity[:, 1] + np.cross([0.0, 0.0, n], place)
     total = 0.5 * (speed**2).sum(axis=1) - mu / np.linalg.norm(place, axis=1)
@@ -237,7 +238,7 @@ def test_two_bodies_keep_energy_and_angular_momentum_in_the_inertial_frame() -> 
 
 def test_mass_damping_decays_at_its_rate() -> None:
     start = lone("mass_damping={alpha=2.0}", (0.1, 0.0, 0.0), (0.02, 0.03, -0.01))
-    states = march(start, 1.0, 5, 1e-13, compiled=False)
+    states = integrate(start, 1.0, 5, 1e-13, compiled=False)
     expected = np.exp(-2.0 * states.time)[:, None] * start.velocity[1]
     np.testing.assert_allclose(states.velocity[:, 1], expected, rtol=1e-9)
 

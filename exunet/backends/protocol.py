@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -69,6 +69,10 @@ class StepCounts:
     rejected: int = 0
     newton_iterations: int = 0
     right_hand_sides: int = 0
+
+    def __add__(self, other: StepCounts) -> StepCounts:
+        mine, others = asdict(self), asdict(other)
+        return StepCounts(**{name: count + others[name] for name, count in mine.items()})
 
 
 class IntegrationFailed(Exception):

@@ -61,20 +61,20 @@ class InputError(ExunetError):
 class RunStopped(ExunetError):
     """A run that a guard or the engine stopped.
 
-    partial    : what was computed until then
+    result     : what was computed until then
     step_cause : True if the steps are likely to blame, so that smaller ones may help
     """
 
     exit_code = 3
 
-    def __init__(self, message: str, partial: Any = None, step_cause: bool = False) -> None:
-        self.partial = partial
+    def __init__(self, message: str, result: Any = None, step_cause: bool = False) -> None:
+        self.result = result
         self.step_cause = step_cause
         super().__init__(message)
 
 
 class Interrupted(RunStopped):
-    """A run that the user stopped with Ctrl-C; `partial` holds what was computed until then."""
+    """A run that the user stopped with Ctrl-C; `result` holds what was computed until then."""
 
     exit_code = 130
 

@@ -34,9 +34,9 @@ class Kernel:
         imports: tuple[str, ...] = (),
     ) -> None:
         self._terms = tuple(terms)
-        pieces = [piece for term in self._terms for piece in term.pieces]
+        calls = [call for term in self._terms for call in term.calls]
         functions: tuple[Function, ...] = (*drivers.DRIVERS, *extra)
-        self.source = module_source(pieces, functions, bodies=bodies, imports=imports)
+        self.source = module_source(calls, functions, bodies=bodies, imports=imports)
 
     @cached_property
     def module(self) -> ModuleType:
@@ -49,16 +49,14 @@ class Kernel:
         memory : values of the terms' memories by name; a name that is absent has its initial value
         Arrays are contiguous and writable: all of them have the same compiled code.
         """
-        found: list[Any] = []
-        for term in self._terms:
-            found += _data_of(term, memory or {})
-        return tuple(np.array(value) if isinstance(value, np.ndarray) else value for value in found)
+        return tuple(_copy(data) for term in self._terms for data in _data_of(term, memory or {}))
 
     def remember(self, data: tuple[Any, ...], memory: Mapping[str, Floats]) -> None:
         """Put other values of the memories into data that `data` gave."""
-        for held, value in zip(data, self.data(memory), strict=True):
-            if isinstance(held, np.ndarray):
-                held[...] = value
+        for call, other in zip(data, self.data(memory), strict=True):
+            for held, value in zip(call, other, strict=True):
+                if isinstance(held, np.ndarray):
+                    held[...] = value
 
     def forces(
         self, time: float, position: Floats, velocity: Floats, memory: Mapping[str, Floats] | None = None
@@ -92,8 +90,13 @@ class Kernel:
 
 def _data_of(term: Term, memory: Mapping[str, Floats]) -> tuple[Any, ...]:
     if term.memory is not None and term.memory.name in memory:
-        return term.memory.data(memory[term.memory.name])
-    return tuple(value for piece in term.pieces for value in piece.data)
+        return (term.memory.data(memory[term.memory.name]),)
+    return tuple(call.data for call in term.calls)
+
+
+def _copy(data: Any) -> Any:
+    """A named tuple with copies of its arrays."""
+    return type(data)(*(np.array(value) if isinstance(value, np.ndarray) else value for value in data))
 
 
 def net_kernel(forces: Forces, extra: tuple[Function, ...] = ()) -> Kernel:

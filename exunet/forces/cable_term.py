@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from exunet.forces import cable, loops
 from exunet.forces.cable import Law
-from exunet.forces.terms import Change, Index, Memory, Piece
+from exunet.forces.loops import Index
+from exunet.forces.terms import Change, KernelCall, Memory
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -84,12 +85,12 @@ class CableTerm:
         return self.changes.breaking_strain is not None or self.changes.breaking_force is not None
 
     @property
-    def pieces(self) -> tuple[Piece, ...]:
+    def calls(self) -> tuple[KernelCall, ...]:
         """One call over all elements."""
         if not self.viscous:
-            return (Piece(loops.add_tension, self._data(np.ones(1)), elastic=True),)
+            return (KernelCall(loops.add_tension, self._data(np.ones(1)), elastic=True),)
         return (
-            Piece(
+            KernelCall(
                 loops.add_viscous_tension,
                 self._data(np.ones(1)),
                 work=loops.viscous_work,
@@ -99,11 +100,12 @@ class CableTerm:
             ),
         )
 
-    def _data(self, intact: Floats) -> tuple[Any, ...]:
+    def _data(self, intact: Floats) -> loops.Elements | loops.ViscousElements:
         first, second = (3 * self.net.element_nodes.T).astype(Index)
         length = self.law.natural_length
-        data = (first, second, length**2, self.law.stiffness / (2.0 * length**3) * intact)
-        return data if self.law.relaxation_time is None else (*data, 2.0 * self.law.relaxation_time)
+        data = loops.Elements(first, second, length**2, self.law.stiffness / (2.0 * length**3) * intact)
+        time = self.law.relaxation_time
+        return data if time is None else loops.ViscousElements(*data, 2.0 * time)
 
     @cached_property
     def memory(self) -> Memory | None:

@@ -8,17 +8,59 @@ tests hold the two forms against each other.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Index = np.uint32  # unsigned, so that the compiled code need not look for negative (wrapped) indexes
 
 
-def add_tension(
-    t: float, x: Any, v: Any, first: Any, second: Any, square: Any, factor: Any, force: Any
-) -> float:
+class Elements(NamedTuple):
+    """Elements as the loops take them.
+
+    first, second : (m,) 3 i and 3 j of the end nodes i, j
+    square        : (m,) L0^2 [m2]
+    factor        : (m,) EA / (2 L0^3) [N/m3]
+    """
+
+    first: NDArray[Index]
+    second: NDArray[Index]
+    square: Floats
+    factor: Floats
+
+
+class ViscousElements(NamedTuple):
+    """The same with twice_time : (m,) 2 tau [s], tau the relaxation time of the material damping."""
+
+    first: NDArray[Index]
+    second: NDArray[Index]
+    square: Floats
+    factor: Floats
+    twice_time: Floats
+
+
+class Rows(NamedTuple):
+    """A sparse matrix by rows: row k has value[start[k]:start[k + 1]] in the columns `column` there."""
+
+    start: NDArray[Index]
+    column: NDArray[Index]
+    value: Floats
+
+
+class Load(NamedTuple):
+    """value : (3 n_points,) [N]."""
+
+    value: Floats
+
+
+def add_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
     """Eqs. (3) and (6)-(8): EA / (2 L0^3) (L^2 - L0^2) d on the taut elements, d = x_j - x_i.
 
-    first, second : (m,) 3 i and 3 j of the end nodes; square : (m,) L0^2 [m2]; factor : (m,) EA / (2 L0^3)
-    Returns the elastic energy [J], EA / (8 L0^3) (L^2 - L0^2)^2 of each: eq. (19).
+    elements : `Elements`. Returns the elastic energy [J], EA / (8 L0^3) (L^2 - L0^2)^2 of each: eq. (19).
     """
+    first, second, square, factor = elements
     held = 0.0
     for e in range(factor.size):
         i = first[e]
@@ -42,10 +84,9 @@ def add_tension(
     return 0.25 * held
 
 
-def add_viscous_tension(
-    t: float, x: Any, v: Any, first: Any, second: Any, square: Any, factor: Any, twice_time: Any, force: Any
-) -> float:
-    """As `add_tension`, with the viscous stress of material damping; twice_time : (m,) 2 tau [s]."""
+def add_viscous_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
+    """As `add_tension`, with the viscous stress of material damping; elements : `ViscousElements`."""
+    first, second, square, factor, twice_time = elements
     held = 0.0
     for e in range(factor.size):
         i = first[e]
@@ -72,31 +113,20 @@ def add_viscous_tension(
     return 0.25 * held
 
 
-def viscous_work(
-    h: float,
-    x0: Any,
-    v0: Any,
-    x1: Any,
-    v1: Any,
-    x2: Any,
-    v2: Any,
-    first: Any,
-    second: Any,
-    square: Any,
-    factor: Any,
-    twice_time: Any,
-) -> float:
+def viscous_work(h: float, begin: Any, middle: Any, end: Any, elements: Any) -> float:
     """Energy [J] that the viscous part of `add_viscous_tension` takes out in a step of length h [s].
 
-    From the states 0, 1, 2 at its start, middle and end, by the rule of `exunet.forces.cable.viscous_work`.
+    begin, middle, end : positions and velocities (x, v). The rule is that of
+    `exunet.forces.cable.viscous_work`.
     """
+    first, second, square, factor, twice_time = elements
     total = 0.0
     for e in range(factor.size):
         i = first[e]
         j = second[e]
-        s0, r0 = excess_and_rate(x0, v0, i, j, square[e])
-        s1, r1 = excess_and_rate(x1, v1, i, j, square[e])
-        s2, r2 = excess_and_rate(x2, v2, i, j, square[e])
+        s0, r0 = excess_and_rate(begin, i, j, square[e])
+        s1, r1 = excess_and_rate(middle, i, j, square[e])
+        s2, r2 = excess_and_rate(end, i, j, square[e])
         if s0 <= 0.0 and s1 <= 0.0 and s2 <= 0.0:
             continue
         q0 = max(s0 + twice_time[e] * r0, 0.0) if s0 > 0.0 else 0.0
@@ -111,8 +141,9 @@ def viscous_work(
     return total
 
 
-def excess_and_rate(x: Any, v: Any, i: int, j: int, square: float) -> Any:
+def excess_and_rate(state: Any, i: int, j: int, square: float) -> Any:
     """d . d - square [m2] and d . dv [m2/s] of the nodes whose coordinates begin at i and j."""
+    x, v = state
     dx = x[j] - x[i]
     dy = x[j + 1] - x[i + 1]
     dz = x[j + 2] - x[i + 2]
@@ -120,8 +151,9 @@ def excess_and_rate(x: Any, v: Any, i: int, j: int, square: float) -> Any:
     return dx * dx + dy * dy + dz * dz - square, rate
 
 
-def add_velocity_product(t: float, x: Any, v: Any, start: Any, column: Any, value: Any, force: Any) -> None:
-    """-D v, D a sparse matrix by rows."""
+def add_velocity_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
+    """-D v, D as `Rows`."""
+    start, column, value = rows
     for row in range(start.size - 1):
         total = 0.0
         for k in range(start[row], start[row + 1]):
@@ -129,8 +161,9 @@ def add_velocity_product(t: float, x: Any, v: Any, start: Any, column: Any, valu
         force[row] -= total
 
 
-def velocity_product_power(t: float, x: Any, v: Any, start: Any, column: Any, value: Any) -> float:
+def velocity_product_power(t: float, x: Any, v: Any, rows: Any) -> float:
     """Power v . D v [W] that is taken out; the antisymmetric part of D does no work."""
+    start, column, value = rows
     power = 0.0
     for row in range(start.size - 1):
         total = 0.0
@@ -140,8 +173,9 @@ def velocity_product_power(t: float, x: Any, v: Any, start: Any, column: Any, va
     return power
 
 
-def add_position_product(t: float, x: Any, v: Any, start: Any, column: Any, value: Any, force: Any) -> None:
-    """-K x, K a sparse matrix by rows."""
+def add_position_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
+    """-K x, K as `Rows`."""
+    start, column, value = rows
     for row in range(start.size - 1):
         total = 0.0
         for k in range(start[row], start[row + 1]):
@@ -150,6 +184,6 @@ def add_position_product(t: float, x: Any, v: Any, start: Any, column: Any, valu
 
 
 def add_load(t: float, x: Any, v: Any, load: Any, force: Any) -> None:
-    """A constant force."""
-    for k in range(load.size):
-        force[k] += load[k]
+    """A constant force; load : `Load`."""
+    for k in range(load.value.size):
+        force[k] += load.value[k]

@@ -25,28 +25,26 @@ from exunet.forces import loops
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Function = Callable[..., Any]
-# Unsigned, so that the compiled code need not look for negative (wrapped) indexes.
-Index = np.uint32
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class KernelCall:
     """One call in a compiled kernel.
 
-    add     : module-level function add(t, x, v, *data, force) that adds its force [N] to `force`; x, v, force
+    add     : module-level function add(t, x, v, data, force) that adds its force [N] to `force`; x, v, force
               are flat arrays of points, in the subset of Python that Numba compiles. It may use `math`, `np`
-              and its `helpers`, no other global name. The names of the functions of a kernel's pieces differ
-    data    : arrays and numbers, in the order in which `add` takes them. They are data of the compiled
-              function, not text in it: scenes with the same kinds of forces share one kernel
+              and its `helpers`, no other global name. The names of the functions of a kernel's calls differ
+    data    : a named tuple of arrays and numbers. They are data of the compiled function, not text in it:
+              scenes with the same kinds of forces share one kernel
     helpers : module-level functions that the others call
     jumps   : the force jumps where an element becomes taut (see `exunet.forces.jumps`)
     elastic : `add` returns the elastic energy [J] that it finds on its way
 
     What it takes out or stores is had from one of these; none means a force that does no work:
-    potential : function potential(x, *data) -> [J]
-    power     : function power(t, x, v, *data) -> [W] taken out
-    work      : function work(h, x0, v0, x1, v1, x2, v2, *data) -> [J] taken out in a step of length h, from
-                the states at its start, middle and end
+    potential : function potential(x, data) -> [J]
+    power     : function power(t, x, v, data) -> [W] taken out
+    work      : function work(h, begin, middle, end, data) -> [J] taken out in a step of length h, from
+                the states (x, v) at its start, middle and end
     works     : the power taken out is -force . v
     """
 
@@ -113,7 +111,7 @@ class Term(Protocol):
         """In words: "elements", "nodes", "bullets" ..."""
 
     @property
-    def pieces(self) -> tuple[Piece, ...]:
+    def calls(self) -> tuple[KernelCall, ...]:
         """Its calls in a compiled kernel."""
 
     @property
@@ -143,7 +141,8 @@ class KernelTerm:
     """A nonlinear force, written once as a scalar loop.
 
     acts_on    : in words
-    add, data, potential, helpers : as in `Piece`; without a potential the work of force . v is integrated
+    add, data, potential, helpers : as in `KernelCall`; without a potential the work of force . v is
+                 integrated
     couples    : (m, c) points; the force on each point of a row depends on the state of the others in it.
                  None: on no other point's. For the Jacobian of implicit methods
     stiffness_rate : bound [1/s2] of what it adds to the eigenvalues of M^-1 K, for the stable step
@@ -163,10 +162,10 @@ class KernelTerm:
     switch: Switch | None = None
 
     @property
-    def pieces(self) -> tuple[Piece, ...]:
+    def calls(self) -> tuple[KernelCall, ...]:
         """One call; a force without a potential does work that is integrated."""
         works = self.potential is None
-        return (Piece(self.add, self.data, self.potential, helpers=self.helpers, works=works),)
+        return (KernelCall(self.add, self.data, self.potential, helpers=self.helpers, works=works),)
 
     @property
     def dissipates(self) -> bool:
@@ -215,16 +214,16 @@ class LinearTerm:
         return self.damping + self.gyroscopic
 
     @property
-    def pieces(self) -> tuple[Piece, ...]:
+    def calls(self) -> tuple[KernelCall, ...]:
         """A call for the velocities, one for the positions, one for the load; what is absent has none."""
         found = []
         if self.on_velocity is not None:
             taken = loops.velocity_product_power if self.damping is not None else None
-            found.append(Piece(loops.add_velocity_product, _rows(self.on_velocity), power=taken))
+            found.append(KernelCall(loops.add_velocity_product, _rows(self.on_velocity), power=taken))
         if self.stiffness is not None:
-            found.append(Piece(loops.add_position_product, _rows(self.stiffness)))
+            found.append(KernelCall(loops.add_position_product, _rows(self.stiffness)))
         if self.load is not None:
-            found.append(Piece(loops.add_load, (np.asarray(self.load, dtype=float),)))
+            found.append(KernelCall(loops.add_load, loops.Load(np.asarray(self.load, dtype=float))))
         return tuple(found)
 
     @property
@@ -258,9 +257,10 @@ class LinearTerm:
             yield self.load
 
 
-def _rows(matrix: csr_array) -> tuple[Any, ...]:
+def _rows(matrix: csr_array) -> loops.Rows:
     matrix = csr_array(matrix)
-    return matrix.indptr.astype(Index), matrix.indices.astype(Index), np.asarray(matrix.data, dtype=float)
+    start, column = matrix.indptr.astype(loops.Index), matrix.indices.astype(loops.Index)
+    return loops.Rows(start, column, np.asarray(matrix.data, dtype=float))
 
 
 def largest_number(numbers: Iterable[Any]) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from exunet.forces.cable_term import CableTerm, ElementLaw
-from exunet.forces.terms import KernelTerm, LinearTerm, Piece, Switch, Term
+from exunet.forces.terms import KernelCall, KernelTerm, LinearTerm, Switch, Term
 from exunet.net.arrays import Net
 
 Contribution = KernelTerm | LinearTerm | ElementLaw
@@ -43,9 +43,9 @@ class Forces:
         yield from self.kernels
 
     @property
-    def pieces(self) -> tuple[Piece, ...]:
+    def calls(self) -> tuple[KernelCall, ...]:
         """The calls of a kernel of all terms."""
-        return tuple(piece for term in self for piece in term.pieces)
+        return tuple(call for term in self for call in term.calls)
 
     @property
     def dissipates(self) -> bool:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, asdict, dataclass
+from typing import Any, Self
 
 from exunet.methods.method import Method
 
@@ -30,3 +32,15 @@ class Plan:
     least_step: float = 0.0
     expected_error: tuple[float, float] | None = None
     notes: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """The plan in JSON, where null stands for infinity."""
+        return {name: None if value == math.inf else value for name, value in asdict(self).items()}
+
+    @classmethod
+    def from_json(cls, stored: Mapping[str, Any]) -> Self:
+        """The plan that `as_json` gave."""
+        longest = math.inf if stored["longest_step"] is None else stored["longest_step"]
+        lists = {name: tuple(value) for name, value in stored.items() if isinstance(value, list)}
+        method = Method(stored["method"])
+        return cls(**{**stored, **lists, "method": method, "longest_step": longest})

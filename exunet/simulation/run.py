@@ -60,7 +60,7 @@ def simulate(
         drive(simulation, recorder, progress)
     except RunStopped as stop:
         _close(simulation, recorder, stop)
-        stop.partial = recorder.result(str(stop), simulation.monitor)
+        stop.result = recorder.result(str(stop), simulation.monitor)
         raise
     _close(simulation, recorder)
     return recorder.result("ok", simulation.monitor)
@@ -221,7 +221,7 @@ def _into(
     files.store.discard()  # the checkpoints too
     result = load_result(path)
     if stopped is not None:
-        stopped.partial = result
+        stopped.result = result
         raise stopped
     return result
 

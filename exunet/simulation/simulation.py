@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import operator
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
-from numbers import Real
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from exunet.case.casefile import Case, load
 from exunet.case.scene import Scene
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
+from exunet.simulation.arguments import finite_number, finite_vector, whole_number
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.readouts import BodyState, Energies, NetState
@@ -112,7 +111,7 @@ class Simulation:
     @property
     def counts(self) -> StepCounts:
         """Steps and evaluations of the forces so far, all attempts together."""
-        return _sum(self._spent, self._integrator.counts)
+        return self._spent + self._integrator.counts
 
     @property
     def energy(self) -> Energies:
@@ -147,14 +146,14 @@ class Simulation:
 
     def advance(self, duration: float) -> None:
         """Go on by a time [s]."""
-        seconds = _seconds(duration)
+        seconds = finite_number(duration)
         if seconds is None or not seconds > 0.0:
             raise InputError(f"advance: the duration must be positive and finite, got {duration!r} s")
         self.advance_to(self.time + seconds)
 
     def advance_to(self, until: float) -> None:
         """Go on to a time [s]."""
-        time = _seconds(until)
+        time = finite_number(until)
         if time is None or not time > self.time:
             raise InputError(
                 f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
@@ -220,7 +219,7 @@ class Simulation:
         A run that stores has its states in the record, and is over.
         """
         if self._recorder is None:
-            self._spent = _sum(self._spent, self._integrator.counts)
+            self._spent = self._spent + self._integrator.counts
             self._integrator = self._begin(self._monitor.go_back())
 
     def finish(self) -> bool:
@@ -246,7 +245,7 @@ class Simulation:
         if plan is None:
             self._to_safe_state()
             raise stop
-        self._spent = _sum(self._spent, self._integrator.counts)
+        self._spent = self._spent + self._integrator.counts
         self._plan, self._retries = plan, self._retries - 1
         state = self._monitor.go_back()
         if self._recorder is not None:
@@ -260,17 +259,13 @@ class Simulation:
         Its work is in the energy book, as energy that is put in.
         """
         points = self._start.system.points
-        number = points.body.get(on) if isinstance(on, str) else _index(on)
+        number = points.body.get(on) if isinstance(on, str) else whole_number(on)
         if number is None or not 0 <= number < points.n_points:
             names = ", ".join(points.body) or "none"
             words = f"nodes are 0 to {points.net.n_nodes - 1}, point masses: {names}"
             raise InputError(f"set_force: there is no node or point mass {on!r}: {words}")
-        try:
-            vector = np.asarray(force)
-            vector = vector.astype(float) if vector.dtype.kind in "iuf" else np.empty(0)
-        except (TypeError, ValueError):
-            vector = np.empty(0)
-        if vector.shape != (3,) or not np.isfinite(vector).all():
+        vector = finite_vector(force)
+        if vector is None:
             raise InputError(f"set_force: a force is three finite numbers, got {force!r}")
         self._settle()
         pushed = self._pushed.copy()
@@ -301,7 +296,7 @@ class Simulation:
             raise InputError(f"snapshot: {cannot_restart(self._plan.method)}")
         header = {
             "time": self.time,
-            "plan": _as_json(self._plan),
+            "plan": self._plan.as_json(),
             "retries": self._retries,
             "spent": asdict(self._spent),
             "events": list(self._monitor.events),
@@ -330,7 +325,7 @@ class Simulation:
         self._pushed = np.array(arrays["pushed"])
         self._stops.restore(group_of("stops", arrays))
         self._retries, self._spent = header["retries"], StepCounts(**header["spent"])
-        restored = _plan(header["plan"])
+        restored = Plan.from_json(header["plan"])
         if restored != self._plan:
             self._plan = restored
             self._integrator = self._begin(self._start.state)
@@ -366,23 +361,6 @@ def cannot_restart(method: Method) -> str:
     )
 
 
-def _seconds(given: object) -> float | None:
-    """A finite number, else None."""
-    if isinstance(given, bool) or not isinstance(given, Real) or not np.isfinite(float(given)):
-        return None
-    return float(given)
-
-
-def _index(on: object) -> int | None:
-    """A whole number of any type, else None."""
-    if isinstance(on, bool):
-        return None
-    try:
-        return operator.index(on)  # type: ignore[arg-type]
-    except TypeError:
-        return None
-
-
 _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
 
 
@@ -392,19 +370,3 @@ def _prepared(case: str | Path | Case | Scene | Start, overrides: Sequence[str])
     if isinstance(case, Scene):
         return prepare(case)
     return prepare_case(case if isinstance(case, Case) else load(case, overrides))
-
-
-def _as_json(plan: Plan) -> dict[str, Any]:
-    """A plan in JSON, where null stands for infinity."""
-    return {name: None if value == np.inf else value for name, value in asdict(plan).items()}
-
-
-def _plan(stored: Mapping[str, Any]) -> Plan:
-    """The plan in a snapshot's header."""
-    longest = np.inf if stored["longest_step"] is None else stored["longest_step"]
-    lists = {name: tuple(value) for name, value in stored.items() if isinstance(value, list)}
-    return Plan(**{**stored, **lists, "longest_step": longest})
-
-
-def _sum(a: StepCounts, b: StepCounts) -> StepCounts:
-    return replace(a, **{name: value + getattr(b, name) for name, value in asdict(a).items()})

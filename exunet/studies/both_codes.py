@@ -148,7 +148,7 @@ class BothCodes:
         return Trajectory(np.asarray(times), x, v, stepper.counts.steps)
 
     def run_reference(self, times: Floats, **how: Any) -> Trajectory:
-        """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.march."""
+        """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.integration."""
         found = self.reference_trajectory(times, **how)
         x, v = (self.from_reference(values) for values in (found.x, found.v))
         return Trajectory(found.t, x, v, found.n_steps)
@@ -156,7 +156,7 @@ class BothCodes:
     def reference_trajectory(self, times: Sequence[float] | Floats, **how: Any) -> reference.Trajectory:
         """The same as the reference gives it, in its own numbering and with its counts."""
         x0, v0 = self.to_reference(self.start.position), self.to_reference(self.start.velocity)
-        return reference.march(self.theirs.system, x0, v0, times, **how)
+        return reference.integrate(self.theirs.system, x0, v0, times, **how)
 
 
 def coordinates(nodes: Ints) -> Ints:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.loop import March, loop_kernel
+from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.base.errors import InputError, RunStopped
 from exunet.case.stored_times import stored_times
 from exunet.codegen.kernel import Kernel
@@ -124,14 +124,14 @@ def _stacked(found: Sequence[tuple[Any, ...]]) -> list[Any]:
 
 def _one(start: Start, kernel: Kernel, times: Floats, run: int) -> tuple[Any, ...]:
     system, net = start.system, start.net
-    march = March(system, start.state, start.plan, kernel)
-    batch = march.through(times)
+    motion = CompiledIntegration(system, start.state, start.plan, kernel)
+    batch = motion.through(times)
     try:
         Monitor(system, start.state, every=1).take(batch)
     except RunStopped as stop:
         raise RunStopped(f"run {run} of the ensemble {stop}") from stop
     if len(batch.time) < len(times):
-        raise RunStopped(f"run {run} of the ensemble stopped: {march.collapse()}")
+        raise RunStopped(f"run {run} of the ensemble stopped: {motion.collapse()}")
     return (
         np.linalg.norm(batch.velocity[:, net.bullet_nodes], axis=-1),
         metrics.mouth_area(net, batch.position),
@@ -139,5 +139,5 @@ def _one(start: Start, kernel: Kernel, times: Floats, run: int) -> tuple[Any, ..
         energy.elastic(system.forces, batch.position),
         energy.potential(system.forces, batch.position),
         batch.taken,
-        march.counts.right_hand_sides,
+        motion.counts.right_hand_sides,
     )

@@ -238,7 +238,7 @@ def of_reference(hard: Hard) -> Iterator[Check]:
     how = hard.reference
     overrides = {"time.output_step": how["step"], "time.output_times": None} if "step" in how else {}
     scene = reference.load(case_path(hard.case), overrides)
-    states = states_of(scene, scene.march(**how))
+    states = states_of(scene, scene.integrate(**how))
     yield from _balances(hard, states)
     if hard.of_both:
         yield from hard.of_both(states, None)
@@ -288,7 +288,7 @@ def stopped(name: str, stop: RunStopped) -> Check:
     """A run that did not end: a guard must have stopped it, for its energy, and what is kept is finite."""
     words = str(stop)
     found = re.match(r"diverged at t = (\S+) s: the energy (grew|fell)\D* by (\S+) J", words)
-    if not found or not _finite(stop.partial):
+    if not found or not _finite(stop.result):
         return Check(f"{name}: stopped by something else", math.inf, tol.HARD_BY_GUARD, words)
     time, change, energy = found.groups()
     sign = "+" if change == "grew" else "-"
@@ -299,7 +299,7 @@ def energy_momentum() -> Iterator[Check]:
     """The energy-momentum method of the reference at the same steps: exact at all of them."""
     for step in IMPLICIT_STEPS:
         scene = reference.load(case_path("implicit"))
-        balance = energy_balance(states_of(scene, scene.march(method="EM", step=step)))
+        balance = energy_balance(states_of(scene, scene.integrate(method="EM", step=step)))
         yield Check(f"EM at {1e3 * step:g} ms: ran to the end", balance, tol.HARD_EXACT)
 
 
@@ -315,7 +315,7 @@ def above(form: str) -> Iterator[Check]:
     except CaseError:
         yield Check(f"{name}: refused", 0.0, tol.HARD_REFUSED)
     result = _outcome(prepare(load(path, ("solver.force=true", "solver.retry=0", *setting)).scene))
-    caught = isinstance(result, RunStopped) and _finite(result.partial)
+    caught = isinstance(result, RunStopped) and _finite(result.result)
     words = str(result) if isinstance(result, RunStopped) else ""
     yield Check(f"{name}, forced: stopped", 0.0 if caught else math.inf, tol.HARD_CAUGHT, words)
 

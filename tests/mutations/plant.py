@@ -17,7 +17,7 @@ from exunet.results import measures as metrics
 from exunet.system import assembly, initial
 from exunet.system.states import States
 
-march = sys.modules["reference_impl.march"]  # the package has a function of that name
+integration = sys.modules["reference_impl.integration"]  # the package has a function of that name
 
 EXUDYN, REFERENCE = "Exudyn's net", "reference"
 
@@ -214,7 +214,7 @@ def reference_rk4_weights(patch):
 
         return lambda end: whole_steps(state, step, end, take)
 
-    patch.setitem(march.STEPPED, "RK4", midpoint)
+    patch.setitem(integration.STEPPED, "RK4", midpoint)
 
 
 def _twice(value):

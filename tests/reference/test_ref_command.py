@@ -141,7 +141,7 @@ def test_interruption_keeps_what_was_computed(run, monkeypatch):
         if time > 0.01:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "march", partial(command.march, progress=stop))
+    monkeypatch.setattr(command, "integrate", partial(command.integrate, progress=stop))
     code, lines, got = run(CASE, *SHORT)
     assert (code, len(lines)) == (130, 1)
     assert not got["complete"]

@@ -44,7 +44,7 @@ def test_linear_orbit_is_the_state_transition_of_clohessy_and_wiltshire(lone, sc
     x0, v0 = np.array([3.0, -2.0, 5.0]), np.array([2e-3, -4e-3, 1e-3])
     made = scene(lone((x0 @ turn).tolist(), (v0 @ turn).tolist()), orbit("linear", axes))
     times = np.linspace(0.0, PERIOD, 5)
-    run = made.march(times, rtol=1e-12, atol=1e-14)
+    run = made.integrate(times, rtol=1e-12, atol=1e-14)
     for time, position, velocity in zip(times, run.x[:, 0], run.v[:, 0], strict=True):
         c, s, w = math.cos(N * time), math.sin(N * time), N * time
         rr = np.array([[4 - 3 * c, 0, 0], [6 * (s - w), 1, 0], [0, 0, c]])
@@ -59,7 +59,7 @@ def test_linear_orbit_is_the_state_transition_of_clohessy_and_wiltshire(lone, sc
 def test_ellipse_of_two_to_one(lone, scene):
     """field.md: closed 2 x 1 ellipse for y'(0) = -2 n x(0)."""
     made = scene(lone([1.0, 0.0, 0.0], [0.0, -2.0 * N, 0.0]), orbit("linear"))
-    run = made.march(np.linspace(0.0, PERIOD, 9), rtol=1e-12, atol=1e-14)
+    run = made.integrate(np.linspace(0.0, PERIOD, 9), rtol=1e-12, atol=1e-14)
     x, y, _ = run.x[:, 0].T
     assert np.allclose(x**2 + (y / 2.0) ** 2, 1.0, rtol=0, atol=1e-9)
     assert np.allclose(run.x[-1], run.x[0], rtol=0, atol=1e-9)
@@ -81,7 +81,7 @@ def inertial(made, run):
 
 def test_two_bodies_conserve_what_kepler_conserves(lone, scene):
     made = scene(lone([300.0, -200.0, 500.0], [0.2, -0.4, 0.1]), orbit("two_body", TURNED))
-    run = made.march(np.linspace(0.0, PERIOD, 5), rtol=1e-13, atol=1e-13)
+    run = made.integrate(np.linspace(0.0, PERIOD, 5), rtol=1e-13, atol=1e-13)
     x, v = inertial(made, run)
     kepler = 0.5 * np.sum(v * v, axis=-1) - EARTH_MU / np.linalg.norm(x, axis=-1)
     momentum = np.cross(x, v)
@@ -95,7 +95,7 @@ def test_two_bodies_follow_keplers_motion(lone, scene):
     made = scene(lone([300.0, -200.0, 500.0], [0.2, -0.4, 0.1]), orbit("two_body", altitude=5e5))
     n = made.system.effects.orbit.mean_motion
     assert n == pytest.approx(math.sqrt(EARTH_MU / (EARTH_RADIUS + 5e5) ** 3), rel=1e-15)
-    run = made.march([0.0, 2.0 * math.pi / n], rtol=1e-13, atol=1e-13)
+    run = made.integrate([0.0, 2.0 * math.pi / n], rtol=1e-13, atol=1e-13)
     x, v = inertial(made, run)
 
     def rate(t, y):
@@ -157,7 +157,7 @@ def test_orbital_force_is_the_slope_of_its_potential(lone, scene, model, axes):
 def test_mass_damping_decays_the_momentum(document, scene):
     """P = P0 exp(-alpha t), whatever the net does."""
     made = scene(document(), {"effects.mass_damping.alpha": 0.7, "launch.axial_speed": 2.0})
-    run = made.march([0.0, 0.5, 1.0])
+    run = made.integrate([0.0, 0.5, 1.0])
     p = energy.momentum(made.system, run.v)
     assert p[:, 2] == pytest.approx(p[0, 2] * np.exp(-0.7 * run.t), rel=1e-9)
 
@@ -195,7 +195,7 @@ def test_material_damping_decays_a_taut_oscillation(explicit, scene):
     decay = c / (2.0 * mass)
     omega = math.sqrt(k / mass - decay**2)
     t = np.linspace(0.0, 6.0 * math.pi / omega, 7)
-    run = made.march(t, rtol=1e-12, atol=1e-16)
+    run = made.integrate(t, rtol=1e-12, atol=1e-16)
     expected = 1e-6 * np.exp(-decay * t) * (np.cos(omega * t) + decay / omega * np.sin(omega * t))
     assert np.exp(-decay * t[-1]) < 0.9
     assert run.x[:, 1, 0] - 1.0 == pytest.approx(expected, abs=1e-10)  # 1e-6 of 1e-6 of nonlinearity
@@ -265,7 +265,7 @@ def test_energy_balances_with_any_effects(document, scene, keys, model):
         document("square", size=2.0),
         {**overrides, "initial.packing": 0.6, "initial.spin": [0.3, 0.0, 1.0], "launch.axial_speed": 1.0},
     )
-    run = made.march(np.linspace(0.0, 0.3, 7))
+    run = made.integrate(np.linspace(0.0, 0.3, 7))
     total, turned = balance(made, run)
     assert np.ptp(np.linalg.norm(run.v[:, made.net.bullet_nodes], axis=2)) > 0.1  # the net has snapped
     assert np.abs(total - total[0]).max() < 1e-5 * turned

@@ -14,13 +14,13 @@ TIMES = [0.0, 1.0, 1.25, 1.5, 1.75, 2.0]
 @pytest.fixture(scope="module")
 def undamped(scene):
     made = scene("planar_undamped.toml")
-    return made, made.march(TIMES)
+    return made, made.integrate(TIMES)
 
 
 @pytest.fixture(scope="module")
 def damped(scene):
     made = scene("planar_deployment.toml", symmetric=True)
-    return made, made.march(TIMES)
+    return made, made.integrate(TIMES)
 
 
 def total_energy(made, run):
@@ -81,7 +81,7 @@ def test_symmetric_arithmetic_keeps_mirrors_of_fine_nets(document, scene, topolo
         },
         symmetric=True,
     )
-    run = made.march([0.0, 0.3], method="RK45", rtol=1e-5, atol=1e-7)
+    run = made.integrate([0.0, 0.3], method="RK45", rtol=1e-5, atol=1e-7)
     row = {tuple(p): i for i, p in enumerate((made.net.reference_position + 0.0).tolist())}
     assert np.abs(run.v[-1] - run.v[0]).max() > 0.1
     for mirror in (lambda p: p * [-1, 1, 1], lambda p: p * [1, -1, 1], lambda p: p[..., [1, 0, 2]]):
@@ -93,7 +93,7 @@ def test_symmetric_arithmetic_keeps_mirrors_of_fine_nets(document, scene, topolo
 def test_default_arithmetic_lets_the_curves_separate(scene, bullet_speeds):
     """field.md: with the paper's damping, round-off alone separates the four curves between 1.5 and 2.0 s."""
     made = scene("planar_deployment.toml")
-    speeds = bullet_speeds(made, made.march([0.0, 1.5, 2.0], rtol=1e-8, atol=1e-10))
+    speeds = bullet_speeds(made, made.integrate([0.0, 1.5, 2.0], rtol=1e-8, atol=1e-10))
     assert np.ptp(speeds[1]) < 1e-6
     assert np.ptp(speeds[2]) > 1e-3
 
@@ -109,7 +109,7 @@ def test_curves_separate_at_the_defaults_of_ode45(scene, bullet_speeds, arithmet
     """
     made = scene("planar_deployment.toml", {"time.output_step": 0.005}, **arithmetic)
     bits = np.random.default_rng(1).integers(-1, 2, made.x0.shape)
-    run = made.march(method="RK45", x0=made.x0 * (1.0 + ulps * 2.0**-52 * bits))
+    run = made.integrate(method="RK45", x0=made.x0 * (1.0 + ulps * 2.0**-52 * bits))
     apart = np.ptp(bullet_speeds(made, run), axis=1)
     assert apart[run.t <= 1.25].max() < 1e-6
     assert 1.4 < run.t[np.argmax(apart > 0.05)] <= 1.8
@@ -120,7 +120,7 @@ def test_curves_separate_at_the_defaults_of_ode45(scene, bullet_speeds, arithmet
 def test_curves_stay_together_at_the_defaults_of_ode45_where_round_off_is_mirrored(scene, bullet_speeds):
     """Same tolerances, same steps rule: the separation is round-off, magnified by the problem."""
     made = scene("planar_deployment.toml", symmetric=True)
-    speeds = bullet_speeds(made, made.march(method="RK45"))
+    speeds = bullet_speeds(made, made.integrate(method="RK45"))
     assert np.all(speeds == speeds[:, :1])
 
 
@@ -128,7 +128,7 @@ def test_scipy_agrees(undamped, bullet_speeds):
     """SciPy's own driver of DOP853 on the same right-hand side.
 
     It needs the tighter tolerance: at rtol 1e-10 its blended estimate leaves an error of 1.1e-6 m/s, measured
-    against both programs' limit 1.6216634348 m/s; that of `march` at 1e-10 is 8e-9.
+    against both programs' limit 1.6216634348 m/s; that of `integrate` at 1e-10 is 8e-9.
     """
     made, run = undamped
     n = len(made.net.mass)
@@ -153,7 +153,7 @@ def test_scipy_agrees(undamped, bullet_speeds):
 def test_sensitivity_to_the_start(scene, bullet_speeds):
     """field.md: 1e-12 m at the start is about 4e-13 m/s at 1.0 s, but 0.1 m/s at 1.5 s."""
     made = scene("planar_undamped.toml")
-    run = made.march([0.0, 1.0, 1.5], x0=perturbed(made, 1e-12, seed=1))
+    run = made.integrate([0.0, 1.0, 1.5], x0=perturbed(made, 1e-12, seed=1))
     spread = np.ptp(bullet_speeds(made, run), axis=1)
     assert spread[1] < 1e-11
     assert spread[2] > 1e-3
@@ -164,7 +164,9 @@ def test_sensitivity_to_the_start(scene, bullet_speeds):
 def test_symmetric_runs_converge(scene, bullet_speeds):
     """Kept symmetric, the damped run converges to the end: reference values for the symmetric motion."""
     made = scene("planar_deployment.toml", symmetric=True)
-    rough, fine = (bullet_speeds(made, made.march(TIMES, rtol=r, atol=r / 100))[:, 0] for r in (1e-10, 1e-12))
+    rough, fine = (
+        bullet_speeds(made, made.integrate(TIMES, rtol=r, atol=r / 100))[:, 0] for r in (1e-10, 1e-12)
+    )
     assert np.abs(rough - fine).max() < 1e-6
     assert fine[1:] == pytest.approx(
         [2.2612965804, 2.2633471175, 2.0154888410, 1.8046988894, 0.54215856], abs=1e-8

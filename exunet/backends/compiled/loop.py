@@ -45,11 +45,11 @@ def loop_kernel(system: System) -> Kernel:
     return Kernel(system.forces, LOOP, bodies=bool(system.bodies), imports=IMPORTS)
 
 
-class March:
+class CompiledIntegration:
     """The state of one system and how far it has got.
 
     plan   : its method is one that the compiled loop has
-    kernel : what `loop_kernel` gives for the system, which several marches may share
+    kernel : what `loop_kernel` gives for the system, which several integrations may share
     """
 
     def __init__(self, system: System, state: State, plan: Plan, kernel: Kernel) -> None:
@@ -103,7 +103,7 @@ class March:
         return StepCounts(steps, rejected, right_hand_sides=1 + stages * (steps + rejected))
 
 
-class CompiledLoop(March):
+class CompiledLoop(CompiledIntegration):
     """The integrator without an engine.
 
     One state in some is handed over, but none is left out in which an element may be stretched beyond the

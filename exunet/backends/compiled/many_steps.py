@@ -33,7 +33,7 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
     JUMPS = True
 
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
-    def extra_work(h: float, x0: Any, v0: Any, x1: Any, v1: Any, x2: Any, v2: Any, data: Any) -> float: ...
+    def extra_work(h: float, begin: Any, middle: Any, end: Any, data: Any) -> float: ...
 
 
 def begin(t: float, verlet: bool, m: Any) -> None:
@@ -59,7 +59,7 @@ def work_of_step(t: float, h: float, power_at_start: float, m: Any) -> float:
     middle = power(t + 0.5 * h, s.middle_x, s.middle_v, m.data, s.scratch)
     end = power(t + h, s.x1, s.v1, m.data, s.scratch)
     m.taken[0] += h / 6.0 * (power_at_start + 4.0 * middle + end)
-    m.taken[0] += extra_work(h, x, v, s.middle_x, s.middle_v, s.x1, s.v1, m.data)
+    m.taken[0] += extra_work(h, (x, v), (s.middle_x, s.middle_v), (s.x1, s.v1), m.data)
     return end
 
 

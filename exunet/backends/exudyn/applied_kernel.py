@@ -12,7 +12,7 @@ from exunet.backends.exudyn.model import Jacobian, Model
 from exunet.codegen.drivers import Place
 from exunet.codegen.kernel import Kernel
 from exunet.codegen.linearised import Linearised
-from exunet.forces.terms import Index
+from exunet.forces.loops import Index
 
 Floats = NDArray[np.float64]
 

@@ -8,16 +8,20 @@ not shrink with the distance of its nodes, so L is its reference length; its dir
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.base.table import NonNegative, Positive, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.loops import Index
 from exunet.forces.points import Points
 from exunet.forces.surface import bullet_disc, widths
 from exunet.forces.terms import KernelTerm
+
+Floats = NDArray[np.float64]
 
 NO_LENGTH = 1e-9  # of the reference length: below it the direction of an element is round-off
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
@@ -46,23 +50,43 @@ class Keys(Table):
 def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
     """One kernel term for the elements, one for the bullets if there are any."""
     net = points.net
-    first, second = (3 * net.element_nodes.T).astype(np.uint32)
+    first, second = (3 * net.element_nodes.T).astype(Index)
     quarter = 0.25 * keys.density * keys.drag_coefficient * widths(net) * net.reference_length
-    data = (first, second, quarter, (NO_LENGTH * net.reference_length) ** 2)
+    data = CrossFlow(first, second, quarter, (NO_LENGTH * net.reference_length) ** 2)
     kernels = [KernelTerm("elements", add_cross_flow, data, couples=net.element_nodes)]
     if len(net.bullet_nodes):
         assert keys.bullet_area is not None
         assert keys.bullet_drag_coefficient is not None
         factor = 0.5 * keys.density * keys.bullet_drag_coefficient * keys.bullet_area
-        nodes = (3 * net.bullet_nodes).astype(np.uint32)
-        kernels.append(KernelTerm("bullets", add_bullet_drag, (nodes, factor)))
+        nodes = (3 * net.bullet_nodes).astype(Index)
+        kernels.append(KernelTerm("bullets", add_bullet_drag, BulletDrag(nodes, factor)))
     return tuple(kernels)
 
 
-def add_cross_flow(
-    t: float, x: Any, v: Any, first: Any, second: Any, quarter: Any, least: Any, force: Any
-) -> None:
+class CrossFlow(NamedTuple):
+    """Elements in still air.
+
+    first, second : (m,) 3 i and 3 j of the end nodes
+    quarter       : (m,) rho C d L0 / 4 [kg/m]
+    least         : (m,) square of the length below which an element has no direction [m2]
+    """
+
+    first: NDArray[Index]
+    second: NDArray[Index]
+    quarter: Floats
+    least: Floats
+
+
+class BulletDrag(NamedTuple):
+    """bullets : (n,) 3 x node; factor : rho C A / 2 [kg/m]."""
+
+    bullets: NDArray[Index]
+    factor: float
+
+
+def add_cross_flow(t: float, x: Any, v: Any, elements: Any, force: Any) -> None:
     """Half of -rho C d L0 |u_n| u_n / 2 on each end, u_n the normal part of the middle's velocity."""
+    first, second, quarter, least = elements
     for e in range(quarter.size):
         i = first[e]
         j = second[e]
@@ -87,8 +111,9 @@ def add_cross_flow(
         force[j + 2] -= factor * uz
 
 
-def add_bullet_drag(t: float, x: Any, v: Any, bullets: Any, factor: float, force: Any) -> None:
-    """-rho C A |v| v / 2 on each bullet; bullets : 3 x node."""
+def add_bullet_drag(t: float, x: Any, v: Any, drag: Any, force: Any) -> None:
+    """-rho C A |v| v / 2 on each bullet."""
+    bullets, factor = drag
     for b in range(bullets.size):
         k = bullets[b]
         speed = math.sqrt(v[k] * v[k] + v[k + 1] * v[k + 1] + v[k + 2] * v[k + 2])
@@ -122,7 +147,7 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     parts = []
     for term in terms(keys, basis.points):
         force = np.zeros_like(x)
-        term.add(0.0, x, v, *term.data, force)
+        term.add(0.0, x, v, term.data, force)
         parts.append(basis.of_force(force.reshape(-1, 3)))
     others = np.setdiff1d(np.arange(net.n_nodes), net.bullet_nodes)
     at_rest = len(net.bullet_nodes) > 0 and not basis.velocity[others].any()

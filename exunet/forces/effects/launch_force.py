@@ -15,18 +15,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from exunet.base.errors import Fault
 from exunet.base.table import Positive, Table
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.loops import Index
 from exunet.forces.points import PointMass, Points
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
+
+Floats = NDArray[np.float64]
 
 NEEDS_BULLETS = True
 REPLACES_LAUNCH = True
@@ -80,17 +84,19 @@ def point_masses(keys: Keys) -> tuple[PointMass, ...]:
 def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
     """One conservative term over the bullets and the chaser; the stroke counts from the start."""
     net, chaser = points.net, points.body["chaser"]
-    nodes = (3 * net.bullet_nodes).astype(np.uint32)
+    nodes = (3 * net.bullet_nodes).astype(Index)
     axes = barrels(keys, net)
     start = np.einsum("ba,ba->b", points.position[net.bullet_nodes] - points.position[chaser], axes)
-    data: tuple[Any, ...] = (nodes, 3 * chaser, axes, start, keys.force, keys.stroke)
+    spring = Spring(nodes, 3 * chaser, axes, start, keys.force, keys.stroke)
     couples = np.stack([net.bullet_nodes, np.full(len(nodes), chaser)], axis=1)
+    helpers = (travelled, push_apart)
     if keys.kind == "spring":
-        term = KernelTerm(_PUSHED, add_spring_launch, data, spring_launch_potential, couples=couples)
-    else:
-        data = (*data, keys.dead_length, keys.exponent)
-        term = KernelTerm(_PUSHED, add_gas_launch, data, gas_launch_potential, couples=couples)
-    return (term,)
+        potential = spring_launch_potential
+        return (KernelTerm(_PUSHED, add_spring_launch, spring, potential, helpers, couples),)
+    assert keys.dead_length is not None
+    assert keys.exponent is not None
+    gas = Gas(*spring, keys.dead_length, keys.exponent)
+    return (KernelTerm(_PUSHED, add_gas_launch, gas, gas_launch_potential, helpers, couples),)
 
 
 _PUSHED = "bullets and chaser"
@@ -103,85 +109,93 @@ def barrels(keys: Keys, net: Net) -> np.ndarray:
     return math.sin(keys.spread_angle) * outward + math.cos(keys.spread_angle) * np.array([0.0, 0.0, 1.0])
 
 
-def add_spring_launch(
-    t: float,
-    x: Any,
-    v: Any,
-    bullets: Any,
-    c: int,
-    axes: Any,
-    start: Any,
-    first: float,
-    stroke: float,
-    force: Any,
-) -> None:
-    """F0 (1 - s / stroke) along each barrel while s < stroke, and its reaction on the chaser."""
-    for b in range(bullets.size):
-        k = bullets[b]
-        s = -start[b]
-        for axis in range(3):
-            s += (x[k + axis] - x[c + axis]) * axes[b, axis]
-        if s < stroke:
-            push = first * (1.0 - s / stroke)
-            for axis in range(3):
-                force[k + axis] += push * axes[b, axis]
-                force[c + axis] -= push * axes[b, axis]
+class Spring(NamedTuple):
+    """Springs in their barrels.
+
+    bullets : (n,) 3 x node of each bullet
+    chaser  : 3 x the chaser's point
+    axes    : (n, 3) unit vectors of the barrels
+    start   : (n,) where along its barrel each bullet starts, from the chaser's point [m]
+    force   : F0 at the start [N]
+    stroke  : way on which it acts [m]
+    """
+
+    bullets: NDArray[Index]
+    chaser: int
+    axes: Floats
+    start: Floats
+    force: float
+    stroke: float
 
 
-def spring_launch_potential(
-    x: Any, bullets: Any, c: int, axes: Any, start: Any, first: float, stroke: float
-) -> float:
+class Gas(NamedTuple):
+    """The same with gas: dead_length V of the volume behind the bullet [m], adiabatic exponent."""
+
+    bullets: NDArray[Index]
+    chaser: int
+    axes: Floats
+    start: Floats
+    force: float
+    stroke: float
+    dead_length: float
+    exponent: float
+
+
+def travelled(x: Any, b: int, barrels: Any) -> float:
+    """Way s [m] of bullet b along its barrel since the start; barrels : `Spring` or `Gas`."""
+    k, c = barrels.bullets[b], barrels.chaser
+    s = -barrels.start[b]
+    for axis in range(3):
+        s += (x[k + axis] - x[c + axis]) * barrels.axes[b, axis]
+    return s
+
+
+def push_apart(b: int, push: float, barrels: Any, force: Any) -> None:
+    """A force [N] on bullet b along its barrel, and its reaction on the chaser."""
+    k, c = barrels.bullets[b], barrels.chaser
+    for axis in range(3):
+        force[k + axis] += push * barrels.axes[b, axis]
+        force[c + axis] -= push * barrels.axes[b, axis]
+
+
+def add_spring_launch(t: float, x: Any, v: Any, springs: Any, force: Any) -> None:
+    """F0 (1 - s / stroke) along each barrel while s < stroke."""
+    for b in range(springs.bullets.size):
+        s = travelled(x, b, springs)
+        if s < springs.stroke:
+            push_apart(b, springs.force * (1.0 - s / springs.stroke), springs, force)
+
+
+def spring_launch_potential(x: Any, springs: Any) -> float:
     """F0 (stroke - s)^2 / (2 stroke) of each bullet in its barrel."""
     total = 0.0
-    for b in range(bullets.size):
-        k = bullets[b]
-        s = -start[b]
-        for axis in range(3):
-            s += (x[k + axis] - x[c + axis]) * axes[b, axis]
+    stroke = springs.stroke
+    for b in range(springs.bullets.size):
+        s = travelled(x, b, springs)
         if s < stroke:
-            total += first * (stroke - s) * (stroke - s) / (2.0 * stroke)
+            total += springs.force * (stroke - s) * (stroke - s) / (2.0 * stroke)
     return total
 
 
-def add_gas_launch(
-    t: float, x: Any, v: Any, bullets: Any, c: int, axes: Any, start: Any, first: float, stroke: float,
-    dead: float, exponent: float, force: Any,
-) -> None:  # fmt: skip
-    """F0 (V / (V + s))^gamma along each barrel while s < stroke (F0 behind the start), and its reaction."""
-    for b in range(bullets.size):
-        k = bullets[b]
-        s = -start[b]
-        for axis in range(3):
-            s += (x[k + axis] - x[c + axis]) * axes[b, axis]
-        if s < stroke:
-            push = first * (dead / (dead + max(s, 0.0))) ** exponent
-            for axis in range(3):
-                force[k + axis] += push * axes[b, axis]
-                force[c + axis] -= push * axes[b, axis]
+def add_gas_launch(t: float, x: Any, v: Any, gas: Any, force: Any) -> None:
+    """F0 (V / (V + s))^gamma along each barrel while s < stroke (F0 behind the start)."""
+    for b in range(gas.bullets.size):
+        s = travelled(x, b, gas)
+        if s < gas.stroke:
+            ratio = gas.dead_length / (gas.dead_length + max(s, 0.0))
+            push_apart(b, gas.force * ratio**gas.exponent, gas, force)
 
 
-def gas_launch_potential(
-    x: Any,
-    bullets: Any,
-    c: int,
-    axes: Any,
-    start: Any,
-    first: float,
-    stroke: float,
-    dead: float,
-    exponent: float,
-) -> float:
+def gas_launch_potential(x: Any, gas: Any) -> float:
     """The work that the gas has still to do on each bullet in its barrel."""
     total = 0.0
-    less = exponent - 1.0
-    for b in range(bullets.size):
-        k = bullets[b]
-        s = -start[b]
-        for axis in range(3):
-            s += (x[k + axis] - x[c + axis]) * axes[b, axis]
+    dead, stroke = gas.dead_length, gas.stroke
+    less = gas.exponent - 1.0
+    for b in range(gas.bullets.size):
+        s = travelled(x, b, gas)
         if s < stroke:
             inside = (dead / (dead + max(s, 0.0))) ** less - (dead / (dead + stroke)) ** less
-            total += first * (dead / less * inside - min(s, 0.0))
+            total += gas.force * (dead / less * inside - min(s, 0.0))
     return total
 
 

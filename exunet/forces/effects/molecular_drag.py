@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.base.errors import Fault
@@ -22,6 +23,8 @@ from exunet.forces.points import Points
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.surface import bullet_disc, tumbling_areas
 from exunet.forces.terms import KernelTerm
+
+Floats = NDArray[np.float64]
 
 EXCLUDES = {"gravity": "uniform gravity is for the ground, free-molecular flow for orbits"}
 BULLET_KEYS = ("bullet_area",)
@@ -61,11 +64,19 @@ def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
     factor = 0.5 * keys.gas_density * keys.drag_coefficient * tumbling_areas(points, keys.bullet_area)
     flow = np.array(keys.flow)
     rate = 2.0 * float(np.max(factor / points.mass, initial=0.0)) * math.hypot(*keys.flow)
-    return (KernelTerm("nodes", add_molecular_drag, (factor, flow), damping_rate=rate),)
+    return (KernelTerm("nodes", add_molecular_drag, Flow(factor, flow), damping_rate=rate),)
 
 
-def add_molecular_drag(t: float, x: Any, v: Any, factor: Any, flow: Any, force: Any) -> None:
+class Flow(NamedTuple):
+    """factor : (n_points,) rho C A / 2 [kg/m]; velocity : (3,) of the gas past the scene [m/s]."""
+
+    factor: Floats
+    velocity: Floats
+
+
+def add_molecular_drag(t: float, x: Any, v: Any, gas: Any, force: Any) -> None:
     """rho C A |u| u / 2 on every node, u = flow - v."""
+    factor, flow = gas
     for node in range(factor.size):
         k = 3 * node
         ux = flow[0] - v[k]
@@ -99,7 +110,7 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     """The force on nodes at rest."""
     term = terms(keys, basis.points)[0]
     force = np.zeros(3 * basis.net.n_nodes)
-    term.add(0.0, force, np.zeros_like(force), *term.data, force)
+    term.add(0.0, force, np.zeros_like(force), term.data, force)
     acceleration = basis.of_force(force.reshape(-1, 3))
     return Estimate(
         acceleration,

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.base.errors import Fault
@@ -22,6 +23,8 @@ from exunet.forces.lumped import each_node
 from exunet.forces.points import Points
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm, LinearTerm, Term
+
+Floats = NDArray[np.float64]
 
 
 class Keys(OrbitKeys):
@@ -41,15 +44,24 @@ def terms(keys: Keys, points: Points) -> tuple[Term, ...]:
     if keys.model == "linear":
         gradient = rate**2 * (np.outer(normal, normal) - 3.0 * np.outer(radial, radial))
         return (LinearTerm(gyroscopic=gyroscopic, stiffness=each_node(points.mass, gradient)),)
-    data = (points.mass, rate, keys.radius, radial, normal)
+    data = CircularOrbit(points.mass, rate, keys.radius, radial, normal)
     two_body = KernelTerm("nodes", add_two_body, data, two_body_potential)
     return LinearTerm(gyroscopic=gyroscopic), two_body
 
 
-def add_two_body(
-    t: float, x: Any, v: Any, mass: Any, rate: float, radius: float, radial: Any, normal: Any, force: Any
-) -> None:
+class CircularOrbit(NamedTuple):
+    """mass : (n_points,) [kg]; rate n [rad/s]; radius R [m]; radial r, normal h : (3,) unit vectors."""
+
+    mass: Floats
+    rate: float
+    radius: float
+    radial: Floats
+    normal: Floats
+
+
+def add_two_body(t: float, x: Any, v: Any, orbit: Any, force: Any) -> None:
     """m n^2 [P x - x / c + (1 - 1 / c) R r], c = (|R r + x| / R)^3 = (1 + q)^(3/2), without cancellation."""
+    mass, rate, radius, radial, normal = orbit
     for node in range(mass.size):
         k = 3 * node
         height = x[k] * radial[0] + x[k + 1] * radial[1] + x[k + 2] * radial[2]
@@ -65,8 +77,9 @@ def add_two_body(
             )
 
 
-def two_body_potential(x: Any, mass: Any, rate: float, radius: float, radial: Any, normal: Any) -> float:
+def two_body_potential(x: Any, orbit: Any) -> float:
     """m n^2 [(x . h)^2 - R^2 q^2 (u + 2) / (u (1 + u)^2)] / 2, u^2 = 1 + q; zero at the origin."""
+    mass, rate, radius, radial, normal = orbit
     total = 0.0
     for node in range(mass.size):
         k = 3 * node

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import FromArray, NonNegative, Table, Vector
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.loops import Index
 from exunet.forces.points import Points
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import Change, KernelTerm, Memory
@@ -83,12 +84,12 @@ def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
     Before the first knot (0) and after the last (n) there is no force; between the knots k and k + 1 it is
     linear. Steps end at the knots.
     """
-    nodes = (3 * points.net.bullet_nodes[list(keys.bullets)]).astype(np.uint32)
+    nodes = (3 * points.net.bullet_nodes[list(keys.bullets)]).astype(Index)
     times, force = np.array(keys.time), np.array(keys.force)
     passed = np.array([float(np.searchsorted(times, 0.0, side="right"))])
 
-    def data(memory: Floats) -> tuple[Any, ...]:
-        return nodes, times, force, memory.astype(np.int64)
+    def data(memory: Floats) -> Thrust:
+        return Thrust(nodes, times, force, memory.astype(np.int64))
 
     memory = Memory("thrust/knots_passed", passed, data)
     return (KernelTerm("bullets", add_thrust, data(passed), memory=memory, switch=Knots(keys.time)),)
@@ -115,10 +116,24 @@ class Knots:
         return Change(np.array([float(np.searchsorted(self.times, time, side="right"))]))
 
 
-def add_thrust(
-    t: float, x: Any, v: Any, bullets: Any, times: Any, forces: Any, passed: Any, force: Any
-) -> None:
-    """The force between the last knot that was passed and the next, linear in time; bullets : 3 x node."""
+class Thrust(NamedTuple):
+    """Forces over time.
+
+    bullets : (n,) 3 x node of each bullet
+    times   : (m,) the knots [s]
+    forces  : (m, 3) on each bullet at the knots [N]
+    passed  : (1,) number of knots passed
+    """
+
+    bullets: NDArray[Index]
+    times: Floats
+    forces: Floats
+    passed: Ints
+
+
+def add_thrust(t: float, x: Any, v: Any, thrust: Any, force: Any) -> None:
+    """The force between the last knot that was passed and the next, linear in time."""
+    bullets, times, forces, passed = thrust
     k = passed[0]
     if k > 0 and k < times.size:
         part = (t - times[k - 1]) / (times[k] - times[k - 1])

@@ -84,9 +84,9 @@ def _run(
             with _progress(case.scene.time.end) as progress:
                 result = simulate(progress)
         except RunStopped as error:
-            if error.partial is None:
+            if error.result is None:
                 raise
-            stopped, result = error, error.partial
+            stopped, result = error, error.result
         if reference and stopped is None:
             agreement, unchecked, no_check = _agreement(reference, result)
         elif reference:

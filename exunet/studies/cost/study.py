@@ -13,8 +13,8 @@ from exunet.studies.cost.converged import Converged
 from exunet.studies.cost.runners import Entry, Subject, run
 from exunet.studies.cost.settings import Setting, ladders
 from exunet.system.stability import largest_damping_rate, largest_frequency, step_limit
-from reference_impl.march import METHODS as REFERENCE_METHODS
-from reference_impl.march import unsupported
+from reference_impl.integration import METHODS as REFERENCE_METHODS
+from reference_impl.integration import unsupported
 
 REPEATS = 3
 _WARM_UP = 1e-3  # of the run: compiles what is to be compiled

@@ -36,12 +36,12 @@ __all__ = [
     "Interrupted",
     "Progress",
     "Trajectory",
-    "march",
+    "integrate",
     "unsupported",
 ]
 
 
-def march(
+def integrate(
     system: System,
     x0: Floats,
     v0: Floats,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from reference_impl import energy
 from reference_impl.forces import System, strain, tension
-from reference_impl.march import Trajectory
+from reference_impl.integration import Trajectory
 
 FORMAT = 1
 

@@ -1,0 +1,37 @@
+"""Arguments of the step API, which may come as any type: the number in it, or None if there is none."""
+
+from __future__ import annotations
+
+import operator
+from numbers import Real
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def finite_number(given: object) -> float | None:
+    """A finite number, else None."""
+    if isinstance(given, bool) or not isinstance(given, Real) or not np.isfinite(float(given)):
+        return None
+    return float(given)
+
+
+def whole_number(given: object) -> int | None:
+    """A whole number of any type, else None."""
+    if isinstance(given, bool):
+        return None
+    try:
+        return operator.index(given)  # type: ignore[arg-type]
+    except TypeError:
+        return None
+
+
+def finite_vector(given: ArrayLike) -> NDArray[np.float64] | None:
+    """Three finite numbers (3,), else None."""
+    try:
+        vector = np.asarray(given)
+    except (TypeError, ValueError):
+        return None
+    if vector.shape != (3,) or vector.dtype.kind not in "iuf" or not np.isfinite(vector).all():
+        return None
+    return vector.astype(np.float64)
