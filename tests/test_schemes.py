@@ -10,7 +10,17 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from exunet.backends.compiled import many_steps, schemes
-from exunet.backends.compiled.arrays import PEAKS, Control, Kept, Motion, Seen, Stages, clock_at
+from exunet.backends.compiled.arrays import (
+    PEAKS,
+    Control,
+    EqualSteps,
+    Kept,
+    Motion,
+    Run,
+    Seen,
+    Stages,
+    clock_at,
+)
 
 START, H = 0.3, 0.7  # [s]
 Force = Callable[[float, Any, Any], float]
@@ -136,13 +146,13 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
         peaks = np.array([(0.0, np.inf, np.inf, np.inf, 0.0, 0.0, -1)], dtype=PEAKS)
         seen = Seen(peaks, 0.5 * np.ones(1), np.zeros((0, 2), dtype=int), none, none, none)
         kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros((50, 0)), np.zeros(50))
-        last = (motion, clock, seen, kept)
+        run = Run(motion, clock, seen, kept)
         if equal:
-            rows = many_steps.equal_steps(False, START, START + H, 7, 0, 7, 0, 1, *last)
+            rows = many_steps.equal_steps(False, EqualSteps(START, START + H, 7, 0, 7), 0, 1, run)
             assert clock["steps"][0] == 7
         else:
             limits = Control(tolerance=1e-9, longest=0.2, least=1e-6)
-            rows = many_steps.chosen_steps(limits, START + H, 100, 0, 1, *last)
+            rows = many_steps.chosen_steps(limits, START + H, 100, 0, 1, run)
         assert clock["time"][0] == START + H
         assert kept.time[rows - 1] == START + H
         assert motion.v[0] == pytest.approx(speed, rel=1e-12)

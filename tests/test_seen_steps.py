@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 
 from exunet.backends.compiled import many_steps, schemes
-from exunet.backends.compiled.arrays import PEAKS, Control, Kept, Motion, Seen, Stages, clock_at
+from exunet.backends.compiled.arrays import (
+    PEAKS,
+    Control,
+    EqualSteps,
+    Kept,
+    Motion,
+    Run,
+    Seen,
+    Stages,
+    clock_at,
+)
 from exunet.forces import cable
 from exunet.forces.cable import Law
 
@@ -124,9 +134,8 @@ def test_equal_steps_add_up_work_wherever_they_are_interrupted(verlet: bool) -> 
         motion, clock, seen, kept = moving()
         row = done = 0
         for part in parts:
-            row = many_steps.equal_steps(
-                verlet, FIRST, LAST, 60, done, part, row, 7, motion, clock, seen, kept
-            )
+            steps = EqualSteps(FIRST, LAST, 60, done, part)
+            row = many_steps.equal_steps(verlet, steps, row, 7, Run(motion, clock, seen, kept))
             done += part
         times = FIRST + (LAST - FIRST) / 60.0 * np.array([7, 14, 21, 28, 35, 42, 49, 56, 60])
         assert row == 9
@@ -142,7 +151,8 @@ def test_steps_of_much_energy_are_all_kept() -> None:
     """The elastic energy told here is the time; above 2 s each step is kept, below one in twenty."""
     motion, clock, seen, kept = moving()
     seen.peaks["keep_above"] = 2.0 + 1e-9
-    rows = many_steps.equal_steps(False, FIRST, LAST, 60, 0, 60, 0, 20, motion, clock, seen, kept)
+    run = Run(motion, clock, seen, kept)
+    rows = many_steps.equal_steps(False, EqualSteps(FIRST, LAST, 60, 0, 60), 0, 20, run)
     steps = np.rint((kept.time[:rows] - FIRST) / 0.02).astype(int)
     assert steps.tolist() == [20, *range(26, 61)]
 
@@ -153,12 +163,13 @@ def test_chosen_and_equal_steps_pass_through_given_times() -> None:
     for equal in (False, True):
         motion, clock, seen, kept = moving()
         rows = kept._replace(time=np.zeros(4))
+        run = Run(motion, clock, seen, rows)
         if equal:
-            reached = many_steps.through_equal(False, times, 0.02, motion, clock, seen, rows)
+            reached = many_steps.through_equal(False, times, 0.02, run)
             assert clock["steps"][0] == 5 + 23 + 33  # no step longer than 0.02 s
         else:
             control = Control(tolerance=1e-9, longest=0.05, least=1e-9)
-            reached = many_steps.through_chosen(times, control, 10.0, motion, clock, seen, rows)
+            reached = many_steps.through_chosen(times, control, 10.0, run)
             assert clock["time"][0] == LAST
         assert reached == 4
         np.testing.assert_array_equal(rows.time, times)

@@ -130,6 +130,25 @@ class Kept(NamedTuple):
     taken: Floats
 
 
+class Run(NamedTuple):
+    """What a stretch of steps works on: the state, a record `CLOCK`, what was seen, room for states."""
+
+    motion: Motion
+    clock: NDArray[np.void]
+    seen: Seen
+    kept: Kept
+
+
+class EqualSteps(NamedTuple):
+    """Of the `number` equal steps from `start` to `until` [s], those from `first` on, at most `limit`."""
+
+    start: float
+    until: float
+    number: int
+    first: int
+    limit: int
+
+
 def motion_of(system: System, state: State, data: tuple[Any, ...]) -> Motion:
     """A system in a state; the accelerations are still to be computed."""
     layout = Layout.of(system)

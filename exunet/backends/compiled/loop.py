@@ -13,7 +13,9 @@ from exunet.backends.compiled.arrays import (
     CLOCK,
     PEAKS,
     Control,
+    EqualSteps,
     Kept,
+    Run,
     Stages,
     clock_at,
     empty_rows,
@@ -69,11 +71,11 @@ class CompiledIntegration:
         The batch has fewer rows than times if the steps collapsed (see `collapse`).
         """
         kept, at = empty_rows(len(times), self._system), np.array(times, dtype=float)
-        where = (self._motion, self._clock, self._seen, kept)
+        run = Run(self._motion, self._clock, self._seen, kept)
         if self._chosen:
-            rows = self._module.through_chosen(at, self._control, TINY_IN_A_ROW, *where)
+            rows = self._module.through_chosen(at, self._control, TINY_IN_A_ROW, run)
         else:
-            rows = self._module.through_equal(self._verlet, at, self._plan.step, *where)
+            rows = self._module.through_equal(self._verlet, at, self._plan.step, run)
         return self._batch(kept, rows)
 
     def _batch(self, kept: Kept, rows: int) -> Batch:
@@ -125,6 +127,7 @@ class CompiledLoop(CompiledIntegration):
         )
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
+        self._run = Run(self._motion, self._clock, self._seen, self._kept)
         self._row = self._module.keep(0, state.time, self._motion, self._kept)
 
     def state(self) -> State:
@@ -159,17 +162,8 @@ class CompiledLoop(CompiledIntegration):
     def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> None:
         while self.time < until:
             self._shorten(until)
-            self._row = self._module.chosen_steps(
-                self._control,
-                until,
-                self._limit,
-                self._row,
-                self._every,
-                self._motion,
-                self._clock,
-                self._seen,
-                self._kept,
-            )
+            within = self._control, until, self._limit
+            self._row = self._module.chosen_steps(*within, self._row, self._every, self._run)
             self._make_room()
             self._look_for_events()
             if words := self.collapse():
@@ -182,9 +176,8 @@ class CompiledLoop(CompiledIntegration):
         number = max(1, math.ceil((until - begin) / (self._plan.step or math.inf) * (1 - 1e-9)))
         done = 0
         while done < number:
-            stretch: tuple[Any, ...] = (self._verlet, begin, until, number, done, self._limit)
-            where = (self._motion, self._clock, self._seen, self._kept)
-            self._row = self._module.equal_steps(*stretch, self._row, self._every, *where)
+            steps = EqualSteps(begin, until, number, done, self._limit)
+            self._row = self._module.equal_steps(self._verlet, steps, self._row, self._every, self._run)
             done = int(self._clock["steps"][0]) - before
             self._make_room()
             self._look_for_events()

@@ -1,10 +1,10 @@
 """Many steps in compiled code: with equal steps, or with steps chosen from an error estimate.
 
 The text of these functions is copied into a kernel's specialised module, after those of `schemes`. Their
-arguments are those of `arrays`: a `Motion` m, a clock, what was `Seen`, and `Kept` rows for the
-guards, filled from `row` on: one step in `every`, the last, and those of so much elastic energy that an
-element may be too long. `equal_steps` and `chosen_steps` return the number of rows that are filled; they
-return when those are full, when `limit` steps have been tried, or at the end.
+arguments are those of `arrays`: a `Motion` m, or a whole `Run` with the room for the states that the guards
+look at, which is filled from `row` on: one step in `every`, the last, and those of so much elastic energy
+that an element may be too long. `equal_steps` and `chosen_steps` return the number of rows that are filled;
+they return when those are full, when `limit` steps have been tried, or at the end.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exunet.backends.compiled import schemes
+from exunet.backends.compiled.arrays import EqualSteps
 from exunet.backends.compiled.schemes import (
     accelerate,
     accelerate_without_spin,
@@ -212,21 +213,10 @@ def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> 
     return after, across
 
 
-def equal_steps(
-    verlet: bool,
-    start: float,
-    until: float,
-    number: int,
-    first: int,
-    limit: int,
-    row: int,
-    every: int,
-    m: Any,
-    clock: Any,
-    seen: Any,
-    kept: Any,
-) -> int:
-    """Steps number `first`, ... of the `number` equal steps from `start` to `until`, at most `limit`."""
+def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int:
+    """Take the steps that an `EqualSteps` names."""
+    m, clock, seen, kept = run
+    start, until, number, first, limit = steps
     s = stages_of(m.work)
     h = (until - start) / number
     watts = 0.0
@@ -253,9 +243,7 @@ def equal_steps(
     return row
 
 
-def chosen_steps(
-    control: Any, until: float, limit: int, row: int, every: int, m: Any, clock: Any, seen: Any, kept: Any
-) -> int:
+def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, run: Any) -> int:
     """Dormand-Prince steps to `until`, the largest error estimate of each not above the tolerance.
 
     `until` is hit by shortened steps, the last two of a stretch made equal, and the length that the control
@@ -265,6 +253,7 @@ def chosen_steps(
     Where a rejected step had a jump of the forces in its way, steps go to just before it, one goes across it
     whatever its error estimate, and the control continues with the step that it had chosen before.
     """
+    m, clock, seen, kept = run
     s = stages_of(m.work)
     least = control.least
     watts = 0.0
@@ -327,37 +316,38 @@ def chosen_steps(
     return row
 
 
-def through_chosen(
-    times: Any, control: Any, most_tiny: float, m: Any, clock: Any, seen: Any, kept: Any
-) -> int:
+def through_chosen(times: Any, control: Any, most_tiny: float, run: Any) -> int:
     """`chosen_steps` from times[0] through all `times` [s], the state at each in its row of `kept`.
 
     most_tiny : steps of the least length, one after the other, before this gives up
     Returns the number of rows that were reached.
     """
+    m, clock, _, kept = run
     never = 2**62
     row = keep(0, times[0], m, kept)
     for k in range(1, times.size):
         while clock[0]["time"] < times[k] and clock[0]["tiny"] <= most_tiny:
-            row = chosen_steps(control, times[k], 1000, row, never, m, clock, seen, kept)
+            row = chosen_steps(control, times[k], 1000, row, never, run)
         if row == k:
             break
     return row
 
 
-def through_equal(verlet: bool, times: Any, step: float, m: Any, clock: Any, seen: Any, kept: Any) -> int:
+def through_equal(verlet: bool, times: Any, step: float, run: Any) -> int:
     """As `through_chosen`: `equal_steps`, none longer than `step` [s]."""
+    m, clock, _, kept = run
     never = 2**62
     row = keep(0, times[0], m, kept)
     for k in range(1, times.size):
         begins, ends = times[k - 1], times[k]
         number = max(1, math.ceil((ends - begins) / step * (1.0 - 1e-9)))
-        row = equal_steps(verlet, begins, ends, number, 0, number, row, never, m, clock, seen, kept)
+        steps = EqualSteps(begins, ends, number, 0, number)
+        row = equal_steps(verlet, steps, row, never, run)
         clock[0]["time"] = ends
     return row
 
 
-IMPORTS = ("from exunet.backends.compiled.arrays import Stages",)
+IMPORTS = ("from exunet.backends.compiled.arrays import EqualSteps, Stages",)
 LOOP = (
     schemes.stages_of,
     schemes.add_gyroscopic,

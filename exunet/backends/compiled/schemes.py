@@ -73,10 +73,9 @@ def turn(v: Any, z: Any, first: int, rate: Any) -> None:
         rate[q + 3] = 0.5 * (z[q] * v[k + 2] + z[q + 1] * v[k + 1] - z[q + 2] * v[k])
 
 
-def turn_stage(
-    h: float, m: Any, v: Any, row: int, c1: float, c2: float, c3: float, c4: float, c5: float, c6: float
-) -> None:
+def turn_stage(h: float, m: Any, v: Any, row: int, weights: Any) -> None:
     """Attitudes z + h (c1 k1 + ... + c6 k6) into z1, and their rates at angular velocities v into a row."""
+    c1, c2, c3, c4, c5, c6 = weights
     k = m.turns
     for c in range(m.z.size):
         m.z1[c] = m.z[c] + h * (
@@ -158,28 +157,28 @@ def runge_kutta_4_step(t: float, h: float, m: Any) -> None:
     for c in range(v.size):
         s.v2[c] = v[c] + 0.5 * h * s.a1[c]
     if BODIES:
-        turn_stage(h, m, s.v2, 1, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
+        turn_stage(h, m, s.v2, 1, (0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
     accelerate(t + 0.5 * h, s.x1, s.v2, m, s.a2)
     for c in range(x.size):
         s.x1[c] = x[c] + 0.5 * h * s.v2[c]
     for c in range(v.size):
         s.v3[c] = v[c] + 0.5 * h * s.a2[c]
     if BODIES:
-        turn_stage(h, m, s.v3, 2, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0)
+        turn_stage(h, m, s.v3, 2, (0.0, 0.5, 0.0, 0.0, 0.0, 0.0))
     accelerate(t + 0.5 * h, s.x1, s.v3, m, s.a3)
     for c in range(x.size):
         s.x1[c] = x[c] + h * s.v3[c]
     for c in range(v.size):
         s.v4[c] = v[c] + h * s.a3[c]
     if BODIES:
-        turn_stage(h, m, s.v4, 3, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+        turn_stage(h, m, s.v4, 3, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
     accelerate(t + h, s.x1, s.v4, m, s.a4)
     for c in range(x.size):
         s.x1[c] = x[c] + h / 6.0 * (v[c] + 2.0 * (s.v2[c] + s.v3[c]) + s.v4[c])
     for c in range(v.size):
         s.v1[c] = v[c] + h / 6.0 * (s.a1[c] + 2.0 * (s.a2[c] + s.a3[c]) + s.a4[c])
     if BODIES:
-        turn_stage(h, m, s.v1, 4, 1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0, 0.0, 0.0)
+        turn_stage(h, m, s.v1, 4, (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0, 0.0, 0.0))
 
 
 def largest(values: Any) -> float:
@@ -225,21 +224,21 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
     for c in range(n):
         v1[c] = v[c] + h / 5.0 * a1[c]
     if BODIES:
-        turn_stage(h, m, v1, 1, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
+        turn_stage(h, m, v1, 1, (0.2, 0.0, 0.0, 0.0, 0.0, 0.0))
     accelerate(t + 0.2 * h, x1, v1, m, a2)
     for c in range(n_x):
         x1[c] = x[c] + 0.3 * h * v[c] + hh * (9.0 / 200.0) * a1[c]
     for c in range(n):
         v1[c] = v[c] + h * (3.0 / 40.0 * a1[c] + 9.0 / 40.0 * a2[c])
     if BODIES:
-        turn_stage(h, m, v1, 2, 3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0)
+        turn_stage(h, m, v1, 2, (3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0))
     accelerate(t + 0.3 * h, x1, v1, m, a3)
     for c in range(n_x):
         x1[c] = x[c] + 0.8 * h * v[c] + hh * (-12.0 / 25.0 * a1[c] + 4.0 / 5.0 * a2[c])
     for c in range(n):
         v1[c] = v[c] + h * (44.0 / 45.0 * a1[c] - 56.0 / 15.0 * a2[c] + 32.0 / 9.0 * a3[c])
     if BODIES:
-        turn_stage(h, m, v1, 3, 44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0)
+        turn_stage(h, m, v1, 3, (44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0))
     accelerate(t + 0.8 * h, x1, v1, m, a4)
     for c in range(n_x):
         x1[c] = (
@@ -256,7 +255,7 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
         )
     if BODIES:
         c4 = -212.0 / 729.0
-        turn_stage(h, m, v1, 4, 19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, c4, 0.0, 0.0)
+        turn_stage(h, m, v1, 4, (19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, c4, 0.0, 0.0))
     accelerate(t + 8.0 / 9.0 * h, x1, v1, m, a5)
     for c in range(n_x):
         x1[c] = (
@@ -274,7 +273,7 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
         )
     if BODIES:
         c5 = -5103.0 / 18656.0
-        turn_stage(h, m, v1, 5, 9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, c5, 0.0)
+        turn_stage(h, m, v1, 5, (9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, c5, 0.0))
     accelerate(t + h, x1, v1, m, a6)
     for c in range(n_x):
         x1[c] = (
@@ -293,7 +292,7 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
         )
     if BODIES:
         c5 = -2187.0 / 6784.0
-        turn_stage(h, m, v1, 6, 35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, c5, 11.0 / 84.0)
+        turn_stage(h, m, v1, 6, (35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, c5, 11.0 / 84.0))
     held = accelerate(t + h, x1, v1, m, a7)
     for c in range(n_x):
         s.of_x[c] = hh * (
