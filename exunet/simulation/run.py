@@ -37,8 +37,8 @@ def run(case: Case | Scene, progress: Progress | None = None) -> Result:
     """Simulate a case (or a scene) and return its result.
 
     progress : called with the simulated time [s] now and then
-    Raises RunStopped (its `partial` holds what was computed) if the run diverges or the integrator gives up
-    and `solver.retry` finer attempts do not mend it, Interrupted (also with `partial`) on Ctrl-C.
+    Raises RunStopped (its `result` holds what was computed) if the run diverges or the integrator gives up
+    and `solver.retry` finer attempts do not mend it, Interrupted (also with `result`) on Ctrl-C.
     """
     if isinstance(case, Scene):
         return simulate(prepare(case), {}, progress)
