@@ -213,13 +213,14 @@ def _into(
     _close(simulation, recorder, stopped)
     verdict, story = recorder.finish(verdict, simulation.monitor)
     bodies, path = mass_properties(simulation.start.system), folder / RESULT_FILE
-    try:
-        join(files.store, path, simulation.start.net, bodies, story, verdict, verdict == "ok")
-    except BaseException:
-        files.store.close()
-        raise
-    files.store.discard()  # the checkpoints too
-    result = load_result(path)
+    with postponed():  # an exception for Ctrl-C inside a destructor of h5py would be lost
+        try:
+            join(files.store, path, simulation.start.net, bodies, story, verdict, verdict == "ok")
+        except BaseException:
+            files.store.close()
+            raise
+        files.store.discard()  # the checkpoints too
+        result = load_result(path)
     if stopped is not None:
         stopped.result = result
         raise stopped
