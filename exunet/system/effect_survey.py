@@ -19,7 +19,7 @@ from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import Points
 from exunet.forces.terms import LinearTerm
 from exunet.forces.total import Contribution
-from exunet.methods.method import NetForm, TimeLoop
+from exunet.methods.method import Form, NetForm, TimeLoop
 from exunet.net import weave
 from exunet.system.initial import initial_state
 
@@ -27,10 +27,10 @@ ASKED = 0.01  # of the net's size: the accuracy that the advice is for, where th
 
 # Nanoseconds of one right-hand side, measured on the paper's net on a noisy machine: to be read as ratios.
 # Of the bare net: the step itself, and of the fused net the call from the engine.
-_FIXED = {"connectors": 1_000.0, "fused": 8_000.0, "compiled": 0.0}
-_ELEMENT = {"connectors": 250.0, "fused": 50.0, "compiled": 7.0}
-_OBJECT = {"connectors": 80.0, "fused": 0.0, "compiled": 0.0}  # a node, if there are constant terms
-_CALL = {"connectors": 3_500.0, "fused": 0.0, "compiled": 0.0}  # if there are kernel terms
+_FIXED = {Form.CONNECTORS: 1_000.0, Form.FUSED: 8_000.0, Form.COMPILED: 0.0}
+_ELEMENT = {Form.CONNECTORS: 250.0, Form.FUSED: 50.0, Form.COMPILED: 7.0}
+_OBJECT = {Form.CONNECTORS: 80.0, Form.FUSED: 0.0, Form.COMPILED: 0.0}  # a node, if there are constant terms
+_CALL = {Form.CONNECTORS: 3_500.0, Form.FUSED: 0.0, Form.COMPILED: 0.0}  # if there are kernel terms
 _ENTRY, _NODE_OF_KERNEL, _VISCOUS = 1.0, 6.0, 3.0
 
 
@@ -128,11 +128,8 @@ def terms_of_alone(name: str, keys: Table, basis: EstimateBasis) -> tuple[Contri
     return terms_of(name, keys, Points.of(basis.net, basis.position, masses))
 
 
-def cost_of(terms: tuple[Contribution, ...], points: Points, form: str) -> float:
-    """Estimated time that terms add to a right-hand side, as a part of the bare net's.
-
-    form : "connectors", "fused" or "compiled" (the loop)
-    """
+def cost_of(terms: tuple[Contribution, ...], points: Points, form: Form) -> float:
+    """Estimated time that terms add to a right-hand side, as a part of the bare net's."""
     added, linear, kernels = 0.0, False, False
     for term in terms:
         if isinstance(term, LinearTerm):
@@ -151,10 +148,10 @@ def cost_of(terms: tuple[Contribution, ...], points: Points, form: str) -> float
     return added / (_FIXED[form] + _ELEMENT[form] * max(points.net.n_elements, 1))
 
 
-def _form(scene: Scene) -> str:
+def _form(scene: Scene) -> Form:
     if scene.engine.loop == TimeLoop.COMPILED:
-        return "compiled"
-    return "fused" if scene.engine.net == NetForm.FUSED else "connectors"
+        return Form.COMPILED
+    return Form.FUSED if scene.engine.net == NetForm.FUSED else Form.CONNECTORS
 
 
 def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
@@ -178,9 +175,3 @@ def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
             f"({one.estimate.source})"
         )
     return scene.model_copy(update={"effects": choice.model_copy(update=off)}), tuple(notes)
-
-
-def with_effect(scene: Scene, name: str, keys: Table | None) -> Scene:
-    """The scene with one effect switched on with `keys`, or off."""
-    effects: Any = scene.effects
-    return scene.model_copy(update={"effects": effects.model_copy(update={name: keys})})

@@ -101,7 +101,7 @@ class CompiledIntegration:
     def counts(self) -> StepCounts:
         """Steps and evaluations of the forces so far."""
         steps, rejected = int(self._clock["steps"][0]), int(self._clock["rejections"][0])
-        stages = 6 if self._chosen else METHODS[self._plan.method].stages  # the last of 7 is the next first
+        stages = METHODS[self._plan.method].compiled_stages
         return StepCounts(steps, rejected, right_hand_sides=1 + stages * (steps + rejected))
 
 

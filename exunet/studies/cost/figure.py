@@ -8,16 +8,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from exunet.figures.style import BLACK, BLUE, RED, REFERENCE, YELLOW, blank
+from exunet.methods.method import Form, Method
 from exunet.studies.cost.runners import Entry
+from exunet.studies.cost.settings import ReferenceMethod
 from exunet.studies.cost.study import Study
 from exunet.studies.cost.table import Effort, evaluations, pareto, wall_time
 
-_COLOURS = {"connectors": BLUE, "fused": RED, "compiled loop": BLACK, "reference": YELLOW}
+_COLOURS = {Form.CONNECTORS: BLUE, Form.FUSED: RED, Form.COMPILED: BLACK, None: YELLOW}
 # One marker for a kind of method, the same in all codes.
 _MARKERS = {
-    "DOPRI5": "o", "RK45": "o", "DOP853": "D", "ODE23": "v", "RK44": "s", "RK4": "s", "RK33": "<",
-    "RK67": ">", "VelocityVerlet": "^", "Verlet": "^", "ExplicitEuler": "1", "ExplicitMidpoint": "2",
-    "GeneralizedAlpha": "x", "TrapezoidalIndex2": "+", "EM": "*",
+    Method.DOPRI5: "o", ReferenceMethod.RK45: "o", ReferenceMethod.DOP853: "D", Method.ODE23: "v",
+    Method.RK44: "s", ReferenceMethod.RK4: "s", Method.RK33: "<", Method.RK67: ">",
+    Method.VELOCITY_VERLET: "^", ReferenceMethod.VERLET: "^", Method.EXPLICIT_EULER: "1",
+    Method.EXPLICIT_MIDPOINT: "2", Method.GENERALIZED_ALPHA: "x", Method.TRAPEZOIDAL_INDEX2: "+",
+    ReferenceMethod.EM: "*",
 }  # fmt: skip
 _LEAST = 1e-13  # errors below this are drawn here
 
@@ -56,12 +60,12 @@ def _panel(axes: Axes, study: Study, label: str, effort: Effort) -> None:
         )
 
     settings = {entry.setting.name: entry.setting for entry in study.measured}.values()
-    for setting in sorted(settings, key=lambda one: (list(_COLOURS).index(one.code), one.name)):
+    for setting in sorted(settings, key=lambda one: (list(_COLOURS).index(one.form), one.name)):
         ladder = [entry for entry in study.measured if entry.setting.name == setting.name]
         ladder.sort(key=lambda entry: -entry.setting.size)
         ranked = ladder[0] in study.ranked
         draw(
-            ladder, color=_COLOURS[setting.code], marker=_MARKERS.get(setting.method, "."), markersize=4.5,
+            ladder, color=_COLOURS[setting.form], marker=_MARKERS[setting.method], markersize=4.5,
             linewidth=0.9, linestyle="-" if ranked else ":",
             label=setting.name if ranked else f"{setting.name}: not ranked",
         )  # fmt: skip
