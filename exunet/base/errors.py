@@ -21,12 +21,14 @@ class Fault:
 
     key   : where, as TOML writes keys, with [index] for items of lists: "net.cable.density", "net.nodes[3]"
     place : "file:line" or the option that it came from; "" as long as it is not known
+    beyond_floats : numbers, each of them valid, lead outside the range of floating-point numbers here
     """
 
     key: str
     reason: str
     _: KW_ONLY
     place: str = ""
+    beyond_floats: bool = False
 
     @property
     def path(self) -> KeyPath:
@@ -46,10 +48,6 @@ class CaseError(ExunetError):
     def __init__(self, faults: list[Fault]) -> None:
         self.faults = faults
         super().__init__("\n".join(map(str, faults)))
-
-
-class BeyondFloats(CaseError):
-    """A case whose numbers, each of them valid, lead outside the range of floating-point numbers."""
 
 
 class InputError(ExunetError):

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import Interrupted, RunStopped
+from exunet.base.faults import collected
 from exunet.case.scene import Scene
 from exunet.forces.effects import cross_checks
 from exunet.results.measures import Deployment, deployment
@@ -121,7 +122,8 @@ def _toggle(scene: Scene, found: Finding, base: Result, noise: _Noise, progress:
 
 def _settled(scene: Scene) -> Scene:
     """The scene with what effects.choose = "auto" has chosen, which then does not choose again."""
-    scene, _ = chosen(scene)
+    with collected() as faults:
+        scene, _ = chosen(scene, faults)
     effects: Any = scene.effects
     return scene.model_copy(
         update={"effects": effects.model_copy(update={"choose": None, "threshold": None})}

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from exunet.base.errors import Fault
+from exunet.base.faults import joining
 from exunet.base.table import Table
 from exunet.case.scene import Scene
 from exunet.forces.cable_term import ElementLaw
@@ -154,10 +156,12 @@ def _form(scene: Scene) -> Form:
     return Form.FUSED if scene.engine.net == NetForm.FUSED else Form.CONNECTORS
 
 
-def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
+def chosen(scene: Scene, faults: list[Fault]) -> tuple[Scene, tuple[str, ...]]:
     """The scene with the effects that matter, and why each candidate is on or off, under "auto".
 
     Any other scene comes back as it is.
+
+    faults : takes those of candidates whose numbers, or the scene's, overflow; these stay on
     """
     choice: Any = scene.effects
     if choice.choose is None:
@@ -165,7 +169,11 @@ def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
     off: dict[str, None] = {}
     notes = []
     for name in switched_on(choice):
-        one = finding(scene, name)
+        one = None
+        with joining(faults):
+            one = finding(scene, name)
+        if one is None:
+            continue
         assert one.estimate is not None
         if not one.on:
             off[name] = None

@@ -23,7 +23,6 @@ module, one line in `_NAMES`, a section of `cases/README.md` and a test.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from importlib import import_module
 from types import ModuleType
@@ -32,8 +31,8 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, create_model
 
-from exunet.base.errors import BeyondFloats, Fault
-from exunet.base.faults import each, within
+from exunet.base.errors import CaseError, Fault
+from exunet.base.faults import each, joining, within
 from exunet.base.table import Positive, Table
 from exunet.forces.points import PointMass, Points
 from exunet.forces.requirements import RestOfCase, declared, excluded, required
@@ -138,14 +137,20 @@ def point_masses(effects: Table) -> tuple[PointMass, ...]:
     )
 
 
-def forces_of(effects: Table, points: Points) -> Forces:
-    """The cable elements and the terms of all effects that are on."""
-    parts = [terms_of(name, keys, points) for name, keys in switched_on(effects).items()]
-    return Forces.of(points.net, itertools.chain.from_iterable(parts))
+def forces_of(effects: Table, points: Points, faults: list[Fault]) -> Forces:
+    """The cable elements and the terms of all effects that are on.
+
+    faults : takes those of effects whose numbers cannot be computed with; these have no terms
+    """
+    terms: list[Contribution] = []
+    for name, keys in switched_on(effects).items():
+        with joining(faults):
+            terms += terms_of(name, keys, points)
+    return Forces.of(points.net, terms)
 
 
 def terms_of(name: str, keys: Table, points: Points) -> tuple[Contribution, ...]:
-    """The terms of one effect; raises BeyondFloats if a number in them is beyond `LARGEST`."""
+    """The terms of one effect; raises CaseError if a number in them is beyond `LARGEST`."""
     try:
         with np.errstate(all="ignore"):  # numbers that overflow are refused below
             terms: tuple[Contribution, ...] = EFFECTS[name].terms(keys, points)
@@ -157,7 +162,7 @@ def terms_of(name: str, keys: Table, points: Points) -> tuple[Contribution, ...]
     return terms
 
 
-def beyond_floats(name: str) -> BeyondFloats:
+def beyond_floats(name: str) -> CaseError:
     """The error for an effect whose numbers cannot be computed with."""
     words = "leads to numbers outside the range of floating-point: give it, or the scene, realistic values"
-    return BeyondFloats([Fault(f"effects.{name}", words)])
+    return CaseError([Fault(f"effects.{name}", words, beyond_floats=True)])
