@@ -56,6 +56,10 @@ class InputError(ExunetError):
     exit_code = 2
 
 
+class UnsoundStates(InputError):
+    """Stored states that no result can be made of: NaN, infinity, or times that do not increase."""
+
+
 class RunStopped(ExunetError):
     """A run that a guard or the engine stopped.
 

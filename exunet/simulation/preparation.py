@@ -57,10 +57,14 @@ def prepare(scene: Scene) -> Start:
         scene, notes = chosen(scene, faults)
         system, state = system_of(scene, faults)
         faults += overflow_faults(system, state)
-        faults += start_faults(scene, system, state) + body_faults(scene, system, state)
+        if not any(fault.key.startswith("initial") for fault in faults):  # else they follow from that
+            faults += start_faults(scene, system, state)
+        faults += body_faults(scene, system, state)
+        overflows = any(fault.beyond_floats for fault in faults)
         with within_floats(system.net):
             plan, wrong_steps = make_plan(scene, system, state.velocity)
-        faults += wrong_steps + step_faults(scene, system.net, plan)
+        wrong_steps += step_faults(scene, system.net, plan)
+        faults += [fault for fault in wrong_steps if fault.key != "net" or not overflows]
     scene, plan = with_forms(scene, system.net, plan)
     return Start(scene, system, state, replace(plan, notes=plan.notes + notes))
 
