@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from exunet.base.errors import CaseError, Fault, InputError, KeyPath
+from exunet.base.files import path_of
 from exunet.case.checking import checked
 from exunet.case.scene import Scene
 from exunet.case.toml_lines import key_lines
@@ -49,7 +50,9 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Case:
     key or table. Raises InputError if the file cannot be read, and CaseError with all faults if it is not a
     valid case.
     """
-    path = Path(path)
+    path = path_of(path, "load")
+    if isinstance(overrides, str) or not isinstance(overrides, Sequence):
+        raise InputError(f'load: overrides are a list of "key.path=value", got {overrides!r}')
     return parse_case(_decode(_read(path), path), path, overrides)
 
 
@@ -136,6 +139,8 @@ class _Change:
 def _parse_overrides(overrides: Sequence[str]) -> list[_Change]:
     changes, faults = [], []
     for option in overrides:
+        if not isinstance(option, str):
+            raise InputError(f'load: an override is a text "key.path=value", got {option!r}')
         try:
             changes.append(_parse_override(option))
         except ValueError as error:

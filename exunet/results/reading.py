@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
+from exunet.base.files import path_of
 from exunet.results.assembly import assemble
 from exunet.results.columns import PATHS, Column, MassProperties, declare
 from exunet.results.net_arrays import NET_ARRAYS, from_arrays
@@ -37,8 +38,9 @@ def load_result(path: str | Path) -> Result:
     Large arrays stay in the file, see `Result`. Raises InputError, one line, if there is no such file or it
     is not a whole result file of a known format.
     """
-    if Path(path).is_dir():
-        whole = Path(path) / RESULT_FILE
+    path = path_of(path, "load_result")
+    if path.is_dir():
+        whole = path / RESULT_FILE
         return load_result(whole) if whole.is_file() else open_unfinished(path)
     _refuse_unreadable(path)
     with _damage(path):

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.base.files import cannot_write, replacing
+from exunet.base.files import cannot_write, path_of, replacing
 from exunet.net.arrays import Net
 from exunet.results.assembly import check_times, check_values
 from exunet.results.columns import PATHS, Column, MassProperties, body_path, body_quantities, declare
@@ -47,6 +47,7 @@ def save(result: Result, path: str | Path) -> None:
     writes nothing, if an array contains NaN or infinity or has a shape that does not fit, if the stored times
     do not increase, if the provenance is not JSON-like, or if the file cannot be written.
     """
+    path = path_of(path, "save")
     bodies = {name: MassProperties(body.mass, body.inertia) for name, body in result.bodies.items()}
     source = _ResultRows(result, bodies, _where(path))
     join(source, path, result.net, bodies, result.provenance, result.verdict, result.complete)
