@@ -19,10 +19,7 @@ from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost import study as studies
 from exunet.studies.cost.converged import Converged, converge
-from exunet.studies.cost.runners import Entry, Measures, Subject, run
-from exunet.studies.cost.settings import ReferenceMethod, Setting, base, ladders
-from exunet.studies.cost.study import Study, all_rungs, climb
-from exunet.studies.cost.table import (
+from exunet.studies.cost.ranking import (
     LEVELS,
     answer_rows,
     cheapest,
@@ -32,6 +29,9 @@ from exunet.studies.cost.table import (
     reliable,
     write_csv,
 )
+from exunet.studies.cost.runners import Entry, Measures, Subject, run
+from exunet.studies.cost.settings import ReferenceMethod, Setting, base, ladders
+from exunet.studies.cost.study import Study, all_rungs, climb
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
 SURE = Converged(np.array([1.0]), 1e-9, 1e-9, None, ())

@@ -119,7 +119,7 @@ def _parse(text: str, path: Path) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class _Change:
+class _Override:
     """One override: set the key at `path` to `value`, or remove it."""
 
     option: str
@@ -136,7 +136,7 @@ class _Change:
         return Fault("", reason, place=self.place)
 
 
-def _parse_overrides(overrides: Sequence[str]) -> list[_Change]:
+def _parse_overrides(overrides: Sequence[str]) -> list[_Override]:
     changes, faults = [], []
     for option in overrides:
         if not isinstance(option, str):
@@ -144,21 +144,21 @@ def _parse_overrides(overrides: Sequence[str]) -> list[_Change]:
         try:
             changes.append(_parse_override(option))
         except ValueError as error:
-            faults.append(_Change(option, ()).fault(str(error)))
+            faults.append(_Override(option, ()).fault(str(error)))
     if faults:
         raise CaseError(faults)
     return changes
 
 
-def _parse_override(option: str) -> _Change:
+def _parse_override(option: str) -> _Override:
     key, equals, value = option.partition("=")
     if not equals:
         raise ValueError("must be of the form key.path=value")
     path = key_path(key)
     value = value.strip()
     if not value:
-        return _Change(option, path, removes=True)
-    return _Change(option, path, _value(value))
+        return _Override(option, path, removes=True)
+    return _Override(option, path, _value(value))
 
 
 def key_path(key: str) -> tuple[str, ...]:
@@ -193,7 +193,7 @@ def _value(text: str) -> Any:
     return text
 
 
-def _apply(changes: list[_Change], document: dict[str, Any]) -> None:
+def _apply(changes: list[_Override], document: dict[str, Any]) -> None:
     """Change `document` in place."""
     faults = []
     for change in changes:
@@ -205,7 +205,7 @@ def _apply(changes: list[_Change], document: dict[str, Any]) -> None:
         raise CaseError(faults)
 
 
-def _apply_one(change: _Change, document: dict[str, Any]) -> None:
+def _apply_one(change: _Override, document: dict[str, Any]) -> None:
     table: Any = document
     for length, name in enumerate(change.path[:-1], start=1):
         table = table.get(name, {}) if change.removes else table.setdefault(name, {})
@@ -246,7 +246,9 @@ def located(found: list[tuple[KeyPath, str]], case: Case) -> list[Fault]:
     return _located(found, case.text, case.path, _parse_overrides(case.overrides))
 
 
-def _located(found: list[tuple[KeyPath, str]], text: str, path: Path, changes: list[_Change]) -> list[Fault]:
+def _located(
+    found: list[tuple[KeyPath, str]], text: str, path: Path, changes: list[_Override]
+) -> list[Fault]:
     """Faults in the order of the file, those from overrides last."""
     places: dict[KeyPath, tuple[int, str]] = {
         key: (line, f"{path}:{line}") for key, line in key_lines(text).items()

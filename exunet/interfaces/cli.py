@@ -116,7 +116,7 @@ def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B
     """Validate a case and say what would be simulated."""
     from exunet.case.casefile import load
     from exunet.interfaces.commands.check import describe
-    from exunet.interfaces.commands.table import print_table
+    from exunet.interfaces.commands.printing import print_table
     from exunet.interfaces.commands.waiting import waiting
 
     loaded = load(case, overrides)

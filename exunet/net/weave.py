@@ -34,7 +34,7 @@ class _Cables:
         return self.chains.shape[1] - 1
 
 
-def assemble(mesh: Mesh, keys: NetTable) -> Net:
+def net_of(mesh: Mesh, keys: NetTable) -> Net:
     """The net that `keys` asks for on the topology's `mesh`.
 
     Raises CaseError if a node's mass or position is beyond what floating-point numbers can hold.

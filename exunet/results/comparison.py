@@ -17,7 +17,7 @@ from exunet.results.body_comparison import compare_bodies
 from exunet.results.reading import load_result
 from exunet.results.reference_file import read_reference
 from exunet.results.result import BodyStates, Result
-from exunet.results.rows import BLOCK_BYTES, spans
+from exunet.results.rows import BLOCK_BYTES, row_ranges
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -190,7 +190,7 @@ def compare(a: ComparedRun, b: ComparedRun) -> Agreement:
     nodes = len(a.reference_position)
     found = [
         _differences(a, b, match, at_a[start:stop], at_b[start:stop])
-        for start, stop in spans(len(at_a), max(1, BLOCK_BYTES // (24 * nodes)))
+        for start, stop in row_ranges(len(at_a), max(1, BLOCK_BYTES // (24 * nodes)))
     ]
     position, speed, reference_speeds = (np.concatenate(values) for values in zip(*found, strict=True))
     scale = float(np.linalg.norm(a.velocity[0], axis=-1).max()) or 1.0

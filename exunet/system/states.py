@@ -18,7 +18,7 @@ from exunet.system import energy
 from exunet.system.system import Memories, State, System
 
 Floats = NDArray[np.float64]
-Rows = slice | NDArray[np.int64] | NDArray[np.bool_]
+Selection = slice | NDArray[np.int64] | NDArray[np.bool_]
 
 
 class States:
@@ -50,7 +50,7 @@ class States:
     def __len__(self) -> int:
         return len(self.time)
 
-    def __getitem__(self, rows: Rows) -> States:
+    def __getitem__(self, rows: Selection) -> States:
         """Some of the states; what was computed of all is taken along."""
         part = States(
             self.system,

@@ -11,7 +11,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.system.states import States
 from exunet.verification.check import Check, difference, worst_of
-from exunet.verification.states import KINDS, random_states
+from exunet.verification.random_states import KINDS, random_states
 from exunet.verification.tolerances import FORCES, MEASURES
 from reference_impl import energy as their_energy
 from reference_impl import forces as formulas

@@ -14,7 +14,16 @@ from exunet.base.errors import ExunetError, InputError, Interrupted
 from exunet.codegen.compile import numba_installed
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.studies.neighbours import MOVE
-from exunet.verification import at_states, converged, growth, horizon, matrices, stepping, symmetry, topology
+from exunet.verification import (
+    at_states,
+    growth,
+    horizon,
+    matrices,
+    stepping,
+    symmetry,
+    topology,
+    trajectories,
+)
 from exunet.verification.answers import ANSWERS
 from exunet.verification.check import Check, Evidence, left_out
 from exunet.verification.shipped import shipped
@@ -154,7 +163,7 @@ class Ladder:
                 why = "--quick goes no further"
             yield left_out(f"whole runs from t = {reached:.3g} s on, of {end:g} s: {WHOLE_RUNS}", why)
         yield from stepping.same_scheme(case, grown)
-        for finding in converged.converged(case, grown):
+        for finding in trajectories.converged(case, grown):
             yield replace(finding, rung=5)
 
     def _answers(self) -> Iterator[Step]:

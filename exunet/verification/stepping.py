@@ -11,7 +11,7 @@ from exunet.studies.neighbours import MOVE
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out, worst_of
 from exunet.verification.figures import curves
 from exunet.verification.growth import VISIBLE, Growth, at_node, distances, fixed_plan
-from exunet.verification.states import HALF_SLACK, NO_HALF_SLACK, smooth_states
+from exunet.verification.random_states import HALF_SLACK, NO_HALF_SLACK, smooth_states
 from exunet.verification.tolerances import ONE_STEP, SAME_SCHEME
 
 SEED = 20210617

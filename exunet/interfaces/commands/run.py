@@ -14,7 +14,7 @@ from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped,
 from exunet.base.files import cannot_write, sweep
 from exunet.case.casefile import Case, parse_case
 from exunet.interfaces.commands.earlier import FILES, giving_back, set_aside
-from exunet.interfaces.commands.table import print_table
+from exunet.interfaces.commands.printing import print_table
 from exunet.interfaces.commands.waiting import waiting
 from exunet.results.agreement import Agreement
 from exunet.results.reading import STORE_FOLDER

@@ -7,12 +7,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from exunet.figures.style import BLACK, BLUE, RED, REFERENCE, YELLOW, blank
+from exunet.figures.style import BLACK, BLUE, GREY, RED, YELLOW, blank
 from exunet.methods.method import Form, Method
+from exunet.studies.cost.ranking import Effort, evaluations, pareto, wall_time
 from exunet.studies.cost.runners import Entry
 from exunet.studies.cost.settings import ReferenceMethod
 from exunet.studies.cost.study import Study
-from exunet.studies.cost.table import Effort, evaluations, pareto, wall_time
 
 _COLOURS = {Form.CONNECTORS: BLUE, Form.FUSED: RED, Form.COMPILED: BLACK, None: YELLOW}
 # One marker for a kind of method, the same in all codes.
@@ -69,7 +69,7 @@ def _panel(axes: Axes, study: Study, label: str, effort: Effort) -> None:
             linewidth=0.9, linestyle="-" if ranked else ":",
             label=setting.name if ranked else f"{setting.name}: not ranked",
         )  # fmt: skip
-    front = {"color": REFERENCE, "linewidth": 6, "zorder": 0, "solid_joinstyle": "round"}
+    front = {"color": GREY, "linewidth": 6, "zorder": 0, "solid_joinstyle": "round"}
     draw(pareto(study, effort), label="Pareto front", **front)
     axes.set_xlabel(label)
     axes.grid(visible=True, which="major", color="0.9", linewidth=0.6)

@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 IN_MEMORY = 64 << 20  # bytes of all columns up to which they are read at once
 
 
-def assemble(
+def result_of_rows(
     source: RowSource,
     net: Net,
     bodies: Mapping[str, MassProperties],
