@@ -13,6 +13,7 @@ import numpy as np
 from scipy.stats import kendalltau
 
 from exunet.base.markdown import markdown_table
+from exunet.methods.method import Form
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification.growth import nearby
 from exunet.verification.shipped import shipped
@@ -34,7 +35,7 @@ def separated(case: BothCodes, tolerance: float) -> float:
 
 def row(name: str) -> list[str]:
     """Net, median time of separation at each tolerance, tau and probability."""
-    case, tolerances = read_both(shipped()[name]).compiled(), np.repeat(TOLERANCES, DRAWS)
+    case, tolerances = read_both(shipped()[name]).in_form(Form.COMPILED), np.repeat(TOLERANCES, DRAWS)
     jobs = [(nearby(case, NUDGE, FIRST_SEED + k), float(t)) for k, t in enumerate(tolerances)]
     times = np.array(in_parallel(separated, jobs))
     tau, chance = kendalltau(-tolerances, np.minimum(times, NEVER))

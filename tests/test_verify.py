@@ -12,6 +12,7 @@ from scipy.stats import t as student_t
 
 from exunet.base.errors import InputError
 from exunet.interfaces.commands.verify import verify
+from exunet.methods.method import Form
 from exunet.net import TOPOLOGIES
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.studies.both_codes import both_of_text, read_both
@@ -57,7 +58,7 @@ def test_states_of_a_case_agree(path):
 
 def test_states_agree_with_the_fused_net():
     pytest.importorskip("numba")
-    case = read_both(PAPER).fused()
+    case = read_both(PAPER).in_form(Form.FUSED)
     assert case.start.scene.engine.net == "fused"
     for rung in (lambda case: forces(case, 10), matrices, one_step):
         for check in rung(case):

@@ -52,6 +52,13 @@ class Form(StrEnum):
     FUSED = "fused"
     COMPILED = "compiled loop"
 
+    @property
+    def engine(self) -> dict[str, str]:
+        """The keys of [engine] that ask for it."""
+        if self == Form.COMPILED:  # it has the forces of the fused net
+            return {"loop": TimeLoop.COMPILED, "net": NetForm.FUSED}
+        return {"loop": TimeLoop.EXUDYN, "net": NetForm(self.value)}
+
 
 @dataclass(frozen=True, kw_only=True)
 class MethodFacts:

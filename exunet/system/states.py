@@ -47,6 +47,12 @@ class States:
         instant = np.array([state.time])
         return cls(system, instant, state.position[None], state.velocity[None], bodies, state.memory)
 
+    @classmethod
+    def of_points(cls, system: System, time: Floats, position: Floats, velocity: Floats) -> States:
+        """States of a system without rigid bodies, none of whose memories has changed."""
+        none = RigidStates.none(len(position))
+        return cls(system, time, position, velocity, none, system.memory)
+
     def __len__(self) -> int:
         return len(self.time)
 

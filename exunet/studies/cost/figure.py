@@ -16,13 +16,8 @@ from exunet.studies.cost.study import Study
 
 _COLOURS = {Form.CONNECTORS: BLUE, Form.FUSED: RED, Form.COMPILED: BLACK, None: YELLOW}
 # One marker for a kind of method, the same in all codes.
-_MARKERS = {
-    Method.DOPRI5: "o", ReferenceMethod.RK45: "o", ReferenceMethod.DOP853: "D", Method.ODE23: "v",
-    Method.RK44: "s", ReferenceMethod.RK4: "s", Method.RK33: "<", Method.RK67: ">",
-    Method.VELOCITY_VERLET: "^", ReferenceMethod.VERLET: "^", Method.EXPLICIT_EULER: "1",
-    Method.EXPLICIT_MIDPOINT: "2", Method.GENERALIZED_ALPHA: "x", Method.TRAPEZOIDAL_INDEX2: "+",
-    ReferenceMethod.EM: "*",
-}  # fmt: skip
+_MARKERS: dict[str, str] = dict(zip(Method, "ov12<s>^x+", strict=True))
+_MARKERS |= zip(ReferenceMethod, "oDs^*", strict=True)
 _LEAST = 1e-13  # errors below this are drawn here
 
 

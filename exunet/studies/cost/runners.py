@@ -12,11 +12,9 @@ import numpy as np
 import reference_impl as reference
 from exunet.backends.protocol import StepCounts
 from exunet.base.errors import Interrupted, RunStopped
-from exunet.bodies.rigid import RigidStates
 from exunet.case.scene import Engine, Scene, Time
 from exunet.forces.terms import LinearTerm
 from exunet.methods.keys import Solver
-from exunet.methods.method import Form
 from exunet.results.measures import Deployment, deployment_of, energy_balance
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
@@ -56,17 +54,6 @@ class Measures:
 def four(found: Deployment) -> tuple[float, ...]:
     """The measures of deployment in the order and units of FOUR."""
     return found.relative_area, found.time_of_largest, found.distance, found.time_open
-
-
-def measures(start: Start, found: TimedTrajectory) -> Measures:
-    """Measures of a trajectory."""
-    net = start.net
-    return Measures(
-        speeds=tracked_speeds(net, found.velocity[-1]),
-        energy=found.energy_error,
-        momentum=_momentum(start, found.momentum),
-        deployment=deployment_of(net, found.time, found.position),
-    )
 
 
 def _momentum(start: Start, moved: Floats) -> float | None:
@@ -165,9 +152,10 @@ class Subject:
             solver["tolerance"] = setting.tolerance * self.speed
         else:  # a setting above the stable step shows what comes of it
             solver |= {"step": setting.step, "force": True}
-        form = {"loop": "compiled"} if setting.form == Form.COMPILED else {"net": setting.code}
+        assert setting.form is not None
         time = {"end": self.end, "output_times": [t for t in self.times if t > 0.0]}
-        tables = {"solver": Solver.model_validate(solver), "engine": Engine.model_validate(form)}
+        engine = Engine.model_validate(setting.form.engine)
+        tables = {"solver": Solver.model_validate(solver), "engine": engine}
         return self.start.scene.model_copy(update=tables | {"time": Time.model_validate(time)})
 
 
@@ -178,7 +166,10 @@ def run(subject: Subject, setting: Setting, until: float | None = None) -> Entry
         found = trajectory(subject if until is None else subject.at((0.0, until)), setting)
     except Exception as error:  # noqa: BLE001 - a method that cannot run the scene stays in the table
         return Entry(setting, [clock.perf_counter() - began], reason=str(error), failed=True)
-    return Entry(setting, [found.seconds], found.work, measures(subject.start, found))
+    net = subject.start.net
+    speeds, opening = tracked_speeds(net, found.velocity[-1]), deployment_of(net, found.time, found.position)
+    shown = Measures(speeds, found.energy_error, _momentum(subject.start, found.momentum), opening)
+    return Entry(setting, [found.seconds], found.work, shown)
 
 
 def trajectory(subject: Subject, setting: Setting) -> TimedTrajectory:
@@ -213,7 +204,7 @@ def _by_reference(subject: Subject, setting: Setting) -> TimedTrajectory:
     x, v = both.from_reference(found.x), both.from_reference(found.v)
     work = StepCounts(found.n_steps, found.n_rejected, found.n_newton, found.n_rhs)
     # The reference knows neither rigid bodies nor memories, and refuses cases that have them.
-    states = States(both.start.system, found.t, x, v, RigidStates.none(len(x)), {})
+    states = States.of_points(both.start.system, found.t, x, v)
     total = states.kinetic + states.elastic + (states.potential - states.potential[0]) + found.dissipated
     scales = EnergyScale(both.start.system, both.start.state)
     scale = scales.start + float(scales.gained(states, found.dissipated)[0].max())
