@@ -127,6 +127,7 @@ def test_a_body_that_no_run_can_follow_is_refused(state: str, key: str) -> None:
     body = f"bodies.target={{mass=1.0,inertia=[1.0,2.0,2.5],{state}}}"
     found = keys_at_fault("planar_deployment.toml", body)
     assert f"bodies.target.{key}".rstrip(".") in found
+    assert len(found) == state.count("1e")  # one fault for each number that is too large
 
 
 @pytest.mark.parametrize(("mass", "key"), [

@@ -295,7 +295,7 @@ def test_only_a_later_time_can_be_gone_to(until: float) -> None:
 def test_a_time_too_short_to_be_told_apart_is_refused() -> None:
     sim = Simulation(pair_of_masses())
     sim.advance(0.1)
-    with pytest.raises(InputError, match="later than the time reached"):
+    with pytest.raises(InputError, match=r"^advance: a duration of 1e-20 s does not change the time reached"):
         sim.advance(1e-20)
 
 
@@ -655,13 +655,6 @@ def test_numbers_beyond_floats_are_refused_in_words(huge: Any) -> None:
         sim.advance(huge)
     with pytest.raises(InputError, match=r"^advance_to: must be later than"):
         sim.advance_to(huge)
-
-
-def test_a_duration_below_round_off_is_refused_as_that() -> None:
-    sim = Simulation(prepare(pair_of_masses()))
-    sim.advance(0.1)
-    with pytest.raises(InputError, match=r"^advance: a duration of 1e-18 s does not change the time reached"):
-        sim.advance(1e-18)
 
 
 @pytest.mark.parametrize("wrong", [None, 3, [PLANAR]])

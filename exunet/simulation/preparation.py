@@ -59,7 +59,7 @@ def prepare(scene: Scene) -> Start:
         faults += overflow_faults(system, state)
         if not any(fault.key.startswith("initial") for fault in faults):  # else they follow from that
             faults += start_faults(scene, system, state)
-        faults += body_faults(scene, system, state)
+        faults += body_faults(scene, system, state, faults)
         overflows = any(fault.beyond_floats for fault in faults)
         with within_floats(system.net):
             plan, wrong_steps = make_plan(scene, system, state.velocity)
