@@ -29,7 +29,7 @@ class ReferenceMethod(StrEnum):
     EM = "EM"
 
 
-class Ladder(NamedTuple):
+class Sizes(NamedTuple):
     """Tolerances of a method, or its steps as parts of the stable step of one of exunet's."""
 
     tolerances: tuple[float, ...] = ()
@@ -38,11 +38,11 @@ class Ladder(NamedTuple):
 
 
 OF_REFERENCE = {
-    ReferenceMethod.RK45: Ladder(LOW_ORDER_TOLERANCES),
-    ReferenceMethod.DOP853: Ladder(TOLERANCES),
-    ReferenceMethod.RK4: Ladder(parts=PARTS),
-    ReferenceMethod.VERLET: Ladder(parts=PARTS, unit=Method.VELOCITY_VERLET),
-    ReferenceMethod.EM: Ladder(parts=IMPLICIT_PARTS),
+    ReferenceMethod.RK45: Sizes(LOW_ORDER_TOLERANCES),
+    ReferenceMethod.DOP853: Sizes(TOLERANCES),
+    ReferenceMethod.RK4: Sizes(parts=PARTS),
+    ReferenceMethod.VERLET: Sizes(parts=PARTS, unit=Method.VELOCITY_VERLET),
+    ReferenceMethod.EM: Sizes(parts=IMPLICIT_PARTS),
 }
 
 
@@ -101,10 +101,10 @@ def ladders(
     """
 
     def rungs(form: Form | None, method: Method | ReferenceMethod) -> list[Setting]:
-        ladder = OF_REFERENCE[method] if isinstance(method, ReferenceMethod) else _ladder(method)
-        steps = {min(part * stable[ladder.unit], end / 100.0) for part in ladder.parts}
+        sizes = OF_REFERENCE[method] if isinstance(method, ReferenceMethod) else _sizes(method)
+        steps = {min(part * stable[sizes.unit], end / 100.0) for part in sizes.parts}
         found = [Setting(form, method, step=step) for step in sorted(steps, reverse=True)]
-        return found or [Setting(form, method, tolerance=t) for t in ladder.tolerances]
+        return found or [Setting(form, method, tolerance=t) for t in sizes.tolerances]
 
     forms = (Form.FUSED, Form.CONNECTORS) if compiled else (Form.CONNECTORS,)
     found = [rungs(form, method) for form in forms for method in METHODS]
@@ -112,15 +112,15 @@ def ladders(
     return found + [rungs(None, method) for method in reference]
 
 
-def _ladder(method: Method) -> Ladder:
+def _sizes(method: Method) -> Sizes:
     facts = METHODS[method]
     if facts.kind == Kind.ADAPTIVE:
-        return Ladder(TOLERANCES if facts.order > 3 else LOW_ORDER_TOLERANCES)
+        return Sizes(TOLERANCES if facts.order > 3 else LOW_ORDER_TOLERANCES)
     if facts.kind == Kind.IMPLICIT:
-        return Ladder(parts=IMPLICIT_PARTS)
+        return Sizes(parts=IMPLICIT_PARTS)
     if facts.needs_step:
-        return Ladder(parts=UNSTABLE_PARTS, unit=Method.VELOCITY_VERLET)
-    return Ladder(parts=PARTS, unit=method)
+        return Sizes(parts=UNSTABLE_PARTS, unit=Method.VELOCITY_VERLET)
+    return Sizes(parts=PARTS, unit=method)
 
 
 def own_form(*, compiled: bool) -> Form:
