@@ -13,12 +13,13 @@ import numpy as np
 from scipy.stats import kendalltau
 
 from exunet.base.markdown import markdown_table
+from exunet.methods.method import Form
 from exunet.studies.both_codes import BothCodes, read_both
-from exunet.verification.converged import with_tolerance
 from exunet.verification.growth import nearby
 from exunet.verification.shipped import shipped
 from exunet.verification.statistics import in_parallel
 from exunet.verification.symmetry import NUDGE, separation
+from exunet.verification.trajectories import with_tolerance
 
 NETS = ("planar_deployment", "planar_undamped", "planar_deployment_006")
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)  # [m, m/s]
@@ -34,7 +35,7 @@ def separated(case: BothCodes, tolerance: float) -> float:
 
 def row(name: str) -> list[str]:
     """Net, median time of separation at each tolerance, tau and probability."""
-    case, tolerances = read_both(shipped()[name]).compiled(), np.repeat(TOLERANCES, DRAWS)
+    case, tolerances = read_both(shipped()[name]).in_form(Form.COMPILED), np.repeat(TOLERANCES, DRAWS)
     jobs = [(nearby(case, NUDGE, FIRST_SEED + k), float(t)) for k, t in enumerate(tolerances)]
     times = np.array(in_parallel(separated, jobs))
     tau, chance = kendalltau(-tolerances, np.minimum(times, NEVER))

@@ -276,3 +276,29 @@ def test_a_refused_run_leaves_an_earlier_result_alone(tmp_path):
         assert done.returncode == 2, done.stdout + done.stderr
         assert "floating-point" in done.stderr
     assert {name: (tmp_path / name).read_bytes() for name in written(tmp_path)} == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", PLANAR, "--checkpoint-every", "abc"), "Invalid value for '--checkpoint-every'"),
+        (("cost", PLANAR, "--budget", "-1"), "Invalid value for '--budget'"),
+        (("run", PLANAR, "--nope"), "No such option: --nope"),
+        (("compare", "a"), "Missing argument 'B'"),
+        (("rum",), "No such command 'rum'"),
+    ],
+)
+def test_a_fault_of_an_option_is_one_line(tmp_path, arguments, words):
+    done = command(*arguments, folder=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(words)
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_file_that_the_system_refuses_is_not_taken_for_the_terminal(tmp_path, monkeypatch):
+    def refuse(*_: object, **__: object) -> None:
+        Path(tmp_path).read_bytes()
+
+    monkeypatch.setattr("exunet.interfaces.commands.check.describe", refuse)
+    done = command("check", PLANAR, folder=tmp_path)
+    assert (done.returncode, done.stderr) == (2, f"{tmp_path}: Is a directory\n")

@@ -10,7 +10,9 @@ import pytest
 import exunet
 from exunet.base.errors import InputError
 from exunet.interfaces.cli import main
+from exunet.results.body_comparison import compare_bodies
 from exunet.results.comparison import compare, match_nodes, read_states
+from exunet.results.result import BodyStates
 from reference_impl.__main__ import main as reference_main
 
 CASE = str(Path(__file__).parents[1] / "cases" / "planar_undamped.toml")
@@ -220,3 +222,36 @@ def test_bad_files_are_refused(files, tmp_path, monkeypatch, capsys):
         (line,) = capsys.readouterr().err.strip().splitlines()
         assert reason in line
         assert "pickle" not in line
+
+
+def spinning(name: str, *, angle: float = 0.0) -> str:
+    """A body that has turned by an angle about z at the start."""
+    turned = [float(np.cos(angle / 2)), 0.0, 0.0, float(np.sin(angle / 2))]
+    return f"bodies.{name}={{mass=2.0,inertia=[1.0,1.0,1.0],velocity=[0.0,1.0,0.0],attitude={turned}}}"
+
+
+def test_bodies_are_compared_by_name(tmp_path, monkeypatch, capsys):
+    for name, body in (("a", spinning("target")), ("b", spinning("target", angle=1e-3))):
+        extra = spinning(f"only_{name}")
+        exunet.save(exunet.run(exunet.load(CASE, ["time.end=0.02", "engine.loop=compiled", body, extra])),
+                    tmp_path / f"{name}.h5")  # fmt: skip
+    found = compare(read_states(tmp_path / "a.h5"), read_states(tmp_path / "b.h5")).bodies
+    assert (found.only_a, found.only_b) == (("only_a",), ("only_b",))
+    target = found.both["target"]
+    assert target.attitude == pytest.approx(1e-3, rel=1e-9)
+    assert not target.position.any()
+    assert not target.velocity.any()
+    assert not target.angular_velocity.any()
+    assert run(monkeypatch, "compare", tmp_path / "a.h5", tmp_path / "b.h5") == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "attitude 1.000e-03 rad at t" in printed
+    assert "body only_a only in" in printed
+    assert "body only_b only in" in printed
+
+
+def test_a_quaternion_and_its_negative_are_the_same_attitude():
+    one = np.array([[0.6, 0.8, 0.0, 0.0]])
+    still = np.zeros((1, 3))
+    at = np.array([0])
+    bodies = [{"target": BodyStates(1.0, np.eye(3), still, still, q, still)} for q in (one, -one)]
+    assert compare_bodies(*bodies, at, at).both["target"].attitude == 0.0

@@ -13,16 +13,13 @@ import exunet
 from exunet.backends.protocol import StepCounts
 from exunet.base.errors import InputError
 from exunet.interfaces.commands import cost as command
-from exunet.methods.method import METHODS
+from exunet.methods.method import METHODS, Form, Method
 from exunet.results.measures import Deployment
 from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost import study as studies
 from exunet.studies.cost.converged import Converged, converge
-from exunet.studies.cost.runners import Entry, Measures, Subject, run
-from exunet.studies.cost.settings import Code, Setting, base, ladders
-from exunet.studies.cost.study import Study, all_rungs, climb
-from exunet.studies.cost.table import (
+from exunet.studies.cost.ranking import (
     LEVELS,
     answer_rows,
     cheapest,
@@ -32,6 +29,9 @@ from exunet.studies.cost.table import (
     reliable,
     write_csv,
 )
+from exunet.studies.cost.runners import Entry, Measures, Subject, run
+from exunet.studies.cost.settings import ReferenceMethod, Setting, base, ladders
+from exunet.studies.cost.study import Study, all_rungs, climb
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
 SURE = Converged(np.array([1.0]), 1e-9, 1e-9, None, ())
@@ -42,6 +42,12 @@ def subject(end: float, *overrides: str) -> Subject:
     return Subject(prepare(case.scene), both_of(case), (0.0, end))
 
 
+def alone(name: str, end: float, *overrides: str) -> Subject:
+    """A case that the reference does not know."""
+    case = exunet.load(PLANAR.parent / f"{name}.toml", overrides)
+    return Subject(prepare(case.scene), None, (0.0, end))
+
+
 def opened(area: float) -> Deployment:
     return Deployment(area, 1.7, 0.0, 0.3, 1.0, area, at_end=False)
 
@@ -50,8 +56,14 @@ def measured(error: float, deployment: Deployment | None = None) -> Measures:
     return Measures(np.array([1.0]), error, None, deployment)
 
 
-def entry(method: str, tolerance: float, seconds: float, error: float, code: Code = "fused") -> Entry:
-    setting = Setting(code, method, tolerance=tolerance)
+def entry(
+    method: Method | ReferenceMethod,
+    tolerance: float,
+    seconds: float,
+    error: float,
+    form: Form | None = Form.FUSED,
+) -> Entry:
+    setting = Setting(form, method, tolerance=tolerance)
     return Entry(setting, [seconds], StepCounts(1, right_hand_sides=7), measured(error), error)
 
 
@@ -69,10 +81,11 @@ def test_every_code_and_kind_of_method_runs_and_errs_little():
     scene = subject(0.6)
     exact = converge(scene, compiled=True).speeds
     settings = [
-        Setting("connectors", "DOPRI5", tolerance=1e-7), Setting("fused", "DOPRI5", tolerance=1e-7),
-        Setting("compiled loop", "DOPRI5", tolerance=1e-7), Setting("compiled loop", "RK44", step=2e-5),
-        Setting("reference", "RK45", tolerance=1e-7), Setting("reference", "Verlet", step=1e-4),
-        Setting("reference", "EM", step=1e-3), Setting("fused", "VelocityVerlet", step=1e-4),
+        Setting(Form.CONNECTORS, Method.DOPRI5, tolerance=1e-7),
+        Setting(Form.FUSED, Method.DOPRI5, tolerance=1e-7),
+        Setting(Form.COMPILED, Method.DOPRI5, tolerance=1e-7), Setting(Form.COMPILED, Method.RK44, step=2e-5),
+        Setting(None, ReferenceMethod.RK45, tolerance=1e-7), Setting(None, ReferenceMethod.VERLET, step=1e-4),
+        Setting(None, ReferenceMethod.EM, step=1e-3), Setting(Form.FUSED, Method.VELOCITY_VERLET, step=1e-4),
     ]  # fmt: skip
     for setting in settings:
         trial = run(scene, setting)
@@ -87,7 +100,7 @@ def test_every_code_and_kind_of_method_runs_and_errs_little():
 
 
 @pytest.mark.parametrize("setting", [
-    Setting("compiled loop", "RK44", step=5e-5), Setting("reference", "RK4", step=1e-4),
+    Setting(Form.COMPILED, Method.RK44, step=5e-5), Setting(None, ReferenceMethod.RK4, step=1e-4),
 ], ids=lambda one: one.code)  # fmt: skip
 def test_the_error_of_the_energy_is_the_same_in_flight(setting):
     """The energy of the common flight at 10 m/s is 19 times that of the launch at 2.5 m/s; it is not in play.
@@ -103,15 +116,44 @@ def test_the_error_of_the_energy_is_the_same_in_flight(setting):
     assert errors[1] == pytest.approx(errors[0], rel=0.03)
 
 
+BODY = "bodies.target={mass=1.0,inertia=[1.0,2.0,2.5],angular_velocity=[1.0,2.0,3.0],velocity=[1.0,0.0,0.0]}"
+
+
+@pytest.mark.parametrize(("name", "overrides", "end"), [
+    ("effects/launch_force", (), 0.02),
+    ("planar_deployment", (BODY,), 0.02),
+    ("effects/breaking", (), 0.02),
+], ids=("point mass", "rigid body", "broken element"))  # fmt: skip
+def test_the_energy_is_that_of_every_block(name, overrides, end):
+    """A point mass, a rigid body and a broken element are in the balance, and none in the net's measures."""
+    scene = alone(name, end, *overrides)
+    found = converge(scene.at((0.0, end)), compiled=True)
+    assert len(found.deployments) in (0, 4)
+    for form in (Form.CONNECTORS, Form.COMPILED):
+        trial = run(scene, Setting(form, Method.DOPRI5, tolerance=1e-9))
+        assert trial.measures is not None, trial.reason
+        assert trial.measures.energy < 2e-3  # breaking: 1e-3 of what breaks off, with an adaptive method
+        assert np.abs(trial.measures.speeds - found.speeds).max() < 1e-2 * scene.speed
+        assert trial.measures.momentum is None or trial.measures.momentum < 1e-12
+
+
+def test_only_methods_that_the_effects_allow_are_tried():
+    ladder = all_rungs(alone("effects/breaking", 0.02), compiled=True)
+    tried = {setting.method for rungs in ladder for setting in rungs}
+    refused = {method for method, facts in METHODS.items() if facts.remembers_acceleration}
+    assert refused == {Method.VELOCITY_VERLET, Method.GENERALIZED_ALPHA, Method.TRAPEZOIDAL_INDEX2}
+    assert tried == set(METHODS) - refused
+
+
 def test_a_method_that_blows_up_stays_with_its_reason():
-    trial = run(subject(0.6), Setting("connectors", "RK44", step=5e-3))  # stable: 2.5e-4 s
+    trial = run(subject(0.6), Setting(Form.CONNECTORS, Method.RK44, step=5e-3))  # stable: 2.5e-4 s
     assert trial.measures is None
     assert "diverged" in trial.reason
 
 
 def test_the_ladders_hold_every_method():
     stable = dict.fromkeys(METHODS, 1e-4)
-    found = ladders(stable, 1.0, compiled=True, reference=("RK45", "EM"))
+    found = ladders(stable, 1.0, compiled=True, reference=(ReferenceMethod.RK45, ReferenceMethod.EM))
     names = {setting.name for ladder in found for setting in ladder}
     assert {f"{method} ({form})" for method in METHODS for form in ("connectors", "fused")} <= names
     assert {"DOPRI5 (compiled loop)", "RK45 (reference)", "EM (reference)"} <= names
@@ -124,12 +166,15 @@ def test_the_ladders_hold_every_method():
 
 def test_the_front_and_the_cheapest():
     good = [
-        entry("DOPRI5", 1e-5, 1.0, 1e-3),
-        entry("DOPRI5", 1e-7, 2.0, 1e-5),
-        entry("DOPRI5", 1e-9, 4.0, 1e-7),
+        entry(Method.DOPRI5, 1e-5, 1.0, 1e-3),
+        entry(Method.DOPRI5, 1e-7, 2.0, 1e-5),
+        entry(Method.DOPRI5, 1e-9, 4.0, 1e-7),
     ]
-    worse = entry("ODE23", 1e-7, 3.0, 2e-5)
-    lucky = [entry("RK45", 1e-5, 0.5, 1e-6), entry("RK45", 1e-7, 1.5, 1e-2)]  # right by chance
+    worse = entry(Method.ODE23, 1e-7, 3.0, 2e-5)
+    lucky = [
+        entry(ReferenceMethod.RK45, 1e-5, 0.5, 1e-6),
+        entry(ReferenceMethod.RK45, 1e-7, 1.5, 1e-2),
+    ]  # right by chance
     study = Study(SURE, [*good, worse, *lucky])
     assert pareto(study) == [lucky[0], good[2]]
     assert cheapest(study, 1e-4) is good[1]
@@ -140,14 +185,14 @@ def test_the_front_and_the_cheapest():
 
 def test_an_error_below_the_solutions_own_cannot_be_told():
     unsure = Converged(np.array([1.0]), 1e-5, 1e-5, None, ())
-    rows = dict(answer_rows(Study(unsure, [entry("DOPRI5", 1e-9, 1.0, 1e-6)])))
+    rows = dict(answer_rows(Study(unsure, [entry(Method.DOPRI5, 1e-9, 1.0, 1e-6)])))
     assert "not resolved" in rows["error <= 1e-06"]
     assert "DOPRI5" in rows["error <= 1e-04"]
 
 
 def test_no_setting_is_told_to_be_better_than_the_solution():
     """The tightest rung of the converged solution's own method would differ from it by nothing."""
-    same = [entry("DOPRI5", 1e-10, 1.0, 2e-10), entry("DOPRI5", 1e-11, 2.0, 0.0)]
+    same = [entry(Method.DOPRI5, 1e-10, 1.0, 2e-10), entry(Method.DOPRI5, 1e-11, 2.0, 0.0)]
     study = Study(Converged(np.array([1.0]), 3e-9, 1e-9, None, ()), same)
     assert [study.error(one) for one in same] == [3e-9, 3e-9]
     assert pareto(study) == [same[0]]
@@ -157,20 +202,20 @@ def test_no_setting_is_told_to_be_better_than_the_solution():
 
 
 def test_a_tighter_setting_that_fails_makes_its_method_unreliable():
-    good = Entry(Setting("fused", "RK44", step=1e-3), [0.1], StepCounts(1), measured(0.0), 1e-7)
-    failed = Entry(Setting("fused", "RK44", step=5e-4), [0.2], reason="diverged", failed=True)
-    left_out = Entry(Setting("fused", "RK44", step=2e-4), reason="left out")
+    good = Entry(Setting(Form.FUSED, Method.RK44, step=1e-3), [0.1], StepCounts(1), measured(0.0), 1e-7)
+    failed = Entry(Setting(Form.FUSED, Method.RK44, step=5e-4), [0.2], reason="diverged", failed=True)
+    left_out = Entry(Setting(Form.FUSED, Method.RK44, step=2e-4), reason="left out")
     assert not reliable(Study(SURE, [good, failed, left_out]), good, 1e-6)
     assert cheapest(Study(SURE, [good, failed, left_out]), 1e-6) is None
     alone = dict(answer_rows(Study(SURE, [good, left_out])))["error <= 1e-06"]
     assert "unconfirmed: no tighter setting ran" in alone
-    sure = [entry("DOPRI5", 1e-8, 1.0, 1e-7), entry("DOPRI5", 1e-9, 2.0, 1e-8)]
+    sure = [entry(Method.DOPRI5, 1e-8, 1.0, 1e-7), entry(Method.DOPRI5, 1e-9, 2.0, 1e-8)]
     assert "unconfirmed" not in dict(answer_rows(Study(SURE, sure)))["error <= 1e-06"]
 
 
 def test_after_the_horizon_conserving_methods_are_not_ranked():
     lost = Converged(np.array([1.0]), 0.1, 0.1, 1.6, (), (opened(0.91), opened(0.93)))
-    honest, exact = entry("DOPRI5", 1e-7, 1.0, 1e-5), entry("EM", 1e-2, 0.1, 2e-13, "reference")
+    honest, exact = entry(Method.DOPRI5, 1e-7, 1.0, 1e-5), entry(ReferenceMethod.EM, 1e-2, 0.1, 2e-13, None)
     lost = replace(lost, deployments=tuple(replace(one, distance=1e-17) for one in lost.deployments))
     for one, area in ((honest, 0.92), (exact, 0.955)):
         one.measures = measured(one.speed_error, opened(area))
@@ -197,7 +242,7 @@ def test_the_base_is_run_whatever_the_budget():
 
 
 def test_evaluations_of_the_conserving_method_are_counted():
-    trial = run(subject(0.02), Setting("reference", "EM", step=1e-3))
+    trial = run(subject(0.02), Setting(None, ReferenceMethod.EM, step=1e-3))
     assert trial.work is not None
     assert trial.work.right_hand_sides >= trial.work.newton_iterations + trial.work.steps
 
@@ -212,7 +257,7 @@ def test_a_budget_leaves_out_what_costs_too_much(monkeypatch, tmp_path):
         return Entry(setting, [seconds], StepCounts(1, right_hand_sides=1000), shown)
 
     monkeypatch.setattr(studies, "run", pretend)
-    ladder = [Setting("fused", "RK44", step=10.0**-k) for k in (3, 4, 5, 6)]
+    ladder = [Setting(Form.FUSED, Method.RK44, step=10.0**-k) for k in (3, 4, 5, 6)]
     study = Study(SURE)
     climb(study, subject(0.01), [ladder], lambda: 30.0 - clock[0], lambda words: None)
     assert [len(one.seconds) for one in study.entries] == [3, 2, 0, 0]  # 1 s, 10 s; 100 s; again

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from exunet.backends.compiled import many_steps
-from exunet.backends.compiled.arrays import PEAKS, Motion, Seen, Stages
+from exunet.backends.compiled.work_space import PEAKS, Motion, Seen, Stages
 from exunet.forces import jumps
 from exunet.forces.cable import Law
 

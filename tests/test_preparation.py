@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from exunet.base.errors import BeyondFloats, CaseError, Fault
+from exunet.base.errors import CaseError, Fault
 from exunet.base.faults import collected
 from exunet.case.casefile import load
 from exunet.simulation.preparation import prepare_case
@@ -84,7 +84,60 @@ def test_collected_faults_are_raised_at_the_end_of_the_block() -> None:
     raise_all([])
 
 
-def test_an_error_inside_keeps_its_type_and_what_was_found_before() -> None:
-    with pytest.raises(BeyondFloats) as caught:
-        raise_all([Fault("a", "first")], BeyondFloats([Fault("b", "second")]))
-    assert [fault.key for fault in caught.value.faults] == ["a", "b"]
+def test_an_error_inside_keeps_what_was_found_before() -> None:
+    with pytest.raises(CaseError) as caught:
+        raise_all([Fault("a", "first")], CaseError([Fault("b", "second", beyond_floats=True)]))
+    assert [(fault.key, fault.beyond_floats) for fault in caught.value.faults] == [("a", False), ("b", True)]
+
+
+CASES = Path(__file__).parents[1] / "cases"
+WRONG_STEPS = ("solver.method=RK44", "solver.step=1.0")
+
+
+def keys_at_fault(name: str, *overrides: str) -> set[str]:
+    with pytest.raises(CaseError) as caught:
+        prepare_case(load(CASES / name, overrides))
+    return {fault.key for fault in caught.value.faults}
+
+
+def test_faults_of_bodies_effects_start_and_steps_are_told_together() -> None:
+    body = "bodies.chaser={mass=1.0,inertia=[1.0,1.0,1.0]}"
+    found = keys_at_fault("effects/launch_force.toml", body, *WRONG_STEPS, "initial.packing=3.0")
+    assert found == {"bodies.chaser", "solver.step", "initial.packing"}
+    thrust = "effects.thrust={bullets=[0],time=[0.0,1e60],force=[[1e200,0.0,0.0],[0.0,0.0,0.0]]}"
+    force, time = "effects.thrust.force[0][0]", "effects.thrust.time[1]"
+    assert keys_at_fault("planar_deployment.toml", thrust, *WRONG_STEPS) == {force, time, "solver.step"}
+
+
+def test_a_candidate_that_overflows_does_not_hide_other_faults() -> None:
+    auto = "effects={choose='auto',threshold=1e-3,gravity={acceleration=[1e300,0.0,0.0]}}"
+    found = keys_at_fault("planar_deployment.toml", auto, *WRONG_STEPS)
+    assert found == {"effects.gravity.acceleration[0]", "solver.step"}
+
+
+@pytest.mark.parametrize(("state", "key"), [
+    ("velocity=[1e200,0.0,0.0]", "velocity[0]"),
+    ("velocity=[1e20,0.0,0.0]", ""),
+    ("angular_velocity=[1e200,0.0,0.0]", "angular_velocity[0]"),
+    ("angular_velocity=[1e14,0.0,0.0]", "angular_velocity"),
+    ("position=[1e200,0.0,0.0],velocity=[1.0,1e120,0.0]", "position[0]"),
+    ("position=[1e20,0.0,0.0]", ""),
+])  # fmt: skip
+def test_a_body_that_no_run_can_follow_is_refused(state: str, key: str) -> None:
+    body = f"bodies.target={{mass=1.0,inertia=[1.0,2.0,2.5],{state}}}"
+    found = keys_at_fault("planar_deployment.toml", body)
+    assert f"bodies.target.{key}".rstrip(".") in found
+    assert len(found) == state.count("1e")  # one fault for each number that is too large
+
+
+@pytest.mark.parametrize(("mass", "key"), [
+    ("mass=1e-320,inertia=[1.0,1.0,1.0]", "mass"),
+    ("mass=1.0,inertia=[1.0,1.0,1e-320]", "inertia[2]"),
+])  # fmt: skip
+def test_a_body_too_light_to_divide_by_is_refused(mass: str, key: str) -> None:
+    assert keys_at_fault("planar_deployment.toml", f"bodies.target={{{mass}}}") == {f"bodies.target.{key}"}
+
+
+def test_a_point_mass_too_light_to_divide_by_is_refused() -> None:
+    light = "effects.launch_force.chaser_mass=1e-320"
+    assert keys_at_fault("effects/launch_force.toml", light) == {"effects.launch_force.chaser_mass"}

@@ -15,6 +15,7 @@ import pytest
 from result_samples import net, result, square_net, unfolding
 
 from exunet.base.errors import InputError
+from exunet.results.measures import centre_of_mass
 from exunet.results.reading import load_result
 from exunet.results.result import BodyStates
 from exunet.results.summary import summarise
@@ -357,3 +358,21 @@ def test_bodies_have_a_row_in_the_summary():
     summary = summarise(unfolding(square_net(), bodies=BODIES))
     assert summary["bodies"]["chaser"] == {"mass_kg": 500.0, "displacement_m": pytest.approx(18 * 3**0.5)}
     assert summary["bodies"]["target"] == {"mass_kg": 2000.0, "displacement_m": 0.0}
+
+
+def test_the_chaser_in_a_file_of_the_first_format_is_no_part_of_the_nets_centre(tmp_path):
+    """There it was the last node, and no element ended at it; the two masses stay around the origin."""
+    path = tmp_path / "old.h5"
+    path.write_bytes(FIRST_FORMAT.read_bytes())
+    with h5py.File(path, "a") as file:
+        times = len(file["time"])
+        for name, axis, value in (
+            ("position", 1, np.full((times, 1, 3), 7.0)),
+            ("velocity", 1, np.zeros((times, 1, 3))),
+            ("net/reference_position", 0, np.full((1, 3), 7.0)),
+            ("net/mass", 0, np.array([500.0])),
+        ):
+            longer = np.append(file[name][()], value, axis=axis)
+            del file[name]
+            file[name] = longer
+    np.testing.assert_allclose(centre_of_mass(load_result(path)), 0.0, atol=1e-12)

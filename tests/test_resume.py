@@ -11,6 +11,8 @@ import pytest
 from commands import command
 
 import exunet
+from exunet.base.errors import InputError, UnsoundStates
+from exunet.interfaces.commands.earlier import set_aside
 from exunet.simulation import run as runs
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
@@ -107,3 +109,56 @@ def test_there_is_nothing_to_resume(tmp_path):
         done = command("resume", folder, folder=tmp_path)
         assert done.returncode == 2
         assert done.stderr == f"{folder}: there is no unfinished run in this folder\n"
+
+
+def test_a_run_that_leaves_no_result_gives_the_earlier_one_back(tmp_path, monkeypatch):
+    """Whatever fails when the rows are joined; what cannot become a result is not kept to be resumed."""
+    arguments = ("run", PLANAR, *SHORT, "--out", "here")
+    assert command(*arguments, folder=tmp_path).returncode == 0
+    here = tmp_path / "here"
+    before = {path.name: path.read_bytes() for path in here.iterdir()}
+
+    def fails(*_: object) -> None:
+        assert not (here / "result.h5").exists()  # so that it is not taken for the new one
+        raise error
+
+    monkeypatch.setattr(runs, "join", fails)
+    for error, left in ((UnsoundStates("NaN"), set()), (InputError("the disk is full"), {"unfinished"})):
+        done = command(*arguments, folder=tmp_path)
+        assert (done.returncode, done.stderr) == (2, f"{error}\n")
+        assert {path.name for path in here.iterdir()} == set(before) | left
+        assert all((here / name).read_bytes() == content for name, content in before.items())
+    monkeypatch.undo()
+    assert command("resume", "here", folder=tmp_path).returncode == 0
+    assert {path.name for path in here.iterdir()} == set(before)
+
+
+def test_a_killed_run_keeps_the_earlier_result_until_it_is_resumed(tmp_path, monkeypatch):
+    cut_short(tmp_path, 0.2, monkeypatch)
+    (tmp_path / "result.h5").write_text("of an earlier run")
+    set_aside(tmp_path)
+    assert not (tmp_path / "result.h5").exists()
+    (checkpoint,) = (tmp_path / "unfinished").glob("checkpoint-*.exu")
+    content = checkpoint.read_bytes()
+    checkpoint.write_bytes(content[:-1])
+    assert command("resume", tmp_path, folder=tmp_path).returncode == 2
+    assert (tmp_path / "result.h5").read_text() == "of an earlier run"
+    checkpoint.write_bytes(content)
+    assert command("resume", tmp_path, folder=tmp_path).returncode == 0
+    assert exunet.load_result(tmp_path).complete
+    assert not (tmp_path / "unfinished").exists()
+
+
+def test_what_is_in_the_way_of_a_runs_files_is_named_before_anything_is_removed(tmp_path, monkeypatch):
+    cut_short(tmp_path, 0.2, monkeypatch)
+    way = tmp_path / "unfinished" / "segment-000099.exu"
+    way.mkdir()
+    (tmp_path / "unfinished" / "foreign.exu").mkdir()  # no name of a run's file: left alone
+    (tmp_path / "unfinished" / "notes.exu").write_text("of somebody else")
+    for arguments in (("resume", tmp_path), ("run", PLANAR, *SHORT, "--out", tmp_path)):
+        done = command(*arguments, folder=tmp_path)
+        words = f"{way}: it is in the way of a run's own file: move it elsewhere\n"
+        assert (done.returncode, done.stderr) == (2, words)
+    way.rmdir()
+    assert command("resume", tmp_path, folder=tmp_path).returncode == 0
+    assert {path.name for path in (tmp_path / "unfinished").iterdir()} == {"foreign.exu", "notes.exu"}

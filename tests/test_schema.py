@@ -20,7 +20,7 @@ from exunet.case.casefile import load
 from exunet.case.checking import checked
 from exunet.case.scene import Scene
 from exunet.case.schema import example, json_schema, resolve, template
-from exunet.forces.effects import EFFECTS
+from exunet.forces.effects import EFFECTS, _pairs_schema
 from exunet.forces.requirements import bullet_keys, needs_bullets
 from exunet.methods.method import METHODS
 from exunet.net import TOPOLOGIES
@@ -304,3 +304,22 @@ def test_the_schema_knows_bodies_by_any_bare_name() -> None:
         assert (valid(document), readable(document)) == (fine, fine), name
     document["bodies"] = {"box": box | {"colour": "red"}}
     assert (valid(document), readable(document)) == (False, False)
+
+
+def test_what_an_effect_declares_of_others_keys_is_for_reader_and_schema(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of breaking, which declares it; and of any other effect that would."""
+    document = tomllib.loads((ROOT / "planar_deployment.toml").read_text())
+    document["effects"]["breaking"] = {"strain": 0.03}
+    assert not valid(document)
+    words = "contradicts effects.rayleigh_damping.beta, which damps along broken elements too"
+    assert any(words in reason for _, reason in checked(copy.deepcopy(document))[1])
+    document["effects"]["rayleigh_damping"]["beta"] = 0.0
+    assert valid(document)
+    assert readable(document)
+    monkeypatch.setattr(
+        EFFECTS["gravity"], "NEEDS_ZERO", {"j2": {"inclination": "of a reason"}}, raising=False
+    )
+    zero = {"properties": {"inclination": {"const": 0}}}
+    assert _pairs_schema()["dependentSchemas"]["gravity"]["properties"]["j2"] == zero

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from exunet.backends.compiled import many_steps, schemes
-from exunet.backends.compiled.arrays import (
+from exunet.backends.compiled.work_space import (
     PEAKS,
     Control,
     EqualSteps,

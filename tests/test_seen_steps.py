@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from exunet.backends.compiled import many_steps, schemes
-from exunet.backends.compiled.arrays import (
+from exunet.backends.compiled.work_space import (
     PEAKS,
     Control,
     EqualSteps,

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -14,11 +15,13 @@ import pytest
 from small_nets import pair_of_masses, thrown
 
 import exunet
+from exunet.backends.protocol import IntegrationFailed
 from exunet.base.blob import write_arrays
 from exunet.base.errors import InputError, RunStopped
 from exunet.case.casefile import load
 from exunet.case.stored_times import stored_times
 from exunet.methods.method import METHODS, Kind
+from exunet.simulation import simulation
 from exunet.simulation.preparation import prepare, prepare_case
 from exunet.simulation.readouts import Energies
 from exunet.simulation.recorder import Recorder
@@ -292,7 +295,7 @@ def test_only_a_later_time_can_be_gone_to(until: float) -> None:
 def test_a_time_too_short_to_be_told_apart_is_refused() -> None:
     sim = Simulation(pair_of_masses())
     sim.advance(0.1)
-    with pytest.raises(InputError, match="later than the time reached"):
+    with pytest.raises(InputError, match=r"^advance: a duration of 1e-20 s does not change the time reached"):
         sim.advance(1e-20)
 
 
@@ -643,3 +646,50 @@ def test_an_incomplete_snapshot_is_refused_whole(lost):
     with pytest.raises(exunet.InputError, match="needs what"):
         sim.restore(None)
     assert sim.snapshot().time == whole.time
+
+
+@pytest.mark.parametrize("huge", [10**400, Fraction(10**400, 1), -(10**400)])
+def test_numbers_beyond_floats_are_refused_in_words(huge: Any) -> None:
+    sim = Simulation(prepare(pair_of_masses()))
+    with pytest.raises(InputError, match=r"^advance: the duration must be positive and finite"):
+        sim.advance(huge)
+    with pytest.raises(InputError, match=r"^advance_to: must be later than"):
+        sim.advance_to(huge)
+
+
+@pytest.mark.parametrize("wrong", [None, 3, [PLANAR]])
+def test_what_is_no_case_and_no_file_is_refused_in_words(wrong: Any, tmp_path: Path) -> None:
+    sim = Simulation(prepare(pair_of_masses()))
+    for what, call in (
+        ("Simulation", Simulation),
+        ("load", exunet.load),
+        ("load_result", exunet.load_result),
+        ("Snapshot.load", Snapshot.load),
+        ("Snapshot.save", sim.snapshot().save),
+    ):
+        with pytest.raises(InputError, match=rf"^{what}: needs the name of a file, got"):
+            call(wrong)
+
+
+@pytest.mark.parametrize("wrong", [[3], None, "solver.method=RK44", 3])
+def test_overrides_that_are_no_list_of_texts_are_refused_in_words(wrong: Any) -> None:
+    with pytest.raises(InputError, match=r"^load: .*override"):
+        Simulation(PLANAR, wrong)
+
+
+def test_a_number_is_a_node_and_a_point_mass_has_a_name() -> None:
+    sim = of_launch("compiled")
+    chaser = sim.start.system.points.body["chaser"]
+    with pytest.raises(InputError, match=rf"nodes are 0 to {chaser - 1}, point masses: chaser"):
+        sim.set_force(chaser, [1.0, 0.0, 0.0])
+    sim.set_force("chaser", [1.0, 0.0, 0.0])
+
+
+def test_a_run_that_does_not_even_start_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def gives_up(*_: object) -> NoReturn:
+        raise IntegrationFailed("no steps at all")
+
+    monkeypatch.setattr(simulation, "integrator", gives_up)
+    with pytest.raises(RunStopped, match=r"^not started: no steps at all") as stopped:
+        exunet.run(pair_of_masses())
+    assert stopped.value.result is None

@@ -13,7 +13,7 @@ import pytest
 from result_samples import square_net, unfolding
 
 from exunet.base.errors import InputError
-from exunet.results import assembly, segments
+from exunet.results import from_rows, segments
 from exunet.results.columns import PATHS, MassProperties, body_path, body_quantities, declare
 from exunet.results.reading import load_result, open_unfinished
 from exunet.results.result import BodyStates
@@ -322,7 +322,7 @@ def test_large_files_are_read_when_asked(monkeypatch, small_segments, tmp_path):
     store = new(tmp_path / "unfinished")
     store.append(ROWS)
     store.flush()
-    monkeypatch.setattr(assembly, "IN_MEMORY", 1000)
+    monkeypatch.setattr(from_rows, "IN_MEMORY", 1000)
     for found in (load_result(tmp_path / "result.h5"), open_unfinished(tmp_path)):
         assert isinstance(found.position, StoredRows)
         assert isinstance(found.bodies["target"].attitude, StoredRows)

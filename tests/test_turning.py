@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from exunet.backends.compiled import many_steps, schemes
-from exunet.backends.compiled.arrays import Motion, Stages
+from exunet.backends.compiled.work_space import Motion, Stages
 from exunet.bodies.rigid import RigidStates, angular_momentum, rotation_matrix
 
 START = 0.2  # [s]

@@ -12,10 +12,11 @@ from scipy.stats import t as student_t
 
 from exunet.base.errors import InputError
 from exunet.interfaces.commands.verify import verify
+from exunet.methods.method import Form
 from exunet.net import TOPOLOGIES
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.studies.both_codes import both_of_text, read_both
-from exunet.verification import random_nets, states, tolerances
+from exunet.verification import random_nets, random_states, tolerances
 from exunet.verification.at_states import forces, measures
 from exunet.verification.check import Check, worst_of
 from exunet.verification.ladder import Ladder, Step
@@ -57,7 +58,7 @@ def test_states_of_a_case_agree(path):
 
 def test_states_agree_with_the_fused_net():
     pytest.importorskip("numba")
-    case = read_both(PAPER).fused()
+    case = read_both(PAPER).in_form(Form.FUSED)
     assert case.start.scene.engine.net == "fused"
     for rung in (lambda case: forces(case, 10), matrices, one_step):
         for check in rung(case):
@@ -99,7 +100,7 @@ def test_kinds_of_states_are_what_they_are_called():
     i, j = net.element_nodes.T
 
     def stretches(kind):
-        drawn = states.random_states(net, kind, 20, random)
+        drawn = random_states.random_states(net, kind, 20, random)
         return np.array([np.linalg.norm(x[j] - x[i], axis=1) / net.reference_length for x, _ in drawn])
 
     assert stretches("packed").max() < 1
@@ -112,11 +113,11 @@ def test_kinds_of_states_are_what_they_are_called():
 
 def test_half_slack_state_is_away_from_the_kink():
     net = read_both(PAPER).start.net
-    position = states.smooth_states(net, np.random.default_rng(3))["half slack"]
+    position = random_states.smooth_states(net, np.random.default_rng(3))["half slack"]
     i, j = net.element_nodes.T
     strain = 0.5 * ((np.linalg.norm(position[j] - position[i], axis=1) / net.reference_length) ** 2 - 1)
     assert strain.min() < 0 < strain.max()
-    assert np.abs(strain).min() > states.CLEAR_OF_THE_KINK
+    assert np.abs(strain).min() > random_states.CLEAR_OF_THE_KINK
 
 
 def test_a_measurement_that_is_no_number_fails():

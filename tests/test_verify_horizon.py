@@ -11,7 +11,6 @@ from exunet.studies.both_codes import BothCodes, Trajectory, both_of_text, read_
 from exunet.studies.neighbours import MOVE, PAPER_SIZE
 from exunet.verification.answers import orders
 from exunet.verification.check import Check
-from exunet.verification.converged import converged
 from exunet.verification.growth import ROUND_OFF, VISIBLE, boosted, distances, grid, growth, nearby
 from exunet.verification.horizon import after_it, sensitivity
 from exunet.verification.ladder import PAPER, RUNGS, Ladder, read_cases
@@ -19,6 +18,7 @@ from exunet.verification.report import Report
 from exunet.verification.shipped import shipped
 from exunet.verification.statistics import COMPILED, EXUDYN, RUNS, in_parallel, our_code, statistics
 from exunet.verification.stepping import same_scheme
+from exunet.verification.trajectories import converged
 
 CASES = shipped() | shipped("verification/trajectories")
 ANSWERS = shipped("verification")

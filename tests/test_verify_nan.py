@@ -11,13 +11,13 @@ from exunet.studies.neighbours import MOVE
 from exunet.verification import horizon, topology
 from exunet.verification.at_states import forces
 from exunet.verification.check import Check, difference, worst_of
-from exunet.verification.converged import _compared
 from exunet.verification.growth import AMPLITUDE, AMPLITUDES, ROUND_OFF, Growth, growth
 from exunet.verification.horizon import sensitivity
 from exunet.verification.shipped import shipped
 from exunet.verification.statistics import COMPILED, REFERENCE, Statistics
 from exunet.verification.stepping import one_step, same_scheme
 from exunet.verification.tolerances import FORCES
+from exunet.verification.trajectories import _compared
 
 CASE = shipped()["planar_deployment"]
 NAN = float("nan")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.protocol import Arrays, Observer
-from exunet.forces.terms import Change, Switch
+from exunet.forces.terms import MemoryChange, Switch
 from exunet.forces.total import Forces
 
 Floats = NDArray[np.float64]
@@ -48,7 +48,7 @@ class Events:
             step = switch.step_within(step, least, position, velocity, self.memory[name])
         return step
 
-    def at(self, time: float, position: Floats) -> Iterator[tuple[str, Change]]:
+    def at(self, time: float, position: Floats) -> Iterator[tuple[str, MemoryChange]]:
         """What happens at the end of an accepted step; memories change, and the observer is notified."""
         for name, switch in self._switches:
             items = switch.crossed(time, position, self.memory[name])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.rigid import RigidStates
-from exunet.forces.terms import Change
+from exunet.forces.terms import MemoryChange
 from exunet.system.system import State
 
 Floats = NDArray[np.float64]
@@ -57,7 +57,7 @@ class Observer(Protocol):
     def between(self, until: float, extremes: Extremes) -> None:
         """What the steps to `until` [s] reached between the states that are handed over."""
 
-    def changed(self, time: float, memory: str, change: Change) -> None:
+    def changed(self, time: float, memory: str, change: MemoryChange) -> None:
         """An event has changed a memory; no batch has states from before and after it."""
 
 

@@ -21,12 +21,14 @@ class Fault:
 
     key   : where, as TOML writes keys, with [index] for items of lists: "net.cable.density", "net.nodes[3]"
     place : "file:line" or the option that it came from; "" as long as it is not known
+    beyond_floats : numbers, each of them valid, lead outside the range of floating-point numbers here
     """
 
     key: str
     reason: str
     _: KW_ONLY
     place: str = ""
+    beyond_floats: bool = False
 
     @property
     def path(self) -> KeyPath:
@@ -48,14 +50,14 @@ class CaseError(ExunetError):
         super().__init__("\n".join(map(str, faults)))
 
 
-class BeyondFloats(CaseError):
-    """A case whose numbers, each of them valid, lead outside the range of floating-point numbers."""
-
-
 class InputError(ExunetError):
     """A file, folder, option or argument that cannot be used; nothing was written."""
 
     exit_code = 2
+
+
+class UnsoundStates(InputError):
+    """Stored states that no result can be made of: NaN, infinity, or times that do not increase."""
 
 
 class RunStopped(ExunetError):

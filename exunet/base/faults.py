@@ -64,6 +64,15 @@ def collected() -> Iterator[list[Fault]]:
     try:
         yield faults
     except CaseError as error:
-        raise type(error)([*faults, *error.faults]) from error
+        raise CaseError([*faults, *error.faults]) from error
     if faults:
         raise CaseError(faults)
+
+
+@contextmanager
+def joining(faults: list[Fault]) -> Iterator[None]:
+    """Add the faults of a CaseError from inside the block to a list, and go on after the block."""
+    try:
+        yield
+    except CaseError as error:
+        faults += error.faults

@@ -11,6 +11,13 @@ from pathlib import Path
 from exunet.base.errors import InputError
 
 
+def path_of(given: object, what: str) -> Path:
+    """A path that a script gave; InputError, which begins with `what`, if it is none."""
+    if not isinstance(given, str | os.PathLike):
+        raise InputError(f"{what}: needs the name of a file, got {given!r}")
+    return Path(os.fsdecode(given))
+
+
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
     """A new, empty file beside `path` to write to; it takes the place of `path` when the block ends.

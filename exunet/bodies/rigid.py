@@ -50,6 +50,10 @@ class RigidStates:
             self.position[rows], self.velocity[rows], self.attitude[rows], self.angular_velocity[rows]
         )
 
+    def of_body(self, k: int) -> RigidStates:
+        """Those of one body, as the only one."""
+        return RigidStates(*(part[..., k : k + 1, :] for part in self.parts()))
+
     def parts(self) -> tuple[Floats, Floats, Floats, Floats]:
         """The four arrays, in the order of the fields."""
         return self.position, self.velocity, self.attitude, self.angular_velocity

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from exunet.base.errors import CaseError, Fault, InputError, KeyPath
+from exunet.base.files import path_of
 from exunet.case.checking import checked
 from exunet.case.scene import Scene
 from exunet.case.toml_lines import key_lines
@@ -49,7 +50,9 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Case:
     key or table. Raises InputError if the file cannot be read, and CaseError with all faults if it is not a
     valid case.
     """
-    path = Path(path)
+    path = path_of(path, "load")
+    if isinstance(overrides, str) or not isinstance(overrides, Sequence):
+        raise InputError(f'load: overrides are a list of "key.path=value", got {overrides!r}')
     return parse_case(_decode(_read(path), path), path, overrides)
 
 
@@ -116,7 +119,7 @@ def _parse(text: str, path: Path) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class _Change:
+class _Override:
     """One override: set the key at `path` to `value`, or remove it."""
 
     option: str
@@ -133,27 +136,29 @@ class _Change:
         return Fault("", reason, place=self.place)
 
 
-def _parse_overrides(overrides: Sequence[str]) -> list[_Change]:
+def _parse_overrides(overrides: Sequence[str]) -> list[_Override]:
     changes, faults = [], []
     for option in overrides:
+        if not isinstance(option, str):
+            raise InputError(f'load: an override is a text "key.path=value", got {option!r}')
         try:
             changes.append(_parse_override(option))
         except ValueError as error:
-            faults.append(_Change(option, ()).fault(str(error)))
+            faults.append(_Override(option, ()).fault(str(error)))
     if faults:
         raise CaseError(faults)
     return changes
 
 
-def _parse_override(option: str) -> _Change:
+def _parse_override(option: str) -> _Override:
     key, equals, value = option.partition("=")
     if not equals:
         raise ValueError("must be of the form key.path=value")
     path = key_path(key)
     value = value.strip()
     if not value:
-        return _Change(option, path, removes=True)
-    return _Change(option, path, _value(value))
+        return _Override(option, path, removes=True)
+    return _Override(option, path, _value(value))
 
 
 def key_path(key: str) -> tuple[str, ...]:
@@ -188,7 +193,7 @@ def _value(text: str) -> Any:
     return text
 
 
-def _apply(changes: list[_Change], document: dict[str, Any]) -> None:
+def _apply(changes: list[_Override], document: dict[str, Any]) -> None:
     """Change `document` in place."""
     faults = []
     for change in changes:
@@ -200,7 +205,7 @@ def _apply(changes: list[_Change], document: dict[str, Any]) -> None:
         raise CaseError(faults)
 
 
-def _apply_one(change: _Change, document: dict[str, Any]) -> None:
+def _apply_one(change: _Override, document: dict[str, Any]) -> None:
     table: Any = document
     for length, name in enumerate(change.path[:-1], start=1):
         table = table.get(name, {}) if change.removes else table.setdefault(name, {})
@@ -241,7 +246,9 @@ def located(found: list[tuple[KeyPath, str]], case: Case) -> list[Fault]:
     return _located(found, case.text, case.path, _parse_overrides(case.overrides))
 
 
-def _located(found: list[tuple[KeyPath, str]], text: str, path: Path, changes: list[_Change]) -> list[Fault]:
+def _located(
+    found: list[tuple[KeyPath, str]], text: str, path: Path, changes: list[_Override]
+) -> list[Fault]:
     """Faults in the order of the file, those from overrides last."""
     places: dict[KeyPath, tuple[int, str]] = {
         key: (line, f"{path}:{line}") for key, line in key_lines(text).items()

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from exunet.base.errors import BeyondFloats, CaseError, KeyPath
+from exunet.base.errors import CaseError, KeyPath
 from exunet.case.casefile import Case, located
 from exunet.case.scene import Scene
 
@@ -25,10 +25,12 @@ def located_faults(case: Case) -> Iterator[None]:
     except CaseError as error:
         if any(fault.place for fault in error.faults):
             raise
-        found: list[tuple[KeyPath, str]] = [(fault.path, fault.reason) for fault in error.faults]
-        if isinstance(error, BeyondFloats) and (extreme := list(_extreme(case.scene))):
-            words = "; ".join(f"{fault.key}: {fault.reason}" for fault in error.faults)
-            found = [(path, f"{value:g} is not realistic ({words})") for path, value in extreme]
+        beyond = [fault for fault in error.faults if fault.beyond_floats]
+        extreme = list(_extreme(case.scene)) if beyond else []
+        told = [fault for fault in error.faults if not (extreme and fault.beyond_floats)]
+        found: list[tuple[KeyPath, str]] = [(fault.path, fault.reason) for fault in told]
+        words = "; ".join(dict.fromkeys(f"{fault.key}: {fault.reason}" for fault in beyond))
+        found += [(path, f"{value:g} is not realistic ({words})") for path, value in extreme]
         raise CaseError(located(found, case)) from None
 
 

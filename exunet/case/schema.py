@@ -11,7 +11,7 @@ from typing import Any
 from exunet.base.errors import KeyPath
 from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS
-from exunet.forces.requirements import bullet_keys, needs_bullets, replaces_launch
+from exunet.forces.requirements import bullet_keys, needs_bullets, needs_fresh_steps, replaces_launch
 from exunet.methods.method import COMPILED_METHODS, METHODS, TimeLoop
 from exunet.net import TOPOLOGIES
 
@@ -46,8 +46,9 @@ def _between_tables() -> Iterator[Node]:
     known = ["auto", *(method.value for method in COMPILED_METHODS)]
     yield {"if": compiled, "then": _at("solver", "method", {"enum": known})}
     remembering = [method.value for method, facts in METHODS.items() if facts.remembers_acceleration]
-    yield {"if": effect("breaking"), "then": _at("solver", "method", {"not": {"enum": remembering}})}
     for name, module in EFFECTS.items():
+        if needs_fresh_steps(module):
+            yield {"if": effect(name), "then": _at("solver", "method", {"not": {"enum": remembering}})}
         if needs_bullets(module):
             yield {"if": effect(name), "then": bullets}
         if replaces_launch(module):

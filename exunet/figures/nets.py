@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from exunet.bodies.rigid import rotation_matrix
 from exunet.figures.dimensions import dimensions, draw_dimension
-from exunet.figures.style import BLACK, BLUE, RED, REFERENCE, heading, number
+from exunet.figures.style import BLACK, BLUE, GREY, RED, heading, number
 from exunet.figures.views import best_view, draw_net, net_size, panels
 from exunet.net.arrays import Net
 from exunet.results.measures import centre_of_mass
@@ -64,7 +64,7 @@ def snapshots(result: Result) -> Figure:
     figure, grid = panels(view, count, min(3, count), head, title, 9.0 if count > 1 else 6.5)
     for k, state, panel in zip(chosen, states, grid, strict=True):
         for ax, plane in zip(panel, view.planes, strict=True):
-            draw_net(ax, net, reference, plane, REFERENCE, 0.8)
+            draw_net(ax, net, reference, plane, GREY, 0.8)
             draw_net(ax, net, state, plane, BLUE, 1.0)
             _draw_bodies(ax, result, k, centre[k] if follows else np.zeros(3), plane)
         text = f"t = {number(result.time[k])} s"

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from exunet.results.result import Result
 
-REFERENCE = "#b5b5b5"
+GREY = "#b5b5b5"
 BLUE = "#004488"  # Tol's high-contrast scheme, made for colour-blind readers and for print in grey
 RED = "#BB5566"
 YELLOW = "#DDAA33"

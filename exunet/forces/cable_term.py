@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from exunet.forces import cable, loops
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
-from exunet.forces.terms import Change, KernelCall, Memory
+from exunet.forces.terms import KernelCall, Memory, MemoryChange
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -155,7 +155,7 @@ class Breaking:
             step *= 0.5
         return step
 
-    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> Change:
+    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> MemoryChange:
         """Take elements out; the elastic energy that they held is lost.
 
         Told of each: element, time [s], that energy [J], and its excess over the energy at the limit, which
@@ -171,7 +171,7 @@ class Breaking:
         )
         intact = memory.copy()
         intact[items] = 0.0
-        return Change(intact, float(held[items].sum()), events)
+        return MemoryChange(intact, float(held[items].sum()), events)
 
 
 def breaking_lengths(term: CableTerm) -> Floats:

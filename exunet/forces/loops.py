@@ -41,7 +41,7 @@ class ViscousElements(NamedTuple):
     twice_time: Floats
 
 
-class Rows(NamedTuple):
+class SparseRows(NamedTuple):
     """A sparse matrix by rows: row k has value[start[k]:start[k + 1]] in the columns `column` there."""
 
     start: NDArray[Index]
@@ -152,7 +152,7 @@ def excess_and_rate(state: Any, i: int, j: int, square: float) -> Any:
 
 
 def add_velocity_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
-    """-D v, D as `Rows`."""
+    """-D v, D as `SparseRows`."""
     start, column, value = rows
     for row in range(start.size - 1):
         total = 0.0
@@ -174,7 +174,7 @@ def velocity_product_power(t: float, x: Any, v: Any, rows: Any) -> float:
 
 
 def add_position_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
-    """-K x, K as `Rows`."""
+    """-K x, K as `SparseRows`."""
     start, column, value = rows
     for row in range(start.size - 1):
         total = 0.0

@@ -10,6 +10,7 @@ from typing import Any
 from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import Table
+from exunet.methods.method import METHODS, Method
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,16 @@ def required(module: ModuleType) -> Mapping[str, str]:
     return getattr(module, "REQUIRES", {})
 
 
+def zero_keys(module: ModuleType) -> Mapping[str, Mapping[str, str]]:
+    """For names of other effects, keys that must be zero beside this one, each with the reason."""
+    return getattr(module, "NEEDS_ZERO", {})
+
+
+def needs_fresh_steps(module: ModuleType) -> bool:
+    """True if no step may use the acceleration of the step before, which an event makes wrong."""
+    return getattr(module, "NEEDS_FRESH_STEPS", False)
+
+
 def bullet_keys(module: ModuleType) -> tuple[str, ...]:
     """Keys that are given if and only if the net has bullets."""
     return getattr(module, "BULLET_KEYS", ())
@@ -79,6 +90,12 @@ def declared(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]
     """Faults of what the module of the effect `name` declares as data."""
     yield from each(
         _others(module, rest.scene.effects),
+        *(
+            _zero(rest, other, key, why)
+            for other, keys in zero_keys(module).items()
+            for key, why in keys.items()
+        ),
+        _fresh_steps(module, rest),
         _bullets(module, rest),
         _launch(module, rest),
         *(_bullet_key(rest, name, key) for key in bullet_keys(module)),
@@ -92,6 +109,18 @@ def _others(module: ModuleType, effects: Table) -> Iterator[Fault]:
     for other, reason in required(module).items():
         if not effects.is_given(other):
             yield Fault("", f"needs [effects.{other}], {reason}")
+
+
+def _zero(rest: RestOfCase, other: str, key: str, reason: str) -> Iterator[Fault]:
+    keys = rest.effect(other)
+    if keys is not None and getattr(keys, key) != 0.0:
+        yield Fault("", f"contradicts effects.{other}.{key}, {reason}")
+
+
+def _fresh_steps(module: ModuleType, rest: RestOfCase) -> Iterator[Fault]:
+    method = rest.method
+    if needs_fresh_steps(module) and method in METHODS and METHODS[Method(method)].remembers_acceleration:
+        yield Fault("", f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {method}")
 
 
 def _bullets(module: ModuleType, rest: RestOfCase) -> Iterator[Fault]:

@@ -90,12 +90,12 @@ class Switch(Protocol):
     ) -> float:
         """A step [s], not above `step` nor below `least`, that ends near the next crossing, if any."""
 
-    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> Change:
+    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> MemoryChange:
         """What the crossing of `items` does to the memory."""
 
 
 @dataclass(frozen=True)
-class Change:
+class MemoryChange:
     """What an event did: the new memory, the energy [J] that is lost with it, and a record of each item."""
 
     memory: Floats
@@ -257,10 +257,10 @@ class LinearTerm:
             yield self.load
 
 
-def _rows(matrix: csr_array) -> loops.Rows:
+def _rows(matrix: csr_array) -> loops.SparseRows:
     matrix = csr_array(matrix)
     start, column = matrix.indptr.astype(loops.Index), matrix.indices.astype(loops.Index)
-    return loops.Rows(start, column, np.asarray(matrix.data, dtype=float))
+    return loops.SparseRows(start, column, np.asarray(matrix.data, dtype=float))
 
 
 def largest_number(numbers: Iterable[Any]) -> float:

@@ -11,7 +11,7 @@ import json
 import sys
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -23,6 +23,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Simulates deployable nets.",
 )
+
+
+_UsageError: Any = typer.BadParameter.__base__  # of all faults of arguments and options
 
 
 def _path(text: str | Path) -> Path:
@@ -46,18 +49,23 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a title may hold what the terminal cannot show
     try:
-        app()
+        sys.exit(app(standalone_mode=False) or 0)
     except ExunetError as error:
         _leave(str(error), error.exit_code)
+    except _UsageError as error:
+        _leave(" ".join(error.format_message().split()), error.exit_code)
     except KeyboardInterrupt:
         _leave("interrupted", 130)
     except SystemExit as done:
         if done.code == 130:  # typer's way to end on Ctrl-C says nothing
             _leave("interrupted", 130)
         raise
-    except OSError as error:  # each file has its own words; what is left is the terminal or a pipe
-        sys.stdout = None  # nothing more to flush at the interpreter's end
-        _leave(f"cannot print: {error.strerror or error}", 2)
+    except OSError as error:
+        reason = error.strerror or error
+        if error.filename is not None:
+            _leave(f"{error.filename}: {reason}", 2)
+        sys.stdout = None  # the terminal or a pipe: nothing more to flush at the interpreter's end
+        _leave(f"cannot print: {reason}", 2)
 
 
 def _leave(words: str, code: int) -> NoReturn:
@@ -108,7 +116,7 @@ def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B
     """Validate a case and say what would be simulated."""
     from exunet.case.casefile import load
     from exunet.interfaces.commands.check import describe
-    from exunet.interfaces.commands.table import print_table
+    from exunet.interfaces.commands.printing import print_table
     from exunet.interfaces.commands.waiting import waiting
 
     loaded = load(case, overrides)

@@ -45,15 +45,30 @@ class NetForm(StrEnum):
     FUSED = "fused"
 
 
+class Form(StrEnum):
+    """In which form the forces of a scene are evaluated: one of the engine's, or the compiled loop's."""
+
+    CONNECTORS = "connectors"
+    FUSED = "fused"
+    COMPILED = "compiled loop"
+
+    @property
+    def engine(self) -> dict[str, str]:
+        """The keys of [engine] that ask for it."""
+        if self == Form.COMPILED:  # it has the forces of the fused net
+            return {"loop": TimeLoop.COMPILED, "net": NetForm.FUSED}
+        return {"loop": TimeLoop.EXUDYN, "net": NetForm(self.value)}
+
+
 @dataclass(frozen=True, kw_only=True)
 class MethodFacts:
     """What the program must know of an integration method.
 
     order      : declared order of convergence
-    stages     : right-hand sides of one step
+    stages     : right-hand sides of one step in Exudyn
+    compiled_stages : the same in the compiled loop; 0: it does not have the method
     weak       : an undamped mode grows at any step, if slowly; stability.py says which growth is refused
     needs_step : no stable step follows from the net's frequencies (or, implicit, any would do)
-    compiled   : the compiled loop has it
     remembers_acceleration : a step uses the acceleration of the step before, which a sudden change of the
         forces (a break, a restart) makes wrong
     restarts_in_exudyn : positions, velocities and time are enough to continue bitwise in Exudyn
@@ -66,11 +81,16 @@ class MethodFacts:
     stages: int
     weak: bool = False
     needs_step: bool = False
-    compiled: bool = False
+    compiled_stages: int = 0
     remembers_acceleration: bool = False
     restarts_in_exudyn: bool = True
     rotation_order: int | None = None
     stability_polynomial: tuple[float, ...] = ()
+
+    @property
+    def compiled(self) -> bool:
+        """The compiled loop has it."""
+        return self.compiled_stages > 0
 
     def restarts_exactly(self, loop: TimeLoop) -> bool:
         """True if a run that is continued from a snapshot is bitwise the run that was not interrupted."""
@@ -82,12 +102,13 @@ def _taylor(order: int, *higher: float) -> tuple[float, ...]:
     return (*(1.0 / math.factorial(k) for k in range(order + 1)), *higher)
 
 
-# Orders and right-hand sides a step as measured on the engine; tests/test_methods.py measures them again.
+# Orders and right-hand sides a step as measured on the engine; tests/test_methods.py measures them again. The
+# last of DOPRI5's seven stages is the first of the next step, which the compiled loop keeps.
 # Coefficient of z^7 of RK67: read off one step of the engine on a linear oscillator (tests/test_stability.py
 # reads it again). Exact restarts and the attitude of VelocityVerlet: measured on the engine, which has no
 # access to the algorithmic accelerations of the implicit methods.
 METHODS: Mapping[Method, MethodFacts] = {
-    Method.DOPRI5: MethodFacts(kind=Kind.ADAPTIVE, order=5, stages=7, compiled=True),
+    Method.DOPRI5: MethodFacts(kind=Kind.ADAPTIVE, order=5, stages=7, compiled_stages=6),
     Method.ODE23: MethodFacts(kind=Kind.ADAPTIVE, order=3, stages=4),
     Method.EXPLICIT_EULER: MethodFacts(
         kind=Kind.EXPLICIT, order=1, stages=1, weak=True, needs_step=True, stability_polynomial=_taylor(1)
@@ -97,7 +118,7 @@ METHODS: Mapping[Method, MethodFacts] = {
     ),
     Method.RK33: MethodFacts(kind=Kind.EXPLICIT, order=3, stages=3, stability_polynomial=_taylor(3)),
     Method.RK44: MethodFacts(
-        kind=Kind.EXPLICIT, order=4, stages=4, compiled=True, stability_polynomial=_taylor(4)
+        kind=Kind.EXPLICIT, order=4, stages=4, compiled_stages=4, stability_polynomial=_taylor(4)
     ),
     Method.RK67: MethodFacts(
         kind=Kind.EXPLICIT,
@@ -110,7 +131,7 @@ METHODS: Mapping[Method, MethodFacts] = {
         kind=Kind.EXPLICIT,
         order=2,
         stages=1,
-        compiled=True,
+        compiled_stages=1,
         remembers_acceleration=True,
         rotation_order=1,
     ),

@@ -19,7 +19,7 @@ from exunet.base.faults import each
 from exunet.net import base
 from exunet.net.arrays import Net
 from exunet.net.base import AnyNet, NetTable
-from exunet.net.weave import assemble
+from exunet.net.weave import net_of
 
 # The modules in this folder that are topologies. A new one is a line here.
 _NAMES = (
@@ -46,7 +46,7 @@ def weave(keys: NetTable) -> Net:
     Raises CaseError if a node's mass or position is beyond what floating-point numbers can hold.
     """
     topology = TOPOLOGIES[keys.topology]
-    return assemble(topology.mesh(keys), keys)
+    return net_of(topology.mesh(keys), keys)
 
 
 def cross_checks(keys: NetTable) -> Iterator[Fault]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from exunet.base.errors import BeyondFloats, Fault
+from exunet.base.errors import CaseError, Fault
 from exunet.net.arrays import Floats, Ints, Mesh, Net
 from exunet.net.base import Bullets, Cable, NetTable, Strings, ThrownNetTable
 
@@ -34,10 +34,10 @@ class _Cables:
         return self.chains.shape[1] - 1
 
 
-def assemble(mesh: Mesh, keys: NetTable) -> Net:
+def net_of(mesh: Mesh, keys: NetTable) -> Net:
     """The net that `keys` asks for on the topology's `mesh`.
 
-    Raises BeyondFloats if a node's mass or position is beyond what floating-point numbers can hold.
+    Raises CaseError if a node's mass or position is beyond what floating-point numbers can hold.
     """
     strings, bullets = _thrown(keys)
     string_ends, end_position = _string_ends(mesh, strings)
@@ -158,7 +158,8 @@ def _refuse_overflow(mass: Floats, position: Floats) -> None:
         reason = (
             f"node {node} has a mass of {mass[node]:g} kg at {position[node].tolist()} m; a node needs both"
         )
-        raise BeyondFloats([Fault("net", reason + " a mass above 0 and a finite position")])
+        reason += " a mass above 0 and a finite position"
+        raise CaseError([Fault("net", reason, beyond_floats=True)])
 
 
 def _net(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from exunet.results.body_comparison import ComparedBodies
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +26,7 @@ class Agreement:
                           Earlier disagreement is that of single instants within a snap, where a shift of
                           its beginning by 1e-7 s shows as 1e-4 m/s
     reference_speeds    : (n, n_bullets) speeds of the bullets in the reference [m/s]
+    bodies              : those beside the net; they do not decide whether the nets agree
     """
 
     time: Floats
@@ -34,3 +37,4 @@ class Agreement:
     agrees_until: float | None
     apart_from: float | None
     reference_speeds: Floats
+    bodies: ComparedBodies = field(default_factory=ComparedBodies)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -12,10 +13,11 @@ from scipy.spatial import cKDTree
 
 from exunet.base.errors import InputError
 from exunet.results.agreement import Agreement
+from exunet.results.body_comparison import compare_bodies
 from exunet.results.reading import load_result
 from exunet.results.reference_file import read_reference
-from exunet.results.result import Result
-from exunet.results.rows import BLOCK_BYTES, spans
+from exunet.results.result import BodyStates, Result
+from exunet.results.rows import BLOCK_BYTES, row_ranges
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -56,7 +58,10 @@ class ComparedNet(Protocol):
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """What two runs are compared by; shapes as in `Result`, axial_stiffness E A (n_elements,) [N]."""
+    """What two runs are compared by; shapes as in `Result`, axial_stiffness E A (n_elements,) [N].
+
+    bodies : those beside the net, by name; reference_impl has none
+    """
 
     time: Floats
     position: Floats
@@ -69,6 +74,7 @@ class ComparedRun:
     mass: Floats
     reference_length: Floats
     axial_stiffness: Floats
+    bodies: Mapping[str, BodyStates] = field(default_factory=dict)
 
     @classmethod
     def of_net(
@@ -92,7 +98,8 @@ class ComparedRun:
     @classmethod
     def of(cls, result: Result) -> ComparedRun:
         """The states of one of exunet's results."""
-        return cls.of_net(result.net, result.time, result.position, result.velocity, result.complete)
+        net = cls.of_net(result.net, result.time, result.position, result.velocity, result.complete)
+        return replace(net, bodies=result.bodies)
 
 
 def read_states(path: str | Path) -> ComparedRun:
@@ -183,7 +190,7 @@ def compare(a: ComparedRun, b: ComparedRun) -> Agreement:
     nodes = len(a.reference_position)
     found = [
         _differences(a, b, match, at_a[start:stop], at_b[start:stop])
-        for start, stop in spans(len(at_a), max(1, BLOCK_BYTES // (24 * nodes)))
+        for start, stop in row_ranges(len(at_a), max(1, BLOCK_BYTES // (24 * nodes)))
     ]
     position, speed, reference_speeds = (np.concatenate(values) for values in zip(*found, strict=True))
     scale = float(np.linalg.norm(a.velocity[0], axis=-1).max()) or 1.0
@@ -202,6 +209,7 @@ def compare(a: ComparedRun, b: ComparedRun) -> Agreement:
         agrees_until=float(time[first]) if first < len(time) else None,
         apart_from=float(time[last_within + 1]) if last_within + 1 < len(time) else None,
         reference_speeds=reference_speeds,
+        bodies=compare_bodies(a.bodies, b.bodies, at_a, at_b),
     )
 
 

@@ -75,12 +75,13 @@ def mesh_area(net: Net, position: Floats) -> Floats:
 
 
 def centre_of_mass(result: Result) -> Floats:
-    """Centre of mass of net, strings and bullets, but not of a chaser: (n_times, 3) [m]."""
+    """Centre of mass of net, strings and bullets, without other bodies: (n_times, 3) [m]."""
     return over_blocks(partial(_centre, result.net), result.position)
 
 
 def _centre(net: Net, position: Floats) -> Floats:
-    held = np.zeros(net.n_nodes, dtype=bool)  # by an element, as a chaser is not
+    # By an element: in files of format 1 a chaser is the last node of the net, which no element holds.
+    held = np.zeros(net.n_nodes, dtype=bool)
     held[net.element_nodes] = True
     mass = np.where(held, net.mass, 0.0) if held.any() else net.mass
     return np.einsum("n,tnk->tk", mass / mass.sum(), position)

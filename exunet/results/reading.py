@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.results.assembly import assemble
+from exunet.base.files import path_of
 from exunet.results.columns import PATHS, Column, MassProperties, declare
+from exunet.results.from_rows import result_of_rows
 from exunet.results.net_arrays import NET_ARRAYS, from_arrays
 from exunet.results.result import Result
 from exunet.results.rows import StoredRows
@@ -37,8 +38,9 @@ def load_result(path: str | Path) -> Result:
     Large arrays stay in the file, see `Result`. Raises InputError, one line, if there is no such file or it
     is not a whole result file of a known format.
     """
-    if Path(path).is_dir():
-        whole = Path(path) / RESULT_FILE
+    path = path_of(path, "load_result")
+    if path.is_dir():
+        whole = path / RESULT_FILE
         return load_result(whole) if whole.is_file() else open_unfinished(path)
     _refuse_unreadable(path)
     with _damage(path):
@@ -72,7 +74,7 @@ def open_unfinished(folder: str | Path) -> Result:
         raise InputError(f"{folder}: the unfinished run has not stored a state yet")
     end = float(source.read("time", len(source) - 1, len(source))[0])
     verdict = f"unfinished: {len(source)} states until t = {end:.6g} s were stored"
-    return assemble(source, source.net, source.bodies, False, verdict, source.provenance, str(folder))
+    return result_of_rows(source, source.net, source.bodies, False, verdict, source.provenance, str(folder))
 
 
 class _FileRows:
@@ -118,7 +120,7 @@ def _read(file: h5py.File, path: str | Path) -> Result:
         names = {place: name for name, place in PATHS.items()}
     source = _FileRows(file, path, names, declared)
     complete, verdict = bool(file.attrs["complete"]), _text(file.attrs["verdict"])
-    return assemble(source, net, bodies, complete, verdict, provenance, str(path))
+    return result_of_rows(source, net, bodies, complete, verdict, provenance, str(path))
 
 
 def _mass(group: h5py.Group) -> MassProperties:

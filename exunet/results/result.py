@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.net.arrays import Net
-from exunet.results.rows import StoredRows, spans
+from exunet.results.rows import StoredRows, row_ranges
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class BodyStates:
 class Result:
     """States and energies of a system over the stored times.
 
-    Of a large file or store (see `exunet.results.assembly`) the arrays with more than one value for each time
+    Of a large file or store (see `exunet.results.from_rows`) the arrays with more than one value for a time
     are `StoredRows`, which read what is asked of them.
 
     net              : the net in its reference configuration
@@ -85,7 +85,7 @@ class Result:
 
     def parts(self, rows: int) -> Iterator[Result]:
         """Consecutive parts of at most `rows` stored times, each in memory; the rest as it is here."""
-        for start, stop in spans(len(self.time), rows):
+        for start, stop in row_ranges(len(self.time), rows):
             chosen = slice(start, stop)
             bodies = {name: _cut(body, chosen) for name, body in self.bodies.items()}
             yield replace(_cut(self, chosen), bodies=bodies)

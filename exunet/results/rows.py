@@ -76,10 +76,10 @@ class StoredRows(NDArrayOperatorsMixin):
 def blocks(values: Any) -> Iterator[Floats]:
     """Consecutive rows of an array or of StoredRows, as arrays of at most 16 MB (or one row)."""
     per_row = 8 * int(np.prod(values.shape[1:], dtype=np.int64))
-    yield from (values[a:b] for a, b in spans(len(values), max(1, BLOCK_BYTES // max(1, per_row))))
+    yield from (values[a:b] for a, b in row_ranges(len(values), max(1, BLOCK_BYTES // max(1, per_row))))
 
 
-def spans(count: int, size: int) -> Iterator[tuple[int, int]]:
+def row_ranges(count: int, size: int) -> Iterator[tuple[int, int]]:
     """Start and stop of consecutive groups of at most `size` rows; one empty group for no rows."""
     for start in range(0, max(1, count), size):
         yield start, min(start + size, count)

@@ -13,6 +13,7 @@ index does not name does not count, so a process may be killed at any moment: wh
 from __future__ import annotations
 
 import os
+import re
 import secrets
 from collections.abc import Mapping
 from contextlib import suppress
@@ -37,6 +38,7 @@ Floats = NDArray[np.float64]
 
 VERSION = 1
 RUN, INDEX, LOCK = "run.exu", "index.exu", "lock"
+_OWN = re.compile(r"run\.exu|(segment|checkpoint)-\d+\.exu")
 SEGMENT_BYTES = 8 << 20  # rows in memory before they are written
 
 
@@ -121,12 +123,12 @@ class SegmentStore(Segments):
         self._unlock = finalize(self, os.close, _locked(folder))  # at the latest with the end of the store
         try:
             super().__init__(folder)
+            self._tidy()
         except BaseException:
             self._unlock()
             raise
         row_bytes = sum(column.row_bytes for column in self.columns)
         self._block = Block(self.columns, max(1, SEGMENT_BYTES // max(1, row_bytes)))
-        self._tidy()
         sweep(folder)
 
     @classmethod
@@ -159,7 +161,7 @@ class SegmentStore(Segments):
             folder.mkdir(parents=True, exist_ok=True)
             lock = _locked(folder)
             try:
-                _remove_files(folder)
+                _remove(folder)
                 write_arrays(folder / RUN, "exunet run", VERSION, header, arrays)
                 _write_index(folder, identity, [], 0, None, [])
             finally:
@@ -243,7 +245,7 @@ class SegmentStore(Segments):
     def discard(self) -> None:
         """Remove the store's files, and its folder if nothing else is in it."""
         self._block.count = 0
-        _remove_files(self.folder)
+        _remove(self.folder)
         (self.folder / LOCK).unlink(missing_ok=True)
         self._unlock()
         with suppress(OSError):  # not empty
@@ -257,8 +259,8 @@ class SegmentStore(Segments):
     def _tidy(self) -> None:
         """Remove the segments that the index does not name."""
         named = {segment.file for segment in (*self._segments, *self._of_checkpoint)}
-        for path in self.folder.glob("segment-*.exu"):
-            if path.name not in named:
+        for path in _own_files(self.folder):
+            if path.name.startswith("segment-") and path.name not in named:
                 path.unlink(missing_ok=True)
 
 
@@ -295,9 +297,20 @@ def _write_index(
     write_arrays(folder / INDEX, "exunet index", VERSION, header, {})
 
 
-def _remove_files(folder: Path) -> None:
-    """All containers, those that belong to checkpoints too; the index first, without which none counts."""
-    for path in (folder / INDEX, *folder.glob("*.exu")):
+def _own_files(folder: Path) -> list[Path]:
+    """The files of a store, those of checkpoints too; the index first, without which none counts.
+
+    Raises InputError if something else has the name of one; other names are not the store's to judge.
+    """
+    found = [folder / INDEX, *(path for path in sorted(folder.glob("*.exu")) if _OWN.fullmatch(path.name))]
+    for path in found:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: it is in the way of a run's own file: move it elsewhere")
+    return found
+
+
+def _remove(folder: Path) -> None:
+    for path in _own_files(folder):
         path.unlink(missing_ok=True)
 
 

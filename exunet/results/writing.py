@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.base.files import cannot_write, replacing
+from exunet.base.files import cannot_write, path_of, replacing
 from exunet.net.arrays import Net
-from exunet.results.assembly import check_times, check_values
 from exunet.results.columns import PATHS, Column, MassProperties, body_path, body_quantities, declare
+from exunet.results.from_rows import check_times, check_values
 from exunet.results.net_arrays import NET_ARRAYS, to_arrays
 from exunet.results.result import Result
-from exunet.results.rows import spans
+from exunet.results.rows import row_ranges
 from exunet.results.store import RowSource
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def save(result: Result, path: str | Path) -> None:
     writes nothing, if an array contains NaN or infinity or has a shape that does not fit, if the stored times
     do not increase, if the provenance is not JSON-like, or if the file cannot be written.
     """
+    path = path_of(path, "save")
     bodies = {name: MassProperties(body.mass, body.inertia) for name, body in result.bodies.items()}
     source = _ResultRows(result, bodies, _where(path))
     join(source, path, result.net, bodies, result.provenance, result.verdict, result.complete)
@@ -120,7 +121,7 @@ def _put_rows(file: h5py.File, sink: _Sink, source: RowSource, column: Column, w
     if size <= PLAIN_BYTES:
         rows = max(1, count)
     dataset = _create(file, column.path, (count, *column.row), np.dtype("<f8"), (rows, *column.row))
-    for start, stop in spans(count, rows):
+    for start, stop in row_ranges(count, rows):
         values = source.read(column.path, start, stop)
         check_values(values, column, where)
         if size:

@@ -11,9 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 def finite_number(given: object) -> float | None:
     """A finite number, else None."""
-    if isinstance(given, bool) or not isinstance(given, Real) or not np.isfinite(float(given)):
+    if isinstance(given, bool) or not isinstance(given, Real):
         return None
-    return float(given)
+    try:
+        number = float(given)
+    except OverflowError:  # a whole number or a fraction beyond floating point
+        return None
+    return number if np.isfinite(number) else None
 
 
 def whole_number(given: object) -> int | None:

@@ -12,7 +12,7 @@ from exunet.backends.protocol import Arrays, Batch, Extremes
 from exunet.base.errors import RunStopped
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.cable_term import INTACT
-from exunet.forces.terms import Change
+from exunet.forces.terms import MemoryChange
 from exunet.methods.plan import Plan
 from exunet.simulation.diagnosis import COLLAPSE_ADVICE, LOAD_ADVICE, state_of_worst, step_advice
 from exunet.simulation.envelope import Envelope
@@ -147,7 +147,7 @@ class Monitor:
             self._envelope.take(until, extremes.elastic, extremes.kinetic)
         self.peaks.take(extremes.time, extremes.tension, extremes.element)
 
-    def changed(self, time: float, memory: str, change: Change) -> None:
+    def changed(self, time: float, memory: str, change: MemoryChange) -> None:
         self.dissipated += change.energy_lost
         self.events = [*self.events, *change.events]  # snapshots hold the old list
         self._remember({**self._memory, memory: change.memory})

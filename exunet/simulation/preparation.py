@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import BeyondFloats, Fault
 from exunet.base.faults import collected
 from exunet.case.casefile import Case
 from exunet.case.fault_location import located_faults
@@ -15,10 +14,9 @@ from exunet.case.scene import Scene
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.planning import make_plan, with_forms
-from exunet.system import energy
-from exunet.system.assembly import assemble
 from exunet.system.effect_survey import chosen
-from exunet.system.limits import start_faults, step_faults, within_floats
+from exunet.system.from_scene import system_of
+from exunet.system.limits import body_faults, overflow_faults, start_faults, step_faults, within_floats
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
@@ -55,14 +53,18 @@ class Start:
 
 def prepare(scene: Scene) -> Start:
     """Choose the effects, assemble the system, and plan the integration."""
-    scene, notes = chosen(scene)
-    system, state = assemble(scene)
-    _refuse_overflow(system, state)
-    with collected() as faults:
-        faults += start_faults(scene, system, state)
+    with collected() as faults, np.errstate(all="ignore"):  # numbers that overflow are faults
+        scene, notes = chosen(scene, faults)
+        system, state = system_of(scene, faults)
+        faults += overflow_faults(system, state)
+        if not any(fault.key.startswith("initial") for fault in faults):  # else they follow from that
+            faults += start_faults(scene, system, state)
+        faults += body_faults(scene, system, state, faults)
+        overflows = any(fault.beyond_floats for fault in faults)
         with within_floats(system.net):
             plan, wrong_steps = make_plan(scene, system, state.velocity)
-        faults += wrong_steps + step_faults(scene, system.net, plan)
+        wrong_steps += step_faults(scene, system.net, plan)
+        faults += [fault for fault in wrong_steps if fault.key != "net" or not overflows]
     scene, plan = with_forms(scene, system.net, plan)
     return Start(scene, system, state, replace(plan, notes=plan.notes + notes))
 
@@ -71,18 +73,3 @@ def prepare_case(case: Case) -> Start:
     """`prepare` for a case's scene; its faults name the line of the file or the override."""
     with located_faults(case):
         return prepare(case.scene)
-
-
-def _refuse_overflow(system: System, state: State) -> None:
-    with np.errstate(all="ignore"):
-        energies = {
-            "kinetic energy": (energy.kinetic(system.mass, state.velocity), "initial"),
-            "elastic energy": (energy.elastic(system.forces, state.position), "initial.packing"),
-        }
-    faults = [
-        Fault(where, f"the {name} at the start is outside the range of floating-point numbers")
-        for name, (value, where) in energies.items()
-        if not np.isfinite(value)
-    ]
-    if faults:
-        raise BeyondFloats(faults)

@@ -15,8 +15,8 @@ from exunet.base.version import VERSION
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.methods.plan import Plan
-from exunet.results.assembly import assemble
 from exunet.results.columns import Column, MassProperties, body_path, declare
+from exunet.results.from_rows import result_of_rows
 from exunet.results.result import Result
 from exunet.results.store import MemoryStore, RowStore
 from exunet.simulation.envelope import Envelope
@@ -164,7 +164,7 @@ class Recorder:
         """The states so far; complete if the verdict is "ok"."""
         verdict, story = self.finish(verdict, monitor)
         bodies = mass_properties(self._start.system)
-        return assemble(self.rows, self._start.net, bodies, verdict == "ok", verdict, story, "the run")
+        return result_of_rows(self.rows, self._start.net, bodies, verdict == "ok", verdict, story, "the run")
 
 
 _LAST = ("elastic", "kinetic")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import InputError, RunStopped
+from exunet.base.errors import InputError, RunStopped, UnsoundStates
 from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case, parse_case
 from exunet.case.scene import Scene
@@ -55,8 +55,8 @@ def simulate(
 ) -> Result:
     """Run from a prepared start, which a script may have changed (see `simulation.preparation.prepare`)."""
     recorder = Recorder(start, provenance or {})
+    simulation = Simulation(start, recorder=recorder)
     try:
-        simulation = Simulation(start, recorder=recorder)
         drive(simulation, recorder, progress)
     except RunStopped as stop:
         _close(simulation, recorder, stop)
@@ -216,6 +216,9 @@ def _into(
     with postponed():  # an exception for Ctrl-C inside a destructor of h5py would be lost
         try:
             join(files.store, path, simulation.start.net, bodies, story, verdict, verdict == "ok")
+        except UnsoundStates:  # nor would they be sound after a resume
+            files.store.discard()
+            raise
         except BaseException:
             files.store.close()
             raise

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from exunet.backends import integrator
 from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
 from exunet.base.errors import InputError, Interrupted, RunStopped
+from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case, load
 from exunet.case.scene import Scene
@@ -149,7 +150,10 @@ class Simulation:
         seconds = finite_number(duration)
         if seconds is None or not seconds > 0.0:
             raise InputError(f"advance: the duration must be positive and finite, got {duration!r} s")
-        self.advance_to(self.time + seconds)
+        if not self.time < self.time + seconds < np.inf:
+            words = f"a duration of {seconds:g} s does not change the time reached, {self.time:g} s"
+            raise InputError(f"advance: {words}: it is below round-off, or beyond floating point")
+        self._go_to(self.time + seconds)
 
     def advance_to(self, until: float) -> None:
         """Go on to a time [s]."""
@@ -158,6 +162,9 @@ class Simulation:
             raise InputError(
                 f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
             )
+        self._go_to(time)
+
+    def _go_to(self, time: float) -> None:
         self._stops.add(time, self._pushed)
         self._through(len(self._stops) - 1)
 
@@ -254,13 +261,13 @@ class Simulation:
         self._integrator = self._begin(state)
 
     def set_force(self, on: int | str, force: ArrayLike) -> None:
-        """Let a force [N] (3,) act on a node, or on a point mass by name, until another is set.
+        """Let a force [N] (3,) act on a node by number, or on a point mass by name, until another is set.
 
         Its work is in the energy book, as energy that is put in.
         """
         points = self._start.system.points
         number = points.body.get(on) if isinstance(on, str) else whole_number(on)
-        if number is None or not 0 <= number < points.n_points:
+        if number is None or not (isinstance(on, str) or 0 <= number < points.net.n_nodes):
             names = ", ".join(points.body) or "none"
             words = f"nodes are 0 to {points.net.n_nodes - 1}, point masses: {names}"
             raise InputError(f"set_force: there is no node or point mass {on!r}: {words}")
@@ -369,4 +376,6 @@ def _prepared(case: str | Path | Case | Scene | Start, overrides: Sequence[str])
         return case
     if isinstance(case, Scene):
         return prepare(case)
-    return prepare_case(case if isinstance(case, Case) else load(case, overrides))
+    if isinstance(case, Case):
+        return prepare_case(case)
+    return prepare_case(load(path_of(case, "Simulation"), overrides))

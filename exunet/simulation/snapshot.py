@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from exunet.backends.exudyn.loading import exudyn_version
 from exunet.base.blob import read_arrays, write_arrays
 from exunet.base.errors import InputError
+from exunet.base.files import path_of
 from exunet.base.version import VERSION
 from exunet.codegen.compile import numba_version
 from exunet.simulation.preparation import Start
@@ -42,12 +43,13 @@ class Snapshot:
 
     def save(self, path: str | Path) -> None:
         """Write it to a file, whole or not at all; raises InputError if that cannot be written."""
+        path = path_of(path, "Snapshot.save")
         write_arrays(path, KIND, FORMAT, {"of": self.of, **self.header}, self.arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Snapshot:
         """Read what `save` wrote; raises InputError if the file is damaged or of another kind or version."""
-        header, arrays = read_arrays(path, KIND, FORMAT)
+        header, arrays = read_arrays(path_of(path, "Snapshot.load"), KIND, FORMAT)
         return cls(header.pop("of"), header, arrays)
 
     def refuse_incomplete(self, like: Snapshot) -> None:

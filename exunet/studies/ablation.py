@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import Interrupted, RunStopped
+from exunet.base.faults import collected
 from exunet.case.scene import Scene
 from exunet.forces.effects import cross_checks
 from exunet.results.measures import Deployment, deployment
@@ -26,7 +27,7 @@ from exunet.studies.neighbours import nearby_start, of_other_accuracy
 from exunet.system.effect_survey import Finding, chosen, finding, survey
 
 Floats = NDArray[np.float64]
-Progress = Callable[[str, float], None]
+ProgressOfRuns = Callable[[str, float], None]
 
 CLEAR = 3.0  # times the noise, from which on a displacement counts as the effect's
 BRIEF = 1e-4  # of the duration, run before each run that is timed
@@ -73,7 +74,7 @@ class Toggled:
 
 
 def ablate(
-    scene: Scene, names: tuple[str, ...] | None = None, progress: Progress | None = None
+    scene: Scene, names: tuple[str, ...] | None = None, progress: ProgressOfRuns | None = None
 ) -> Iterator[Toggled]:
     """Toggle effects one after the other; raises as `run` does if the scene itself does not run.
 
@@ -90,7 +91,9 @@ def ablate(
             yield _toggle(scene, found, base, noise, progress)
 
 
-def _toggle(scene: Scene, found: Finding, base: Result, noise: _Noise, progress: Progress | None) -> Toggled:
+def _toggle(
+    scene: Scene, found: Finding, base: Result, noise: _Noise, progress: ProgressOfRuns | None
+) -> Toggled:
     if found.keys is None:
         return Toggled(found, failure="nothing to assume for this scene")
     other = toggled(scene, found)
@@ -121,7 +124,8 @@ def _toggle(scene: Scene, found: Finding, base: Result, noise: _Noise, progress:
 
 def _settled(scene: Scene) -> Scene:
     """The scene with what effects.choose = "auto" has chosen, which then does not choose again."""
-    scene, _ = chosen(scene)
+    with collected() as faults:
+        scene, _ = chosen(scene, faults)
     effects: Any = scene.effects
     return scene.model_copy(
         update={"effects": effects.model_copy(update={"choose": None, "threshold": None})}
@@ -148,7 +152,7 @@ def _perturbed(start: Start) -> Start:
 
 
 def _run(
-    scene: Scene, what: str, progress: Progress | None, change: Callable[[Start], Start] | None = None
+    scene: Scene, what: str, progress: ProgressOfRuns | None, change: Callable[[Start], Start] | None = None
 ) -> Result:
     brief = scene.time.model_copy(update={"end": BRIEF * scene.time.end, "output_times": ()})
     simulate(prepare(scene.model_copy(update={"time": brief})))  # so that no first use is timed

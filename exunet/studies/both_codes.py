@@ -26,8 +26,8 @@ from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
-from exunet.forces.terms import Change
-from exunet.methods.method import Method, NetForm, TimeLoop
+from exunet.forces.terms import MemoryChange
+from exunet.methods.method import Form, Method, NetForm
 from exunet.methods.plan import Plan
 from exunet.results.comparison import ComparedRun, match_nodes
 from exunet.simulation.preparation import Start, prepare
@@ -109,21 +109,14 @@ class BothCodes:
         fused = self.start.scene.engine.net == NetForm.FUSED
         return Probe(build(self.start.system, self.start.state, implicit, fused=fused))
 
-    def fused(self) -> BothCodes:
-        """The same case with the engine's fused net in place of connectors."""
-        return self._in_form("fused", net=NetForm.FUSED)
-
-    def compiled(self) -> BothCodes:
-        """The same case stepped by exunet's compiled loop in place of the engine; needs Numba to run."""
-        return self._in_form("compiled", net=NetForm.FUSED, loop=TimeLoop.COMPILED)
-
-    def _in_form(self, form: str, **keys: str) -> BothCodes:
-        start = replace(self.start, scene=_with_engine(self.start.scene, **keys))
-        return replace(self, name=f"{self.name}, {form}", start=start)
+    def in_form(self, form: Form) -> BothCodes:
+        """The same case with the engine's fused net, or by exunet's compiled loop; needs Numba to run."""
+        start = replace(self.start, scene=_with_form(self.start.scene, form))
+        return replace(self, name=f"{self.name}, {form.name.lower()}", start=start)
 
     def fastest(self) -> BothCodes:
-        """The form of the case for many runs: `compiled`, or this one where Numba is not installed."""
-        return self.compiled() if numba_installed() else self
+        """The form of the case for many runs: compiled, or this one where Numba is not installed."""
+        return self.in_form(Form.COMPILED) if numba_installed() else self
 
     def from_state(self, position: Floats, velocity: Floats) -> BothCodes:
         """The same case started from another state of the free nodes."""
@@ -168,8 +161,8 @@ def _at_start(net: Any, position: Floats, velocity: Floats) -> ComparedRun:
     return ComparedRun.of_net(net, np.zeros(1), position[None], velocity[None])
 
 
-def _with_engine(scene: Scene, **keys: str) -> Scene:
-    return scene.model_copy(update={"engine": scene.engine.model_copy(update=keys)})
+def _with_form(scene: Scene, form: Form) -> Scene:
+    return scene.model_copy(update={"engine": scene.engine.model_copy(update=form.engine)})
 
 
 class _Unobserved:
@@ -179,7 +172,7 @@ class _Unobserved:
 
     def between(self, until: float, extremes: Extremes) -> None: ...
 
-    def changed(self, time: float, memory: str, change: Change) -> None: ...
+    def changed(self, time: float, memory: str, change: MemoryChange) -> None: ...
 
 
 def read_both(path: str | Path, overrides: Sequence[str] = ()) -> BothCodes:
@@ -203,8 +196,8 @@ def both_of(case: Case) -> BothCodes:
         reasons = "; ".join(fault.replace("\n", " ") for fault in refused.faults[:5])
         words = f"the reference does not cover this case, so nothing is compared: {reasons}"
         raise InputError(f"{case.name}: {words}") from refused
-    # The form that states the law element by element; `BothCodes.fused` is the other.
-    scene = _with_engine(case.scene, net=NetForm.CONNECTORS, loop=TimeLoop.EXUDYN)
+    # The form that states the law element by element; see `BothCodes.in_form` for the others.
+    scene = _with_form(case.scene, Form.CONNECTORS)
     return BothCodes(case.name, case.path, prepare(scene), theirs)
 
 

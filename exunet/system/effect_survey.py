@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from exunet.base.errors import Fault
+from exunet.base.faults import joining
 from exunet.base.table import Table
 from exunet.case.scene import Scene
 from exunet.forces.cable_term import ElementLaw
@@ -19,7 +21,7 @@ from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.points import Points
 from exunet.forces.terms import LinearTerm
 from exunet.forces.total import Contribution
-from exunet.methods.method import NetForm, TimeLoop
+from exunet.methods.method import Form, NetForm, TimeLoop
 from exunet.net import weave
 from exunet.system.initial import initial_state
 
@@ -27,10 +29,10 @@ ASKED = 0.01  # of the net's size: the accuracy that the advice is for, where th
 
 # Nanoseconds of one right-hand side, measured on the paper's net on a noisy machine: to be read as ratios.
 # Of the bare net: the step itself, and of the fused net the call from the engine.
-_FIXED = {"connectors": 1_000.0, "fused": 8_000.0, "compiled": 0.0}
-_ELEMENT = {"connectors": 250.0, "fused": 50.0, "compiled": 7.0}
-_OBJECT = {"connectors": 80.0, "fused": 0.0, "compiled": 0.0}  # a node, if there are constant terms
-_CALL = {"connectors": 3_500.0, "fused": 0.0, "compiled": 0.0}  # if there are kernel terms
+_FIXED = {Form.CONNECTORS: 1_000.0, Form.FUSED: 8_000.0, Form.COMPILED: 0.0}
+_ELEMENT = {Form.CONNECTORS: 250.0, Form.FUSED: 50.0, Form.COMPILED: 7.0}
+_OBJECT = {Form.CONNECTORS: 80.0, Form.FUSED: 0.0, Form.COMPILED: 0.0}  # a node, if there are constant terms
+_CALL = {Form.CONNECTORS: 3_500.0, Form.FUSED: 0.0, Form.COMPILED: 0.0}  # if there are kernel terms
 _ENTRY, _NODE_OF_KERNEL, _VISCOUS = 1.0, 6.0, 3.0
 
 
@@ -128,11 +130,8 @@ def terms_of_alone(name: str, keys: Table, basis: EstimateBasis) -> tuple[Contri
     return terms_of(name, keys, Points.of(basis.net, basis.position, masses))
 
 
-def cost_of(terms: tuple[Contribution, ...], points: Points, form: str) -> float:
-    """Estimated time that terms add to a right-hand side, as a part of the bare net's.
-
-    form : "connectors", "fused" or "compiled" (the loop)
-    """
+def cost_of(terms: tuple[Contribution, ...], points: Points, form: Form) -> float:
+    """Estimated time that terms add to a right-hand side, as a part of the bare net's."""
     added, linear, kernels = 0.0, False, False
     for term in terms:
         if isinstance(term, LinearTerm):
@@ -151,16 +150,18 @@ def cost_of(terms: tuple[Contribution, ...], points: Points, form: str) -> float
     return added / (_FIXED[form] + _ELEMENT[form] * max(points.net.n_elements, 1))
 
 
-def _form(scene: Scene) -> str:
+def _form(scene: Scene) -> Form:
     if scene.engine.loop == TimeLoop.COMPILED:
-        return "compiled"
-    return "fused" if scene.engine.net == NetForm.FUSED else "connectors"
+        return Form.COMPILED
+    return Form.FUSED if scene.engine.net == NetForm.FUSED else Form.CONNECTORS
 
 
-def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
+def chosen(scene: Scene, faults: list[Fault]) -> tuple[Scene, tuple[str, ...]]:
     """The scene with the effects that matter, and why each candidate is on or off, under "auto".
 
     Any other scene comes back as it is.
+
+    faults : takes those of candidates whose numbers, or the scene's, overflow; these stay on
     """
     choice: Any = scene.effects
     if choice.choose is None:
@@ -168,7 +169,11 @@ def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
     off: dict[str, None] = {}
     notes = []
     for name in switched_on(choice):
-        one = finding(scene, name)
+        one = None
+        with joining(faults):
+            one = finding(scene, name)
+        if one is None:
+            continue
         assert one.estimate is not None
         if not one.on:
             off[name] = None
@@ -178,9 +183,3 @@ def chosen(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
             f"({one.estimate.source})"
         )
     return scene.model_copy(update={"effects": choice.model_copy(update=off)}), tuple(notes)
-
-
-def with_effect(scene: Scene, name: str, keys: Table | None) -> Scene:
-    """The scene with one effect switched on with `keys`, or off."""
-    effects: Any = scene.effects
-    return scene.model_copy(update={"effects": effects.model_copy(update={name: keys})})

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import BeyondFloats, Fault
+from exunet.base.errors import CaseError, Fault
+from exunet.bodies import rigid
 from exunet.case.scene import Scene
 from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
@@ -16,12 +17,81 @@ from exunet.methods.keys import SHORTEST_STEP
 from exunet.methods.plan import Plan
 from exunet.net import explicit
 from exunet.net.arrays import Net
+from exunet.system import energy
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
 RESOLUTION = 1e-3  # of the shortest element, by which positions may be apart
 MOST_STEPS = 1e10  # of a run; at a microsecond each, three hours for the smallest net
+
+
+def overflow_faults(system: System, start: State) -> list[Fault]:
+    """What of a start is outside the range of floating-point numbers, block by block."""
+    points, moving = system.points, start.bodies
+    with np.errstate(all="ignore"):
+        found = [
+            ("initial", "kinetic energy at the start", energy.kinetic(system.mass, start.velocity)),
+            ("initial.packing", "elastic energy at the start", energy.elastic(system.forces, start.position)),
+            ("net", "inverse of a node's mass", 1.0 / points.mass[: system.net.n_nodes]),
+        ]
+        found += [
+            ("effects", f"inverse of the mass of {one}", 1.0 / points.mass[k])
+            for one, k in points.body.items()
+        ]
+        for k, body in enumerate(system.bodies):
+            alone, name = moving.of_body(k), f"bodies.{body.name}"
+            mass, inertia = np.array([body.mass]), np.array([body.inertia])
+            spin = alone.angular_velocity
+            found += [
+                (f"{name}.mass", "inverse of the mass", 1.0 / mass),
+                (f"{name}.inertia", "inverse of the inertia", 1.0 / inertia),
+                (name, "kinetic energy at the start", rigid.kinetic(mass, inertia, alone)),
+                (name, "angular momentum at the start", rigid.angular_momentum(mass, inertia, alone)),
+                (name, "angular acceleration at the start", np.cross(inertia * spin, spin) / inertia),
+            ]
+    return [
+        Fault(
+            where,
+            f"the {name} is outside the range of floating-point numbers",
+            beyond_floats=True,
+        )
+        for where, name, values in found
+        if not np.isfinite(values).all()
+    ]
+
+
+def body_faults(scene: Scene, system: System, start: State, known: list[Fault]) -> list[Fault]:
+    """What is wrong with bodies that no run can follow: that turn too often, or fly too far for positions.
+
+    A step is to be no longer than the time in which a body turns by a radian. Nothing more is said of
+    a body whose numbers overflow, as one of the `known` faults says.
+    """
+    overflowing = {
+        fault.key.split(".")[1] for fault in known if fault.beyond_floats and "bodies." in fault.key
+    }
+    net, end, faults = system.net, scene.time.end, []
+    for k, body in enumerate(system.bodies):
+        name, alone = f"bodies.{body.name}", start.bodies.of_body(k)
+        if body.name in overflowing:
+            continue
+        angle = float(np.linalg.norm(alone.angular_velocity)) * end
+        if not angle <= min(MOST_STEPS, end / SHORTEST_STEP):
+            words = f"turns by {angle:.3g} rad until time.end, more than a run can follow (allowed: "
+            words += (
+                f"{MOST_STEPS:g} rad, and a radian in {SHORTEST_STEP:g} s). Let it turn slower, or give a "
+            )
+            words += "shorter time.end"
+            faults.append(Fault(f"{name}.angular_velocity", words))
+        far = float(np.abs(alone.position).max() + np.abs(alone.velocity).max() * end)
+        if np.isfinite(far) and not np.spacing(far) <= RESOLUTION * net.size:
+            words = (
+                f"gets {far:.3g} m away until time.end, where positions are {np.spacing(far):.2g} m apart; "
+            )
+            faults.append(
+                Fault(name, f"{words}the net has {net.size:.3g} m. Start it slower, or nearer to the origin")
+            )
+    return faults
 
 
 def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
@@ -66,15 +136,15 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
 
 @contextmanager
 def within_floats(net: Net) -> Iterator[None]:
-    """Raise BeyondFloats where the frequencies of the net, or results of them, overflow."""
+    """Raise CaseError where the frequencies of the net, or results of them, overflow."""
     fastest, rate = _fastest(net)
     words = f"the frequency of {fastest} is outside the range of floating-point numbers"
     if not np.isfinite(rate):
-        raise BeyondFloats([Fault("net", words)])
+        raise CaseError([Fault("net", words, beyond_floats=True)])
     try:
         yield
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        raise BeyondFloats([Fault("net", words)]) from error
+        raise CaseError([Fault("net", words, beyond_floats=True)]) from error
 
 
 def step_faults(scene: Scene, net: Net, plan: Plan) -> list[Fault]:

@@ -18,7 +18,7 @@ from exunet.system import energy
 from exunet.system.system import Memories, State, System
 
 Floats = NDArray[np.float64]
-Rows = slice | NDArray[np.int64] | NDArray[np.bool_]
+Selection = slice | NDArray[np.int64] | NDArray[np.bool_]
 
 
 class States:
@@ -47,10 +47,16 @@ class States:
         instant = np.array([state.time])
         return cls(system, instant, state.position[None], state.velocity[None], bodies, state.memory)
 
+    @classmethod
+    def of_points(cls, system: System, time: Floats, position: Floats, velocity: Floats) -> States:
+        """States of a system without rigid bodies, none of whose memories has changed."""
+        none = RigidStates.none(len(position))
+        return cls(system, time, position, velocity, none, system.memory)
+
     def __len__(self) -> int:
         return len(self.time)
 
-    def __getitem__(self, rows: Rows) -> States:
+    def __getitem__(self, rows: Selection) -> States:
         """Some of the states; what was computed of all is taken along."""
         part = States(
             self.system,

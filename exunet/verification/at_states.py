@@ -7,11 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 import reference_impl as reference
-from exunet.bodies.rigid import RigidStates
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.system.states import States
 from exunet.verification.check import Check, difference, worst_of
-from exunet.verification.states import KINDS, random_states
+from exunet.verification.random_states import KINDS, random_states
 from exunet.verification.tolerances import FORCES, MEASURES
 from reference_impl import energy as their_energy
 from reference_impl import forces as formulas
@@ -51,8 +50,8 @@ def measures(case: BothCodes, states_of_a_kind: int = MEASURED) -> Iterator[Chec
         position += case.size * random.normal(size=(len(position), 1, 3))
         position[:, net.fixed_nodes], velocity[:, net.fixed_nodes] = case.start.position[net.fixed_nodes], 0.0
         velocity[0] = 0.0
-        time, none = np.arange(float(len(position))), RigidStates.none(len(position))
-        ours = States(case.start.system, time, position, velocity, none, case.start.state.memory)
+        time = np.arange(float(len(position)))
+        ours = States.of_points(case.start.system, time, position, velocity)
         for name, unit, a, b in _quantities(case, ours):
             axes = ("state", "number")[: a.ndim]
             found.setdefault(name, []).append(difference(kind, a, b, MEASURES, axes, unit))

@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,7 +19,7 @@ import reference_impl as reference
 from exunet.base.errors import CaseError, Interrupted, RunStopped
 from exunet.case.casefile import load
 from exunet.case.stored_times import stored_times
-from exunet.methods.method import METHODS, Kind
+from exunet.methods.method import METHODS, Form, Kind
 from exunet.results.measures import energy_balance
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
@@ -30,16 +29,12 @@ from exunet.system.stability import largest_frequency, stable_step
 from exunet.verification import tolerances as tol
 from exunet.verification.check import Check, left_out
 from exunet.verification.ladder import Step
-from exunet.verification.shipped import shipped
+from exunet.verification.shipped import shipped_case
 from exunet.verification.tolerances import Tolerance
 from reference_impl import energy as theirs
 from reference_impl.forces import strain
 
-FORMS = {
-    "connectors": ("engine.loop=exudyn", "engine.net=connectors"),
-    "fused": ("engine.loop=exudyn", "engine.net=fused"),
-    "compiled": ("engine.loop=compiled",),
-}
+FORMS = {form.name.lower(): [f"engine.{key}={one}" for key, one in form.engine.items()] for form in Form}
 IMPLICIT = tuple(method for method, facts in METHODS.items() if facts.kind == Kind.IMPLICIT)
 IMPLICIT_STEPS = (0.2e-3, 1e-3, 5e-3, 20e-3)  # [s]
 
@@ -172,9 +167,7 @@ GALLERY = (
 )  # fmt: skip
 
 
-def case_path(name: str) -> Path:
-    """The file of a case of the gallery."""
-    return shipped("hard")[name]
+case_path = partial(shipped_case, "hard")
 
 
 def steps(quick: bool = False) -> Iterator[Step]:
@@ -199,7 +192,7 @@ def of_form(hard: Hard, form: str) -> Iterator[Check]:
     """A case in one form of the engine."""
     whole = load(case_path(hard.case), FORMS[form])
     end = hard.short.get(form)
-    case = whole if end is None else load(case_path(hard.case), (*FORMS[form], f"time.end={end!r}"))
+    case = whole if end is None else load(case_path(hard.case), [*FORMS[form], f"time.end={end!r}"])
     ran = "ran to its end" if end is None else f"ran {end:g} s of {whole.scene.time.end:g} s"
     start = prepare(case.scene)
     result = _outcome(start)
@@ -262,10 +255,8 @@ def states_of(scene: Any, run: Any) -> Any:
     states = SimpleNamespace(net=scene.net, time=run.t, position=x, velocity=v, strain=strain(system, x))
     states.kinetic, states.elastic = theirs.kinetic(system, v), theirs.elastic(system, x)
     states.potential, states.dissipated = theirs.potential(system, x), run.dissipated
-    states.momentum, states.angular_momentum = (
-        theirs.momentum(system, v),
-        theirs.angular_momentum(system, x, v),
-    )
+    states.momentum = theirs.momentum(system, v)
+    states.angular_momentum = theirs.angular_momentum(system, x, v)
     states.provenance = {}
     return states
 

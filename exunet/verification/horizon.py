@@ -54,10 +54,8 @@ def sensitivity(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
         cut = grown.time[-1] < 0.999 * case.start.scene.time.end
         words = "followed no further" if cut else "differences stay small for the whole run"
         yield Check(name, size * float(grown.of(ROUND_OFF).max()), None, words)
-    lines = {
-        f"start moved by {a * size:.0e} m": size * d
-        for a, d in zip(grown.amplitudes, grown.difference, strict=True)
-    }
+    moved = [f"start moved by {a * size:.0e} m" for a in grown.amplitudes]
+    lines = dict(zip(moved, size * grown.difference, strict=True))
     title = f"{case.name}: distance from the unperturbed motion"
     figure = curves(title, grown.time, lines, grown.named_horizon)
     caption = (

@@ -12,13 +12,15 @@ import reference_impl as reference
 from exunet.backends.protocol import IntegrationFailed
 from exunet.base.errors import ExunetError, InputError, Interrupted
 from exunet.codegen.compile import numba_installed
+from exunet.methods.method import Form
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.studies.neighbours import MOVE
-from exunet.verification import at_states, converged, growth, horizon, matrices, stepping, symmetry, topology
-from exunet.verification.answers import ANSWERS
+from exunet.verification import at_states, growth, horizon, matrices, stepping, symmetry, topology
+from exunet.verification.answers import ANSWERS, Answer
 from exunet.verification.check import Check, Evidence, left_out
-from exunet.verification.shipped import shipped
+from exunet.verification.shipped import shipped, shipped_case
 from exunet.verification.tolerances import RAN
+from exunet.verification.trajectories import converged
 
 RUNGS = {
     1: "Topology and mass",
@@ -87,7 +89,6 @@ class Ladder:
         self._cases, self._quick, self._paper = cases, quick, paper
         self._different: set[str] = set()
         self._grown: dict[str, growth.Growth] = {}
-        self._known = shipped("verification")
 
     def steps(self) -> Iterator[Step]:
         """The steps in order; which come later may depend on what earlier ones found."""
@@ -128,8 +129,8 @@ class Ladder:
         cases = self._same_nets()
         if not numba_installed():
             return cases
-        fused = [case.fused() for case in cases]
-        return [*cases, *fused, *(case.compiled() for case in cases if in_time)]
+        others = (Form.FUSED, Form.COMPILED) if in_time else (Form.FUSED,)
+        return [*cases, *(case.in_form(form) for form in others for case in cases)]
 
     def _runs(self) -> Iterator[Step]:
         for number, case in enumerate(self._same_nets()):
@@ -154,7 +155,7 @@ class Ladder:
                 why = "--quick goes no further"
             yield left_out(f"whole runs from t = {reached:.3g} s on, of {end:g} s: {WHOLE_RUNS}", why)
         yield from stepping.same_scheme(case, grown)
-        for finding in converged.converged(case, grown):
+        for finding in converged(case, grown):
             yield replace(finding, rung=5)
 
     def _answers(self) -> Iterator[Step]:
@@ -162,7 +163,7 @@ class Ladder:
             if self._quick and name in LONG_ANSWERS:
                 yield _without(6, name, "the known answers of this case", "leaves out the long ones")
             else:
-                yield Step(6, name, partial(_known, self._known, name, answer))
+                yield Step(6, name, partial(_known, name, answer))
 
     def _horizons(self) -> Iterator[Step]:
         cases = {case.name: case for case in self._cases if case.name in self._grown}
@@ -170,9 +171,7 @@ class Ladder:
             yield Step(7, name, partial(horizon.sensitivity, case, self._grown[name]))
         if self._quick:
             for name in list(cases)[:1]:
-                yield _without(
-                    7, name, "what perturbed runs have in common", "leaves out what takes many runs"
-                )
+                yield _without(7, name, "what perturbed runs have in common", "leaves out many runs")
             return
         papers = [cases[name] for name in PAPER if name in cases] if self._paper else []
         for case in papers[:2] if self._paper else cases.values():
@@ -187,9 +186,5 @@ def _without(rung: int, subject: str, what: str, why: str) -> Step:
     return Step(rung, subject, partial(iter, [left_out(what, f"--quick {why}")]))
 
 
-def _known(
-    paths: dict[str, Path], name: str, answer: Callable[[BothCodes], Iterator[Evidence]]
-) -> Iterator[Evidence]:
-    if name not in paths:
-        raise InputError(f"cases/verification/{name}.toml: the case of this answer is not there")
-    return answer(read_both(paths[name]))
+def _known(name: str, answer: Answer) -> Iterator[Evidence]:
+    return answer(read_both(shipped_case("verification", name)))

@@ -11,7 +11,7 @@ from exunet.methods.method import NetForm
 from exunet.studies.both_codes import BothCodes, Floats, coordinates
 from exunet.verification import tolerances as tol
 from exunet.verification.check import Check, difference, left_out, worst_of
-from exunet.verification.states import HALF_SLACK, NO_HALF_SLACK, smooth_states
+from exunet.verification.random_states import HALF_SLACK, NO_HALF_SLACK, smooth_states
 from reference_impl import forces as formulas
 
 SEED = 20210615

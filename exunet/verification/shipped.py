@@ -16,3 +16,10 @@ def shipped(folder: str = "") -> dict[str, Path]:
     if not paths:
         raise InputError(f"{CASES / folder}: the cases that come with exunet are not there: install it again")
     return {path.stem: path for path in paths}
+
+
+def shipped_case(folder: str, name: str) -> Path:
+    """One of them; raises InputError if it is not there."""
+    if (path := shipped(folder).get(name)) is None:
+        raise InputError(f"{CASES / folder / name}.toml: this case comes with exunet and is not there")
+    return path

@@ -23,8 +23,8 @@ from exunet.studies.both_codes import BothCodes, Floats
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
 from exunet.studies.neighbours import tracked_speeds
 from exunet.system import energy
-from exunet.verification.converged import best_plan
 from exunet.verification.growth import AMPLITUDE, grid
+from exunet.verification.trajectories import best_plan
 
 TOLERANCE = 1e-7  # of `best_plan`: keeps the energy of the paper's undamped net to 2e-5
 COMPILED, EXUDYN, REFERENCE = "compiled loop", "Exudyn", "reference"

@@ -29,20 +29,13 @@ class Tolerance:
 
 TOPOLOGY = Tolerance(1e-14, "the same arithmetic in another order: a few last bits of the net's size")
 CONNECTIVITY = Tolerance(0.0, "nodes and elements are counted, not measured")
-FORCES = Tolerance(
-    1e-12, "of the largest acceleration of a kind of states: round-off of lengths over strains, 1e-3 and more"
-)
+FORCES = Tolerance(1e-12, "of the largest acceleration of a kind: round-off of lengths over strains >= 1e-3")
 MEASURES = Tolerance(1e-12, "of the largest value of a kind of states: the round-off of FORCES, summed")
 MASS = Tolerance(1e-14, "of the largest mass: both codes add halves of the same element masses")
 DAMPING = Tolerance(1e-12, "of the largest entry: a constant matrix, assembled in another order")
-STIFFNESS = Tolerance(
-    3e-6, "of the largest entry: the engine differentiates in steps of 1e-8 of a coordinate; 3e-7 was seen"
-)
+STIFFNESS = Tolerance(3e-6, "of the largest entry: the engine differentiates in steps of 1e-8; 3e-7 was seen")
 EXACT_STIFFNESS = Tolerance(1e-12, "of the largest entry: the fused net has the derivative as a formula too")
-DIFFERENCED = Tolerance(
-    1e-7,
-    "of the largest entry: differences of the reference over 1e-6 of the shortest element: round-off 1e-9",
-)
+DIFFERENCED = Tolerance(1e-7, "of the largest entry: differences over 1e-6 of the shortest element: 1e-9")
 RESOLVED = Tolerance(
     0.02,
     "differences are parts of this where it exceeds the largest entry: tensions differentiated by velocities "
@@ -51,9 +44,7 @@ RESOLVED = Tolerance(
 )
 SECANT_SYMMETRY = Tolerance(0.0, "eq. (3) is symmetric term by term, so its sum is so to the last bit")
 SECANT_FORCE = Tolerance(1e-12, "S(x) x of the reference against the engine's forces; as for the forces")
-ONE_STEP = Tolerance(
-    1e-13, "of the largest coordinate and speed: round-off of 1e-14 in each of four changes of the state"
-)
+ONE_STEP = Tolerance(1e-13, "of the largest coordinate and speed: round-off of 1e-14 in each of 4 stages")
 SAME_SCHEME = Tolerance(
     1.0,
     "the codes may part as far as one code parts from itself when its start is moved by the round-off of all "
@@ -61,9 +52,7 @@ SAME_SCHEME = Tolerance(
     "x",
 )
 RAN = Tolerance(0.0, "a run that stops leaves nothing to compare")
-CONVERGED = Tolerance(
-    1e-6, "of the net's size and of v0: what ten times the tolerance may change; a tenth of TRAJECTORY"
-)
+CONVERGED = Tolerance(1e-6, "of size and v0: what ten times the tolerance changes; a tenth of TRAJECTORY")
 LEFT_OUT = Tolerance(
     0.5,
     "of the time to the horizon of one round-off, for positions: where the errors of all steps exceed "
@@ -71,18 +60,14 @@ LEFT_OUT = Tolerance(
 )
 TRAJECTORY = Tolerance(1e-5, "of the net's size and of the launch speed: ten times each code's own error")
 SNAP = Tolerance(1e-8, "of the known value, which is exact: what the tolerances of the integrators leave")
-FREQUENCY = Tolerance(
-    1e-6, "of the known one: RK4 shifts it by (w h)^4 / 120 < 1e-7, the amplitude of 1e-6 m a stretch by 1e-8"
-)
+FREQUENCY = Tolerance(1e-6, "of the known one: (w h)^4 / 120 < 1e-7 of RK4, 1e-8 of the stretch by 1e-6 m")
 AREA = Tolerance(1e-14, "of the known area: a few last bits, as round-off of a dozen triangles leaves")
 EIGENVALUE = Tolerance(1e-6, "eigenvalues of the same matrix, for the larger nets by Lanczos' method to 1e-6")
 FIELD_DIGITS = Tolerance(5e-4, "half a unit in the last digit of the values known for 5, 10 and 25 meshes")
 STABLE = Tolerance(100.0, "bounded below the stable step, by about 1/sqrt(1 - 0.99^2) = 7", "x")
 UNSTABLE = Tolerance(1e-3, "above it the highest mode grows by a third each step, by 1e7 in 60 steps")
 HANGING = Tolerance(1e-8, "of the length: what 14 s of damping leave of the fall, exp(-35), and round-off")
-PENDULUM = Tolerance(
-    1e-6, "of the frequency: the formula lacks angle^4 and the pumping of the cable's stretch, 1e-8 each"
-)
+PENDULUM = Tolerance(1e-6, "of the frequency: angle^4 and the pumping of the stretch are left out, 1e-8 each")
 MOMENTUM = Tolerance(1e-12, "of the sum of the nodes' shares: linear invariants are kept to round-off")
 ANGULAR = Tolerance(1e-8, "of the sum of the nodes' shares: kept by the accuracy of the integration only")
 ENERGY = Tolerance(1e-8, "of the energy at the start: kept by the accuracy of the integration only")
@@ -110,30 +95,18 @@ SAME_STATISTICS = Tolerance(
 SYMMETRIC = Tolerance(0.0, "mirrored sums are formed in mirrored order: equal to the last bit", "m/s")
 
 # Of the gallery of hard cases (`exunet verify --hard`); E0 is the energy at the start, v0 the launch speed.
-HARD_ADAPTIVE = Tolerance(
-    1e-3, "accuracy 1e-5 of v0; the energy takes the errors of all snaps, 1.6e-4 at most was seen", "of E0"
-)
+HARD_ADAPTIVE = Tolerance(1e-3, "accuracy 1e-5 of v0, with the errors of all snaps; 1.6e-4 was seen", "of E0")
 HARD_FIXED = Tolerance(1e-3, "a tenth of the stable step and less; 5e-5 was seen", "of E0")
-HARD_LONG = Tolerance(
-    1e-2, "leaves the speeds right to half a per cent; a fifth of what makes the guards stop a run", "of E0"
-)
+HARD_LONG = Tolerance(1e-2, "speeds are right to 0.5 %; a fifth of what makes the guards stop a run", "of E0")
 HARD_SMOOTH = Tolerance(1e-4, "taut throughout: RK44 has its order; 1.4e-5 in 1e5 steps was seen", "of E0")
 HARD_NEAR_LIMIT = Tolerance(
     2.5e-5, "all of E0 but 3.3e-7 is the prestress; the rest may swing by 62.6 (see HARD_GROWTH)", "of E0"
 )
 HARD_MOMENTUM = Tolerance(1e-12, "internal forces cancel in pairs: round-off, 6e-15 seen", "of sum m|v|")
-HARD_ANGULAR = Tolerance(
-    1e-10, "central forces: moments cancel to the accuracy; 6e-14 seen", "of sum m|x||v|"
-)
+HARD_ANGULAR = Tolerance(1e-10, "central forces: moments cancel; 6e-14 seen", "of sum m|x||v|")
 HARD_ANGULAR_FIXED = Tolerance(1e-8, "RK44 at a hundred steps a period; 7e-10 seen", "of sum m|x||v|")
-HARD_DRIFT = Tolerance(
-    2e-4,
-    "1.7e-4 would reach HARD_LONG in the 60 s; a fifth more for the slope of a walk by chance",
-    "of E0 / s",
-)
-HARD_TREND = Tolerance(
-    3.0, "mean change in a second over its standard error: a walk without a trend stays below", "sigma"
-)
+HARD_DRIFT = Tolerance(2e-4, "1.7e-4 would reach HARD_LONG in 60 s; a fifth more for chance", "of E0 / s")
+HARD_TREND = Tolerance(3.0, "mean change in a second over its standard error: less without a trend", "sigma")
 HARD_REVOLUTIONS = Tolerance(0.5, "of 100: radius and rate swing by 2e-3 as it stretches", "revolutions")
 HARD_TAUT = Tolerance(0.0, "its rotation holds every element taut at every stored time")
 HARD_GROWTH = Tolerance(
@@ -148,11 +121,7 @@ HARD_DAMPING_SETS = Tolerance(0.5, "the step over the one that the frequencies a
 HARD_STOPPED = Tolerance(1e-6, "exp(-50) = 2e-22 is left, beside errors of the tolerance", "of v0")
 HARD_NO_STATE_LOST = Tolerance(0.0, "one for each step, and the start", "states")
 HARD_EXACT_TIMES = Tolerance(0.0, "stored times are those asked for, to the last bit", "s")
-HARD_POSITIONS = Tolerance(
-    1e-3,
-    "RK44 at a tenth of its stable step, 0.08 s after the first snap: speeds off by 1e-3; 2e-4 seen",
-    "m",
-)
+HARD_POSITIONS = Tolerance(1e-3, "RK44 at a tenth of its stable step, 0.08 s after a snap; 2e-4 seen", "m")
 HARD_BOUND = Tolerance(ENERGY_BOUND, "the guards' own bound: a run that ends is within it", "of E0")
 HARD_BY_GUARD = Tolerance(0.0, "a run that does not end was stopped by a guard, for its energy")
 HARD_EXACT = Tolerance(1e-9, "the energy-momentum method keeps it to its Newton tolerance", "of E0")

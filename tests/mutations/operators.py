@@ -50,7 +50,7 @@ PHYSICS = (
     "forces/effects/*.py", "forces/estimate.py", "bodies/rigid.py",
     "system/energy.py", "system/energy_scale.py", "system/stability.py",
     "system/initial.py", "system/limits.py", "system/states.py", "system/system.py",
-    "backends/compiled/schemes.py", "backends/compiled/many_steps.py", "backends/compiled/arrays.py",
+    "backends/compiled/schemes.py", "backends/compiled/many_steps.py", "backends/compiled/work_space.py",
     "backends/exudyn/step_choice.py", "simulation/guards.py", "simulation/monitor.py",
     "simulation/envelope.py", "simulation/peaks.py", "simulation/refinement.py", "results/measures.py",
     "net/weave.py", "net/square.py", "net/rectangular.py", "net/hexagonal.py", "net/radial.py",

@@ -14,7 +14,7 @@ from exunet.backends.exudyn.model import Model
 from exunet.forces import cable
 from exunet.forces.effects import mass_damping, orbit, rayleigh_damping
 from exunet.results import measures as metrics
-from exunet.system import assembly, initial
+from exunet.system import from_scene, initial
 from exunet.system.states import States
 
 integration = sys.modules["reference_impl.integration"]  # the package has a function of that name
@@ -69,8 +69,8 @@ def compression(patch):
 
 def _other_net(patch, change):
     """Let exunet, and only it, work on a changed net."""
-    right = assembly.weave
-    patch.setattr(assembly, "weave", lambda keys: change(right(keys)))
+    right = from_scene.weave
+    patch.setattr(from_scene, "weave", lambda keys: change(right(keys)))
 
 
 @planted(1, "strings with the area of the net's cable")

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.arrays import (
+from exunet.backends.compiled.many_steps import IMPORTS, LOOP, TINY_IN_A_ROW
+from exunet.backends.compiled.work_space import (
     CLOCK,
     PEAKS,
     Control,
@@ -22,7 +23,6 @@ from exunet.backends.compiled.arrays import (
     motion_of,
     seen_nothing,
 )
-from exunet.backends.compiled.many_steps import IMPORTS, LOOP, TINY_IN_A_ROW
 from exunet.backends.events import Events
 from exunet.backends.protocol import Arrays, Batch, Extremes, Observer, StepCounts, StepsCollapsed
 from exunet.base.interrupt import postponed
@@ -101,7 +101,7 @@ class CompiledIntegration:
     def counts(self) -> StepCounts:
         """Steps and evaluations of the forces so far."""
         steps, rejected = int(self._clock["steps"][0]), int(self._clock["rejections"][0])
-        stages = 6 if self._chosen else METHODS[self._plan.method].stages  # the last of 7 is the next first
+        stages = METHODS[self._plan.method].compiled_stages
         return StepCounts(steps, rejected, right_hand_sides=1 + stages * (steps + rejected))
 
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exunet.backends.compiled import schemes
-from exunet.backends.compiled.arrays import EqualSteps
 from exunet.backends.compiled.schemes import (
     accelerate,
     accelerate_without_spin,
@@ -25,6 +24,7 @@ from exunet.backends.compiled.schemes import (
     unit_attitudes,
     verlet_step,
 )
+from exunet.backends.compiled.work_space import EqualSteps
 
 TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that count as a collapse
 
@@ -347,7 +347,7 @@ def through_equal(verlet: bool, times: Any, step: float, run: Any) -> int:
     return row
 
 
-IMPORTS = ("from exunet.backends.compiled.arrays import EqualSteps, Stages",)
+IMPORTS = ("from exunet.backends.compiled.work_space import EqualSteps, Stages",)
 LOOP = (
     schemes.stages_of,
     schemes.add_gyroscopic,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from exunet.backends.compiled.arrays import Stages
+from exunet.backends.compiled.work_space import Stages
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     BODIES = True

@@ -9,6 +9,9 @@ An effect's module has
   effect; None if nothing can be assumed for this scene;
 - `magnitude(keys, basis) -> Estimate`: the order of magnitude of what leaving it out would change;
 - if it contradicts other effects or needs them, `EXCLUDES` or `REQUIRES`: their names, with the reasons;
+- if keys of other effects must be zero beside it, `NEEDS_ZERO`: for each effect its keys, with the reasons;
+- if its events change the forces suddenly, `NEEDS_FRESH_STEPS = True`: methods whose steps use the
+  acceleration of the step before are refused;
 - if it acts on bullets only, `NEEDS_BULLETS = True`; if it gives them their speed, `REPLACES_LAUNCH = True`;
 - if keys must be given if and only if there are bullets, `BULLET_KEYS`: their names;
 - for whatever else its keys demand of each other and of the rest of the case,
@@ -23,7 +26,6 @@ module, one line in `_NAMES`, a section of `cases/README.md` and a test.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from importlib import import_module
 from types import ModuleType
@@ -32,11 +34,11 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, create_model
 
-from exunet.base.errors import BeyondFloats, Fault
-from exunet.base.faults import each, within
+from exunet.base.errors import CaseError, Fault
+from exunet.base.faults import each, joining, within
 from exunet.base.table import Positive, Table
 from exunet.forces.points import PointMass, Points
-from exunet.forces.requirements import RestOfCase, declared, excluded, required
+from exunet.forces.requirements import RestOfCase, declared, excluded, required, zero_keys
 from exunet.forces.terms import largest_number
 from exunet.forces.total import Contribution, Forces
 
@@ -65,13 +67,13 @@ LARGEST = 1e100  # of a number in an effect's terms; products of three are still
 
 def _pairs_schema() -> dict[str, Any]:
     """What effects demand of each other, as a JSON schema."""
-    absent: dict[str, dict[str, Any]] = {
-        name: {"properties": dict.fromkeys(excluded(module), False)}
-        for name, module in EFFECTS.items()
-        if excluded(module)
-    }
-    undamped = {"rayleigh_damping": {"properties": {"beta": {"const": 0}}}}
-    absent["breaking"] = {"properties": undamped}
+    absent: dict[str, dict[str, Any]] = {}
+    for name, module in EFFECTS.items():
+        others: dict[str, Any] = dict.fromkeys(excluded(module), False)
+        for other, keys in zero_keys(module).items():
+            others[other] = {"properties": {key: {"const": 0} for key in keys}}
+        if others:
+            absent[name] = {"properties": others}
     needed = {name: list(required(module)) for name, module in EFFECTS.items() if required(module)}
     both = {"choose": ["threshold"], "threshold": ["choose"]}
     return {"dependentRequired": both | needed, "dependentSchemas": absent}
@@ -138,14 +140,20 @@ def point_masses(effects: Table) -> tuple[PointMass, ...]:
     )
 
 
-def forces_of(effects: Table, points: Points) -> Forces:
-    """The cable elements and the terms of all effects that are on."""
-    parts = [terms_of(name, keys, points) for name, keys in switched_on(effects).items()]
-    return Forces.of(points.net, itertools.chain.from_iterable(parts))
+def forces_of(effects: Table, points: Points, faults: list[Fault]) -> Forces:
+    """The cable elements and the terms of all effects that are on.
+
+    faults : takes those of effects whose numbers cannot be computed with; these have no terms
+    """
+    terms: list[Contribution] = []
+    for name, keys in switched_on(effects).items():
+        with joining(faults):
+            terms += terms_of(name, keys, points)
+    return Forces.of(points.net, terms)
 
 
 def terms_of(name: str, keys: Table, points: Points) -> tuple[Contribution, ...]:
-    """The terms of one effect; raises BeyondFloats if a number in them is beyond `LARGEST`."""
+    """The terms of one effect; raises CaseError if a number in them is beyond `LARGEST`."""
     try:
         with np.errstate(all="ignore"):  # numbers that overflow are refused below
             terms: tuple[Contribution, ...] = EFFECTS[name].terms(keys, points)
@@ -157,7 +165,7 @@ def terms_of(name: str, keys: Table, points: Points) -> tuple[Contribution, ...]
     return terms
 
 
-def beyond_floats(name: str) -> BeyondFloats:
+def beyond_floats(name: str) -> CaseError:
     """The error for an effect whose numbers cannot be computed with."""
     words = "leads to numbers outside the range of floating-point: give it, or the scene, realistic values"
-    return BeyondFloats([Fault(f"effects.{name}", words)])
+    return CaseError([Fault(f"effects.{name}", words, beyond_floats=True)])

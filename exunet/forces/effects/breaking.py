@@ -7,20 +7,20 @@ much it was too large.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from exunet.base.errors import Fault
-from exunet.base.faults import each
 from exunet.base.table import Positive, Table
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis, hardest_strain, snap_of
 from exunet.forces.points import Points
-from exunet.forces.requirements import RestOfCase
-from exunet.methods.method import METHODS, Method
+
+NEEDS_FRESH_STEPS = True
+NEEDS_ZERO = {
+    "rayleigh_damping": {"beta": "which damps along broken elements too; use material_damping"},
+}
 
 
 class Keys(Table):
@@ -47,23 +47,6 @@ def terms(keys: Keys, points: Points) -> tuple[ElementLaw, ...]:
         return (ElementLaw(breaking_strain=keys.strain * everywhere),)
     assert keys.force is not None
     return (ElementLaw(breaking_force=keys.force * everywhere),)
-
-
-def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    """A method that starts each step afresh, and no damping along elements that may be gone."""
-    yield from each(_starts_afresh(rest), _no_damping_of_broken(rest))
-
-
-def _starts_afresh(rest: RestOfCase) -> Iterator[Fault]:
-    if rest.method in METHODS and METHODS[Method(rest.method)].remembers_acceleration:
-        yield Fault("", f"needs an explicit Runge-Kutta method such as DOPRI5 or RK44, not {rest.method}")
-
-
-def _no_damping_of_broken(rest: RestOfCase) -> Iterator[Fault]:
-    damping = rest.effect("rayleigh_damping")
-    if damping is not None and damping.beta > 0.0:
-        words = "contradicts effects.rayleigh_damping.beta, which damps along broken elements too"
-        yield Fault("", f"{words}; use material_damping")
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

@@ -17,7 +17,7 @@ from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
 from exunet.forces.points import Points
 from exunet.forces.requirements import RestOfCase
-from exunet.forces.terms import Change, KernelTerm, Memory
+from exunet.forces.terms import KernelTerm, Memory, MemoryChange
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -111,9 +111,9 @@ class Knots:
         """Steps end at known instants anyway."""
         return step
 
-    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> Change:
+    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> MemoryChange:
         """Count the knots; nothing else changes."""
-        return Change(np.array([float(np.searchsorted(self.times, time, side="right"))]))
+        return MemoryChange(np.array([float(np.searchsorted(self.times, time, side="right"))]))
 
 
 class Thrust(NamedTuple):

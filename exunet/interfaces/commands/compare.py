@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.interfaces.commands.table import print_table
+from exunet.interfaces.commands.printing import print_table
+from exunet.results.body_comparison import ComparedBodies
 from exunet.results.comparison import compare, read_states
 
 Floats = NDArray[np.float64]
@@ -35,8 +37,21 @@ def compare_runs(a: Path, b: Path) -> None:
         ("allowed", f"positions {found.allowed_position:.3e} m, speeds {found.allowed:.3e} m/s"),
         ("first beyond that", _instant(found.agrees_until)),
         ("beyond it for good", _instant(found.apart_from)),
+        *_bodies(found.bodies, found.time),
+        *[(f"body {name}", f"only in {a}") for name in found.bodies.only_a],
+        *[(f"body {name}", f"only in {b}") for name in found.bodies.only_b],
     ]
     print_table(f"{b} against {a}", rows)
+
+
+def _bodies(found: ComparedBodies, time: Floats) -> Iterator[tuple[str, str]]:
+    """The largest differences of each body that both runs have."""
+    for name, body in found.both.items():
+        yield f"body {name}", f"position {_largest(body.position, time, 'm')}"
+        yield "", f"velocity {_largest(body.velocity, time, 'm/s')}"
+        if body.attitude is not None and body.angular_velocity is not None:
+            yield "", f"attitude {_largest(body.attitude, time, 'rad')}"
+            yield "", f"angular velocity {_largest(body.angular_velocity, time, 'rad/s')}"
 
 
 def _largest(difference: Floats, time: Floats, unit: str) -> str:

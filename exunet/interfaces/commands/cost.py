@@ -15,15 +15,15 @@ from exunet.case.casefile import Case
 from exunet.case.scene import SHORTEST
 from exunet.codegen.compile import numba_installed
 from exunet.figures.style import drawing
-from exunet.interfaces.commands.table import print_table, status
+from exunet.interfaces.commands.printing import print_table, status
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost.converged import INSTANTS, Converged, converge
 from exunet.studies.cost.figure import work_precision
+from exunet.studies.cost.ranking import answer_rows, measure_rows, write_csv
 from exunet.studies.cost.runners import Subject
 from exunet.studies.cost.settings import base
 from exunet.studies.cost.study import Study, all_rungs, climb
-from exunet.studies.cost.table import answer_rows, measure_rows, write_csv
 
 INTERRUPTED = 130
 FILES = TABLE, FIGURE, WORDS = "cost.csv", "work_precision.png", "cost.md"

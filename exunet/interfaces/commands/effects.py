@@ -11,7 +11,7 @@ from rich.table import Table
 
 from exunet.base.errors import Interrupted
 from exunet.case.casefile import Case
-from exunet.studies.ablation import Progress, Toggled, ablate
+from exunet.studies.ablation import ProgressOfRuns, Toggled, ablate
 from exunet.system.effect_survey import ASKED, Finding, survey
 
 WIDTH = 150  # of tables that do not go to a terminal
@@ -99,7 +99,7 @@ def _console() -> Console:
 
 
 @contextmanager
-def _progress(end: float, runs: int) -> Iterator[Progress | None]:
+def _progress(end: float, runs: int) -> Iterator[ProgressOfRuns | None]:
     """A bar over all runs on stderr; nothing when that is not a terminal."""
     if not sys.stderr.isatty():
         yield None

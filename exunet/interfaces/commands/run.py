@@ -13,10 +13,11 @@ from tempfile import TemporaryFile
 from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.files import cannot_write, sweep
 from exunet.case.casefile import Case, parse_case
-from exunet.interfaces.commands.table import print_table
+from exunet.interfaces.commands.earlier import FILES, giving_back, set_aside
+from exunet.interfaces.commands.printing import print_table
 from exunet.interfaces.commands.waiting import waiting
 from exunet.results.agreement import Agreement
-from exunet.results.reading import RESULT_FILE, STORE_FOLDER
+from exunet.results.reading import STORE_FOLDER
 from exunet.results.result import Result
 from exunet.results.segments import Segments, is_store
 from exunet.results.summary import rows, summarise, write_summary
@@ -24,9 +25,6 @@ from exunet.simulation.preparation import prepare_case
 from exunet.simulation.run import Progress, resume, run_into
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.verification.reference_run import ReferenceRun
-
-FIGURES = ("reference_net", "snapshots", "bullet_speeds", "energies", "area", "rotation", "agreement")
-DESCRIPTIONS = ("summary.json", *(f"{figure}.png" for figure in FIGURES))
 
 
 def run_case(
@@ -52,7 +50,7 @@ def run_case(
         _ready(folder)
 
         def simulate(progress: Progress | None) -> Result:
-            return run_into(folder, case, start, progress, checkpoint_every, partial(_forget, folder))
+            return run_into(folder, case, start, progress, checkpoint_every, partial(set_aside, folder))
 
         return _run(case, simulate, folder, check=check, estimate=estimate)
 
@@ -81,7 +79,7 @@ def _run(
     no_check: str | None = None
     with ReferenceRun(case) if check else nullcontext() as reference:
         try:
-            with _progress(case.scene.time.end) as progress:
+            with _progress(case.scene.time.end) as progress, giving_back(folder):
                 result = simulate(progress)
         except RunStopped as error:
             if error.result is None:
@@ -140,15 +138,9 @@ def _ready(folder: Path) -> None:
             pass
     except OSError as error:
         raise cannot_write(folder, error) from error
-    for name in (RESULT_FILE, *DESCRIPTIONS):
+    for name in FILES:
         if (folder / name).exists() and not (folder / name).is_file():
             raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
-
-
-def _forget(folder: Path) -> None:
-    """Remove an earlier result with its summary and figures, so that it is not taken for the new one."""
-    for name in (RESULT_FILE, *DESCRIPTIONS):
-        (folder / name).unlink(missing_ok=True)
 
 
 def _describe(

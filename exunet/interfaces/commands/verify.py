@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from exunet.figures.style import drawing
-from exunet.interfaces.commands.table import status
+from exunet.interfaces.commands.printing import status
 from exunet.verification import hard
 from exunet.verification.ladder import RUNGS, Ladder, Step, read_cases
 from exunet.verification.report import Report

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from exunet.methods.method import Form, Method
 from exunet.results.measures import Deployment, deployment_of
 from exunet.studies.both_codes import Floats
 from exunet.studies.cost.runners import Subject, trajectory
-from exunet.studies.cost.settings import Setting
+from exunet.studies.cost.settings import ReferenceMethod, Setting, own_form
 from exunet.studies.neighbours import MOVE, nearby_start, tracked_speeds
 
 OWN = (1e-10, 1e-11)  # tolerances of DOPRI5, relative to the launch speed; below, round-off takes over
@@ -51,12 +52,12 @@ def converge(subject: Subject, *, compiled: bool) -> Converged:
     began = clock.perf_counter()
     times = tuple(np.linspace(0.0, subject.end, INSTANTS + 1).tolist())
     fine, scale = subject.at(times), subject.speed
-    own = [Setting("compiled loop" if compiled else "connectors", "DOPRI5", tolerance=t) for t in OWN]
+    own = [Setting(own_form(compiled=compiled), Method.DOPRI5, tolerance=t) for t in OWN]
     others: list[Setting] = []
     if subject.both is not None:
-        others = [Setting("reference", "DOP853", tolerance=t) for t in THEIRS]
+        others = [Setting(None, ReferenceMethod.DOP853, tolerance=t) for t in THEIRS]
     elif compiled:
-        others = [Setting("connectors", "DOPRI5", tolerance=OWN[-1])]
+        others = [Setting(Form.CONNECTORS, Method.DOPRI5, tolerance=OWN[-1])]
     settings = [*own, *others]
     runs = [_solution(fine, setting) for setting in settings]
     runs.append(_solution(replace(fine, start=nearby_start(fine.start)), own[-1]))

@@ -7,18 +7,17 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from exunet.figures.style import BLACK, BLUE, RED, REFERENCE, YELLOW, blank
+from exunet.figures.style import BLACK, BLUE, GREY, RED, YELLOW, blank
+from exunet.methods.method import Form, Method
+from exunet.studies.cost.ranking import Effort, evaluations, pareto, wall_time
 from exunet.studies.cost.runners import Entry
+from exunet.studies.cost.settings import ReferenceMethod
 from exunet.studies.cost.study import Study
-from exunet.studies.cost.table import Effort, evaluations, pareto, wall_time
 
-_COLOURS = {"connectors": BLUE, "fused": RED, "compiled loop": BLACK, "reference": YELLOW}
+_COLOURS = {Form.CONNECTORS: BLUE, Form.FUSED: RED, Form.COMPILED: BLACK, None: YELLOW}
 # One marker for a kind of method, the same in all codes.
-_MARKERS = {
-    "DOPRI5": "o", "RK45": "o", "DOP853": "D", "ODE23": "v", "RK44": "s", "RK4": "s", "RK33": "<",
-    "RK67": ">", "VelocityVerlet": "^", "Verlet": "^", "ExplicitEuler": "1", "ExplicitMidpoint": "2",
-    "GeneralizedAlpha": "x", "TrapezoidalIndex2": "+", "EM": "*",
-}  # fmt: skip
+_MARKERS: dict[str, str] = dict(zip(Method, "ov12<s>^x+", strict=True))
+_MARKERS |= zip(ReferenceMethod, "oDs^*", strict=True)
 _LEAST = 1e-13  # errors below this are drawn here
 
 
@@ -56,16 +55,16 @@ def _panel(axes: Axes, study: Study, label: str, effort: Effort) -> None:
         )
 
     settings = {entry.setting.name: entry.setting for entry in study.measured}.values()
-    for setting in sorted(settings, key=lambda one: (list(_COLOURS).index(one.code), one.name)):
+    for setting in sorted(settings, key=lambda one: (list(_COLOURS).index(one.form), one.name)):
         ladder = [entry for entry in study.measured if entry.setting.name == setting.name]
         ladder.sort(key=lambda entry: -entry.setting.size)
         ranked = ladder[0] in study.ranked
         draw(
-            ladder, color=_COLOURS[setting.code], marker=_MARKERS.get(setting.method, "."), markersize=4.5,
+            ladder, color=_COLOURS[setting.form], marker=_MARKERS[setting.method], markersize=4.5,
             linewidth=0.9, linestyle="-" if ranked else ":",
             label=setting.name if ranked else f"{setting.name}: not ranked",
         )  # fmt: skip
-    front = {"color": REFERENCE, "linewidth": 6, "zorder": 0, "solid_joinstyle": "round"}
+    front = {"color": GREY, "linewidth": 6, "zorder": 0, "solid_joinstyle": "round"}
     draw(pareto(study, effort), label="Pareto front", **front)
     axes.set_xlabel(label)
     axes.grid(visible=True, which="major", color="0.9", linewidth=0.6)

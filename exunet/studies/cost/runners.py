@@ -12,18 +12,15 @@ import numpy as np
 import reference_impl as reference
 from exunet.backends.protocol import StepCounts
 from exunet.base.errors import Interrupted, RunStopped
-from exunet.bodies.rigid import RigidStates
 from exunet.case.scene import Engine, Scene, Time
 from exunet.forces.terms import LinearTerm
 from exunet.methods.keys import Solver
-from exunet.results.measures import Deployment, deployment_of
-from exunet.results.result import Result
+from exunet.results.measures import Deployment, deployment_of, energy_balance
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.studies.cost.settings import Setting
 from exunet.studies.neighbours import launch_speed, tracked_speeds
-from exunet.system import energy
 from exunet.system.energy_scale import EnergyScale
 from exunet.system.states import States
 
@@ -41,7 +38,8 @@ class Measures:
     """Numbers of one run.
 
     speeds   : (k,) speeds at the end [m/s], of the bullets, or of all nodes if there are none
-    energy   : largest error of the energy balance at the stored times, over the energy that deforms
+    energy   : largest error of the energy balance at the stored times, over the energy that deforms: the
+               guards' energy scale, without the common flight
     momentum : largest change of the linear momentum, relative to the sum of m |v| at the start; None where
                forces from outside change it
     deployment : over the stored times; None for a net without a mouth
@@ -58,32 +56,13 @@ def four(found: Deployment) -> tuple[float, ...]:
     return found.relative_area, found.time_of_largest, found.distance, found.time_open
 
 
-def measures(start: Start, found: TimedTrajectory) -> Measures:
-    """Measures of a trajectory.
-
-    The energy is relative to the guards' energy scale: what can deform the net, without the common flight.
-    """
-    net, none = start.net, RigidStates.none(len(found.time))
-    states = States(start.system, found.time, found.position, found.velocity, none, start.state.memory)
-    total = states.kinetic + states.elastic + (states.potential - states.potential[0]) + found.dissipated
-    scales = EnergyScale(start.system, start.state)
-    gained = scales.gained(states, found.dissipated)[0]
-    scale = scales.start + float(gained.max()) or float(states.kinetic.max()) or 1.0
-    return Measures(
-        speeds=tracked_speeds(net, found.velocity[-1]),
-        energy=float(np.abs(total - total[0]).max()) / scale,
-        momentum=_momentum(start, found.velocity),
-        deployment=deployment_of(net, found.time, found.position[:, : net.n_nodes]),
-    )
-
-
-def _momentum(start: Start, velocity: Floats) -> float | None:
-    net, mass, forces = start.net, start.system.mass, start.system.forces
-    moved = energy.momentum(mass, velocity)
-    scale = float(mass @ np.linalg.norm(velocity[0], axis=-1))
+def _momentum(start: Start, moved: Floats) -> float | None:
+    system, state, forces = start.system, start.state, start.system.forces
+    scale = float(system.mass @ np.linalg.norm(state.velocity, axis=-1))
+    scale += float(system.body_mass @ np.linalg.norm(state.bodies.velocity, axis=-1))
     linear = forces.linear or LinearTerm()
     outside = (linear.load, linear.stiffness, linear.gyroscopic)
-    if any(term is not None for term in outside) or forces.kernels or len(net.fixed_nodes) or not scale:
+    if any(term is not None for term in outside) or forces.kernels or len(start.net.fixed_nodes) or not scale:
         return None
     if linear.damping is not None and np.linalg.norm(moved[0]) > 1e-12 * scale:
         return None  # damping of the motion as a whole
@@ -92,12 +71,18 @@ def _momentum(start: Start, velocity: Floats) -> float | None:
 
 @dataclass(frozen=True)
 class TimedTrajectory:
-    """States in exunet's numbering, (t, n_points, 3), energy taken out (t,) [J], time of the stepping [s]."""
+    """The net's states in exunet's numbering, (t, n_nodes, 3), and what is measured on the whole system.
+
+    momentum     : (t, 3) of everything [kg m/s]
+    energy_error : see `Measures`
+    seconds      : time of the stepping [s]
+    """
 
     time: Floats
     position: Floats
     velocity: Floats
-    dissipated: Floats
+    momentum: Floats
+    energy_error: float
     work: StepCounts
     seconds: float
 
@@ -160,6 +145,19 @@ class Subject:
         """The same with other stored times."""
         return replace(self, times=times)
 
+    def scene(self, setting: Setting) -> Scene:
+        """The scene with the method and form of a setting of exunet's own, and the stored times."""
+        solver: dict[str, object] = {"method": setting.method.value, "retry": 0}
+        if setting.tolerance is not None:
+            solver["tolerance"] = setting.tolerance * self.speed
+        else:  # a setting above the stable step shows what comes of it
+            solver |= {"step": setting.step, "force": True}
+        assert setting.form is not None
+        time = {"end": self.end, "output_times": [t for t in self.times if t > 0.0]}
+        engine = Engine.model_validate(setting.form.engine)
+        tables = {"solver": Solver.model_validate(solver), "engine": engine}
+        return self.start.scene.model_copy(update=tables | {"time": Time.model_validate(time)})
+
 
 def run(subject: Subject, setting: Setting, until: float | None = None) -> Entry:
     """Run to the subject's end (or `until`). Raises KeyboardInterrupt on Ctrl-C, nothing else."""
@@ -168,13 +166,16 @@ def run(subject: Subject, setting: Setting, until: float | None = None) -> Entry
         found = trajectory(subject if until is None else subject.at((0.0, until)), setting)
     except Exception as error:  # noqa: BLE001 - a method that cannot run the scene stays in the table
         return Entry(setting, [clock.perf_counter() - began], reason=str(error), failed=True)
-    return Entry(setting, [found.seconds], found.work, measures(subject.start, found))
+    net = subject.start.net
+    speeds, opening = tracked_speeds(net, found.velocity[-1]), deployment_of(net, found.time, found.position)
+    shown = Measures(speeds, found.energy_error, _momentum(subject.start, found.momentum), opening)
+    return Entry(setting, [found.seconds], found.work, shown)
 
 
 def trajectory(subject: Subject, setting: Setting) -> TimedTrajectory:
     """The stored states; raises RunStopped if the run stops, KeyboardInterrupt on Ctrl-C."""
     try:
-        return (_by_reference if setting.code == "reference" else _by_exunet)(subject, setting)
+        return (_by_reference if setting.form is None else _by_exunet)(subject, setting)
     except (Interrupted, reference.Interrupted):
         raise KeyboardInterrupt from None
     except reference.Diverged as stop:
@@ -182,19 +183,13 @@ def trajectory(subject: Subject, setting: Setting) -> TimedTrajectory:
 
 
 def _by_exunet(subject: Subject, setting: Setting) -> TimedTrajectory:
-    scene = with_setting(subject.start.scene, setting, subject.speed, subject.times)
-    result = simulate(prepare(scene).moved(subject.start.position))
+    result = simulate(prepare(subject.scene(setting)).moved(subject.start.position))
     told = result.provenance
     newton = told.get("newton_iterations", 0)
     work = StepCounts(told["steps"], told["rejected_steps"], newton, told["right_hand_sides"])
-    x, v = (_of_points(subject.start, result, name) for name in ("position", "velocity"))
-    return TimedTrajectory(result.time, x, v, result.dissipated, work, told["integration_seconds"])
-
-
-def _of_points(start: Start, result: Result, quantity: str) -> Floats:
-    """(t, n_points, 3) of the net's nodes and the point masses."""
-    bodies = [getattr(result.bodies[name], quantity)[:, None] for name in start.system.points.body]
-    return np.concatenate([getattr(result, quantity), *bodies], axis=1)
+    x, v, moved = result.position, result.velocity, result.momentum
+    seconds = told["integration_seconds"]
+    return TimedTrajectory(result.time, x, v, moved, energy_balance(result), work, seconds)
 
 
 def _by_reference(subject: Subject, setting: Setting) -> TimedTrajectory:
@@ -208,17 +203,10 @@ def _by_reference(subject: Subject, setting: Setting) -> TimedTrajectory:
     seconds = clock.perf_counter() - began
     x, v = both.from_reference(found.x), both.from_reference(found.v)
     work = StepCounts(found.n_steps, found.n_rejected, found.n_newton, found.n_rhs)
-    return TimedTrajectory(found.t, x, v, found.dissipated, work, seconds)
-
-
-def with_setting(scene: Scene, setting: Setting, speed: float, times: tuple[float, ...]) -> Scene:
-    """The scene with the setting's method and form, and stored times [s]; speed [m/s] scales tolerances."""
-    solver: dict[str, object] = {"method": setting.method, "retry": 0}
-    if setting.tolerance is not None:
-        solver["tolerance"] = setting.tolerance * speed
-    else:  # a setting above the stable step shows what comes of it
-        solver |= {"step": setting.step, "force": True}
-    form = {"loop": "compiled"} if setting.code == "compiled loop" else {"net": setting.code}
-    time = {"end": times[-1], "output_times": [t for t in times if t > 0.0]}
-    tables = {"solver": Solver.model_validate(solver), "engine": Engine.model_validate(form)}
-    return scene.model_copy(update=tables | {"time": Time.model_validate(time)})
+    # The reference knows neither rigid bodies nor memories, and refuses cases that have them.
+    states = States.of_points(both.start.system, found.t, x, v)
+    total = states.kinetic + states.elastic + (states.potential - states.potential[0]) + found.dissipated
+    scales = EnergyScale(both.start.system, both.start.state)
+    scale = scales.start + float(scales.gained(states, found.dissipated)[0].max())
+    error = float(np.abs(total - total[0]).max()) / (scale or float(states.kinetic.max()) or 1.0)
+    return TimedTrajectory(found.t, x, v, states.momentum, error, work, seconds)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from enum import StrEnum
+from typing import NamedTuple
 
-from exunet.methods.method import COMPILED_METHODS, METHODS, Kind, Method
-
-Code = Literal["connectors", "fused", "compiled loop", "reference"]
+from exunet.methods.method import COMPILED_METHODS, METHODS, Form, Kind, Method
 
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
 LOW_ORDER_TOLERANCES = TOLERANCES[:6]
@@ -18,21 +17,53 @@ IMPLICIT_PARTS = (64.0, 16.0, 4.0, 1.0, 0.4)
 # Methods whose stable step vanishes without damping: of that of velocity Verlet. At 0.1 the forward
 # Euler method lets the fastest mode grow by 2 % a step.
 UNSTABLE_PARTS = (0.1, 0.02, 0.005)
-OF_REFERENCE = {"RK4": "RK44", "Verlet": "VelocityVerlet"}  # fixed-step methods: exunet's names
+
+
+class ReferenceMethod(StrEnum):
+    """A method of reference_impl; the value is its name there."""
+
+    RK45 = "RK45"
+    DOP853 = "DOP853"
+    RK4 = "RK4"
+    VERLET = "Verlet"
+    EM = "EM"
+
+
+class Sizes(NamedTuple):
+    """Tolerances of a method, or its steps as parts of the stable step of one of exunet's."""
+
+    tolerances: tuple[float, ...] = ()
+    parts: tuple[float, ...] = ()
+    unit: Method = Method.RK44
+
+
+OF_REFERENCE = {
+    ReferenceMethod.RK45: Sizes(LOW_ORDER_TOLERANCES),
+    ReferenceMethod.DOP853: Sizes(TOLERANCES),
+    ReferenceMethod.RK4: Sizes(parts=PARTS),
+    ReferenceMethod.VERLET: Sizes(parts=PARTS, unit=Method.VELOCITY_VERLET),
+    ReferenceMethod.EM: Sizes(parts=IMPLICIT_PARTS),
+}
 
 
 @dataclass(frozen=True)
 class Setting:
     """One way to integrate the scene.
 
+    form      : None for a method of the reference
     tolerance : of an adaptive method, per step: relative to the launch speed [1], else None
     step      : of a fixed-step method [s], else None
     """
 
-    code: Code
-    method: str
+    form: Form | None
+    method: Method | ReferenceMethod
     tolerance: float | None = None
     step: float | None = None
+
+    @property
+    def code(self) -> str:
+        """The form, or that it is the reference, in words."""
+        return self.form or "reference"
 
     @property
     def name(self) -> str:
@@ -45,7 +76,7 @@ class Setting:
     @property
     def conserves(self) -> bool:
         """True if the energy balance holds by construction, however wrong the run."""
-        return self.method == "EM"
+        return self.method == ReferenceMethod.EM
 
     @property
     def size(self) -> float:
@@ -59,7 +90,7 @@ class Setting:
 
 
 def ladders(
-    stable: Mapping[str, float], end: float, *, compiled: bool, reference: tuple[str, ...]
+    stable: Mapping[Method, float], end: float, *, compiled: bool, reference: Iterable[ReferenceMethod]
 ) -> list[list[Setting]]:
     """For each method and code its settings, loosest first.
 
@@ -69,40 +100,34 @@ def ladders(
     reference : the reference's methods that can run the scene
     """
 
-    def steps(code: Code, method: str, unit: str, parts: tuple[float, ...]) -> list[Setting]:
-        found = {min(part * stable[unit], end / 100.0) for part in parts}
-        return [Setting(code, method, step=step) for step in sorted(found, reverse=True)]
+    def rungs(form: Form | None, method: Method | ReferenceMethod) -> list[Setting]:
+        sizes = OF_REFERENCE[method] if isinstance(method, ReferenceMethod) else _sizes(method)
+        steps = {min(part * stable[sizes.unit], end / 100.0) for part in sizes.parts}
+        found = [Setting(form, method, step=step) for step in sorted(steps, reverse=True)]
+        return found or [Setting(form, method, tolerance=t) for t in sizes.tolerances]
 
-    def of_exunet(code: Code, method: str) -> list[Setting]:
-        facts = METHODS[Method(method)]
-        if facts.kind == Kind.ADAPTIVE:
-            return adaptive(code, method)
-        if facts.kind == Kind.IMPLICIT:
-            return steps(code, method, "RK44", IMPLICIT_PARTS)
-        if facts.needs_step:
-            return steps(code, method, "VelocityVerlet", UNSTABLE_PARTS)
-        return steps(code, method, method, PARTS)
-
-    def of_reference(method: str) -> list[Setting]:
-        if method in OF_REFERENCE:
-            return steps("reference", method, OF_REFERENCE[method], PARTS)
-        if method == "EM":
-            return steps("reference", method, "RK44", IMPLICIT_PARTS)
-        tolerances = TOLERANCES if method == "DOP853" else LOW_ORDER_TOLERANCES
-        return [Setting("reference", method, tolerance=t) for t in tolerances]
-
-    forms: tuple[Code, ...] = ("fused", "connectors") if compiled else ("connectors",)
-    found = [of_exunet(form, method) for form in forms for method in METHODS]
-    found += [of_exunet("compiled loop", method) for method in COMPILED_METHODS if compiled]
-    return found + [of_reference(method) for method in reference]
+    forms = (Form.FUSED, Form.CONNECTORS) if compiled else (Form.CONNECTORS,)
+    found = [rungs(form, method) for form in forms for method in METHODS]
+    found += [rungs(Form.COMPILED, method) for method in COMPILED_METHODS if compiled]
+    return found + [rungs(None, method) for method in reference]
 
 
-def adaptive(code: Code, method: str) -> list[Setting]:
-    """The ladder of an adaptive method of exunet."""
-    tolerances = TOLERANCES if METHODS[Method(method)].order > 3 else LOW_ORDER_TOLERANCES
-    return [Setting(code, method, tolerance=t) for t in tolerances]
+def _sizes(method: Method) -> Sizes:
+    facts = METHODS[method]
+    if facts.kind == Kind.ADAPTIVE:
+        return Sizes(TOLERANCES if facts.order > 3 else LOW_ORDER_TOLERANCES)
+    if facts.kind == Kind.IMPLICIT:
+        return Sizes(parts=IMPLICIT_PARTS)
+    if facts.needs_step:
+        return Sizes(parts=UNSTABLE_PARTS, unit=Method.VELOCITY_VERLET)
+    return Sizes(parts=PARTS, unit=method)
+
+
+def own_form(*, compiled: bool) -> Form:
+    """The form of the converged solution."""
+    return Form.COMPILED if compiled else Form.CONNECTORS
 
 
 def base(*, compiled: bool) -> list[Setting]:
     """The ladder that is climbed whatever the budget: that of the converged solution's own method."""
-    return adaptive("compiled loop" if compiled else "connectors", "DOPRI5")
+    return [Setting(own_form(compiled=compiled), Method.DOPRI5, tolerance=t) for t in TOLERANCES]

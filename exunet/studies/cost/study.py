@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from exunet.case.cross_checks import cross_checks
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.studies.cost.converged import Converged
 from exunet.studies.cost.runners import Entry, Subject, run
-from exunet.studies.cost.settings import Setting, ladders
+from exunet.studies.cost.settings import ReferenceMethod, Setting, ladders
 from exunet.system.stability import largest_damping_rate, largest_frequency, step_limit
-from reference_impl.integration import METHODS as REFERENCE_METHODS
 from reference_impl.integration import unsupported
 
 REPEATS = 3
@@ -117,18 +117,18 @@ def _right_hand_sides(setting: Setting, end: float) -> float:
     """How many to expect; of an adaptive method a few thousand, more with each decade of its tolerance."""
     if setting.step is None:
         return _ADAPTIVE * _NEXT ** -math.log10(setting.size)
-    stages = METHODS[Method(setting.method)].stages if setting.method in METHODS else 4
+    stages = METHODS[setting.method].stages if isinstance(setting.method, Method) else 4
     return stages * end / setting.step
 
 
 def all_rungs(subject: Subject, *, compiled: bool) -> list[list[Setting]]:
-    """The ladders of every method and code that can run the scene."""
-    theirs: tuple[str, ...] = ()
-    if subject.both is not None:
-        conserving = not unsupported(subject.both.theirs.system)
-        theirs = tuple(method for method in REFERENCE_METHODS if method != "EM" or conserving)
-    start = subject.start
-    frequency, rate = largest_frequency(start.system), largest_damping_rate(start.system)
+    """The ladders of every method and code that can run the scene: its effects may refuse some."""
+    theirs = [] if subject.both is None else list(ReferenceMethod)
+    if subject.both is not None and unsupported(subject.both.theirs.system):
+        theirs.remove(ReferenceMethod.EM)
+    system = subject.start.system
+    frequency, rate = largest_frequency(system), largest_damping_rate(system)
     explicit = [name for name, method in METHODS.items() if method.kind == Kind.EXPLICIT]
-    stable = {str(name): step_limit(name, frequency, rate) for name in explicit}
-    return ladders(stable, subject.end, compiled=compiled, reference=theirs)
+    stable = {name: step_limit(name, frequency, rate) for name in explicit}
+    found = ladders(stable, subject.end, compiled=compiled, reference=theirs)
+    return [one for one in found if one[0].form is None or not any(cross_checks(subject.scene(one[0])))]

@@ -8,9 +8,9 @@ import numpy as np
 
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check
-from exunet.verification.converged import with_tolerance
 from exunet.verification.growth import fixed_plan
 from exunet.verification.tolerances import Tolerance
+from exunet.verification.trajectories import with_tolerance
 
 CODES = ("Exudyn", "reference")
 

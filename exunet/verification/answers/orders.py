@@ -12,12 +12,12 @@ from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check, Evidence, Plate
-from exunet.verification.converged import with_tolerance
 from exunet.verification.figures import convergence
 from exunet.verification.tolerances import ADAPTIVE_ORDER, KINK, ORDER
+from exunet.verification.trajectories import with_tolerance
 
 # Declared orders of the reference's methods (its README).
-REFERENCE: dict[str, int] = {"RK4": 4, "Verlet": 2, "EM": 2, "RK45": 5, "DOP853": 8}
+REFERENCE_ORDERS: dict[str, int] = {"RK4": 4, "Verlet": 2, "EM": 2, "RK45": 5, "DOP853": 8}
 ADAPTIVE = ("RK45", "DOP853")
 STEPS = (100, 141, 200, 283, 400, 566, 800)
 TOLERANCES = tuple(10.0**-k for k in range(4, 12))
@@ -76,7 +76,7 @@ def all_series(cases: Sequence[BothCodes]) -> list[Series]:
             plans = [with_tolerance(cases[0], method, tolerance) for tolerance in TOLERANCES]
         runs = [[case.run_exunet(times, plan) for case in cases] for plan in plans]
         found.append(_series(f"Exudyn {method}", facts.order, adaptive, runs, exact))
-    for theirs, order in REFERENCE.items():
+    for theirs, order in REFERENCE_ORDERS.items():
         settings: list[dict[str, Any]] = [{"step": end / n} for n in STEPS]
         if theirs in ADAPTIVE:
             settings = [{"rtol": t, "atol": t} for t in TOLERANCES]

@@ -55,7 +55,7 @@ def converged(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
         if start is None:
             continue
         theirs = [start.run_reference(times, rtol=rtol, atol=atol) for rtol, atol in THEIRS]
-        forms = (start, start.compiled()) if numba_installed() and start is case else (start.fastest(),)
+        forms = (start, start.fastest()) if numba_installed() and start is case else (start.fastest(),)
         for form in forms:
             ours = [form.run_exunet(times, best_plan(start, tolerance)) for tolerance in OWN]
             own = np.array([_own(start, *ours), _own(start, *theirs)])[..., : INSTANTS + 1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from exunet.base.errors import CaseError, Fault
+from exunet.base.errors import Fault
 from exunet.case.scene import Scene
 from exunet.forces.effects import forces_of, point_masses
 from exunet.forces.points import Points
@@ -13,17 +13,19 @@ from exunet.system.initial import bodies_at_start, common_velocity, initial_stat
 from exunet.system.system import State, System
 
 
-def assemble(scene: Scene) -> tuple[System, State]:
-    """Weave the net, add the bodies, and sum the forces of the effects that are on; the state at t = 0."""
+def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
+    """Weave the net, add the bodies, and sum the forces of the effects that are on; the state at t = 0.
+
+    faults : takes what is wrong with the bodies and the effects, which does not hide other faults
+    Raises CaseError if there is no net.
+    """
     net = weave(scene.net)
     position, velocity = initial_state(scene, net)
     points = Points.of(net, position, point_masses(scene.effects))
     places = points.position[net.n_nodes :]
     velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
     bodies, moving = bodies_at_start(scene)
-    taken = [name for name in scene.bodies if name in points.body]
-    if taken:
-        words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
-        raise CaseError([Fault(f"bodies.{name}", words) for name in taken])
-    system = System(points, forces_of(scene.effects, points), bodies)
+    words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
+    faults += [Fault(f"bodies.{name}", words) for name in scene.bodies if name in points.body]
+    system = System(points, forces_of(scene.effects, points, faults), bodies)
     return system, State(0.0, points.position, velocity, moving, dict(system.memory))

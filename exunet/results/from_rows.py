@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import InputError
+from exunet.base.errors import InputError, UnsoundStates
 from exunet.net.arrays import Net
 from exunet.results.columns import (
     OPTIONAL,
@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 IN_MEMORY = 64 << 20  # bytes of all columns up to which they are read at once
 
 
-def assemble(
+def result_of_rows(
     source: RowSource,
     net: Net,
     bodies: Mapping[str, MassProperties],
@@ -84,11 +84,11 @@ def check_values(values: Any, column: Column, where: str) -> None:
         if not np.all(np.isfinite(block)):
             row, *others = (int(k) for k in np.argwhere(~np.isfinite(block))[0])
             at = [first + row, *others]
-            raise InputError(f"{where}: {column.path} contains NaN or infinity (first at {at})")
+            raise UnsoundStates(f"{where}: {column.path} contains NaN or infinity (first at {at})")
         first += len(block)
 
 
 def check_times(time: Floats, where: str) -> None:
     """Raises InputError unless there are stored times, and they increase."""
     if len(time) == 0 or np.any(np.diff(time) <= 0):
-        raise InputError(f"{where}: the stored times must be at least one, and increase")
+        raise UnsoundStates(f"{where}: the stored times must be at least one, and increase")
