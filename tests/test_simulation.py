@@ -157,7 +157,7 @@ def test_a_force_changes_momentum_and_energy_by_its_impulse_and_work(
     sim = of_launch(form, f"solver.method={method}", *(["solver.step=1e-3"] if implicit else []))
     sim.advance(0.015)
     force, duration = np.array([3.0, -2.0, 5.0]), 0.03
-    number = sim.start.system.points.body[on] if isinstance(on, str) else on
+    number = sim.start.system.blocks.body[on] if isinstance(on, str) else on
     mass = sim.start.system.mass
 
     def momentum() -> np.ndarray:

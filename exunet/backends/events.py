@@ -42,18 +42,21 @@ class Events:
         times = (time for _, switch in self._switches for time in switch.times if after < time < until)
         return min(times, default=until)
 
-    def step_within(self, step: float, least: float, position: Floats, velocity: Floats) -> float:
+    def step_within(self, step: float, least: float, x: Floats, v: Floats) -> float:
         """A step [s] that ends near what would happen next; see `Switch.step_within`."""
         for name, switch in self._switches:
-            step = switch.step_within(step, least, position, velocity, self.memory[name])
+            step = switch.step_within(step, least, x, v, self.memory[name])
         return step
 
-    def at(self, time: float, position: Floats) -> Iterator[tuple[str, Change]]:
-        """What happens at the end of an accepted step; memories change, and the observer is notified."""
+    def at(self, time: float, x: Floats, v: Floats) -> Iterator[tuple[str, Change]]:
+        """What happens at the end of an accepted step; memories change, and the observer is notified.
+
+        x, v : that the integrator changes as it is told, so that what happens next sees it
+        """
         for name, switch in self._switches:
-            items = switch.crossed(time, position, self.memory[name])
+            items = switch.crossed(time, x, v, self.memory[name])
             if len(items):
-                change = switch.change(time, position, self.memory[name], items)
+                change = switch.change(time, x, v, self.memory[name], items)
                 yield name, change  # the integrator hands over the states before first
                 self.memory[name] = change.memory
                 self._observer.changed(time, name, change)

@@ -23,6 +23,7 @@ class Batch(NamedTuple):
     time               : (k,) [s]
     position, velocity : (k, n_points, 3) [m], [m/s]
     bodies             : with k leading
+    first_order        : (k, n_states) of the terms
     taken              : (k,) energy [J] that terms without a potential have taken out, where the integrator
                          sums it itself
     """
@@ -31,6 +32,7 @@ class Batch(NamedTuple):
     position: Floats
     velocity: Floats
     bodies: RigidStates
+    first_order: Floats
     taken: Floats | None = None
 
 
@@ -98,6 +100,10 @@ class Integrator(Protocol):
         """True if a run from a snapshot repeats to the last bit what followed when it was taken."""
 
     @property
+    def room(self) -> int:
+        """How many states may wait to be handed over."""
+
+    @property
     def items(self) -> dict[str, int]:
         """Items of the engine by kind; none for the compiled loop."""
 
@@ -115,6 +121,9 @@ class Integrator(Protocol):
 
     def push(self, force: Floats) -> None:
         """Forces (n_points, 3) [N] from outside on the points, constant from now on."""
+
+    def tell(self, inputs: Arrays) -> None:
+        """Values (m,) of inputs by name, from now on."""
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """All that the next step depends on, as copies, and the states that are not handed over yet."""

@@ -31,12 +31,13 @@ class Kernel:
         extra: tuple[Function, ...] = (),
         *,
         bodies: bool = False,
+        first_order: bool = False,
         imports: tuple[str, ...] = (),
     ) -> None:
         self._terms = tuple(terms)
         calls = [call for term in self._terms for call in term.calls]
         functions: tuple[Function, ...] = (*drivers.DRIVERS, *extra)
-        self.source = module_source(calls, functions, bodies=bodies, imports=imports)
+        self.source = module_source(calls, functions, bodies=bodies, first_order=first_order, imports=imports)
 
     @cached_property
     def module(self) -> ModuleType:
@@ -61,37 +62,44 @@ class Kernel:
     def forces(
         self, time: float, position: Floats, velocity: Floats, memory: Mapping[str, Floats] | None = None
     ) -> Floats:
-        """(n_points, 3) [N] from position and velocity (n_points, 3)."""
+        """(n_points, 3) [N] from position and velocity (n_points, 3), of points alone."""
         force = np.zeros(position.size)
         x, v = (np.array(a, dtype=float).ravel() for a in (position, velocity))
         self.module.add_forces(time, x, v, self.data(memory), force)
         return force.reshape(-1, 3)
 
-    def potential(self, position: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
-        """Potential energy of the terms that have one [J]; (k, n_points, 3) -> (k,)."""
-        energy = np.empty(len(position))
-        flat = np.array(position, dtype=float).reshape(len(position), -1)
-        self.module.potentials(flat, self.data(memory), energy)
+    def potential(self, x: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
+        """Potential energy of the terms that have one [J]; (k, n_x) -> (k,)."""
+        energy = np.empty(len(x))
+        self.module.potentials(np.array(x, dtype=float), self.data(memory), energy)
         return energy
 
-    def power(
-        self,
-        time: Floats,
-        position: Floats,
-        velocity: Floats,
-        memory: Mapping[str, Floats] | None = None,
-    ) -> Floats:
-        """Power that the terms without a potential take out [W]; (k,), (k, n_points, 3) twice -> (k,)."""
+    def power(self, time: Floats, x: Floats, v: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
+        """Power that the terms without a potential take out [W]; (k,), (k, n_x), (k, n_v) -> (k,)."""
         taken = np.empty(len(time))
-        x, v = (np.array(a, dtype=float).reshape(len(time), -1) for a in (position, velocity))
+        x, v = np.array(x, dtype=float), np.array(v, dtype=float)
         self.module.powers(np.array(time, dtype=float), x, v, self.data(memory), taken)
         return taken
 
+    def rates(
+        self, time: Floats, x: Floats, v: Floats, number: int, memory: Mapping[str, Floats] | None = None
+    ) -> Floats:
+        """Rates of the `number` first-order states; (k,), (k, n_x), (k, n_v) -> (k, number)."""
+        force = np.zeros((len(time), v.shape[1] + number))
+        x, v, data = np.array(x, dtype=float), np.array(v, dtype=float), self.data(memory)
+        for row, t in enumerate(time.tolist()):
+            self.module.add_forces(t, x[row], v[row], data, force[row])
+        return force[:, v.shape[1] :]
+
 
 def _data_of(term: Term, memory: Mapping[str, Floats]) -> tuple[Any, ...]:
+    found = tuple(call.data for call in term.calls)
     if term.memory is not None and term.memory.name in memory:
-        return (term.memory.data(memory[term.memory.name]),)
-    return tuple(call.data for call in term.calls)
+        found = (term.memory.data(memory[term.memory.name]),)
+    if term.inputs:
+        given = {one.field: memory.get(one.name, one.initial) for one in term.inputs}
+        found = tuple(data._replace(**given) for data in found)  # type: ignore[attr-defined]
+    return found
 
 
 def _copy(data: Any) -> Any:

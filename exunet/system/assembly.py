@@ -6,8 +6,8 @@ import numpy as np
 
 from exunet.base.errors import CaseError, Fault
 from exunet.case.scene import Scene
-from exunet.forces.effects import forces_of, point_masses
-from exunet.forces.points import Points
+from exunet.forces.blocks import Blocks
+from exunet.forces.effects import first_order_states, forces_of, point_masses
 from exunet.net import weave
 from exunet.system.initial import bodies_at_start, common_velocity, initial_state
 from exunet.system.system import State, System
@@ -17,13 +17,14 @@ def assemble(scene: Scene) -> tuple[System, State]:
     """Weave the net, add the bodies, and sum the forces of the effects that are on; the state at t = 0."""
     net = weave(scene.net)
     position, velocity = initial_state(scene, net)
-    points = Points.of(net, position, point_masses(scene.effects))
-    places = points.position[net.n_nodes :]
+    rigid = tuple(scene.bodies)
+    blocks = Blocks.of(net, position, point_masses(scene.effects), rigid, first_order_states(scene.effects))
+    places = blocks.position[net.n_nodes :]
     velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
     bodies, moving = bodies_at_start(scene)
-    taken = [name for name in scene.bodies if name in points.body]
+    taken = [name for name in scene.bodies if name in blocks.body]
     if taken:
         words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
         raise CaseError([Fault(f"bodies.{name}", words) for name in taken])
-    system = System(points, forces_of(scene.effects, points), bodies)
-    return system, State(0.0, points.position, velocity, moving, dict(system.memory))
+    system = System(blocks, forces_of(scene.effects, blocks), bodies)
+    return system, State(0.0, blocks.position, velocity, moving, dict(system.memory), blocks.initial_states)

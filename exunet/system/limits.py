@@ -13,6 +13,7 @@ from exunet.case.scene import Scene
 from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.keys import SHORTEST_STEP
+from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.net import explicit
 from exunet.net.arrays import Net
@@ -62,6 +63,17 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
         )
         faults.append(Fault("initial", reason))
     return faults
+
+
+def method_faults(system: System, plan: Plan) -> list[Fault]:
+    """What an implicit method cannot do: its Jacobian knows points only."""
+    if METHODS[plan.method].kind != Kind.IMPLICIT:
+        return []
+    bodies = sorted({name for term in system.forces.kernels for name in term.bodies})
+    words = [f"acts on {name}" for name in bodies]
+    words += [f"has first-order states ({one.name})" for one in system.blocks.states]
+    advice = "use an explicit method such as DOPRI5 or RK44"
+    return [Fault("solver.method", f"{plan.method} cannot run a force that {one}: {advice}") for one in words]
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 An effect's module has
 
 - `Keys`, a Table: keys, units, bounds; no default for a physical quantity;
-- `terms(keys, points)`: what it adds to the equations of motion, a tuple of `KernelTerm`, `LinearTerm` (see
+- `terms(keys, blocks)`: what it adds to the equations of motion, a tuple of `KernelTerm`, `LinearTerm` (see
   `exunet.forces.terms`) or `ElementLaw` (`exunet.forces.cable_term`);
 - `nominal(basis) -> (Keys, assumption)`: what to assume for an estimate if the case does not have the
   effect; None if nothing can be assumed for this scene;
@@ -15,7 +15,8 @@ An effect's module has
   `cross_checks(keys, rest) -> Iterator[Fault]` (`exunet.base.errors.Fault`; rest is an
   `exunet.forces.requirements.RestOfCase`);
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
-- if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`.
+- if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`;
+- if it has first-order states, `first_order_states(keys) -> tuple[FirstOrder, ...]`.
 
 Its energy is that of the terms: a potential, or work that is integrated along the run. A new effect is this
 module, one line in `_NAMES`, a section of `cases/README.md` and a test.
@@ -35,7 +36,7 @@ from pydantic import ConfigDict, Field, create_model
 from exunet.base.errors import BeyondFloats, Fault
 from exunet.base.faults import each, within
 from exunet.base.table import Positive, Table
-from exunet.forces.points import PointMass, Points
+from exunet.forces.blocks import Blocks, FirstOrder, PointMass
 from exunet.forces.requirements import RestOfCase, declared, excluded, required
 from exunet.forces.terms import largest_number
 from exunet.forces.total import Contribution, Forces
@@ -130,25 +131,30 @@ def _threshold(effects: Table) -> Iterator[Fault]:
 
 def point_masses(effects: Table) -> tuple[PointMass, ...]:
     """The point masses that effects bring."""
-    return tuple(
-        body
-        for name, keys in switched_on(effects).items()
-        if hasattr(EFFECTS[name], "point_masses")
-        for body in EFFECTS[name].point_masses(keys)
-    )
+    return tuple(_brought("point_masses", effects))
 
 
-def forces_of(effects: Table, points: Points) -> Forces:
+def first_order_states(effects: Table) -> tuple[FirstOrder, ...]:
+    """The first-order states that effects have."""
+    return tuple(_brought("first_order_states", effects))
+
+
+def _brought(what: str, effects: Table) -> Iterator[Any]:
+    for name, keys in switched_on(effects).items():
+        yield from getattr(EFFECTS[name], what, lambda _: ())(keys)
+
+
+def forces_of(effects: Table, blocks: Blocks) -> Forces:
     """The cable elements and the terms of all effects that are on."""
-    parts = [terms_of(name, keys, points) for name, keys in switched_on(effects).items()]
-    return Forces.of(points.net, itertools.chain.from_iterable(parts))
+    parts = [terms_of(name, keys, blocks) for name, keys in switched_on(effects).items()]
+    return Forces.of(blocks.net, itertools.chain.from_iterable(parts))
 
 
-def terms_of(name: str, keys: Table, points: Points) -> tuple[Contribution, ...]:
+def terms_of(name: str, keys: Table, blocks: Blocks) -> tuple[Contribution, ...]:
     """The terms of one effect; raises BeyondFloats if a number in them is beyond `LARGEST`."""
     try:
         with np.errstate(all="ignore"):  # numbers that overflow are refused below
-            terms: tuple[Contribution, ...] = EFFECTS[name].terms(keys, points)
+            terms: tuple[Contribution, ...] = EFFECTS[name].terms(keys, blocks)
             sound = largest_number(number for term in terms for number in term.numbers()) <= LARGEST
     except ArithmeticError:
         sound = False

@@ -193,7 +193,7 @@ def _by_exunet(subject: Subject, setting: Setting) -> TimedTrajectory:
 
 def _of_points(start: Start, result: Result, quantity: str) -> Floats:
     """(t, n_points, 3) of the net's nodes and the point masses."""
-    bodies = [getattr(result.bodies[name], quantity)[:, None] for name in start.system.points.body]
+    bodies = [getattr(result.bodies[name], quantity)[:, None] for name in start.system.blocks.body]
     return np.concatenate([getattr(result, quantity), *bodies], axis=1)
 
 
