@@ -63,7 +63,7 @@ def prepare(scene: Scene) -> Start:
         with within_floats(system.net):
             plan, wrong_steps = make_plan(scene, system, state.velocity)
         faults += wrong_steps + step_faults(scene, system.net, plan) + method_faults(system, plan)
-    scene, plan = with_forms(scene, system.net, plan)
+    scene, plan = with_forms(scene, system, plan)
     return Start(scene, system, state, replace(plan, notes=plan.notes + notes))
 
 
