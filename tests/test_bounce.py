@@ -51,7 +51,7 @@ def add_no_force(t: float, x: Any, v: Any, nothing: Any, force: Any) -> None:
 class Plane:
     """z of node 0 becomes negative while it falls: the velocity turns round, e times as fast.
 
-    back : where a step ended beyond the plane, the parabola is followed back and the bounce is put where it was
+    back : from where a step ended beyond the plane, the parabola is followed back to the bounce
     """
 
     heading = "bounces"

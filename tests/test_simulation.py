@@ -628,17 +628,17 @@ def test_a_duration_is_a_positive_number(given):
     sim.advance(0.01)
 
 
-@pytest.mark.parametrize("lost", ["integrator:x", "pushed", "monitor:gained", "plan"])
+@pytest.mark.parametrize("lost", ["integrator:x", "acting", "monitor:gained", "plan"])
 def test_an_incomplete_snapshot_is_refused_whole(lost):
     sim = exunet.Simulation(CASES / "planar_undamped.toml", ["engine.loop=compiled"])
     sim.advance(0.01)
     whole = sim.snapshot()
     header = {key: value for key, value in whole.header.items() if key != lost}
     arrays = {key: value for key, value in whole.arrays.items() if key != lost}
-    with pytest.raises(exunet.InputError, match=f"damaged: it lacks {lost}"):
+    with pytest.raises(exunet.InputError, match=f"damaged.*: it lacks {lost}"):
         sim.restore(exunet.Snapshot(whole.of, header, arrays))
-    short = dict(whole.arrays) | {"pushed": np.zeros(1)}
-    with pytest.raises(exunet.InputError, match="pushed of shape"):
+    short = dict(whole.arrays) | {"acting": np.zeros(1)}
+    with pytest.raises(exunet.InputError, match=r"acting has shape \(1,\)"):
         sim.restore(exunet.Snapshot(whole.of, whole.header, short))
     with pytest.raises(exunet.InputError, match="needs what"):
         sim.restore(None)

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.protocol import Arrays, Observer
+from exunet.forces.blocks import AWAKE
 from exunet.forces.terms import Change, Switch
 from exunet.forces.total import Forces
 
 Floats = NDArray[np.float64]
+
+
+def _memories(name: str, change: Change) -> dict[str, Floats]:
+    return {name: change.memory} | ({} if change.awake is None else {AWAKE: change.awake})
 
 
 class Events:
@@ -27,6 +33,20 @@ class Events:
         for term, switch in forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
+
+    def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
+        """All memories once a change of one has come into force."""
+        return self.memory | _memories(name, change)
+
+    def _at_rest(self, change: Change, v: Floats) -> Change:
+        """What goes to sleep has no velocity."""
+        if change.awake is None:
+            return change
+        if AWAKE not in self.memory:
+            raise ValueError("an event wakes points of a system in which none sleeps: give Blocks.awake")
+        speed = (v if change.v is None else change.v).copy()
+        speed[: 3 * len(change.awake)] *= np.repeat(change.awake, 3)
+        return replace(change, v=speed)
 
     def __bool__(self) -> bool:
         """True if there are any."""
@@ -56,7 +76,7 @@ class Events:
         for name, switch in self._switches:
             items = switch.crossed(time, x, v, self.memory[name])
             if len(items):
-                change = switch.change(time, x, v, self.memory[name], items)
+                change = self._at_rest(switch.change(time, x, v, self.memory[name], items), v)
                 yield name, change  # the integrator hands over the states before first
-                self.memory[name] = change.memory
+                self.memory |= _memories(name, change)
                 self._observer.changed(time, name, change)

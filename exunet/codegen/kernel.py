@@ -50,14 +50,7 @@ class Kernel:
         memory : values of the terms' memories by name; a name that is absent has its initial value
         Arrays are contiguous and writable: all of them have the same compiled code.
         """
-        return tuple(_copy(data) for term in self._terms for data in _data_of(term, memory or {}))
-
-    def remember(self, data: tuple[Any, ...], memory: Mapping[str, Floats]) -> None:
-        """Put other values of the memories into data that `data` gave."""
-        for call, other in zip(data, self.data(memory), strict=True):
-            for held, value in zip(call, other, strict=True):
-                if isinstance(held, np.ndarray):
-                    held[...] = value
+        return tuple(_copy(data) for term in self._terms for data in term.data_at(memory or {}))
 
     def forces(
         self, time: float, position: Floats, velocity: Floats, memory: Mapping[str, Floats] | None = None
@@ -90,16 +83,6 @@ class Kernel:
         for row, t in enumerate(time.tolist()):
             self.module.add_forces(t, x[row], v[row], data, force[row])
         return force[:, v.shape[1] :]
-
-
-def _data_of(term: Term, memory: Mapping[str, Floats]) -> tuple[Any, ...]:
-    found = tuple(call.data for call in term.calls)
-    if term.memory is not None and term.memory.name in memory:
-        found = (term.memory.data(memory[term.memory.name]),)
-    if term.inputs:
-        given = {one.field: memory.get(one.name, one.initial) for one in term.inputs}
-        found = tuple(data._replace(**given) for data in found)  # type: ignore[attr-defined]
-    return found
 
 
 def _copy(data: Any) -> Any:

@@ -25,6 +25,9 @@ from exunet.net.arrays import Net
 Floats = NDArray[np.float64]
 
 
+AWAKE = "points/awake"  # the memory of the system that says which points are awake
+
+
 @dataclass(frozen=True)
 class PointMass:
     """A body without attitude: its name, mass [kg] and place at the start [m]; at rest."""
@@ -58,6 +61,8 @@ class Blocks:
     body     : name of a point mass -> its point
     rigid    : names of the rigid bodies, in their order
     states   : the first-order states, in their order
+    awake    : (n_points,) at the start, 1.0 for points that are awake and 0.0 for those that sleep: these
+               rest, whatever pulls them, until an event wakes them. None: none ever sleeps
     """
 
     net: Net
@@ -66,6 +71,7 @@ class Blocks:
     body: Mapping[str, int] = field(default_factory=dict)
     rigid: tuple[str, ...] = ()
     states: tuple[FirstOrder, ...] = ()
+    awake: Floats | None = None
 
     @classmethod
     def of_net(cls, net: Net, position: Floats | None = None) -> Blocks:

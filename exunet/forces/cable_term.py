@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces import cable, loops
+from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
-from exunet.forces.terms import Change, Input, KernelCall, Memory
+from exunet.forces.terms import Change, Input, KernelCall, Memories, Memory
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -88,12 +89,13 @@ class CableTerm:
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         """One call over all elements."""
+        (data,) = self.data_at({})
         if not self.viscous:
-            return (KernelCall(loops.add_tension, self._data(np.ones(1)), elastic=True),)
+            return (KernelCall(loops.add_tension, data, elastic=True),)
         return (
             KernelCall(
                 loops.add_viscous_tension,
-                self._data(np.ones(1)),
+                data,
                 work=loops.viscous_work,
                 helpers=(loops.excess_and_rate,),
                 jumps=True,
@@ -101,19 +103,27 @@ class CableTerm:
             ),
         )
 
-    def _data(self, intact: Floats) -> loops.Elements | loops.ViscousElements:
+    def data_at(self, memory: Memories) -> tuple[loops.Elements | loops.ViscousElements]:
+        """The elements, without those between points that sleep."""
         first, second = (3 * self.net.element_nodes.T).astype(Index)
-        length = self.law.natural_length
-        data = loops.Elements(first, second, length**2, self.law.stiffness / (2.0 * length**3) * intact)
-        time = self.law.relaxation_time
-        return data if time is None else loops.ViscousElements(*data, 2.0 * time)
+        length, intact = self.law.natural_length, self.carrying(memory)
+        factor = self.law.stiffness / (2.0 * length**3) * (1.0 if intact is None else intact)
+        data, time = loops.Elements(first, second, length**2, factor), self.law.relaxation_time
+        whole: Any = data if time is None else loops.ViscousElements(*data, 2.0 * time)
+        moving = self.moving(memory)
+        return (whole if moving is None else type(whole)(*(values[moving] for values in whole)),)
+
+    def moving(self, memory: Memories) -> NDArray[np.bool_] | None:
+        """(n_elements,) False for elements whose ends both sleep; None: nothing ever sleeps."""
+        awake = memory.get(AWAKE)
+        return None if awake is None else np.asarray(awake[self.net.element_nodes].any(axis=1))
 
     @cached_property
     def memory(self) -> Memory | None:
         """Which elements are intact, where they may break."""
-        return Memory(_INTACT, np.ones(self.net.n_elements), self._data) if self.breaks else None
+        return Memory(_INTACT, np.ones(self.net.n_elements)) if self.breaks else None
 
-    def carrying(self, memory: Mapping[str, Floats]) -> Floats | None:
+    def carrying(self, memory: Memories) -> Floats | None:
         """(n_elements,) 1.0 for elements that carry at these memories, 0.0 for others; None: all do."""
         return memory.get(_INTACT)
 

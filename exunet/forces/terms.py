@@ -12,7 +12,7 @@ first-order states. `exunet.forces.blocks` says in which order they stand there,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -25,6 +25,7 @@ from exunet.forces import loops
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Function = Callable[..., Any]
+Memories = Mapping[str, Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +67,13 @@ class Memory:
 
     name    : under which states and snapshots keep them
     initial : (m,) values at the start
-    data    : function (m,) -> the term's kernel data with these values in force
+    data    : of a `KernelTerm`: function (m,) -> its kernel data with these values in force; None: they are
+              the same
     """
 
     name: str
     initial: Floats
-    data: Callable[[Floats], tuple[Any, ...]]
+    data: Callable[[Floats], tuple[Any, ...]] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +123,8 @@ class Change:
     energy_lost : [J] with the event; negative: put in
     events      : a record of each item, JSON-like, with its "time_s"
     x, v        : the new state of all blocks, None: as it was
+    awake       : (n_points,) which points are awake from now on (see `Blocks.awake`), None: as before; those
+                  that go to sleep come to rest
     """
 
     memory: Floats
@@ -128,6 +132,7 @@ class Change:
     events: tuple[dict[str, Any], ...] = ()
     x: Floats | None = None
     v: Floats | None = None
+    awake: Floats | None = None
 
 
 class Term(Protocol):
@@ -140,6 +145,9 @@ class Term(Protocol):
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         """Its calls in a compiled kernel."""
+
+    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+        """The data of its calls with these memories and inputs in force; absent ones are as at the start."""
 
     @property
     def memory(self) -> Memory | None: ...
@@ -200,6 +208,13 @@ class KernelTerm:
         works = self.potential is None
         return (KernelCall(self.add, self.data, self.potential, helpers=self.helpers, works=works),)
 
+    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+        data: Any = self.data
+        if self.memory is not None and self.memory.data is not None and self.memory.name in memory:
+            data = self.memory.data(memory[self.memory.name])
+        given = {one.field: memory.get(one.name, one.initial) for one in self.inputs}
+        return (data._replace(**given) if given else data,)
+
     @property
     def dissipates(self) -> bool:
         return self.potential is None
@@ -244,6 +259,9 @@ class LinearTerm:
     def _size(self) -> int:
         """3 n_points."""
         return next(part.shape[0] for part in self._parts() if part is not None)
+
+    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+        return tuple(call.data for call in self.calls)
 
     @property
     def on_velocity(self) -> csr_array | None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from exunet.backends.protocol import Arrays, Batch, Extremes
 from exunet.base.errors import RunStopped
+from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.terms import Change
 from exunet.methods.plan import Plan
@@ -168,7 +169,8 @@ class Monitor:
         self.dissipated += change.energy_lost
         told = [{"heading": self._headings[memory], **one} for one in change.events]
         self.events = [*self.events, *told]  # snapshots hold the old list
-        self._remember({**self._memory, memory: change.memory})
+        asleep = {} if change.awake is None else {AWAKE: change.awake}
+        self._remember({**self._memory, memory: change.memory, **asleep})
 
     def take(self, batch: Batch) -> None:
         """Raises RunStopped, with the `step_cause` that a smaller step may mend or not."""

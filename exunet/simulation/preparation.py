@@ -18,7 +18,7 @@ from exunet.simulation.planning import make_plan, with_forms
 from exunet.system import energy
 from exunet.system.assembly import assemble
 from exunet.system.effect_survey import chosen
-from exunet.system.limits import method_faults, start_faults, step_faults, within_floats
+from exunet.system.limits import form_faults, start_faults, step_faults, within_floats
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
@@ -62,7 +62,8 @@ def prepare(scene: Scene) -> Start:
         faults += start_faults(scene, system, state)
         with within_floats(system.net):
             plan, wrong_steps = make_plan(scene, system, state.velocity)
-        faults += wrong_steps + step_faults(scene, system.net, plan) + method_faults(system, plan)
+        faults += wrong_steps + step_faults(scene, system.net, plan)
+        faults += form_faults(system, state, plan, scene.engine)
     scene, plan = with_forms(scene, system, plan)
     return Start(scene, system, state, replace(plan, notes=plan.notes + notes))
 

@@ -29,7 +29,7 @@ from exunet.simulation.recorder import Recorder
 from exunet.simulation.refinement import finer
 from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity
 from exunet.simulation.stops import Stops
-from exunet.system.limits import method_faults
+from exunet.system.limits import form_faults
 from exunet.system.states import States
 from exunet.system.system import State
 
@@ -385,7 +385,8 @@ _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
 
 def _prepared(case: str | Path | Case | Scene | Start, overrides: Sequence[str]) -> Start:
     if isinstance(case, Start):
-        if faults := method_faults(case.system, case.plan):  # a script may have changed the forces
+        # A script may have changed the forces.
+        if faults := form_faults(case.system, case.state, case.plan, case.scene.engine):
             raise CaseError(faults)
         return case
     if isinstance(case, Scene):

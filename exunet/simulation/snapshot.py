@@ -49,7 +49,7 @@ class Snapshot:
     def load(cls, path: str | Path) -> Snapshot:
         """Read what `save` wrote; raises InputError if the file is damaged or of another kind or version."""
         header, arrays = read_arrays(path, KIND, FORMAT)
-        read = cls(header.pop("of", {}), header, arrays)
+        read = cls(header.pop("of", None), header, arrays)
         read.refuse_damaged()
         return read
 
@@ -64,7 +64,7 @@ class Snapshot:
         room : most states that may wait to be handed over
         """
         missing = [f"it lacks {key}" for key in like.header if key not in self.header]
-        if faults := missing + array_faults(self.arrays, like.arrays, room):
+        if faults := missing + array_faults(self.arrays, like.arrays, self.header["time"], room):
             raise InputError(
                 f"the snapshot of t = {self.time:g} s is damaged, or not of this simulation: "
                 f"{', '.join(faults[:5])}"

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.protocol import StepCounts
@@ -27,6 +28,8 @@ _GROWING = (
     ("stops:forces",),
 )
 
+_TIMES = ("integrator:time", "integrator:clock/time")
+
 
 def header_faults(header: Mapping[str, Any]) -> list[str]:
     """What is wrong with the header of a snapshot, in words."""
@@ -38,16 +41,18 @@ def header_faults(header: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def array_faults(arrays: Arrays, like: Arrays, room: int) -> list[str]:
+def array_faults(arrays: Arrays, like: Arrays, time: float, room: int) -> list[str]:
     """What is wrong with the arrays beside those of another snapshot of the same simulation, in words.
 
+    time : that the header tells [s]
     room : most rows of states that wait
     """
     faults = [f"it lacks {name}" for name in like if name not in arrays]
     if faults:
         return faults
     for name, wanted in like.items():
-        found, grows = arrays[name], any(name.startswith(one) for group in _GROWING for one in group)
+        found = arrays[name]
+        grows = any(name in group or name.startswith(_folders(group)) for group in _GROWING)
         loose = name == "stops:forces"  # of no row, its width is unknown
         if found.dtype.kind != wanted.dtype.kind:
             faults.append(f"{name} has values of type {found.dtype}, not {wanted.dtype}")
@@ -55,13 +60,21 @@ def array_faults(arrays: Arrays, like: Arrays, room: int) -> list[str]:
             faults.append(f"{name} has {found.ndim} dimensions, not {wanted.ndim}")
         elif found.shape[grows:] != wanted.shape[grows:] and not loose:
             faults.append(f"{name} has shape {found.shape}, not {wanted.shape}")
+        elif found.dtype.kind == "f" and np.isnan(found).any():
+            faults.append(f"{name} contains NaN")
+        elif name in _TIMES and found.item() != time:
+            faults.append(f"{name} is not {time!r} s")
     return faults or _of_lengths(arrays, room)
+
+
+def _folders(group: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(one for one in group if one.endswith(("/", ":")))
 
 
 def _of_lengths(arrays: Arrays, room: int) -> list[str]:
     faults = []
     for group in _GROWING:
-        names = [name for name in arrays if name.startswith(group)]
+        names = [name for name in arrays if name in group or name.startswith(_folders(group))]
         if len({len(arrays[name]) for name in names}) > 1:
             faults.append(f"{', '.join(names)} have different lengths")
         states = group[0] in ("integrator:kept/", "integrator:rows/")
@@ -72,7 +85,7 @@ def _of_lengths(arrays: Arrays, room: int) -> list[str]:
     number, acting = arrays["stops:force"], arrays["stops:forces"]
     if number.size and not (number.min() >= 0 and number.max() < len(acting)):
         faults.append("stops:force has numbers that stops:forces does not have")
-    if acting.size and acting.shape[1:] != arrays["acting"].shape:
+    if len(acting) and acting.shape[1:] != arrays["acting"].shape:
         faults.append(f"stops:forces has shape {acting.shape}")
     pushed = arrays.get("integrator:pushed")
     points = len(arrays["monitor:safe:position"])

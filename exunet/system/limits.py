@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import BeyondFloats, Fault
-from exunet.case.scene import Scene
+from exunet.case.scene import Engine, Scene
 from exunet.forces import cable
+from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.keys import SHORTEST_STEP
-from exunet.methods.method import METHODS, Kind
+from exunet.methods.method import METHODS, Kind, NetForm, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.net import explicit
 from exunet.net.arrays import Net
@@ -65,15 +66,23 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
     return faults
 
 
-def method_faults(system: System, plan: Plan) -> list[Fault]:
-    """What an implicit method cannot do: its Jacobian knows points only."""
-    if METHODS[plan.method].kind != Kind.IMPLICIT:
-        return []
-    bodies = sorted({name for term in system.forces.kernels for name in term.bodies})
-    words = [f"acts on {name}" for name in bodies]
+def form_faults(system: System, start: State, plan: Plan, engine: Engine) -> list[Fault]:
+    """What the method or the form of the engine cannot do: implicit ones know points only, and all awake."""
+    faults, names = [], sorted({name for term in system.forces.kernels for name in term.bodies})
+    sleeps, method = system.blocks.awake is not None, plan.method
+    words = [f"acts on {name}" for name in names]
     words += [f"has first-order states ({one.name})" for one in system.blocks.states]
-    advice = "use an explicit method such as DOPRI5 or RK44"
-    return [Fault("solver.method", f"{plan.method} cannot run a force that {one}: {advice}") for one in words]
+    if METHODS[method].kind == Kind.IMPLICIT:
+        advice = "use an explicit method such as DOPRI5 or RK44"
+        words = [f"a force that {one}" for one in words] + ["points that sleep"] * sleeps
+        faults = [Fault("solver.method", f"{method} cannot run {one}: {advice}") for one in words]
+    if sleeps and engine.loop == TimeLoop.EXUDYN and engine.net == NetForm.CONNECTORS:
+        reason = 'connectors pull points that sleep: use engine.net = "fused", or engine.loop = "compiled"'
+        faults.append(Fault("engine.net", reason))
+    awake = start.memory.get(AWAKE)
+    if awake is not None and start.velocity[awake == 0.0].any():
+        faults.append(Fault("initial", "a point that sleeps must be at rest"))
+    return faults
 
 
 @contextmanager

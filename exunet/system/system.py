@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.rigid import RigidBody, RigidStates
-from exunet.forces.blocks import Blocks
-from exunet.forces.terms import Input
+from exunet.forces.blocks import AWAKE, Blocks
+from exunet.forces.terms import Input, Memories
 from exunet.forces.total import Forces
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
-Memories = Mapping[str, Floats]
 _OF_BODIES = ("position", "velocity", "attitude", "angular_velocity")
 
 
@@ -73,9 +72,11 @@ class System:
 
     @cached_property
     def memory(self) -> dict[str, Floats]:
-        """The memories of the terms and their inputs at the start, by name."""
+        """The memories of the terms, their inputs, and which points are awake, at the start, by name."""
         memories = (term.memory for term in self.forces.memories)
         found = {memory.name: memory.initial for memory in memories if memory is not None}
+        if self.blocks.awake is not None:
+            found[AWAKE] = self.blocks.awake
         return found | {name: one.initial for name, one in self.inputs.items()}
 
     @cached_property
@@ -186,9 +187,9 @@ class Layout:
         )
         return Moving(rows(x[..., :points], 3), rows(v[..., :points], 3), bodies, x[..., turned:])
 
-    def inverse_mass(self, system: System) -> Floats:
-        """(n_force,) 1 / mass or 1 / inertia; zero for what is held still, 1 for first-order states."""
-        points = np.repeat(system.free / system.mass, 3)
+    def inverse_mass(self, system: System, memory: Memories) -> Floats:
+        """(n_force,) 1 / mass or 1 / inertia; zero for what is held or sleeps, 1 for first-order states."""
+        points = np.repeat(system.free * memory.get(AWAKE, 1.0) / system.mass, 3)
         bodies = np.repeat(1.0 / system.body_mass, 3), (1.0 / system.body_inertia).ravel()
         return np.concatenate([points, *bodies, np.ones(self.blocks.n_states)])
 

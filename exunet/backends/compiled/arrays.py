@@ -155,7 +155,7 @@ class EqualSteps(NamedTuple):
 def motion_of(system: System, state: State, data: tuple[Any, ...]) -> Motion:
     """A system in a state; the accelerations are still to be computed."""
     x, v = (np.array(part) for part in system.layout.pack(state.moving))
-    inverse = system.layout.inverse_mass(system)
+    inverse = system.layout.inverse_mass(system, state.memory)
     return motion_at(x, v, inverse, data, system.body_inertia.copy(), system.blocks.centres)
 
 

@@ -28,9 +28,10 @@ from exunet.backends.protocol import Arrays, Batch, Extremes, Observer, StepCoun
 from exunet.base.interrupt import postponed
 from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel
-from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.methods.plan import Plan
+from exunet.system.energy import law_of
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
@@ -130,6 +131,9 @@ class CompiledLoop(CompiledIntegration):
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
         self._run = Run(self._motion, self._clock, self._seen, self._kept)
+        self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
+        if state.memory:
+            self._remember(state.memory)
         self._row = self._module.keep(0, state.time, self._motion, self._kept)
 
     @property
@@ -148,7 +152,7 @@ class CompiledLoop(CompiledIntegration):
     def tell(self, inputs: Arrays) -> None:
         for name, values in inputs.items():
             self._events.memory[name] = values.copy()
-        self._remember(inputs)
+        self._remember(self._events.memory)
         self._module.begin(self.time, self._verlet, self._motion)
 
     def advance(self, until: float) -> None:
@@ -166,7 +170,8 @@ class CompiledLoop(CompiledIntegration):
                 self._look_for_events()
         peaks = self._seen.peaks[0]
         last = (float(peaks["tension"]), float(peaks["time"]), int(peaks["element"]))
-        self._observer.between(until, Extremes(float(peaks["elastic"]), float(peaks["kinetic"]), *last))
+        largest = float(peaks["elastic"]) + self._asleep
+        self._observer.between(until, Extremes(largest, float(peaks["kinetic"]), *last))
         if not np.isfinite(self._motion.x).all():
             self.hand_over()
 
@@ -218,15 +223,28 @@ class CompiledLoop(CompiledIntegration):
             if change.v is not None:
                 m.v[:] = change.v
             self._row = self._module.keep(0, self.time, m, self._kept)
-            self._remember({name: change.memory})
-            self._module.begin(self.time, self._verlet, m)
+            self._remember(self._events.memory_after(name, change))
+            self._module.begin(self.time, self._verlet, self._motion)
 
     def _remember(self, memory: Arrays) -> None:
-        """Let the forces, and what looks at tensions, take memories into account."""
-        self._kernel.remember(self._motion.data, {**self._events.memory, **memory})
+        """Let the forces, and what looks at tensions, take all memories into account."""
+        self._motion = self._motion._replace(data=self._kernel.data(memory))
+        self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
+        self._run = self._run._replace(motion=self._motion)
+        self._count_asleep(memory)
         carrying = self._system.forces.cable.carrying(memory)
         if carrying is not None:
             self._seen.stiffness[:] = self._system.forces.cable.law.stiffness * carrying
+
+    def _count_asleep(self, memory: Arrays) -> None:
+        """The kernel leaves out elements between points that sleep; they count with the extremes."""
+        cable, before = self._system.forces.cable, self._asleep
+        moving = cable.moving(memory)
+        if moving is not None:
+            position = self._motion.c[: 3 * self._system.blocks.n_points].reshape(-1, 3)
+            law = law_of(self._system.forces, memory).of_intact((~moving).astype(float))
+            self._asleep = float(elastic_energy(law, lengths(self._system.net, position)))
+            self._seen.peaks["elastic"] += before - self._asleep
 
     def _make_room(self) -> None:
         if self._row == len(self._kept.time):
@@ -263,6 +281,7 @@ class CompiledLoop(CompiledIntegration):
         for name in self._events.memory:
             self._events.memory[name] = np.array(arrays[f"memory/{name}"])
         self._remember(dict(self._events.memory))
+        self._seen.peaks["elastic"] = arrays["seen/elastic"]
         m.work[_A1] = arrays["a"]
 
 

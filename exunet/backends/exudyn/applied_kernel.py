@@ -12,7 +12,7 @@ from exunet.backends.exudyn.model import Jacobian, Model
 from exunet.codegen.drivers import Place
 from exunet.codegen.kernel import Kernel
 from exunet.codegen.linearised import Linearised
-from exunet.forces.blocks import Blocks
+from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.loops import Index
 
 Floats = NDArray[np.float64]
@@ -29,7 +29,7 @@ class AppliedKernel:
         self, model: Model, kernel: Kernel, memory: Mapping[str, Floats], blocks: Blocks, *, bodies: bool
     ) -> None:
         self._model, self._kernel, self._blocks, self._bodies = model, kernel, blocks, bodies
-        self._data = kernel.data(memory)
+        self._data, self._awake = kernel.data(memory), memory.get(AWAKE)
         self._run: Callable[..., None] = kernel.module.engine_forces
         self._place: Place | None = None
         self._push = np.zeros(blocks.n_force)
@@ -41,6 +41,9 @@ class AppliedKernel:
         if self._blocks.states:
             self._place.x[-self._blocks.n_states :] = self._model.first_order()
         self._run(t, q, q_t, self._data, self._place, out)
+        if self._awake is not None:  # what sleeps is at rest, and stays so without a force
+            free = self._place.free
+            out[: len(free)] *= self._awake[free // 3]
 
     def rates(self, t: float, q: Floats, q_t: Floats, out: Floats) -> Floats:
         """(n_states,) rates of the first-order states; out as for `evaluate`."""
@@ -68,8 +71,8 @@ class AppliedKernel:
         self._push[: force.size] = force.ravel()
 
     def remember(self, memory: Mapping[str, Floats]) -> None:
-        """Take other values of memories."""
-        self._kernel.remember(self._data, memory)
+        """Take all memories as they are now."""
+        self._data, self._awake = self._kernel.data(memory), memory.get(AWAKE)
 
     def _where(self) -> Place:
         model, blocks = self._model, self._blocks

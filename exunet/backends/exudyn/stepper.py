@@ -241,7 +241,7 @@ class Stepper:
             if self._accepted.last_time != time:
                 self._append(time)
             self.hand_over()  # so that no batch has states from before and after
-            self._remember({**self._events.memory, name: change.memory})
+            self._remember(self._events.memory_after(name, change))
             found = True
             for held, other in ((x, change.x), (v, change.v)):
                 if other is not None:
