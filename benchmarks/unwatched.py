@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from exunet.backends.protocol import Batch, Extremes
-from exunet.forces.terms import MemoryChange
+from exunet.forces.terms import Change
 
 
 class Unwatched:
@@ -15,5 +15,5 @@ class Unwatched:
     def between(self, until: float, extremes: Extremes) -> None:
         """No extreme is kept."""
 
-    def changed(self, time: float, memory: str, change: MemoryChange) -> None:
+    def changed(self, time: float, memory: str, change: Change) -> None:
         """No event is booked."""

@@ -19,10 +19,10 @@ from exunet.case.scene import Scene
 from exunet.codegen import kernel
 from exunet.forces import cable
 from exunet.forces.atmosphere import LAYERS, exponential_density
+from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import breaking_lengths
 from exunet.forces.directions import EARTH_MU, EARTH_RADIUS
 from exunet.forces.effects import EFFECTS, bending, breaking, j2, launch_force
-from exunet.forces.points import Points
 from exunet.forces.surface import tumbling_areas
 from exunet.forces.total import Forces
 from exunet.results.measures import centre_of_mass, energy_balance, energy_scale
@@ -272,7 +272,7 @@ def test_the_atmosphere_is_continuous_from_layer_to_layer() -> None:
 
 def test_areas_of_tumbling_cables() -> None:
     net = prepare(load(CASES / "solar_pressure.toml").scene).net
-    area = tumbling_areas(Points.of_net(net), 0.0021)
+    area = tumbling_areas(Blocks.of_net(net), 0.0021)
     diameter = np.where(net.is_string, 0.003, 0.002)
     cables = math.pi / 4 * (diameter * net.reference_length).sum()
     assert area.sum() == pytest.approx(cables + 4 * 0.0021, rel=1e-12)
@@ -280,7 +280,7 @@ def test_areas_of_tumbling_cables() -> None:
 
 def test_sunlight_pushes_the_centre_of_mass() -> None:
     run = simulate(prepare(load(CASES / "solar_pressure.toml", ["effects.solar_pressure.flux=1361e6"]).scene))
-    force = 1.3 * 1361e6 / 299792458.0 * tumbling_areas(Points.of_net(run.net), 0.0021).sum()
+    force = 1.3 * 1361e6 / 299792458.0 * tumbling_areas(Blocks.of_net(run.net), 0.0021).sum()
     momentum = run.momentum - run.momentum[0]
     np.testing.assert_allclose(momentum, np.outer(force * run.time, [0.0, 1.0, 0.0]), rtol=0, atol=1e-11)
     assert energy_balance(run) < 1e-6
@@ -378,7 +378,7 @@ def test_bending_is_blind_to_rigid_motions_and_agrees_with_the_rotational_spring
             document([[0.0, 0, 0], [0.5, 0, 0], [1.0, 0, 0]], [[0, 1], [1, 2]], 1.0)
         )
     ).net  # fmt: skip
-    (term,) = bending.terms(bending.Keys(modulus=3e9), Points.of_net(net))
+    (term,) = bending.terms(bending.Keys(modulus=3e9), Blocks.of_net(net))
     bent = np.array(
         [[-0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5 * math.cos(0.8), 0.5 * math.sin(0.8), 0.0]]
     ).ravel()
@@ -420,7 +420,7 @@ def test_thermal_strain_pulls_with_ea_times_strain(form: str) -> None:
 def test_a_warm_cable_is_longer_before_it_pulls() -> None:
     keys = EFFECTS["thermal_strain"].Keys(temperature_change=100.0, expansion_coefficient=1e-5)
     net = thread(1).net
-    forces = Forces.of(net, EFFECTS["thermal_strain"].terms(keys, Points.of_net(net)))
+    forces = Forces.of(net, EFFECTS["thermal_strain"].terms(keys, Blocks.of_net(net)))
     assert forces.cable.law.natural_length == pytest.approx(1.001, rel=1e-12)
 
 
@@ -462,7 +462,7 @@ def test_a_cable_below_its_limit_holds() -> None:
 
 def test_a_limit_of_force_is_that_of_the_tension() -> None:
     net = thread(1).net
-    changes = breaking.terms(breaking.Keys.model_validate({"force": 123.0}), Points.of_net(net))
+    changes = breaking.terms(breaking.Keys.model_validate({"force": 123.0}), Blocks.of_net(net))
     length = breaking_lengths(Forces.of(net, changes).cable)
     assert cable.tension(length, net.reference_length, net.axial_stiffness) == pytest.approx(123.0, rel=1e-12)
 

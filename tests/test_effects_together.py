@@ -201,7 +201,7 @@ def test_a_net_that_had_its_effects_removed_costs_as_much_as_a_bare_one() -> Non
     """The same machine code on numbers of the same kinds and sizes, so the same work; and not so before."""
     bare = start_with()
     loaded = start_with("air_drag", "bending", "material_damping")
-    emptied = replace(loaded, system=System(loaded.system.points, Forces.of(loaded.net)))
+    emptied = replace(loaded, system=System(loaded.system.blocks, Forces.of(loaded.net)))
     one, other, more = (net_kernel(start.system.forces) for start in (bare, emptied, loaded))
     assert other.source == one.source
     assert len(other.data()) == len(one.data()) < len(more.data())
@@ -214,7 +214,7 @@ def test_a_net_that_had_its_effects_removed_costs_as_much_as_a_bare_one() -> Non
 def test_the_potential_of_kernel_terms_is_that_of_their_force() -> None:
     """Central differences of the potential of the launch against its force, in and out of the barrels."""
     start = start_with("launch_force")
-    forces, chaser = start.system.forces, start.system.points.body["chaser"]
+    forces, chaser = start.system.forces, start.system.blocks.body["chaser"]
     still = np.zeros_like(start.position)
     place = start.position.copy()
     place[start.net.bullet_nodes] *= 1.01  # away from the start, where the force of gas has a kink
@@ -232,5 +232,5 @@ def test_the_potential_of_kernel_terms_is_that_of_their_force() -> None:
 def test_settings_know_the_launch() -> None:
     start = start_with("launch_force")
     setting = setting_of(start.scene)
-    assert setting.net.n_nodes == start.net.n_nodes == start.system.points.n_points - 1
+    assert setting.net.n_nodes == start.net.n_nodes == start.system.blocks.n_points - 1
     assert np.linalg.norm(setting.velocity[setting.net.bullet_nodes], axis=1).min() > 1.0

@@ -124,7 +124,7 @@ def test_a_monitor_that_goes_back_forgets_what_it_saw_later() -> None:
     def pass_through(time: list[float], position: Floats) -> None:
         moving = np.repeat(start.velocity[None], 3, axis=0)
         bodies = RigidStates(*(np.repeat(part[None], 3, axis=0) for part in start.state.bodies.parts()))
-        monitor.take(Batch(np.array(time), position, moving, bodies))
+        monitor.take(Batch(np.array(time), position, moving, bodies, np.zeros((3, 0))))
 
     def seen() -> float:
         return float(envelope.around(0, np.zeros(4), np.zeros(4))[0][2])

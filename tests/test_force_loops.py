@@ -147,23 +147,26 @@ def test_tangents_are_the_derivatives_of_the_loops() -> None:
 def breaking_pair(**limit: Any) -> tuple[Breaking, float]:
     """One element of 0.5 m and 40 N whose limit is a strain of 0.02, and its length there [m]."""
     net: Any = SimpleNamespace(
-        element_nodes=np.array([[0, 1]]), reference_length=np.array([0.5]), axial_stiffness=np.array([40.0])
+        n_nodes=2,
+        element_nodes=np.array([[0, 1]]),
+        reference_length=np.array([0.5]),
+        axial_stiffness=np.array([40.0]),
     )
     term = CableTerm(net, ElementLaw(**({"breaking_strain": np.array([0.02])} | limit)))
     return Breaking(term), 0.5 * math.sqrt(1.04)
 
 
 def places(length: float) -> np.ndarray:
-    return np.array([[1.0, 2.0, 3.0], [1.0, 2.0 + length, 3.0]])
+    return np.array([1.0, 2.0, 3.0, 1.0, 2.0 + length, 3.0])
 
 
 def test_a_broken_element_loses_what_it_held() -> None:
     breaking, limit = breaking_pair()
-    length = 0.5 * math.sqrt(1.0 + 2.0 * 0.0201)  # a strain of 0.0201
-    assert breaking.crossed(0.0, places(limit * 1.000001), np.ones(1)).tolist() == [0]
-    assert breaking.crossed(0.0, places(limit * 0.999999), np.ones(1)).tolist() == []
-    assert breaking.crossed(0.0, places(limit * 1.000001), np.zeros(1)).tolist() == []
-    change = breaking.change(7.0, places(length), np.ones(1), np.array([0]))
+    length, still = 0.5 * math.sqrt(1.0 + 2.0 * 0.0201), np.zeros(6)  # a strain of 0.0201
+    assert breaking.crossed(0.0, places(limit * 1.000001), still, np.ones(1)).tolist() == [0]
+    assert breaking.crossed(0.0, places(limit * 0.999999), still, np.ones(1)).tolist() == []
+    assert breaking.crossed(0.0, places(limit * 1.000001), still, np.zeros(1)).tolist() == []
+    change = breaking.change(7.0, places(length), still, np.ones(1), np.array([0]))
     assert change.energy_lost == pytest.approx(0.5 * 40.0 * 0.5 * 0.0201**2, rel=1e-12)
     assert change.memory.tolist() == [0.0]
     (told,) = change.events
@@ -176,7 +179,7 @@ def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
     """Halved until the straight way ends within a strain of 0.02 (1 + 5e-4), and left alone elsewhere."""
     breaking, limit = breaking_pair()
     least, far = 1e-9, 0.5 * math.sqrt(1.0 + 2.0 * 0.02 * 1.0005)
-    parting = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # 1 m/s
+    parting = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])  # 1 m/s
 
     def step(length: float, step: float, memory: float = 1.0, least: float = least) -> float:
         return breaking.step_within(step, least, places(length), parting, np.array([memory]))

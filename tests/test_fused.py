@@ -50,7 +50,7 @@ def test_the_jacobian_is_the_derivative_of_the_forces(on: tuple[str, ...]) -> No
     """Central differences along random directions, in states away from the kinks of the law."""
     start = planar(on=on)
     forces = start.system.forces
-    kernel, linearised = net_kernel(forces), Linearised(start.system.points, forces)
+    kernel, linearised = net_kernel(forces), Linearised(start.system.blocks, forces)
     random = np.random.default_rng(2)
     for name in ("packed", "overstretched"):
         position, velocity = states(start)[name]
@@ -73,7 +73,7 @@ def test_the_engine_gets_that_jacobian() -> None:
         'solver = {method = "GeneralizedAlpha", step = 1e-4}',
         on=("material_damping",),
     )
-    probe, linearised = Probe(model(start)), Linearised(start.system.points, start.system.forces)
+    probe, linearised = Probe(model(start)), Linearised(start.system.blocks, start.system.forces)
     position, velocity = states(start)["overstretched"]
     for got, a, b in ((probe.stiffness, 1.0, 0.0), (probe.damping, 0.0, 1.0)):
         matrix = linearised(0.0, position.ravel(), velocity.ravel(), a, b).toarray()

@@ -45,7 +45,15 @@ def moving(scale: float = 1.0) -> tuple[Start, np.ndarray, np.ndarray]:
 
 def look(monitor: Monitor, *states: tuple[np.ndarray, np.ndarray]) -> None:
     position, velocity = (np.array(part) for part in zip(*states, strict=True))
-    monitor.take(Batch(0.1 * np.arange(len(states)), position, velocity, no_bodies(len(states))))
+    monitor.take(
+        Batch(
+            0.1 * np.arange(len(states)),
+            position,
+            velocity,
+            no_bodies(len(states)),
+            np.zeros((len(states), 0)),
+        )
+    )
 
 
 def no_bodies(states: int) -> RigidStates:
@@ -311,7 +319,7 @@ def test_a_potential_at_the_start_does_not_count_in_the_energy_scale():
             effects={"gravity": {"acceleration": [-10.0, 0.0, 0.0]}},
         )
     )
-    assert abs(float(energy.potential(start.system.forces, start.position[None])[0])) > 100.0
+    assert abs(float(energy.potential(start.system.forces, start.position.reshape(1, -1))[0])) > 100.0
     fallen = start.position - np.array([0.4, 0, 0])
     speed = np.tile([-np.sqrt(3.0**2 + 2 * 10.0 * 0.4), 0, 0], (2, 1))
     own, in_all = gained(start, fallen, speed)

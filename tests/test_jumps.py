@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from exunet.backends.compiled import many_steps
-from exunet.backends.compiled.work_space import PEAKS, Motion, Seen, Stages
+from exunet.backends.compiled.work_space import PEAKS, Seen, motion_at
 from exunet.forces import jumps
 from exunet.forces.cable import Law
 
@@ -69,20 +69,19 @@ def by_hand(state: Any, tolerance: float, time: float) -> tuple[float, float, fl
 
 def compiled(state: Any, tolerance: float, time: float, **changed: Any) -> tuple[float, float]:
     x, v, a = (part.ravel().copy() for part in state)
-    work = np.zeros((len(Stages._fields), 12))
-    work[0] = a
     none = np.zeros(0)
     inverse = np.repeat(1.0 / MASS, 3)
-    motion = Motion(x, v, none, inverse, np.zeros((0, 3)), np.zeros(12), (), work, none, none, np.zeros(1))
+    motion = motion_at(x, v, inverse, (), np.zeros((0, 3)), 12)
+    motion.work[0] = a
     seen = Seen(np.zeros(1, dtype=PEAKS), none, ENDS, LENGTH, STIFFNESS, 2.0 * TAU)._replace(**changed)
     return many_steps.jump_ahead(WITHIN, tolerance, time, motion, seen)
 
 
 def of_arrays(state: Any, tolerance: float, time: float, fixed: tuple[int, ...] = ()) -> jumps.Jump | None:
-    points: Any = SimpleNamespace(
+    blocks: Any = SimpleNamespace(
         mass=MASS, net=SimpleNamespace(element_nodes=ENDS, fixed_nodes=np.array(fixed, dtype=int))
     )
-    return jumps.jump_ahead(points, Law(LENGTH, STIFFNESS, TAU), WITHIN, tolerance, time, state)
+    return jumps.jump_ahead(blocks, Law(LENGTH, STIFFNESS, TAU), WITHIN, tolerance, time, state)
 
 
 @pytest.mark.parametrize(("tolerance", "time"), [(1e-3, 0.0), (0.3, 1.0), (1e-13, 0.0), (1e-13, 5.0)])
@@ -129,16 +128,14 @@ def on_threads(
         np.array([[0.0, 0.0, 0.0], [one, 0.0, 0.0], [0.0, two, 0.0]]) for one, two in (place, speed, bend)
     )
     mass, ones = np.ones(3), np.ones(2)
-    points: Any = SimpleNamespace(
+    blocks: Any = SimpleNamespace(
         mass=mass, net=SimpleNamespace(element_nodes=THREADS, fixed_nodes=np.array([0]))
     )
     law = Law(ones, 16.0 * ones, 0.5 * ones)
-    found = jumps.jump_ahead(points, law, within, tolerance, 0.0, (x, v, a))
-    work = np.zeros((len(Stages._fields), 9))
-    work[0] = a.ravel()
+    found = jumps.jump_ahead(blocks, law, within, tolerance, 0.0, (x, v, a))
     none, inverse = np.zeros(0), np.repeat([0.0, 1.0, 1.0], 3)
-    state = (x.ravel(), v.ravel(), none)
-    motion = Motion(*state, inverse, np.zeros((0, 3)), np.zeros(9), (), work, none, none, np.zeros(1))
+    motion = motion_at(x.ravel(), v.ravel(), inverse, (), np.zeros((0, 3)), 9)
+    motion.work[0] = a.ravel()
     seen = Seen(np.zeros(1, dtype=PEAKS), none, THREADS, ones, 16.0 * ones, ones)
     return found, many_steps.jump_ahead(within, tolerance, 0.0, motion, seen)
 

@@ -165,16 +165,9 @@ def test_runs_of_an_ensemble_are_single_runs() -> None:
     np.testing.assert_allclose(found.elastic[1], single.elastic, rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("override", "words"),
-    [
-        ('solver.method = "RK67"', "runs by DOPRI5, RK44, VelocityVerlet, not by RK67"),
-        ("effects.breaking = {strain = 0.03}", "does not look for elements that break"),
-    ],
-)
-def test_what_an_ensemble_cannot_do_is_refused(override: str, words: str) -> None:
-    start = planar(*SHORT[:2], override)
-    with pytest.raises(InputError, match=words):
+def test_what_an_ensemble_cannot_do_is_refused() -> None:
+    start = planar(*SHORT[:2], 'solver.method = "RK67"')
+    with pytest.raises(InputError, match="runs by DOPRI5, RK44, VelocityVerlet, not by RK67"):
         run_ensemble(start, start.position[None])
     with pytest.raises(InputError, match=r"initial states must be \(runs, 40, 3\)"):
         run_ensemble(planar(), np.zeros((1, 39, 3)))
@@ -262,3 +255,22 @@ def test_the_largest_tension_is_that_of_all_steps(accuracy: str, allowed: float)
     assert seen[1]["element"] == seen[0]["element"]
     assert seen[1]["time_s"] == pytest.approx(seen[0]["time_s"], abs=1e-4)  # a fifth of the snap
     assert seen[1]["tension_N"] == pytest.approx(seen[0]["tension_N"], rel=allowed)
+
+
+@pytest.mark.parametrize("effect", ["thrust", "breaking", "body"])
+def test_an_ensemble_goes_through_events_and_counts_bodies(effect: str) -> None:
+    """As a run alone, whose books they are: knots of a thrust, a cable that breaks, a body that spins."""
+    push = "effects.thrust={bullets=[0],time=[0.02,0.05],force=[[0,0,5.0],[0,0,1.0]]}"
+    body = "bodies.target={mass=1.0,inertia=[1.0,1.0,1.0],velocity=[1.0,0,0],angular_velocity=[0,0,2.0]}"
+    case, more = {
+        "thrust": ("planar_undamped", [push, "time.end=0.1", "time.output_step=0.01"]),
+        "breaking": ("effects/breaking", []),
+        "body": ("planar_undamped", [body, "time.end=0.02", "time.output_step=0.01"]),
+    }[effect]
+    loaded = load(CASES / f"{case}.toml", ["engine.loop=compiled", *more])
+    start = prepare(loaded.scene)
+    found, single = run_ensemble(start, start.position[None]), exunet.run(loaded)
+    for name in ("kinetic", "elastic", "potential", "dissipated"):
+        np.testing.assert_array_equal(getattr(found, name)[0], getattr(single, name))
+    assert abs(single.dissipated[-1]) > 1e-3 or effect == "body"
+    assert single.kinetic[0] > 2.5 or effect != "body"  # J, of the body alone

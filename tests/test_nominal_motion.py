@@ -128,7 +128,7 @@ def test_the_orbit_accelerates_the_nominal_motion_as_its_forces_do() -> None:
         {"mean_motion": 2.0, "radial": [0.0, 0.6, 0.8], "along_track": [1.0, 0.0, 0.0], "model": "linear"}
     )
     basis = chain()
-    (term,) = orbit.terms(keys, basis.points)
+    (term,) = orbit.terms(keys, basis.blocks)
     force = -(term.gyroscopic @ basis.motion.ravel()) - term.stiffness @ basis.middle.ravel()
     wanted = basis.of_force(force.reshape(-1, 3))
     found = orbit.magnitude(keys, basis)

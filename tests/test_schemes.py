@@ -18,8 +18,8 @@ from exunet.backends.compiled.work_space import (
     Motion,
     Run,
     Seen,
-    Stages,
     clock_at,
+    motion_at,
 )
 
 START, H = 0.3, 0.7  # [s]
@@ -37,7 +37,7 @@ def under(monkeypatch: pytest.MonkeyPatch) -> Callable[[Force], None]:
 
         monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
         for module in (schemes, many_steps):
-            for name in ("BODIES", "TAKES_ENERGY", "JUMPS"):
+            for name in ("BODIES", "FIRST_ORDER", "TAKES_ENERGY", "JUMPS"):
                 monkeypatch.setattr(module, name, False, raising=False)
 
     return use
@@ -45,10 +45,8 @@ def under(monkeypatch: pytest.MonkeyPatch) -> Callable[[Force], None]:
 
 def at_start(x: float = 0.0, v: float = 0.0) -> Motion:
     """One coordinate at START; the work space holds its acceleration, and nothing else that is known."""
-    work = np.full((len(Stages._fields), 1), np.nan)
-    state = (np.array([x]), np.array([v]), np.zeros(0))
-    none = (np.zeros(0), np.zeros((7, 0)))
-    motion = Motion(*state, np.ones(1), np.zeros((0, 3)), np.zeros(1), (), work, *none, np.zeros(1))
+    motion = motion_at(np.array([x]), np.array([v]), np.ones(1), (), np.zeros((0, 3)), 1)
+    motion.work[:] = np.nan
     many_steps.begin(START, False, motion)
     return motion
 

@@ -17,8 +17,8 @@ from exunet.backends.compiled.work_space import (
     Motion,
     Run,
     Seen,
-    Stages,
     clock_at,
+    motion_at,
 )
 from exunet.forces import cable
 from exunet.forces.cable import Law
@@ -101,21 +101,24 @@ def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many_steps, "power", power, raising=False)
     monkeypatch.setattr(many_steps, "extra_work", lambda h, *state: 0.5 * h, raising=False)
     for module in (schemes, many_steps):
-        for name, value in (("BODIES", False), ("TAKES_ENERGY", True), ("JUMPS", False)):
-            monkeypatch.setattr(module, name, value, raising=False)
+        for name, value in (
+            ("BODIES", False),
+            ("FIRST_ORDER", False),
+            ("TAKES_ENERGY", True),
+            ("JUMPS", False),
+        ):
+            monkeypatch.setattr(module, name, bool(value), raising=False)
 
 
 def moving() -> tuple[Motion, np.ndarray, Seen, Kept]:
     """At FIRST where x = t^3 / 6, v = t^2 / 2, which the force t continues."""
-    work = np.zeros((len(Stages._fields), 1))
-    state = (np.array([FIRST**3 / 6.0]), np.array([FIRST**2 / 2.0]), np.zeros(0))
-    none = (np.zeros(0), np.zeros((7, 0)))
-    motion = Motion(*state, np.ones(1), np.zeros((0, 3)), np.zeros(1), (), work, *none, np.zeros(1))
+    state = (np.array([FIRST**3 / 6.0]), np.array([FIRST**2 / 2.0]))
+    motion = motion_at(*state, np.ones(1), (), np.zeros((0, 3)), 1)
     peaks = np.array([(0.0, np.inf, np.inf, np.inf, 0.0, 0.0, -1)], dtype=PEAKS)
     nothing = np.zeros(0)
     seen = Seen(peaks, np.ones(1), np.zeros((0, 2), dtype=int), nothing, nothing, nothing)
     many_steps.begin(FIRST, False, motion)
-    kept = Kept(np.zeros(90), np.zeros((90, 1)), np.zeros((90, 1)), np.zeros((90, 0)), np.zeros(90))
+    kept = Kept(np.zeros(90), np.zeros((90, 1)), np.zeros((90, 1)), np.zeros(90))
     return motion, clock_at(FIRST, 0.01), seen, kept
 
 

@@ -84,7 +84,7 @@ def test_damping_rate_of_rayleigh_damping():
     start = prepare(scene)
     # M^-1 D = alpha + beta w^2 along the cable
     assert largest_damping_rate(start.system) == pytest.approx(alpha + beta * 100.0, rel=1e-10)
-    assert largest_damping_rate(System(start.system.points, Forces.of(start.net))) == 0.0
+    assert largest_damping_rate(System(start.system.blocks, Forces.of(start.net))) == 0.0
 
 
 def test_damping_rate_of_viscous_stress():
@@ -185,4 +185,4 @@ def test_constant_stiffness_of_effects_counts():
     spring = np.zeros((6, 6))
     spring[3, 3] = 300.0
     beside = Forces.of(start.net, [LinearTerm(stiffness=csr_array(spring))])
-    assert largest_frequency(System(start.system.points, beside)) == pytest.approx(math.sqrt(400.0), rel=1e-5)
+    assert largest_frequency(System(start.system.blocks, beside)) == pytest.approx(math.sqrt(400.0), rel=1e-5)

@@ -143,7 +143,7 @@ def balance(start: Start, states: Batch) -> float:
     parts = [
         energy.kinetic(start.system.mass, states.velocity),
         energy.elastic(forces, x),
-        energy.potential(forces, x),
+        energy.potential(forces, x.reshape(len(x), -1)),
         states.taken,
     ]
     return float(np.ptp(sum(parts)) / sum(np.ptp(part) for part in parts))
@@ -179,10 +179,12 @@ def test_the_potential_of_two_bodies_is_that_of_its_force() -> None:
     start = planar(on=("two-body orbit",))
     forces = start.system.forces
     position, push = states(start)["mixed"][0], 1e-3 * np.random.default_rng(5).normal(size=(40, 3))
-    ahead, behind = (energy.potential(forces, (position + sign * push)[None])[0] for sign in (1.0, -1.0))
+    ahead, behind = (
+        energy.potential(forces, (position + sign * push).reshape(1, -1))[0] for sign in (1.0, -1.0)
+    )
     force = term_kernel(forces.kernels).forces(0.0, position, push)
     assert -(ahead - behind) / 2.0 == pytest.approx(float((force * push).sum()), rel=1e-6)
-    assert energy.potential(forces, np.zeros((1, 40, 3)))[0] == 0.0
+    assert energy.potential(forces, np.zeros((1, 120)))[0] == 0.0
 
 
 def lone(keys: str, position: tuple[float, ...], velocity: tuple[float, ...]) -> Start:
@@ -191,9 +193,9 @@ def lone(keys: str, position: tuple[float, ...], velocity: tuple[float, ...]) ->
     place, speed = 0.1 * start.net.reference_position, np.zeros((2, 3))
     place[1], speed[1] = position, velocity
     soft = replace(start.net, youngs_modulus=np.full(1, 1e-30))
-    points = replace(start.system.points, net=soft)
+    blocks = replace(start.system.blocks, net=soft)
     forces = replace(start.system.forces, cable=CableTerm(soft))
-    return replace(start, system=System(points, forces)).moved(place, speed)
+    return replace(start, system=System(blocks, forces)).moved(place, speed)
 
 
 def test_the_linear_orbit_is_that_of_clohessy_and_wiltshire() -> None:

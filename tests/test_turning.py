@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from exunet.backends.compiled import many_steps, schemes
-from exunet.backends.compiled.work_space import Motion, Stages
+from exunet.backends.compiled.work_space import Motion, motion_at
 from exunet.bodies.rigid import RigidStates, angular_momentum, rotation_matrix
 
 START = 0.2  # [s]
@@ -35,20 +35,20 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
     for module in (schemes, many_steps):
-        for name, value in (("BODIES", True), ("TAKES_ENERGY", False), ("JUMPS", False)):
-            monkeypatch.setattr(module, name, value, raising=False)
+        for name, value in (
+            ("BODIES", True),
+            ("FIRST_ORDER", True),
+            ("TAKES_ENERGY", False),
+            ("JUMPS", False),
+        ):
+            monkeypatch.setattr(module, name, bool(value), raising=False)
 
 
 def at_start() -> Motion:
-    n = CENTRES + SPIN.size
     v = np.concatenate([np.zeros(CENTRES), SPIN.ravel()])
     inverse = np.concatenate([np.ones(CENTRES), (1.0 / INERTIA).ravel()])
-    work = np.zeros((len(Stages._fields), n))
-    turns = np.zeros((7, ATTITUDE.size))
-    z = ATTITUDE.ravel().copy()
-    return Motion(
-        np.zeros(CENTRES), v, z, inverse, INERTIA.copy(), np.zeros(n), (), work, z.copy(), turns, np.zeros(1)
-    )
+    x = np.concatenate([np.zeros(CENTRES), ATTITUDE.ravel()])
+    return motion_at(x, v, inverse, (), INERTIA.copy(), CENTRES)
 
 
 def exact(h: float) -> np.ndarray:
@@ -77,7 +77,7 @@ def test_a_step_turns_bodies_with_its_order(method: str, order: int) -> None:
         motion = at_start()
         many_steps.begin(START, method == "verlet_step", motion)
         told = getattr(schemes, method)(START, h, motion)
-        spin = schemes.stages_of(motion.work).v1[CENTRES:].reshape(2, 3)
+        spin = schemes.stages_of(motion.work).v1[CENTRES : CENTRES + 6].reshape(2, 3)
         error = np.abs(np.hstack([motion.z1.reshape(2, 4), spin]) - exact(h))
         errors.append([error[:, :4].max(), error[:, 4:].max()])
         if method == "dormand_prince_step":  # what it tells of its error is that of a method of order 4
@@ -95,7 +95,7 @@ def test_without_torque_verlet_turns_with_order_4(monkeypatch: pytest.MonkeyPatc
         motion = at_start()
         many_steps.begin(START, True, motion)
         schemes.verlet_step(START, h, motion)
-        spin = schemes.stages_of(motion.work).v1[CENTRES:].reshape(2, 3)
+        spin = schemes.stages_of(motion.work).v1[CENTRES : CENTRES + 6].reshape(2, 3)
         errors.append(np.abs(np.hstack([motion.z1.reshape(2, 4), spin]) - exact(h)).max())
     assert np.log2(errors[0] / errors[1]) > 4.7, errors
 

@@ -67,8 +67,8 @@ def test_one_mass_that_is_no_number_fails_rung_1():
     mass = case.start.net.mass.copy()
     mass[3] = NAN
     net = dataclasses.replace(case.start.net, mass=mass)
-    points = dataclasses.replace(case.start.system.points, net=net)
-    system = dataclasses.replace(case.start.system, points=points)
+    blocks = dataclasses.replace(case.start.system.blocks, net=net)
+    system = dataclasses.replace(case.start.system, blocks=blocks)
     start = dataclasses.replace(case.start, system=system)
     check = fails(topology.topology(dataclasses.replace(case, start=start)))
     assert check.worst.startswith("mass: node 3: nan and")

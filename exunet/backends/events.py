@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.protocol import Arrays, Observer
-from exunet.forces.terms import MemoryChange, Switch
+from exunet.forces.blocks import AWAKE
+from exunet.forces.terms import Change, Switch
 from exunet.forces.total import Forces
 
 Floats = NDArray[np.float64]
+
+
+def _memories(name: str, change: Change) -> dict[str, Floats]:
+    return {name: change.memory} | ({} if change.awake is None else {AWAKE: change.awake})
 
 
 class Events:
@@ -28,6 +34,20 @@ class Events:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
 
+    def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
+        """All memories once a change of one has come into force."""
+        return self.memory | _memories(name, change)
+
+    def _at_rest(self, change: Change, v: Floats) -> Change:
+        """What goes to sleep has no velocity."""
+        if change.awake is None:
+            return change
+        if AWAKE not in self.memory:
+            raise ValueError("an event wakes points of a system in which none sleeps: give Blocks.awake")
+        speed = (v if change.v is None else change.v).copy()
+        speed[: 3 * len(change.awake)] *= np.repeat(change.awake, 3)
+        return replace(change, v=speed)
+
     def __bool__(self) -> bool:
         """True if there are any."""
         return bool(self._switches)
@@ -42,18 +62,21 @@ class Events:
         times = (time for _, switch in self._switches for time in switch.times if after < time < until)
         return min(times, default=until)
 
-    def step_within(self, step: float, least: float, position: Floats, velocity: Floats) -> float:
+    def step_within(self, step: float, least: float, x: Floats, v: Floats) -> float:
         """A step [s] that ends near what would happen next; see `Switch.step_within`."""
         for name, switch in self._switches:
-            step = switch.step_within(step, least, position, velocity, self.memory[name])
+            step = switch.step_within(step, least, x, v, self.memory[name])
         return step
 
-    def at(self, time: float, position: Floats) -> Iterator[tuple[str, MemoryChange]]:
-        """What happens at the end of an accepted step; memories change, and the observer is notified."""
+    def at(self, time: float, x: Floats, v: Floats) -> Iterator[tuple[str, Change]]:
+        """What happens at the end of an accepted step; memories change, and the observer is notified.
+
+        x, v : that the integrator changes as it is told, so that what happens next sees it
+        """
         for name, switch in self._switches:
-            items = switch.crossed(time, position, self.memory[name])
+            items = switch.crossed(time, x, v, self.memory[name])
             if len(items):
-                change = switch.change(time, position, self.memory[name], items)
+                change = self._at_rest(switch.change(time, x, v, self.memory[name], items), v)
                 yield name, change  # the integrator hands over the states before first
-                self.memory[name] = change.memory
+                self.memory |= _memories(name, change)
                 self._observer.changed(time, name, change)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.rigid import RigidStates
-from exunet.forces.terms import MemoryChange
+from exunet.forces.terms import Change
 from exunet.system.system import State
 
 Floats = NDArray[np.float64]
@@ -23,6 +23,7 @@ class Batch(NamedTuple):
     time               : (k,) [s]
     position, velocity : (k, n_points, 3) [m], [m/s]
     bodies             : with k leading
+    first_order        : (k, n_states) of the terms
     taken              : (k,) energy [J] that terms without a potential have taken out, where the integrator
                          sums it itself
     """
@@ -31,6 +32,7 @@ class Batch(NamedTuple):
     position: Floats
     velocity: Floats
     bodies: RigidStates
+    first_order: Floats
     taken: Floats | None = None
 
 
@@ -57,7 +59,7 @@ class Observer(Protocol):
     def between(self, until: float, extremes: Extremes) -> None:
         """What the steps to `until` [s] reached between the states that are handed over."""
 
-    def changed(self, time: float, memory: str, change: MemoryChange) -> None:
+    def changed(self, time: float, memory: str, change: Change) -> None:
         """An event has changed a memory; no batch has states from before and after it."""
 
 
@@ -98,6 +100,10 @@ class Integrator(Protocol):
         """True if a run from a snapshot repeats to the last bit what followed when it was taken."""
 
     @property
+    def room(self) -> int:
+        """How many states may wait to be handed over."""
+
+    @property
     def items(self) -> dict[str, int]:
         """Items of the engine by kind; none for the compiled loop."""
 
@@ -115,6 +121,9 @@ class Integrator(Protocol):
 
     def push(self, force: Floats) -> None:
         """Forces (n_points, 3) [N] from outside on the points, constant from now on."""
+
+    def tell(self, inputs: Arrays) -> None:
+        """Values (m,) of inputs by name, from now on."""
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """All that the next step depends on, as copies, and the states that are not handed over yet."""

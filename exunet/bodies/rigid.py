@@ -73,6 +73,20 @@ def rotation_matrix(attitude: Floats) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def turning(attitude: Floats, angular_velocity: Floats) -> Floats:
+    """(..., 4) rates of attitudes at angular velocities in the body's axes: half their quaternion product."""
+    w, u = attitude[..., :1], attitude[..., 1:]
+    real = -np.einsum("...a,...a->...", u, angular_velocity)[..., None]
+    return 0.5 * np.concatenate([real, w * angular_velocity + np.cross(u, angular_velocity)], axis=-1)
+
+
+def angular_velocity_of(attitude: Floats, rate: Floats) -> Floats:
+    """(..., 3) [rad/s] in the body's axes, of attitudes (..., 4) of any length and their rates."""
+    w, u = attitude[..., :1], attitude[..., 1:]
+    square = np.einsum("...a,...a->...", attitude, attitude)[..., None]
+    return 2.0 * (w * rate[..., 1:] - rate[..., :1] * u - np.cross(u, rate[..., 1:])) / square
+
+
 def rotation_vector(attitude: Floats) -> Floats:
     """(..., 3) rotation vectors [rad], no longer than pi, of unit quaternions (..., 4)."""
     flat = Rotation.from_quat(attitude.reshape(-1, 4), scalar_first=True).as_rotvec()
@@ -86,9 +100,9 @@ def quaternion_of(vector: Floats) -> Floats:
 
 
 def kinetic(mass: Floats, inertia: Floats, states: RigidStates) -> Floats:
-    """Energy of translation and rotation of all bodies [J]; mass (n,), inertia (n, 3) -> (...)."""
-    moving = np.einsum("...na,...na->...n", states.velocity, states.velocity) @ mass
-    spinning = np.einsum("...na,...na,na->...", states.angular_velocity, states.angular_velocity, inertia)
+    """Energy of translation and rotation of each body [J]; mass (n,), inertia (n, 3) -> (..., n)."""
+    moving = mass * np.einsum("...na,...na->...n", states.velocity, states.velocity)
+    spinning = np.einsum("...na,...na,na->...n", states.angular_velocity, states.angular_velocity, inertia)
     return 0.5 * (moving + spinning)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,19 +16,25 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
 
 
 class Place(NamedTuple):
-    """Where the coordinates of points stand in the engine's, and work space.
+    """Where the blocks (see `exunet.forces.blocks`) stand in the engine's coordinates, and work space.
 
-    column    : (n_free,) where in the engine's coordinates the free ones stand
+    column    : (n_free,) where in the engine's coordinates the free ones of the points stand
     free      : (n_free,) which of the 3 n_points coordinates are free
     reference : (n_free,) their reference positions [m]
-    x, v      : (3 n_points,) work space that holds the fixed nodes
-    push      : (3 n_points,) forces from outside [N]
-    force     : (3 n_points,) work space
+    body      : (n_bodies,) where the six coordinates of each rigid body begin, if a term acts on one
+    centre    : where in x, v and force the centres of rigid bodies begin
+    spin      : where in x their attitudes begin, in v angular velocities, in force torques
+    x, v      : (n_x,), (n_v,) work space that holds the fixed nodes, and x the first-order states
+    push      : (n_force,) forces from outside [N]
+    force     : (n_force,) work space
     """
 
     column: NDArray[np.uint32]
     free: NDArray[np.uint32]
     reference: NDArray[np.float64]
+    body: NDArray[np.uint32]
+    centre: int
+    spin: int
     x: NDArray[np.float64]
     v: NDArray[np.float64]
     push: NDArray[np.float64]
@@ -35,9 +42,10 @@ class Place(NamedTuple):
 
 
 def engine_forces(t: float, q: Any, q_t: Any, data: Any, place: Any, out: Any) -> None:
-    """Forces on the free coordinates [N] into out (n_free,), from all the engine's coordinates q, q_t.
+    """Forces on the engine's coordinates into out, from all of these, q, q_t; place : a `Place`.
 
-    place : a `Place`
+    out : (n_free + 6 n_bodies,) forces on the free coordinates of points [N], then on each body the force
+          [N] and the torque in its axes [N m]
     """
     x = place.x
     v = place.v
@@ -46,24 +54,45 @@ def engine_forces(t: float, q: Any, q_t: Any, data: Any, place: Any, out: Any) -
     for k in range(free.size):
         x[free[k]] = place.reference[k] + q[place.column[k]]
         v[free[k]] = q_t[place.column[k]]
+    for b in range(place.body.size):
+        first = place.body[b]
+        for k in range(3):
+            x[place.centre + 3 * b + k] = q[first + k]
+            v[place.centre + 3 * b + k] = q_t[first + k]
+            v[place.spin + 3 * b + k] = q_t[first + 3 + k]
+        quaternion(q, first + 3, x, place.spin + 4 * b)
     for k in range(force.size):
         force[k] = place.push[k]
     add_forces(t, x, v, data, force)
     for k in range(free.size):
         out[k] = force[free[k]]
+    for b in range(place.body.size):
+        for k in range(3):
+            out[free.size + 6 * b + k] = force[place.centre + 3 * b + k]
+            out[free.size + 6 * b + 3 + k] = force[place.spin + 3 * b + k]
+
+
+def quaternion(q: Any, first: int, x: Any, place: int) -> None:
+    """The unit quaternion of the rotation vector that begins at q[first], into x from `place` on."""
+    half = 0.5 * math.sqrt(q[first] ** 2 + q[first + 1] ** 2 + q[first + 2] ** 2)
+    # sin(a) / a = 1 - a^2 / 6 to the last bit below 1e-4
+    ratio = 0.5 * math.sin(half) / half if half > 1e-4 else 0.5 - half * half / 12.0
+    x[place] = math.cos(half)
+    for k in range(3):
+        x[place + 1 + k] = ratio * q[first + k]
 
 
 def potentials(positions: Any, data: Any, out: Any) -> None:
-    """Potential energy of each row of positions (k, 3 n_points) into out (k,)."""
+    """Potential energy of each row of states x (k, n_x) into out (k,)."""
     for row in range(out.size):
         out[row] = potential(positions[row], data)
 
 
 def powers(times: Any, positions: Any, velocities: Any, data: Any, out: Any) -> None:
-    """Power taken out in each row of (k, 3 n_points) states into out (k,)."""
-    scratch = np.empty(positions.shape[1])
+    """Power taken out in each row of states x (k, n_x), v (k, n_v) into out (k,)."""
+    scratch = np.empty(positions.shape[1])  # no less than n_force
     for row in range(out.size):
         out[row] = power(times[row], positions[row], velocities[row], data, scratch)
 
 
-DRIVERS = (engine_forces, potentials, powers)
+DRIVERS = (quaternion, engine_forces, potentials, powers)

@@ -17,12 +17,14 @@ def module_source(
     drivers: Iterable[Function] = (),
     *,
     bodies: bool = False,
+    first_order: bool = False,
     imports: Sequence[str] = (),
 ) -> str:
     """Text of the module with `add_forces`, `potential`, `power`, `extra_work` over all calls, and drivers.
 
     `add_forces` adds to the forces that it is given, and returns the elastic energy [J] of the calls that
-    tell theirs. bodies : the module integrates rigid bodies too; else their code is left out by the compiler.
+    tell theirs. bodies, first_order : the module integrates rigid bodies, or anything of first order (their
+    attitudes too); else that code is left out by the compiler.
     `data` is a tuple of the data of all calls, in order. Raises ValueError if two different
     functions share a name.
     """
@@ -38,6 +40,7 @@ def module_source(
         *(_text(function) for function in functions.values()),
         f"TAKES_ENERGY = {any(p.works or p.power is not None or p.work is not None for p in calls)}",
         f"BODIES = {bodies}",
+        f"FIRST_ORDER = {bodies or first_order}",
         f"JUMPS = {any(call.jumps for call in calls)}",
         _joined(calls),
         *(_text(driver) for driver in drivers),
@@ -67,7 +70,7 @@ def _joined(calls: Sequence[KernelCall]) -> str:
         elif call.works:
             power += ["    for k in range(scratch.size):", "        scratch[k] = 0.0"]
             power.append(f"    {call.add.__name__}(t, x, v, data[{k}], scratch)")
-            power += ["    for k in range(scratch.size):", "        total -= scratch[k] * v[k]"]
+            power += ["    for k in range(v.size):", "        total -= scratch[k] * v[k]"]
     forces.append("    return held")
     potential.append("    return total")
     power.append("    return total")

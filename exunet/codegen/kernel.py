@@ -31,12 +31,13 @@ class Kernel:
         extra: tuple[Function, ...] = (),
         *,
         bodies: bool = False,
+        first_order: bool = False,
         imports: tuple[str, ...] = (),
     ) -> None:
         self._terms = tuple(terms)
         calls = [call for term in self._terms for call in term.calls]
         functions: tuple[Function, ...] = (*drivers.DRIVERS, *extra)
-        self.source = module_source(calls, functions, bodies=bodies, imports=imports)
+        self.source = module_source(calls, functions, bodies=bodies, first_order=first_order, imports=imports)
 
     @cached_property
     def module(self) -> ModuleType:
@@ -49,49 +50,39 @@ class Kernel:
         memory : values of the terms' memories by name; a name that is absent has its initial value
         Arrays are contiguous and writable: all of them have the same compiled code.
         """
-        return tuple(_copy(data) for term in self._terms for data in _data_of(term, memory or {}))
-
-    def remember(self, data: tuple[Any, ...], memory: Mapping[str, Floats]) -> None:
-        """Put other values of the memories into data that `data` gave."""
-        for call, other in zip(data, self.data(memory), strict=True):
-            for held, value in zip(call, other, strict=True):
-                if isinstance(held, np.ndarray):
-                    held[...] = value
+        return tuple(_copy(data) for term in self._terms for data in term.data_at(memory or {}))
 
     def forces(
         self, time: float, position: Floats, velocity: Floats, memory: Mapping[str, Floats] | None = None
     ) -> Floats:
-        """(n_points, 3) [N] from position and velocity (n_points, 3)."""
+        """(n_points, 3) [N] from position and velocity (n_points, 3), of points alone."""
         force = np.zeros(position.size)
         x, v = (np.array(a, dtype=float).ravel() for a in (position, velocity))
         self.module.add_forces(time, x, v, self.data(memory), force)
         return force.reshape(-1, 3)
 
-    def potential(self, position: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
-        """Potential energy of the terms that have one [J]; (k, n_points, 3) -> (k,)."""
-        energy = np.empty(len(position))
-        flat = np.array(position, dtype=float).reshape(len(position), -1)
-        self.module.potentials(flat, self.data(memory), energy)
+    def potential(self, x: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
+        """Potential energy of the terms that have one [J]; (k, n_x) -> (k,)."""
+        energy = np.empty(len(x))
+        self.module.potentials(np.array(x, dtype=float), self.data(memory), energy)
         return energy
 
-    def power(
-        self,
-        time: Floats,
-        position: Floats,
-        velocity: Floats,
-        memory: Mapping[str, Floats] | None = None,
-    ) -> Floats:
-        """Power that the terms without a potential take out [W]; (k,), (k, n_points, 3) twice -> (k,)."""
+    def power(self, time: Floats, x: Floats, v: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
+        """Power that the terms without a potential take out [W]; (k,), (k, n_x), (k, n_v) -> (k,)."""
         taken = np.empty(len(time))
-        x, v = (np.array(a, dtype=float).reshape(len(time), -1) for a in (position, velocity))
+        x, v = np.array(x, dtype=float), np.array(v, dtype=float)
         self.module.powers(np.array(time, dtype=float), x, v, self.data(memory), taken)
         return taken
 
-
-def _data_of(term: Term, memory: Mapping[str, Floats]) -> tuple[Any, ...]:
-    if term.memory is not None and term.memory.name in memory:
-        return (term.memory.data(memory[term.memory.name]),)
-    return tuple(call.data for call in term.calls)
+    def rates(
+        self, time: Floats, x: Floats, v: Floats, number: int, memory: Mapping[str, Floats] | None = None
+    ) -> Floats:
+        """Rates of the `number` first-order states; (k,), (k, n_x), (k, n_v) -> (k, number)."""
+        force = np.zeros((len(time), v.shape[1] + number))
+        x, v, data = np.array(x, dtype=float), np.array(v, dtype=float), self.data(memory)
+        for row, t in enumerate(time.tolist()):
+            self.module.add_forces(t, x[row], v[row], data, force[row])
+        return force[:, v.shape[1] :]
 
 
 def _copy(data: Any) -> Any:

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, csr_array
 
 from exunet.codegen.kernel import term_kernel
 from exunet.forces import cable
-from exunet.forces.points import Points
+from exunet.forces.blocks import Blocks
 from exunet.forces.terms import KernelTerm
 from exunet.forces.total import Forces
 
@@ -29,17 +29,17 @@ class Linearised:
     elements : False leaves the elements and the constant terms out, for forms that have them as own items
     """
 
-    def __init__(self, points: Points, forces: Forces, *, elements: bool = True) -> None:
-        self._net = points.net
-        self._n = points.n_points
+    def __init__(self, blocks: Blocks, forces: Forces, *, elements: bool = True) -> None:
+        self._net = blocks.net
+        self._n = blocks.n_points
         self._law = forces.cable.law if elements else None
         self._linear = forces.linear if elements else None
         self._kernels = forces.kernels
-        self._size = points.net.size
+        self._size = blocks.net.size
         self._pairs = _coupled(forces.kernels, self._n)
         self._groups = _groups(self._pairs, self._n)
         free = np.ones(self._n, dtype=bool)
-        free[points.net.fixed_nodes] = False
+        free[blocks.net.fixed_nodes] = False
         self._number = np.where(np.repeat(free, 3), np.cumsum(np.repeat(free, 3)) - 1, -1)
         rows, columns = (np.concatenate(part) for part in zip(*self._entries(), strict=True))
         self._keep = (self._number[rows] >= 0) & (self._number[columns] >= 0)

@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces import cable, loops
+from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
-from exunet.forces.terms import KernelCall, Memory, MemoryChange
+from exunet.forces.terms import Change, Input, KernelCall, Memories, Memory
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 OVERSHOOT = 5e-4  # of the strain at the limit, by which a step may go beyond it: 1e-3 of the energy lost
-INTACT = "cable/intact"  # name of the memory: 1.0 for an element that carries, 0.0 for one that has broken
+_INTACT = "cable/intact"  # name of the memory: 1.0 for an element that carries, 0.0 for one that has broken
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +65,7 @@ class CableTerm:
     acts_on: str = field(default="elements", init=False)
     damping_rate: float = field(default=0.0, init=False)
     has_potential: bool = field(default=False, init=False)  # beside the elastic energy of the elements
+    inputs: tuple[Input, ...] = field(default=(), init=False)
 
     @cached_property
     def law(self) -> Law:
@@ -87,12 +89,13 @@ class CableTerm:
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         """One call over all elements."""
+        (data,) = self.data_at({})
         if not self.viscous:
-            return (KernelCall(loops.add_tension, self._data(np.ones(1)), elastic=True),)
+            return (KernelCall(loops.add_tension, data, elastic=True),)
         return (
             KernelCall(
                 loops.add_viscous_tension,
-                self._data(np.ones(1)),
+                data,
                 work=loops.viscous_work,
                 helpers=(loops.excess_and_rate,),
                 jumps=True,
@@ -100,17 +103,29 @@ class CableTerm:
             ),
         )
 
-    def _data(self, intact: Floats) -> loops.Elements | loops.ViscousElements:
+    def data_at(self, memory: Memories) -> tuple[loops.Elements | loops.ViscousElements]:
+        """The elements, without those between points that sleep."""
         first, second = (3 * self.net.element_nodes.T).astype(Index)
-        length = self.law.natural_length
-        data = loops.Elements(first, second, length**2, self.law.stiffness / (2.0 * length**3) * intact)
-        time = self.law.relaxation_time
-        return data if time is None else loops.ViscousElements(*data, 2.0 * time)
+        length, intact = self.law.natural_length, self.carrying(memory)
+        factor = self.law.stiffness / (2.0 * length**3) * (1.0 if intact is None else intact)
+        data, time = loops.Elements(first, second, length**2, factor), self.law.relaxation_time
+        whole: Any = data if time is None else loops.ViscousElements(*data, 2.0 * time)
+        moving = self.moving(memory)
+        return (whole if moving is None else type(whole)(*(values[moving] for values in whole)),)
+
+    def moving(self, memory: Memories) -> NDArray[np.bool_] | None:
+        """(n_elements,) False for elements whose ends both sleep; None: nothing ever sleeps."""
+        awake = memory.get(AWAKE)
+        return None if awake is None else np.asarray(awake[self.net.element_nodes].any(axis=1))
 
     @cached_property
     def memory(self) -> Memory | None:
         """Which elements are intact, where they may break."""
-        return Memory(INTACT, np.ones(self.net.n_elements), self._data) if self.breaks else None
+        return Memory(_INTACT, np.ones(self.net.n_elements)) if self.breaks else None
+
+    def carrying(self, memory: Memories) -> Floats | None:
+        """(n_elements,) 1.0 for elements that carry at these memories, 0.0 for others; None: all do."""
+        return memory.get(_INTACT)
 
     @cached_property
     def switch(self) -> Breaking | None:
@@ -127,6 +142,7 @@ class Breaking:
     Methods that choose their step are made to end one near the limit.
     """
 
+    heading = "broken"
     times: tuple[float, ...] = ()
 
     def __init__(self, term: CableTerm) -> None:
@@ -135,19 +151,17 @@ class Breaking:
         self._at_limit = cable.green_lagrange_strain(self._limit, self._law.natural_length)
         self._far = self._law.natural_length * np.sqrt(1.0 + 2.0 * (1.0 + OVERSHOOT) * self._at_limit)
 
-    def crossed(self, time: float, position: Floats, memory: Floats) -> Ints:
-        """Intact elements that are beyond their limit at position (n_points, 3) [m]."""
-        return np.flatnonzero((memory > 0.0) & (cable.lengths(self._net, position) > self._limit))
+    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+        """Intact elements that are beyond their limit."""
+        return np.flatnonzero((memory > 0.0) & (cable.lengths(self._net, self._nodes(x)) > self._limit))
 
-    def step_within(
-        self, step: float, least: float, position: Floats, velocity: Floats, memory: Floats
-    ) -> float:
-        """A step [s] by which no element, at the velocity (n_points, 3) [m/s], goes far beyond its limit.
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
+        """A step [s] by which no element, at the velocity as it is, goes far beyond its limit.
 
         `step` halved as often as needed, but not below `least`. Forces slow down what stretches, so the
         straight way looks further than the true one goes.
         """
-        apart, parting = cable.spans(self._net, position), cable.spans(self._net, velocity)
+        apart, parting = cable.spans(self._net, self._nodes(x)), cable.spans(self._net, self._nodes(v))
         near = (memory > 0.0) & (np.linalg.norm(apart, axis=1) <= self._limit)
         near &= np.linalg.norm(apart, axis=1) + step * np.linalg.norm(parting, axis=1) > self._far
         apart, parting, far = apart[near], parting[near], self._far[near]
@@ -155,13 +169,18 @@ class Breaking:
             step *= 0.5
         return step
 
-    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> MemoryChange:
+    def _nodes(self, flat: Floats) -> Floats:
+        """(n_nodes, 3) of the nodes."""
+        return flat[: 3 * self._net.n_nodes].reshape(-1, 3)
+
+    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints) -> Change:
         """Take elements out; the elastic energy that they held is lost.
 
         Told of each: element, time [s], that energy [J], and its excess over the energy at the limit, which
         is the error of finding the break at a step's end.
         """
-        strain = cable.green_lagrange_strain(cable.lengths(self._net, position), self._law.natural_length)
+        length = cable.lengths(self._net, self._nodes(x))
+        strain = cable.green_lagrange_strain(length, self._law.natural_length)
         stiffness = self._law.stiffness * memory
         held = 0.5 * np.maximum(strain, 0.0) ** 2 * stiffness * self._law.natural_length
         excess = (strain / self._at_limit) ** 2 - 1.0
@@ -171,7 +190,7 @@ class Breaking:
         )
         intact = memory.copy()
         intact[items] = 0.0
-        return MemoryChange(intact, float(held[items].sum()), events)
+        return Change(intact, float(held[items].sum()), events)
 
 
 def breaking_lengths(term: CableTerm) -> Floats:

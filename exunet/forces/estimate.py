@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.forces.points import Points
+from exunet.forces.blocks import Blocks
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -49,9 +49,9 @@ class EstimateBasis:
     velocity: Floats
 
     @cached_property
-    def points(self) -> Points:
+    def blocks(self) -> Blocks:
         """What forces act on: the nodes alone."""
-        return Points.of_net(self.net, self.position)
+        return Blocks.of_net(self.net, self.position)
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:

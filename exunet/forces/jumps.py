@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces import cable
+from exunet.forces.blocks import Blocks
 from exunet.forces.cable import Law
-from exunet.forces.points import Points
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class Jump:
 
 
 def jump_ahead(
-    points: Points,
+    blocks: Blocks,
     law: Law,
     within: float,
     tolerance: float,
@@ -51,9 +51,9 @@ def jump_ahead(
     state : position [m], velocity [m/s], acceleration [m/s2], (n_points, 3) each, at a time [s]; the way from
             there is taken as a parabola
     """
-    net, length = points.net, law.natural_length
+    net, length = blocks.net, law.natural_length
     assert law.relaxation_time is not None
-    mobility = 1.0 / points.mass
+    mobility = 1.0 / blocks.mass
     mobility[net.fixed_nodes] = 0.0
     gain = law.stiffness * law.relaxation_time / length * mobility[net.element_nodes].max(axis=1)  # [1/s]
     span, rate, bend = (cable.spans(net, nodal) for nodal in state)

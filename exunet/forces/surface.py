@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.forces.points import Points
+from exunet.forces.blocks import Blocks
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -20,13 +20,13 @@ def widths(net: Net) -> Floats:
     return 2.0 * np.sqrt(net.area / np.pi)
 
 
-def tumbling_areas(points: Points, bullet_area: float | None) -> Floats:
+def tumbling_areas(blocks: Blocks, bullet_area: float | None) -> Floats:
     """(n_points,) [m2]: half of pi/4 d L0 of each element that ends in a node, and the bullets' areas."""
-    net = points.net
+    net = blocks.net
     half = 0.5 * TUMBLING * widths(net) * net.reference_length
-    areas = np.zeros(points.n_points)
+    areas = np.zeros(blocks.n_points)
     for end in net.element_nodes.T:
-        areas += np.bincount(end, weights=half, minlength=points.n_points)
+        areas += np.bincount(end, weights=half, minlength=blocks.n_points)
     areas[net.bullet_nodes] += bullet_area or 0.0
     return areas
 

@@ -5,14 +5,14 @@ face of `Term`: the cable elements (`exunet.forces.cable_term`), constant matric
 and nonlinear forces written once as a scalar loop (`KernelTerm`). Every form of the engine reads these, so a
 force's physics is written once. A force that is absent leaves no term, and so no engine item, array or call.
 
-Points are the nodes of the net, then the centres of point masses; `points.py` numbers them. Flat arrays of
-points are (3 n_points,), x, y, z point by point.
+Forces, potentials and events are functions of flat arrays x, v over all blocks: points, rigid bodies,
+first-order states. `exunet.forces.blocks` says in which order they stand there, and numbers them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -25,15 +25,17 @@ from exunet.forces import loops
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Function = Callable[..., Any]
+Memories = Mapping[str, Floats]
 
 
 @dataclass(frozen=True, eq=False)
 class KernelCall:
     """One call in a compiled kernel.
 
-    add     : module-level function add(t, x, v, data, force) that adds its force [N] to `force`; x, v, force
-              are flat arrays of points, in the subset of Python that Numba compiles. It may use `math`, `np`
-              and its `helpers`, no other global name. The names of the functions of a kernel's calls differ
+    add     : module-level function add(t, x, v, data, force) that adds its forces [N], torques [N m] and
+              rates of first-order states to `force`; x, v, force are flat arrays over all blocks, in the
+              subset of Python that Numba compiles. It may use `math`, `np` and its `helpers`, no other global
+              name. The names of the functions of a kernel's calls differ
     data    : a named tuple of arrays and numbers. They are data of the compiled function, not text in it:
               scenes with the same kinds of forces share one kernel
     helpers : module-level functions that the others call
@@ -65,42 +67,72 @@ class Memory:
 
     name    : under which states and snapshots keep them
     initial : (m,) values at the start
-    data    : function (m,) -> the term's kernel data with these values in force
+    data    : of a `KernelTerm`: function (m,) -> its kernel data with these values in force; None: they are
+              the same
     """
 
     name: str
     initial: Floats
-    data: Callable[[Floats], tuple[Any, ...]]
+    data: Callable[[Floats], tuple[Any, ...]] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Input:
+    """Values that are given from outside and stay as they are until others are given.
+
+    name    : under which `Simulation.set_input` and snapshots know them
+    field   : of the term's data, which has them as an array
+    initial : (m,) values at the start
+    units   : of the values, "1" if they have none
+    """
+
+    name: str
+    field: str
+    initial: Floats
+    units: str = "1"
 
 
 class Switch(Protocol):
     """The events of a term: when its memory changes, and how.
 
-    times : known instants [s], which steps end at
+    heading : under which the record of a run has its events; "" for events that need none
+    times   : known instants [s], which steps end at
     """
+
+    @property
+    def heading(self) -> str: ...
 
     @property
     def times(self) -> tuple[float, ...]: ...
 
-    def crossed(self, time: float, position: Floats, memory: Floats) -> Ints:
+    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """Which items of the memory have crossed their switching function at the end of an accepted step."""
 
-    def step_within(
-        self, step: float, least: float, position: Floats, velocity: Floats, memory: Floats
-    ) -> float:
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """A step [s], not above `step` nor below `least`, that ends near the next crossing, if any."""
 
-    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> MemoryChange:
-        """What the crossing of `items` does to the memory."""
+    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints) -> Change:
+        """What the crossing of `items` does to the memory, and to the state."""
 
 
 @dataclass(frozen=True)
-class MemoryChange:
-    """What an event did: the new memory, the energy [J] that is lost with it, and a record of each item."""
+class Change:
+    """What an event did.
+
+    memory      : the new memory of the term
+    energy_lost : [J] with the event; negative: put in
+    events      : a record of each item, JSON-like, with its "time_s"
+    x, v        : the new state of all blocks, None: as it was
+    awake       : (n_points,) which points are awake from now on (see `Blocks.awake`), None: as before; those
+                  that go to sleep come to rest
+    """
 
     memory: Floats
     energy_lost: float = 0.0
     events: tuple[dict[str, Any], ...] = ()
+    x: Floats | None = None
+    v: Floats | None = None
+    awake: Floats | None = None
 
 
 class Term(Protocol):
@@ -114,11 +146,17 @@ class Term(Protocol):
     def calls(self) -> tuple[KernelCall, ...]:
         """Its calls in a compiled kernel."""
 
+    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+        """The data of its calls with these memories and inputs in force; absent ones are as at the start."""
+
     @property
     def memory(self) -> Memory | None: ...
 
     @property
     def switch(self) -> Switch | None: ...
+
+    @property
+    def inputs(self) -> tuple[Input, ...]: ...
 
     @property
     def dissipates(self) -> bool:
@@ -145,9 +183,10 @@ class KernelTerm:
                  integrated
     couples    : (m, c) points; the force on each point of a row depends on the state of the others in it.
                  None: on no other point's. For the Jacobian of implicit methods
+    bodies     : names of the rigid bodies that it acts on
     stiffness_rate : bound [1/s2] of what it adds to the eigenvalues of M^-1 K, for the stable step
     damping_rate : bound [1/s] of what it adds to the eigenvalues of M^-1 D, for the stable step
-    memory, switch : see `Memory`, `Switch`
+    memory, switch, inputs : see `Memory`, `Switch`, `Input`
     """
 
     acts_on: str
@@ -156,16 +195,25 @@ class KernelTerm:
     potential: Function | None = None
     helpers: tuple[Function, ...] = ()
     couples: Ints | None = None
+    bodies: tuple[str, ...] = ()
     stiffness_rate: float = 0.0
     damping_rate: float = 0.0
     memory: Memory | None = None
     switch: Switch | None = None
+    inputs: tuple[Input, ...] = ()
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         """One call; a force without a potential does work that is integrated."""
         works = self.potential is None
         return (KernelCall(self.add, self.data, self.potential, helpers=self.helpers, works=works),)
+
+    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+        data: Any = self.data
+        if self.memory is not None and self.memory.data is not None and self.memory.name in memory:
+            data = self.memory.data(memory[self.memory.name])
+        given = {one.field: memory.get(one.name, one.initial) for one in self.inputs}
+        return (data._replace(**given) if given else data,)
 
     @property
     def dissipates(self) -> bool:
@@ -197,6 +245,7 @@ class LinearTerm:
     acts_on: str = field(default="nodes", init=False)
     memory: Memory | None = field(default=None, init=False)
     switch: Switch | None = field(default=None, init=False)
+    inputs: tuple[Input, ...] = field(default=(), init=False)
     damping_rate: float = field(default=0.0, init=False)
 
     def __add__(self, other: LinearTerm) -> LinearTerm:
@@ -205,6 +254,14 @@ class LinearTerm:
 
     def _parts(self) -> tuple[Any, ...]:
         return self.damping, self.gyroscopic, self.stiffness, self.load
+
+    @property
+    def _size(self) -> int:
+        """3 n_points."""
+        return next(part.shape[0] for part in self._parts() if part is not None)
+
+    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+        return tuple(call.data for call in self.calls)
 
     @property
     def on_velocity(self) -> csr_array | None:
@@ -235,8 +292,8 @@ class LinearTerm:
         return self.load is not None or self.stiffness is not None
 
     def potential(self, flat: Floats) -> Floats:
-        """Potential energy [J] of positions (k, 3 n_points) -> (k,)."""
-        energy = np.zeros(len(flat))
+        """Potential energy [J] of states x (k, n_x) -> (k,)."""
+        energy, flat = np.zeros(len(flat)), flat[:, : self._size]
         if self.load is not None:
             energy -= flat @ self.load
         if self.stiffness is not None:
@@ -244,9 +301,10 @@ class LinearTerm:
         return energy
 
     def power(self, flat: Floats) -> Floats:
-        """Power [W] that the damping takes out at velocities (k, 3 n_points) -> (k,)."""
+        """Power [W] that the damping takes out at velocities v (k, n_v) -> (k,)."""
         if self.damping is None:
             return np.zeros(len(flat))
+        flat = flat[:, : self._size]
         return np.einsum("ki,ki->k", flat, (self.damping @ flat.T).T)
 
     def numbers(self) -> Iterator[Any]:

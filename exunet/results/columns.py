@@ -103,6 +103,14 @@ def declare(n_nodes: int, n_elements: int, bodies: Mapping[str, MassProperties])
     return tuple(columns)
 
 
+STATES = "states/"  # first-order states of terms stand there, by the name of term and quantity
+
+
+def state_column(name: str, size: int, units: str) -> Column:
+    """The column of first-order states of a term; name: "term/quantity"."""
+    return Column(STATES + name, (size,), units, "first-order states of a force")
+
+
 def body_path(name: str, quantity: str) -> str:
     """Path of a quantity of a body."""
     return f"bodies/{name}/{quantity}"

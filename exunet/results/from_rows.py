@@ -14,13 +14,14 @@ from exunet.net.arrays import Net
 from exunet.results.columns import (
     OPTIONAL,
     PATHS,
+    STATES,
     Column,
     MassProperties,
     body_path,
     body_quantities,
     declare,
 )
-from exunet.results.result import BodyStates, Result
+from exunet.results.result import BodyStates, Result, TermStates
 from exunet.results.rows import StoredRows, blocks
 from exunet.results.store import RowSource
 
@@ -47,7 +48,8 @@ def result_of_rows(
     there = {column.path: column for column in source.columns}
     small = len(source) * sum(column.row_bytes for column in source.columns) <= IN_MEMORY
     found: dict[str, Any] = {}
-    for column in declare(net.n_nodes, net.n_elements, bodies):
+    of_terms = [column for column in source.columns if column.path.startswith(STATES)]
+    for column in (*declare(net.n_nodes, net.n_elements, bodies), *of_terms):
         if column.path not in there:
             if column.path not in _OPTIONAL_PATHS:
                 raise InputError(f"{where}: damaged or cut short (there is no {column.path})")
@@ -66,6 +68,7 @@ def result_of_rows(
         verdict=verdict,
         provenance=provenance,
         bodies={name: _body(found, name, body) for name, body in bodies.items()},
+        states={c.path[len(STATES) :]: TermStates(c.units, found[c.path]) for c in of_terms},
     )
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
-from exunet.results.columns import PATHS, Column, MassProperties, declare
+from exunet.results.columns import PATHS, Column, MassProperties, declare, state_column
 from exunet.results.from_rows import result_of_rows
 from exunet.results.net_arrays import NET_ARRAYS, from_arrays
 from exunet.results.result import Result
@@ -114,13 +114,24 @@ def _read(file: h5py.File, path: str | Path) -> Result:
     provenance = json.loads(_text(file.attrs["provenance"]))
     if not isinstance(provenance, dict):
         raise ValueError("provenance is not a JSON object")
-    declared = declare(net.n_nodes, net.n_elements, bodies)
+    declared = (*declare(net.n_nodes, net.n_elements, bodies), *_of_terms(file))
     names = {column.path: column.path for column in declared}
     if first:  # it kept all columns at the root, under the names of the attributes
         names = {place: name for name, place in PATHS.items()}
     source = _FileRows(file, path, names, declared)
     complete, verdict = bool(file.attrs["complete"]), _text(file.attrs["verdict"])
     return result_of_rows(source, net, bodies, complete, verdict, provenance, str(path))
+
+
+def _of_terms(file: h5py.File) -> Iterator[Column]:
+    """The columns of the first-order states of forces."""
+    import h5py
+
+    for term, group in sorted(file["states"].items() if "states" in file else ()):
+        for quantity, dataset in sorted(group.items()):
+            if not isinstance(dataset, h5py.Dataset) or dataset.ndim != 2:
+                raise ValueError(f"{dataset.name} is not an array over times and values")
+            yield state_column(f"{term}/{quantity}", dataset.shape[1], _text(dataset.attrs["units"]))
 
 
 def _mass(group: h5py.Group) -> MassProperties:

@@ -37,6 +37,14 @@ class BodyStates:
 
 
 @dataclass(frozen=True)
+class TermStates:
+    """First-order states of a force over the stored times: values (n_times, m), and their units."""
+
+    units: str
+    values: Floats
+
+
+@dataclass(frozen=True)
 class Result:
     """States and energies of a system over the stored times.
 
@@ -62,6 +70,7 @@ class Result:
                        None in older files
     least_kinetic    : (n_times,) [J], the same for the least kinetic energy
     bodies           : the bodies beside the net, by name
+    states           : first-order states of forces, by "term/quantity"
     """
 
     net: Net
@@ -82,16 +91,18 @@ class Result:
     largest_elastic: Floats | None = None
     least_kinetic: Floats | None = None
     bodies: Mapping[str, BodyStates] = field(default_factory=dict)
+    states: Mapping[str, TermStates] = field(default_factory=dict)
 
     def parts(self, rows: int) -> Iterator[Result]:
         """Consecutive parts of at most `rows` stored times, each in memory; the rest as it is here."""
         for start, stop in row_ranges(len(self.time), rows):
             chosen = slice(start, stop)
             bodies = {name: _cut(body, chosen) for name, body in self.bodies.items()}
-            yield replace(_cut(self, chosen), bodies=bodies)
+            states = {name: _cut(one, chosen) for name, one in self.states.items()}
+            yield replace(_cut(self, chosen), bodies=bodies, states=states)
 
 
-_Cut = TypeVar("_Cut", Result, BodyStates)
+_Cut = TypeVar("_Cut", Result, BodyStates, TermStates)
 
 
 def _cut(states: _Cut, chosen: slice) -> _Cut:

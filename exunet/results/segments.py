@@ -12,11 +12,12 @@ index does not name does not count, so a process may be killed at any moment: wh
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import secrets
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -64,18 +65,23 @@ class Segments:
         self.folder = folder
         header, arrays = read_arrays(folder / RUN, "exunet run", VERSION)
         index, _ = read_arrays(folder / INDEX, "exunet index", VERSION)
-        inertia = {name: arrays.pop(f"inertia of {name}", None) for name in header["bodies"]}
-        self.columns = tuple(Column(**one | {"row": tuple(one["row"])}) for one in header["columns"])
+        with _as_written(folder / RUN):
+            self._identity = _text(header["identity"])
+            self.columns = tuple(_column(one) for one in header["columns"])
+            self.bodies = {
+                _text(name): _mass(mass, arrays.pop(f"inertia of {name}", None))
+                for name, mass in header["bodies"].items()
+            }
+            self.provenance: dict[str, Any] = dict(header["provenance"].items())
         self.net = from_arrays(arrays, str(folder / RUN))
-        self.bodies = {name: MassProperties(header["bodies"][name], value) for name, value in inertia.items()}
-        self.provenance: dict[str, Any] = header["provenance"]
-        self._identity: str = header["identity"]
-        if index["identity"] != self._identity:
-            raise InputError(f"{folder}: {INDEX} and {RUN} are of different runs")
-        self._segments = [Segment(**one) for one in index["segments"]]
-        self._number: int = index["written"]  # segments written so far
-        self.checkpoint: str | None = index["checkpoint"]
-        self._of_checkpoint = [Segment(**one) for one in index["of_checkpoint"]]
+        with _as_written(folder / INDEX):
+            if _text(index["identity"]) != self._identity:
+                raise InputError(f"{folder}: {INDEX} and {RUN} are of different runs")
+            self._segments = [_segment(one) for one in index["segments"]]
+            self._of_checkpoint = [_segment(one) for one in index["of_checkpoint"]]
+            self._number = _count(index["written"])  # segments written so far
+            named = index["checkpoint"]
+            self.checkpoint: str | None = None if named is None else _file(named, "checkpoint")
         self._read: dict[str, tuple[str, Floats]] = {}  # the last rows that were read of each column
 
     def __len__(self) -> int:
@@ -99,11 +105,57 @@ class Segments:
         if file != segment.file:
             where = self.folder / segment.file
             header, arrays = read_arrays(where, "exunet segment", VERSION, only=(path,))
-            rows = arrays[path]
-            if header["identity"] != self._identity or len(rows) < segment.rows:
+            rows, column = arrays[path], next(one for one in self.columns if one.path == path)
+            whole = rows.shape[1:] == column.row and rows.dtype.kind == "f" and len(rows) >= segment.rows
+            if header.get("identity") != self._identity or not whole:
                 raise InputError(f"{where}: it is not the segment that the index names")
             self._read[path] = segment.file, rows
         return rows
+
+
+@contextmanager
+def _as_written(path: Path) -> Iterator[None]:
+    """A file whose header has not what `SegmentStore` writes raises InputError."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        words = f"there is no {error}" if isinstance(error, KeyError) else str(error)
+        raise InputError(f"{path}: damaged: {words}") from error
+
+
+def _text(value: Any) -> str:
+    if type(value) is not str:
+        raise TypeError(f"{value!r} is no text")
+    return value
+
+
+def _count(value: Any) -> int:
+    if type(value) is not int or value < 0:
+        raise TypeError(f"{value!r} is no number of rows or files")
+    return value
+
+
+def _file(value: Any, kind: str) -> str:
+    if re.fullmatch(kind + r"-\d{6,}\.exu", _text(value)) is None:
+        raise ValueError(f"{value!r} is no name of a {kind}")
+    return str(value)
+
+
+def _segment(one: Any) -> Segment:
+    return Segment(_file(one["file"], "segment"), _count(one["rows"]))
+
+
+def _column(one: Any) -> Column:
+    row = tuple(_count(size) for size in one["row"])
+    return Column(_text(one["path"]), row, _text(one["units"]), _text(one["description"]))
+
+
+def _mass(mass: Any, inertia: Floats | None) -> MassProperties:
+    if type(mass) is not float or not math.isfinite(mass):
+        raise TypeError(f"{mass!r} is no mass")
+    if inertia is not None and (inertia.shape != (3, 3) or inertia.dtype.kind != "f"):
+        raise ValueError("an inertia is not a matrix of 3 x 3 numbers")
+    return MassProperties(mass, inertia)
 
 
 class SegmentStore(Segments):

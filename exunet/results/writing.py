@@ -20,7 +20,16 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.net.arrays import Net
-from exunet.results.columns import PATHS, Column, MassProperties, body_path, body_quantities, declare
+from exunet.results.columns import (
+    PATHS,
+    STATES,
+    Column,
+    MassProperties,
+    body_path,
+    body_quantities,
+    declare,
+    state_column,
+)
 from exunet.results.from_rows import check_times, check_values
 from exunet.results.net_arrays import NET_ARRAYS, to_arrays
 from exunet.results.result import Result
@@ -99,8 +108,12 @@ class _ResultRows:
         for name, properties in bodies.items():
             for quantity in body_quantities(properties):
                 arrays[body_path(name, quantity)] = getattr(result.bodies[name], quantity)
+        of_terms = [
+            state_column(name, one.values.shape[1], one.units) for name, one in sorted(result.states.items())
+        ]
+        arrays |= {STATES + name: one.values for name, one in result.states.items()}
         self._arrays = {path: values for path, values in arrays.items() if values is not None}
-        declared = declare(result.net.n_nodes, result.net.n_elements, bodies)
+        declared = (*declare(result.net.n_nodes, result.net.n_elements, bodies), *of_terms)
         self.columns = tuple(column for column in declared if column.path in self._arrays)
         for column in self.columns:
             shape = self._arrays[column.path].shape

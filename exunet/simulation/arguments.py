@@ -30,12 +30,14 @@ def whole_number(given: object) -> int | None:
         return None
 
 
-def finite_vector(given: ArrayLike) -> NDArray[np.float64] | None:
-    """Three finite numbers (3,), else None."""
+def finite_vector(given: ArrayLike, number: int) -> NDArray[np.float64] | None:
+    """So many finite numbers, or a number alone where it is one, as (number,); else None."""
     try:
         vector = np.asarray(given)
     except (TypeError, ValueError):
         return None
-    if vector.shape != (3,) or vector.dtype.kind not in "iuf" or not np.isfinite(vector).all():
+    if number == 1 and vector.ndim == 0:
+        vector = vector[None]
+    if vector.shape != (number,) or vector.dtype.kind not in "iuf" or not np.isfinite(vector).all():
         return None
     return vector.astype(np.float64)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.cable import STRETCH_BOUND
-from exunet.forces.cable_term import INTACT
 from exunet.system.energy_scale import EnergyScale
 from exunet.system.states import States
 from exunet.system.system import State, System
@@ -34,7 +33,7 @@ class Look:
     balance, allowed : (k,) energy balance less that of the start, and what it may be off by [J]
     stretch          : (k,) largest of an element
     speed, allowed_speed : (k,) largest of a node, and what it may be [m/s]
-    of_bodies, allowed_of_bodies : (k,) the same of the rigid bodies, which no force acts on
+    of_bodies, allowed_of_bodies : (k,) the same of the rigid bodies that no term acts on
     gained           : (2, k) see `EnergyScale.gained` [J], the largest until each state
     """
 
@@ -94,7 +93,7 @@ class Guards:
     def __init__(self, system: System, start: State) -> None:
         self._scale = EnergyScale(system, start)
         now = States.of(system, start)
-        self._start, self._bodies = float(_mechanical(now)[0]), float(now.kinetic_of_bodies[0])
+        self._start, self._bodies = (float(part[0]) for part in _apart(now))
         self._gained = np.zeros(2)
         net = system.net
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
@@ -117,11 +116,12 @@ class Guards:
 
     def look(self, states: States, dissipated: Floats) -> Look:
         """See how states with their dissipated energy (k,) [J] keep to the bounds."""
-        balance = _mechanical(states) + dissipated - self._start
+        mechanical, of_bodies = _apart(states)
+        balance = mechanical + dissipated - self._start
         gained = self._scale.gained(states, dissipated)
         gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # passes over NaN
-        intact = states.memory.get(INTACT)
-        held = states.length if intact is None else states.length * intact  # what broke has any length
+        carrying = states.system.forces.cable.carrying(states.memory)
+        held = states.length if carrying is None else states.length * carrying  # what broke has any length
         given = np.sqrt(2.0 * gained[1] / self._mass)
         return Look(
             finite=np.isfinite(balance) & states.finite,
@@ -131,7 +131,7 @@ class Guards:
             speed=np.sqrt(states.squared_speed.max(axis=1, initial=0.0)),
             allowed_speed=SPEED_BOUND * (self._speeds + given),
             gained=gained,
-            of_bodies=states.kinetic_of_bodies - self._bodies,
+            of_bodies=of_bodies - self._bodies,
             allowed_of_bodies=np.full(len(states), allowed(np.asarray(self._bodies))),
         )
 
@@ -140,9 +140,10 @@ class Guards:
         self._gained = look.gained[:, k]
 
 
-def _mechanical(states: States) -> Floats:
-    """Energy of the net and the point masses [J]."""
-    return states.kinetic - states.kinetic_of_bodies + states.elastic + states.potential
+def _apart(states: States) -> tuple[Floats, Floats]:
+    """Energy of all that forces act on, and of the rigid bodies that none acts on, (k,) [J]."""
+    alone = states.kinetic_of_bodies @ ~states.system.driven
+    return states.kinetic - alone + states.elastic + states.potential, alone
 
 
 def allowed(scale: Floats) -> Floats:

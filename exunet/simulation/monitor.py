@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from exunet.backends.protocol import Arrays, Batch, Extremes
 from exunet.base.errors import RunStopped
+from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
-from exunet.forces.cable_term import INTACT
-from exunet.forces.terms import MemoryChange
+from exunet.forces.terms import Change
 from exunet.methods.plan import Plan
 from exunet.simulation.diagnosis import COLLAPSE_ADVICE, LOAD_ADVICE, state_of_worst, step_advice
 from exunet.simulation.envelope import Envelope
@@ -64,13 +64,15 @@ class Monitor:
         self.last_good = state
         self.safe, self.safe_dissipated = state, 0.0
         self.events: list[dict[str, Any]] = []
+        switches = system.forces.switches
+        self._headings = {term.memory.name: switch.heading for term, switch in switches if term.memory}
         self._remember(state.memory)
 
     def _remember(self, memory: Arrays) -> None:
         self._memory = dict(memory)
         longest = STRETCH_BOUND * self._system.forces.cable.law.natural_length
-        intact = self._memory.get(INTACT)
-        self._longest = longest if intact is None else np.where(intact, longest, np.inf)
+        carrying = self._system.forces.cable.carrying(self._memory)
+        self._longest = longest if carrying is None else np.where(carrying, longest, np.inf)
 
     @property
     def energy_scale(self) -> float:
@@ -88,6 +90,22 @@ class Monitor:
     def push(self, force: Floats) -> None:
         """Forces (n_points, 3) [N] from outside act from now on; their work is booked."""
         self._push = force.copy() if force.any() else None
+
+    def tell(self, inputs: Arrays) -> None:
+        """Inputs have these values from now on."""
+        self._remember({**self._memory, **inputs})
+
+    def story(self) -> dict[str, list[dict[str, Any]]]:
+        """The events so far, by heading."""
+        return {
+            heading: [
+                {key: value for key, value in one.items() if key != "heading"}
+                for one in self.events
+                if one["heading"] == heading
+            ]
+            for heading in self._headings.values()
+            if heading
+        }
 
     def go_back(self) -> State:
         """Go back to the last state from which a run may continue, which is returned."""
@@ -147,16 +165,17 @@ class Monitor:
             self._envelope.take(until, extremes.elastic, extremes.kinetic)
         self.peaks.take(extremes.time, extremes.tension, extremes.element)
 
-    def changed(self, time: float, memory: str, change: MemoryChange) -> None:
+    def changed(self, time: float, memory: str, change: Change) -> None:
         self.dissipated += change.energy_lost
-        self.events = [*self.events, *change.events]  # snapshots hold the old list
-        self._remember({**self._memory, memory: change.memory})
+        told = [{"heading": self._headings[memory], **one} for one in change.events]
+        self.events = [*self.events, *told]  # snapshots hold the old list
+        asleep = {} if change.awake is None else {AWAKE: change.awake}
+        self._remember({**self._memory, memory: change.memory, **asleep})
 
     def take(self, batch: Batch) -> None:
         """Raises RunStopped, with the `step_cause` that a smaller step may mend or not."""
-        states = States(
-            self._system, batch.time, batch.position, batch.velocity, batch.bodies, dict(self._memory)
-        )
+        memory = dict(self._memory)
+        states = States(self._system, batch.time, *batch[1:4], memory, batch.first_order)
         with np.errstate(all="ignore"):  # numbers that overflow are what the guards look for
             dissipated = self._dissipated(states, batch)
             marked = self._marked(states.time)

@@ -14,7 +14,6 @@ from exunet.case.stored_times import stored_times
 from exunet.methods.keys import AUTO
 from exunet.methods.method import COMPILED_METHODS, METHODS, Kind, Method, TimeLoop
 from exunet.methods.plan import Plan
-from exunet.net.arrays import Net
 from exunet.simulation import auto
 from exunet.system.stability import (
     SAFETY,
@@ -86,14 +85,16 @@ def _chosen(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan
     return replace(plan, notes=(*notes, *plan.notes))
 
 
-def with_forms(scene: Scene, net: Net, plan: Plan) -> tuple[Scene, Plan]:
+def with_forms(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]:
     """The scene with "auto" of engine.net and engine.loop replaced, and the plan that says by what."""
     engine, notes = scene.engine, plan.notes
     if engine.loop == "auto":
         loop, why = auto.choose_loop(plan.method)
         engine, notes = engine.model_copy(update={"loop": loop}), (*notes, why)
     if engine.net == "auto":
-        form, why = auto.choose_net(net.n_elements, implicit=METHODS[plan.method].kind == Kind.IMPLICIT)
+        form, why = auto.choose_net(
+            system.net.n_elements, implicit=METHODS[plan.method].kind == Kind.IMPLICIT
+        )
         # The compiled loop has a form of its own.
         engine, notes = (
             engine.model_copy(update={"net": form}),
@@ -104,9 +105,10 @@ def with_forms(scene: Scene, net: Net, plan: Plan) -> tuple[Scene, Plan]:
         longest = scene.time.end / max(1, math.ceil(scene.time.end / plan.longest_step))
         plan = replace(plan, longest_step=longest)
     order = METHODS[plan.method].rotation_order
-    if scene.bodies and engine.loop == TimeLoop.EXUDYN and order is not None:
-        names = ", ".join(scene.bodies)
-        words = f"{plan.method} of Exudyn is of first order for turning bodies ({names}); RK44 is of order 4"
+    names = ", ".join([*scene.bodies, *(one.name for one in system.blocks.states)])
+    if names and engine.loop == TimeLoop.EXUDYN and order is not None:
+        what = "turning bodies and first-order states" if system.blocks.states else "turning bodies"
+        words = f"{plan.method} of Exudyn is of first order for {what} ({names}); RK44 is of order 4"
         notes = (*notes, words)
     return scene.model_copy(update={"engine": engine}), replace(plan, notes=notes)
 

@@ -16,7 +16,14 @@ from exunet.net.arrays import Net
 from exunet.simulation.planning import make_plan, with_forms
 from exunet.system.effect_survey import chosen
 from exunet.system.from_scene import system_of
-from exunet.system.limits import body_faults, overflow_faults, start_faults, step_faults, within_floats
+from exunet.system.limits import (
+    body_faults,
+    form_faults,
+    overflow_faults,
+    start_faults,
+    step_faults,
+    within_floats,
+)
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
@@ -65,7 +72,8 @@ def prepare(scene: Scene) -> Start:
             plan, wrong_steps = make_plan(scene, system, state.velocity)
         wrong_steps += step_faults(scene, system.net, plan)
         faults += [fault for fault in wrong_steps if fault.key != "net" or not overflows]
-    scene, plan = with_forms(scene, system.net, plan)
+        faults += form_faults(system, state, plan, scene.engine)
+    scene, plan = with_forms(scene, system, plan)
     return Start(scene, system, state, replace(plan, notes=plan.notes + notes))
 
 

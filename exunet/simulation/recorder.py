@@ -15,7 +15,7 @@ from exunet.base.version import VERSION
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.methods.plan import Plan
-from exunet.results.columns import Column, MassProperties, body_path, declare
+from exunet.results.columns import STATES, Column, MassProperties, body_path, declare, state_column
 from exunet.results.from_rows import result_of_rows
 from exunet.results.result import Result
 from exunet.results.store import MemoryStore, RowStore
@@ -32,14 +32,15 @@ _BATCH = 256  # stored states that are appended in one go
 
 def mass_properties(system: System) -> dict[str, MassProperties]:
     """What does not change of the bodies, by name."""
-    points = {name: MassProperties(float(system.mass[k])) for name, k in system.points.body.items()}
+    points = {name: MassProperties(float(system.mass[k])) for name, k in system.blocks.body.items()}
     rigid = {body.name: MassProperties(body.mass, np.diag(body.inertia)) for body in system.bodies}
     return points | rigid
 
 
 def columns_of(system: System) -> tuple[Column, ...]:
     """What is stored of each state."""
-    return declare(system.net.n_nodes, system.net.n_elements, mass_properties(system))
+    states = (state_column(one.name, len(one.initial), one.units) for one in system.blocks.states)
+    return (*declare(system.net.n_nodes, system.net.n_elements, mass_properties(system)), *states)
 
 
 class Recorder:
@@ -85,7 +86,7 @@ class Recorder:
         self._waiting.clear()
 
     def _rows(self, states: States, dissipated: Floats) -> dict[str, Floats]:
-        net, points = self._start.net, self._start.system.points
+        net, blocks = self._start.net, self._start.system.blocks
         energies = np.stack([states.elastic, states.kinetic], axis=-1)
         around = np.concatenate([self._last if len(self._last) else energies[:1], energies])
         largest, least = self.envelope.around(len(self.rows), around[:, 0], around[:, 1])
@@ -105,12 +106,16 @@ class Recorder:
             "momentum/linear": states.momentum,
             "momentum/angular": states.angular_momentum,
         }
-        for name, k in points.body.items():
+        for name, k in blocks.body.items():
             rows[body_path(name, "position")] = states.position[:, k]
             rows[body_path(name, "velocity")] = states.velocity[:, k]
         for k, body in enumerate(self._start.system.bodies):
             for quantity, values in vars(states.bodies).items():
                 rows[body_path(body.name, quantity)] = values[:, k]
+        first = 0
+        for one in blocks.states:
+            rows[STATES + one.name] = states.first_order[:, first : first + len(one.initial)]
+            first += len(one.initial)
         return rows
 
     def go_back(self, time: float) -> None:
@@ -156,8 +161,7 @@ class Recorder:
         self.flush()
         self.story["largest_tension"] = monitor.peaks.provenance()
         self.story["energy_scale_J"] = monitor.energy_scale
-        if self._start.system.forces.cable.breaks:
-            self.story["broken"] = [one for one in monitor.events if "element" in one]
+        self.story |= monitor.story()
         return verdict, self.story
 
     def result(self, verdict: str, monitor: Monitor) -> Result:

@@ -20,6 +20,7 @@ from exunet.results.reading import RESULT_FILE, STORE_FOLDER, load_result
 from exunet.results.result import Result
 from exunet.results.segments import SegmentStore
 from exunet.results.writing import join
+from exunet.simulation.arguments import finite_number
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.recorder import Recorder, columns_of, mass_properties
 from exunet.simulation.simulation import Simulation, cannot_restart
@@ -149,10 +150,10 @@ def resume(folder: str | Path, progress: Progress | None = None) -> Result:
     folder = Path(folder)
     store = SegmentStore(folder / STORE_FOLDER)
     try:
-        story = store.provenance
-        case = parse_case(story["text"], Path(story["case"]), story["overrides"])
+        case, every = _as_it_was(store)
         start = prepare_case(case)
-        every = story.get("checkpoint_every")
+        if store.columns != columns_of(start.system):
+            raise InputError(f"{folder}: damaged: the stored states are not those of its case")
         if store.checkpoint is None:
             store.drop_after(0)
             recorder = Recorder(start, provenance(case), store)
@@ -168,6 +169,18 @@ def resume(folder: str | Path, progress: Progress | None = None) -> Result:
         store.close()
         raise
     return _into(folder, simulation, recorder, files, progress)
+
+
+def _as_it_was(store: SegmentStore) -> tuple[Case, float | None]:
+    """The case of a run that was killed, and the time between its checkpoints; InputError if damaged."""
+    story = store.provenance
+    text, name, overrides = (story.get(key) for key in ("text", "case", "overrides"))
+    every = story.get("checkpoint_every")
+    listed = isinstance(overrides, list) and all(isinstance(one, str) for one in overrides)
+    timed = every is None or (finite_number(every) or 0.0) > 0.0
+    if not (isinstance(text, str) and isinstance(name, str) and listed and timed):
+        raise InputError(f"{store.folder}: damaged: it does not tell the case of its run")
+    return parse_case(text, Path(name), overrides or ()), every
 
 
 def _refuse_checkpoints(start: Start, every: float | None) -> None:

@@ -14,21 +14,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from exunet.backends import integrator
 from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
-from exunet.base.errors import InputError, Interrupted, RunStopped
+from exunet.base.errors import CaseError, InputError, Interrupted, RunStopped
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case, load
 from exunet.case.scene import Scene
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
-from exunet.simulation.arguments import finite_number, finite_vector, whole_number
+from exunet.simulation.arguments import finite_number
 from exunet.simulation.monitor import Monitor
+from exunet.simulation.outside import Outside
 from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.readouts import BodyState, Energies, NetState
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.refinement import finer
 from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity
 from exunet.simulation.stops import Stops
+from exunet.system.limits import form_faults
 from exunet.system.states import States
 from exunet.system.system import State
 
@@ -62,7 +64,8 @@ class Simulation:
         self._recorder = recorder
         self._plan = self._start.plan
         self._retries = self._start.scene.solver.retry
-        self._pushed = np.zeros_like(self._start.position)
+        self._outside = Outside(self._start.system)
+        self._acting = self._outside.at_start
         self._stops = Stops()
         state, envelope = self._start.state, None if recorder is None else recorder.envelope
         store = None if recorder is None else recorder.store
@@ -82,8 +85,7 @@ class Simulation:
             made = integrator(start.scene.engine, start.system, state, self._plan, self._monitor)
         except IntegrationFailed as failure:
             raise RunStopped(f"not started: {failure}") from failure
-        if self._pushed.any():
-            made.push(self._pushed)
+        self._let_act(made, self._outside.at_start)
         if self._recorder is not None:
             self._recorder.built(made.items, clock.perf_counter() - began)
         return made
@@ -132,7 +134,7 @@ class Simulation:
     def bodies(self) -> dict[str, BodyState]:
         """The bodies now, by name."""
         now, system = self.state, self._start.system
-        points = {name: BodyState(now.position[k], now.velocity[k]) for name, k in system.points.body.items()}
+        points = {name: BodyState(now.position[k], now.velocity[k]) for name, k in system.blocks.body.items()}
         rigid = {
             body.name: BodyState(*(getattr(now.bodies, name)[k] for name in _OF_BODY))
             for k, body in enumerate(system.bodies)
@@ -165,16 +167,16 @@ class Simulation:
         self._go_to(time)
 
     def _go_to(self, time: float) -> None:
-        self._stops.add(time, self._pushed)
+        self._stops.add(time, self._acting)
         self._through(len(self._stops) - 1)
 
     def _through(self, stop: int) -> None:
-        """Go to a stop and those after it, with the forces that act until there."""
+        """Go to a stop and those after it, with what acts until there."""
         stops = self._stops
         try:
             while stop < len(stops):
-                time, force = stops[stop]
-                arrived = self._act(force) and self.attempt(time)
+                time, acting = stops[stop]
+                arrived = self._act(acting) and self.attempt(time)
                 stop = stop + 1 if arrived else stops.after(self.time)
         except BaseException:
             stops.forget_after(self.time)
@@ -265,30 +267,43 @@ class Simulation:
 
         Its work is in the energy book, as energy that is put in.
         """
-        points = self._start.system.points
-        number = points.body.get(on) if isinstance(on, str) else whole_number(on)
-        if number is None or not (isinstance(on, str) or 0 <= number < points.net.n_nodes):
-            names = ", ".join(points.body) or "none"
-            words = f"nodes are 0 to {points.net.n_nodes - 1}, point masses: {names}"
-            raise InputError(f"set_force: there is no node or point mass {on!r}: {words}")
-        vector = finite_vector(force)
-        if vector is None:
-            raise InputError(f"set_force: a force is three finite numbers, got {force!r}")
+        acting = self._outside.with_force(self._acting, on, force)
         self._settle()
-        pushed = self._pushed.copy()
-        pushed[number] = vector
-        self._act(pushed)
+        self._act(acting)
 
-    def _act(self, force: Floats) -> bool:
-        """Let forces (n_points, 3) [N] from outside act from now on; False if the simulation went back."""
-        if force is self._pushed or np.array_equal(force, self._pushed):
+    @property
+    def inputs(self) -> dict[str, Floats]:
+        """The values of the inputs now, by name; copies."""
+        return {name: values.copy() for name, values in self._outside.inputs(self._acting).items()}
+
+    def set_input(self, name: str, values: ArrayLike) -> None:
+        """Give an input of the case's forces other values, in force until others are given.
+
+        The work that they do is in the energy book, by the power of the force that reads them.
+        """
+        acting = self._outside.with_input(self._acting, name, values)
+        self._settle()
+        self._act(acting)
+
+    def _act(self, acting: Floats) -> bool:
+        """Let this act from outside from now on; False if the simulation went back."""
+        if acting is self._acting or np.array_equal(acting, self._acting):
             return True
         if not self.finish():
             return False
-        self._pushed = force
-        self._monitor.push(force)
-        self._integrator.push(force)
+        before, self._acting = self._acting, acting
+        self._let_act(self._integrator, before)
         return True
+
+    def _let_act(self, integrator: Integrator, before: Floats) -> None:
+        """Tell the books and the integrator, as far as it is not as it was."""
+        force, inputs = self._outside.forces(self._acting), self._outside.inputs(self._acting)
+        self._monitor.push(force)
+        if inputs:
+            self._monitor.tell(inputs)
+            integrator.tell(inputs)
+        if not np.array_equal(force, self._outside.forces(before)):
+            integrator.push(force)
 
     @property
     def can_restart(self) -> bool:
@@ -313,7 +328,7 @@ class Simulation:
             story = {name: self._recorder.story[name] for name in ("retries", "notes", "tolerance", "step")}
             header |= {"rows": len(self._recorder), "story": story}
         arrays = grouped("integrator", self._integrator.snapshot())
-        arrays |= grouped("monitor", self._monitor.arrays(self.time)) | {"pushed": self._pushed.copy()}
+        arrays |= grouped("monitor", self._monitor.arrays(self.time)) | {"acting": self._acting.copy()}
         arrays |= grouped("stops", self._stops.arrays())
         return Snapshot(identity(self._start), header, arrays)
 
@@ -324,22 +339,26 @@ class Simulation:
         """
         if not isinstance(snapshot, Snapshot):
             raise InputError(f"restore: needs what `snapshot` or `Snapshot.load` gave, got {snapshot!r}")
+        snapshot.refuse_damaged()
         snapshot.refuse_other(self._start)
         if self._recorder is not None and "rows" not in snapshot.header:
             raise InputError(f"the snapshot of t = {snapshot.time:g} s is not of a run with stored states")
-        snapshot.refuse_incomplete(self.snapshot())
-        header, arrays = snapshot.header, snapshot.arrays
-        self._pushed = np.array(arrays["pushed"])
+        header, arrays, restored = snapshot.header, snapshot.arrays, Plan.from_json(snapshot.header["plan"])
+        snapshot.refuse_unlike(self.snapshot(), self._integrator.room)
+        if restored.method != self._plan.method:
+            raise InputError(f"the snapshot of t = {snapshot.time:g} s is of {restored.method}")
+        if self._recorder is not None and header["rows"] > len(self._recorder):
+            raise InputError(f"the snapshot of t = {snapshot.time:g} s has rows that are not stored")
+        self._acting = np.array(arrays["acting"])
         self._stops.restore(group_of("stops", arrays))
         self._retries, self._spent = header["retries"], StepCounts(**header["spent"])
-        restored = Plan.from_json(header["plan"])
         if restored != self._plan:
             self._plan = restored
             self._integrator = self._begin(self._start.state)
         self._monitor.explain(self._plan)
         self._integrator.restore(group_of("integrator", arrays))
         self._monitor.restore(group_of("monitor", arrays), header["events"])
-        self._monitor.push(self._pushed)
+        self._monitor.push(self._outside.forces(self._acting))
         if self._recorder is not None:
             self._recorder.drop_after(header["rows"])
             self._recorder.story |= header["story"]
@@ -373,6 +392,9 @@ _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
 
 def _prepared(case: str | Path | Case | Scene | Start, overrides: Sequence[str]) -> Start:
     if isinstance(case, Start):
+        # A script may have changed the forces.
+        if faults := form_faults(case.system, case.state, case.plan, case.scene.engine):
+            raise CaseError(faults)
         return case
     if isinstance(case, Scene):
         return prepare(case)

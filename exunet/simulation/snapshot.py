@@ -19,6 +19,7 @@ from exunet.base.files import path_of
 from exunet.base.version import VERSION
 from exunet.codegen.compile import numba_version
 from exunet.simulation.preparation import Start
+from exunet.simulation.snapshot_checks import array_faults, header_faults
 
 KIND, FORMAT = "exunet snapshot", 1
 
@@ -50,22 +51,25 @@ class Snapshot:
     def load(cls, path: str | Path) -> Snapshot:
         """Read what `save` wrote; raises InputError if the file is damaged or of another kind or version."""
         header, arrays = read_arrays(path_of(path, "Snapshot.load"), KIND, FORMAT)
-        return cls(header.pop("of"), header, arrays)
+        read = cls(header.pop("of", None), header, arrays)
+        read.refuse_damaged()
+        return read
 
-    def refuse_incomplete(self, like: Snapshot) -> None:
-        """Raise InputError if it lacks what another snapshot of the simulation has, or has other sizes."""
-        missing = [key for key in like.header if key not in self.header]
-        for name, values in like.arrays.items():
-            found = self.arrays.get(name)
-            grows = name.startswith(_GROW)
-            if found is None:
-                if not grows:
-                    missing.append(name)
-            elif found.shape[grows:] != values.shape[grows:] and found.size and values.size:
-                missing.append(f"{name} of shape {values.shape}")
-        if missing:
+    def refuse_damaged(self) -> None:
+        """Raise InputError if a number or a word in the header is not what it stands for."""
+        if faults := header_faults({"of": self.of, **self.header}):
+            raise InputError(f"the snapshot is damaged: {', '.join(faults[:5])}")
+
+    def refuse_unlike(self, like: Snapshot, room: int) -> None:
+        """Raise InputError if it has other names, types or sizes than another snapshot of the simulation.
+
+        room : most states that may wait to be handed over
+        """
+        missing = [f"it lacks {key}" for key in like.header if key not in self.header]
+        if faults := missing + array_faults(self.arrays, like.arrays, self.header["time"], room):
             raise InputError(
-                f"the snapshot of t = {self.time:g} s is damaged: it lacks {', '.join(missing[:5])}"
+                f"the snapshot of t = {self.time:g} s is damaged, or not of this simulation: "
+                f"{', '.join(faults[:5])}"
             )
 
     def refuse_other(self, start: Start) -> None:
@@ -79,16 +83,6 @@ class Snapshot:
                 )
 
 
-# Arrays with a row for each state, mark, event or stop that there was.
-_GROW = (
-    "integrator:kept/",
-    "integrator:rows/",
-    "integrator:pushed",
-    "monitor:peaks",
-    "monitor:marks",
-    "monitor:envelope",
-    "stops:",
-)
 _DIFFERS = {
     "exunet": "another version of exunet",
     "numpy": "another version of NumPy",

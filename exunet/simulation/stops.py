@@ -1,7 +1,7 @@
 """The times that a simulation was taken to since the last state that it may go back to.
 
-A retry goes through them again, with the forces from outside that acted then: it ends where the caller is,
-along the way that the caller took.
+A retry goes through them again, with what acted from outside then (`exunet.simulation.outside`): it ends
+where the caller is, along the way that the caller took.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 
 class Stops:
-    """Times [s], in order, each with the forces (n_points, 3) [N] from outside that act until there."""
+    """Times [s], in order, each with the vector of what acts from outside until there."""
 
     def __init__(self) -> None:
         self._times: list[float] = []
@@ -30,7 +30,7 @@ class Stops:
         return self._times[k], self._forces[k]
 
     def add(self, time: float, force: Floats) -> None:
-        """One more, after the others; the array is kept as it is, once for stops with the same forces."""
+        """One more, after the others; the array is kept as it is, once for stops with the same vector."""
         last = self._forces[-1] if self._forces else force
         self._times.append(time)
         self._forces.append(last if np.array_equal(force, last) else force)
@@ -50,7 +50,7 @@ class Stops:
         del self._times[first:], self._forces[first:]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All of them, for a snapshot; each force that acted is in it once."""
+        """All of them, for a snapshot; each vector that acted is in it once."""
         distinct = {id(force): force for force in self._forces}
         number = {key: k for k, key in enumerate(distinct)}
         return {

@@ -26,7 +26,7 @@ from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
-from exunet.forces.terms import MemoryChange
+from exunet.forces.terms import Change
 from exunet.methods.method import Form, Method, NetForm
 from exunet.methods.plan import Plan
 from exunet.results.comparison import ComparedRun, match_nodes
@@ -172,7 +172,7 @@ class _Unobserved:
 
     def between(self, until: float, extremes: Extremes) -> None: ...
 
-    def changed(self, time: float, memory: str, change: MemoryChange) -> None: ...
+    def changed(self, time: float, memory: str, change: Change) -> None: ...
 
 
 def read_both(path: str | Path, overrides: Sequence[str] = ()) -> BothCodes:

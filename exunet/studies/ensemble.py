@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
+from exunet.backends.compiled.loop import CompiledLoop, loop_kernel
+from exunet.backends.protocol import IntegrationFailed
 from exunet.base.errors import InputError, RunStopped
 from exunet.case.stored_times import stored_times
 from exunet.codegen.kernel import Kernel
@@ -21,7 +22,7 @@ from exunet.results import measures as metrics
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.studies.neighbours import perturbed
-from exunet.system import energy
+from exunet.system.states import States
 
 Floats = NDArray[np.float64]
 
@@ -69,23 +70,21 @@ def run_ensemble(
     position, velocity : (runs, n_nodes, 3) [m], [m/s]; velocity None: that of `start` for all
     workers            : threads (compiled code runs beside each other); None: one a core
     Raises RunStopped, naming the run, if one diverges or its steps collapse; MissingExtra without Numba;
-    InputError for a method that the compiled loop does not have, breaking, states of another shape or that
-    are not finite numbers, or a number of workers below 1.
+    InputError for a method that the compiled loop does not have, states of another shape or that are not
+    finite numbers, or a number of workers below 1.
     """
     if start.plan.method not in COMPILED_METHODS:
         words = f"an ensemble runs by {', '.join(COMPILED_METHODS)}, not by {start.plan.method}"
         if start.scene.solver.method == "auto":
             words += ', which auto chose for Exudyn: set engine.loop = "auto", or "compiled"'
         raise InputError(words)
-    if start.system.forces.cable.breaks:
-        raise InputError("an ensemble does not look for elements that break: remove effects.breaking")
     if workers is not None:
         _whole("workers", workers, at_least=1)
-    position = _states("position", position, start.system.points.n_points, None)
+    position = _states("position", position, start.system.blocks.n_points, None)
     if velocity is None:
         speeds = np.broadcast_to(start.velocity, position.shape)
     else:
-        speeds = _states("velocity", velocity, start.system.points.n_points, len(position))
+        speeds = _states("velocity", velocity, start.system.blocks.n_points, len(position))
     times = stored_times(start.scene.time)
     kernel = loop_kernel(start.system)
 
@@ -123,21 +122,31 @@ def _stacked(found: Sequence[tuple[Any, ...]]) -> list[Any]:
 
 
 def _one(start: Start, kernel: Kernel, times: Floats, run: int) -> tuple[Any, ...]:
+    """Through the stored times, with guards and events, as a run."""
     system, net = start.system, start.net
-    motion = CompiledIntegration(system, start.state, start.plan, kernel)
-    batch = motion.through(times)
+    stored: list[tuple[States, Floats]] = [(States.of(system, start.state), np.zeros(1))]
+    monitor = Monitor(system, start.state, store=lambda *rows: stored.append(rows))
+    monitor.explain(start.plan)
+    loop = CompiledLoop(system, start.state, start.plan, monitor, kernel)
     try:
-        Monitor(system, start.state, every=1).take(batch)
+        for time in times[1:]:
+            monitor.mark(time)
+            loop.advance(time)
+        loop.hand_over()
     except RunStopped as stop:
         raise RunStopped(f"run {run} of the ensemble {stop}") from stop
-    if len(batch.time) < len(times):
-        raise RunStopped(f"run {run} of the ensemble stopped: {motion.collapse()}")
-    return (
-        np.linalg.norm(batch.velocity[:, net.bullet_nodes], axis=-1),
-        metrics.mouth_area(net, batch.position),
-        energy.kinetic(system.mass, batch.velocity),
-        energy.elastic(system.forces, batch.position),
-        energy.potential(system.forces, batch.position),
-        batch.taken,
-        motion.counts.right_hand_sides,
-    )
+    except IntegrationFailed as failure:
+        raise RunStopped(f"run {run} of the ensemble stopped: {failure}") from failure
+    parts = [
+        (
+            np.linalg.norm(states.velocity[:, net.bullet_nodes], axis=-1),
+            metrics.mouth_area(net, states.position[:, : net.n_nodes]),
+            states.kinetic,
+            states.elastic,
+            states.potential,
+            dissipated,
+        )
+        for states, dissipated in stored
+    ]
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    return (*columns, loop.counts.right_hand_sides)

@@ -15,10 +15,10 @@ from exunet.base.errors import Fault
 from exunet.base.faults import joining
 from exunet.base.table import Table
 from exunet.case.scene import Scene
+from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.effects import EFFECTS, beyond_floats, launch_force, switched_on, terms_of
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.points import Points
 from exunet.forces.terms import LinearTerm
 from exunet.forces.total import Contribution
 from exunet.methods.method import Form, NetForm, TimeLoop
@@ -113,7 +113,7 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
         if assumed is None:
             return Finding(name, False, None, "", None, 0.0, 0.0)
         keys, assumption = assumed
-    cost = cost_of(terms_of_alone(name, keys, basis), basis.points, _form(scene))
+    cost = cost_of(terms_of_alone(name, keys, basis), basis.blocks, _form(scene))
     estimate: Estimate = EFFECTS[name].magnitude(keys, basis)
     if not np.isfinite([estimate.acceleration, estimate.displacement]).all():
         raise beyond_floats(name)
@@ -127,27 +127,28 @@ def terms_of_alone(name: str, keys: Table, basis: EstimateBasis) -> tuple[Contri
     """The terms that an effect alone adds, with the point masses that it brings."""
     module = EFFECTS[name]
     masses = module.point_masses(keys) if hasattr(module, "point_masses") else ()
-    return terms_of(name, keys, Points.of(basis.net, basis.position, masses))
+    states = module.first_order_states(keys) if hasattr(module, "first_order_states") else ()
+    return terms_of(name, keys, Blocks.of(basis.net, basis.position, masses, states=states))
 
 
-def cost_of(terms: tuple[Contribution, ...], points: Points, form: Form) -> float:
+def cost_of(terms: tuple[Contribution, ...], blocks: Blocks, form: Form) -> float:
     """Estimated time that terms add to a right-hand side, as a part of the bare net's."""
     added, linear, kernels = 0.0, False, False
     for term in terms:
         if isinstance(term, LinearTerm):
             matrices = [matrix for matrix in (term.on_velocity, term.stiffness) if matrix is not None]
             added += _ENTRY * sum(matrix.nnz for matrix in matrices)
-            added += _ENTRY * 3 * points.n_points if term.load is not None else 0.0
+            added += _ENTRY * 3 * blocks.n_points if term.load is not None else 0.0
             linear = True
         elif isinstance(term, ElementLaw):
-            added += _VISCOUS * points.net.n_elements if term.relaxation_time is not None else 0.0
+            added += _VISCOUS * blocks.net.n_elements if term.relaxation_time is not None else 0.0
         else:
             longest = max((len(p) for p in term.data if isinstance(p, np.ndarray)), default=0)
             added += _NODE_OF_KERNEL * longest
             kernels = True
-    added += _OBJECT[form] * points.n_points if linear else 0.0
+    added += _OBJECT[form] * blocks.n_points if linear else 0.0
     added += _CALL[form] if kernels else 0.0
-    return added / (_FIXED[form] + _ELEMENT[form] * max(points.net.n_elements, 1))
+    return added / (_FIXED[form] + _ELEMENT[form] * max(blocks.net.n_elements, 1))
 
 
 def _form(scene: Scene) -> Form:

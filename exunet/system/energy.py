@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.bodies import rigid
 from exunet.codegen.kernel import term_kernel
 from exunet.forces import cable
-from exunet.forces.cable_term import INTACT
 from exunet.forces.total import Forces
-from exunet.system.system import Memories
+from exunet.system.system import Memories, System
 
 Floats = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ def kinetic(mass: Floats, velocity: Floats) -> Floats:
 
 def law_of(forces: Forces, memory: Memories | None = None) -> cable.Law:
     """The law of the elements that are intact."""
-    return forces.cable.law.of_intact((memory or {}).get(INTACT))
+    return forces.cable.law.of_intact(forces.cable.carrying(memory or {}))
 
 
 def elastic(forces: Forces, position: Floats, memory: Memories | None = None) -> Floats:
@@ -29,51 +29,85 @@ def elastic(forces: Forces, position: Floats, memory: Memories | None = None) ->
     return cable.elastic_energy(law_of(forces, memory), cable.lengths(forces.cable.net, position))
 
 
-def potential(forces: Forces, position: Floats, memory: Memories | None = None) -> Floats:
-    """Energy [J] of loads, constant stiffness and conservative kernel terms; (k, n_points, 3) -> (k,)."""
-    energy = np.zeros(len(position))
+def potential(forces: Forces, x: Floats, memory: Memories | None = None) -> Floats:
+    """Energy [J] of loads, constant stiffness and conservative kernel terms; (k, n_x) -> (k,)."""
+    energy = np.zeros(len(x))
     if forces.linear is not None:
-        energy += forces.linear.potential(position.reshape(len(position), -1))
+        energy += forces.linear.potential(x)
     if any(term.has_potential for term in forces.kernels):
-        energy += term_kernel(forces.kernels).potential(position, memory)
+        energy += term_kernel(forces.kernels).potential(x, memory)
     return energy
 
 
-def work_taken(
-    forces: Forces, time: Floats, position: Floats, velocity: Floats, memory: Memories | None = None
-) -> Floats:
+def work_taken(system: System, time: Floats, x: Floats, v: Floats, memory: Memories | None = None) -> Floats:
     """Energy [J] that terms without a potential take out between states (negative: put in).
 
-    time (k,) [s], position and velocity (k, n_points, 3) of successive steps -> (k - 1,)
+    time (k,) [s], x (k, n_x) and v (k, n_v) of successive steps -> (k - 1,)
 
     Simpson's rule in each step; the state in the middle is that of the cubic Hermite polynomial through both
-    ends, (x0 + x1)/2 + h (v0 - v1)/8 and 3/2 (x1 - x0)/h - (v0 + v1)/4, so the sum is of fourth order.
+    ends, (x0 + x1)/2 + h (x0' - x1')/8 and 3/2 (x1 - x0)/h - (x0' + x1')/4, so the sum is of fourth order.
     """
-    step = np.diff(time)
-    h = step[:, None, None]
-    place = 0.5 * (position[:-1] + position[1:]) + 0.125 * h * (velocity[:-1] - velocity[1:])
-    speed = 1.5 * np.diff(position, axis=0) / h - 0.25 * (velocity[:-1] + velocity[1:])
-    ends = power_taken(forces, time, position, velocity, memory)
+    forces, step = system.forces, np.diff(time)
+    place, speed = _middle(system, time, x, v, memory)
+    ends = power_taken(forces, time, x, v, memory)
     middle = power_taken(forces, time[:-1] + 0.5 * step, place, speed, memory)
     work = step / 6.0 * (ends[:-1] + ends[1:] + 4.0 * middle)
     if forces.cable.viscous:
-        states = ((position[:-1], velocity[:-1]), (place, speed), (position[1:], velocity[1:]))
-        work += cable.viscous_work(forces.cable.net, law_of(forces, memory), step, states)
+        flat = ((x[:-1], v[:-1]), (place, speed), (x[1:], v[1:]))
+        states = tuple(tuple(_of_nodes(system, part) for part in pair) for pair in flat)
+        work += cable.viscous_work(forces.cable.net, law_of(forces, memory), step, states)  # type: ignore[arg-type]
     return work
 
 
-def power_taken(
-    forces: Forces, time: Floats, position: Floats, velocity: Floats, memory: Memories | None = None
-) -> Floats:
+def _of_nodes(system: System, flat: Floats) -> Floats:
+    """(k, n_nodes, 3) of x or v."""
+    return flat[:, : 3 * system.net.n_nodes].reshape(len(flat), -1, 3)
+
+
+def _middle(
+    system: System, time: Floats, x: Floats, v: Floats, memory: Memories | None
+) -> tuple[Floats, Floats]:
+    """x (k - 1, n_x) and v (k - 1, n_v) in the middle of the steps."""
+    h, centres, bodies = np.diff(time)[:, None], system.blocks.centres, len(system.blocks.rigid)
+
+    def halfway(value: Floats, rate: Floats) -> tuple[Floats, Floats]:
+        return (
+            0.5 * (value[:-1] + value[1:]) + 0.125 * h * (rate[:-1] - rate[1:]),
+            1.5 * np.diff(value, axis=0) / h - 0.25 * (rate[:-1] + rate[1:]),
+        )
+
+    if x.shape[1] == centres:
+        return halfway(x, v)
+    place, speed = halfway(x[:, :centres], v[:, :centres])
+    attitude = _one_way(x[:, centres : centres + 4 * bodies].reshape(len(x), bodies, 4))
+    rate = rigid.turning(attitude, v[:, centres:].reshape(len(v), bodies, 3)).reshape(len(x), -1)
+    turned, turns = halfway(attitude.reshape(len(x), -1), rate)
+    shape = (len(turned), bodies, 4)
+    spin = rigid.angular_velocity_of(turned.reshape(shape), turns.reshape(shape)).reshape(len(turned), -1)
+    of_terms = x[:, centres + 4 * bodies :]
+    if of_terms.shape[1]:
+        rates = term_kernel(system.forces.kernels).rates(time, x, v, of_terms.shape[1], memory)
+        of_terms, _ = halfway(of_terms, rates)
+    return np.concatenate([place, turned, of_terms[: len(place)]], axis=1), np.concatenate([speed, spin], 1)
+
+
+def _one_way(attitude: Floats) -> Floats:
+    """Attitudes (k, n_bodies, 4) with such signs that none is far from the one before."""
+    same = np.einsum("kba,kba->kb", attitude[1:], attitude[:-1]) >= 0.0
+    sign = np.cumprod(np.where(same, 1.0, -1.0), axis=0)
+    return np.concatenate([attitude[:1], sign[:, :, None] * attitude[1:]])
+
+
+def power_taken(forces: Forces, time: Floats, x: Floats, v: Floats, memory: Memories | None = None) -> Floats:
     """Power [W] that the damping matrix and the non-conservative kernel terms take out (negative: put in).
 
-    time (k,) [s], position and velocity (k, n_points, 3) -> (k,)
+    time (k,) [s], x (k, n_x), v (k, n_v) -> (k,)
     """
-    power = np.zeros(len(velocity))
+    power = np.zeros(len(v))
     if forces.linear is not None:
-        power += forces.linear.power(velocity.reshape(len(velocity), -1))
+        power += forces.linear.power(v)
     if any(term.dissipates for term in forces.kernels):
-        power += term_kernel(forces.kernels).power(time, position, velocity, memory)
+        power += term_kernel(forces.kernels).power(time, x, v, memory)
     return power
 
 

@@ -28,45 +28,61 @@ class EnergyScale:
     which leaves the motion in that frame alone. By the momentum theorem, what forces without a potential do
     to the centre of mass is the change of its energy; the rest of their work counts.
 
-    A rigid body that no force acts on has a balance of its own (see `exunet.simulation.guards`).
+    A rigid body that no term acts on has a balance of its own (see `exunet.simulation.guards`). One that a
+    term acts on may meet every free part: all of these count as one.
 
     start : that energy at the start, kinetic and elastic [J]
     """
 
     def __init__(self, system: System, state: State) -> None:
-        self._forces = system.forces
-        self._rest = state.position
+        self._forces, self._layout, self._driven = system.forces, system.layout, system.driven
         self._parts(system)
-        position, velocity = state.position, state.velocity
-        kinetic = energy.kinetic(system.mass, velocity)
-        elastic = energy.elastic(system.forces, position, state.memory)
-        self._common = self._of_centres(position[None], velocity[None])
-        self._potential = float(energy.potential(system.forces, position[None], state.memory)[0])
+        now = States.of(system, state)
+        self._rest = now.flat[0][0]
+        kinetic = energy.kinetic(system.mass, state.velocity) + now.kinetic_of_bodies[0] @ system.driven
+        elastic = energy.elastic(system.forces, state.position, state.memory)
+        self._common = self._of_centres(now)
+        self._potential = float(energy.potential(system.forces, now.flat[0], state.memory)[0])
         moving = float(self._common[0][0])
         self.start = float(kinetic + elastic) - moving + TRANSLATION_PART * moving
 
     def _parts(self, system: System) -> None:
-        """Which points hang together, and the averages over those that no fixed node holds."""
-        net, mass, n = system.net, system.mass, system.points.n_points
+        """Which points and driven bodies hang together, and the averages over those that nothing holds."""
+        net, mass = system.net, np.append(system.mass, system.body_mass[system.driven])
+        n = len(mass)
         i, j = net.element_nodes.T
         links = csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
         part = connected_components(links, directed=False)[1]
-        free = np.setdiff1d(part, part[net.fixed_nodes])
-        self._free = np.flatnonzero(np.isin(part, free))  # points
+        held = (
+            part if system.blocks.awake is not None else part[net.fixed_nodes]
+        )  # points that sleep hold too
+        free = np.setdiff1d(part, held)
+        if system.driven.any() and len(free):
+            part[np.isin(part, free)] = free[0]
+            free = free[:1]
+        self._free = np.flatnonzero(np.isin(part, free))  # points, then bodies
         self._part = np.searchsorted(free, part[self._free])
         self._mass = np.bincount(self._part, mass[self._free], minlength=len(free))
         self._mean = np.zeros((len(free), n))  # averages over the parts, by mass
         self._mean[self._part, self._free] = mass[self._free] / self._mass[self._part]
 
-    def _of_centres(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        """Kinetic and potential energy [J] of the centres of mass; states (k, n_points, 3) -> (k,) each."""
+    def _of_centres(self, states: States) -> tuple[Floats, Floats]:
+        """Kinetic and potential energy [J] of the centres of mass of k states -> (k,) each."""
+        position, velocity = states.position, states.velocity
+        if self._driven.any():
+            position = np.concatenate([position, states.bodies.position[:, self._driven]], axis=1)
+            velocity = np.concatenate([velocity, states.bodies.velocity[:, self._driven]], axis=1)
         speeds = self._mean @ velocity
         kinetic = 0.5 * np.einsum("kpa,kpa,p->k", speeds, speeds, self._mass)
         if not self._forces.has_potential:
             return kinetic, np.zeros(len(position))
-        gathered = np.repeat(self._rest[None], len(position), axis=0)
-        gathered[:, self._free] = (self._mean @ position)[:, self._part]
-        return kinetic, energy.potential(self._forces, gathered)
+        flat = np.repeat(self._rest[None], len(position), axis=0)
+        gathered = self._layout.unpack(flat, np.empty((len(position), self._layout.blocks.n_v)))
+        centres, points = (self._mean @ position)[:, self._part], self._free < gathered.position.shape[1]
+        gathered.position[:, self._free[points]] = centres[:, points]
+        bodies = np.flatnonzero(self._driven)[self._free[~points] - gathered.position.shape[1]]
+        gathered.bodies.position[:, bodies] = centres[:, ~points]
+        return kinetic, energy.potential(self._forces, flat, states.memory)
 
     def gained(self, states: States, dissipated: Floats) -> Floats:
         """(2, k) energy [J] that potentials and forces have added to that scale since the start, and in all.
@@ -75,7 +91,7 @@ class EnergyScale:
         """
         if not (self._forces.has_potential or self._forces.dissipates):
             return np.zeros((2, len(states)))
-        kinetic, common = self._of_centres(states.position, states.velocity)
+        kinetic, common = self._of_centres(states)
         common_change = common - self._common[1]
         change = states.potential - self._potential
         done = -dissipated - (kinetic - self._common[0]) - common_change

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import CaseError, Fault
 from exunet.bodies import rigid
-from exunet.case.scene import Scene
+from exunet.case.scene import Engine, Scene
 from exunet.forces import cable
+from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.keys import SHORTEST_STEP
+from exunet.methods.method import METHODS, Kind, NetForm, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.net import explicit
 from exunet.net.arrays import Net
@@ -28,16 +30,16 @@ MOST_STEPS = 1e10  # of a run; at a microsecond each, three hours for the smalle
 
 def overflow_faults(system: System, start: State) -> list[Fault]:
     """What of a start is outside the range of floating-point numbers, block by block."""
-    points, moving = system.points, start.bodies
+    blocks, moving = system.blocks, start.bodies
     with np.errstate(all="ignore"):
         found = [
             ("initial", "kinetic energy at the start", energy.kinetic(system.mass, start.velocity)),
             ("initial.packing", "elastic energy at the start", energy.elastic(system.forces, start.position)),
-            ("net", "inverse of a node's mass", 1.0 / points.mass[: system.net.n_nodes]),
+            ("net", "inverse of a node's mass", 1.0 / blocks.mass[: system.net.n_nodes]),
         ]
         found += [
-            ("effects", f"inverse of the mass of {one}", 1.0 / points.mass[k])
-            for one, k in points.body.items()
+            ("effects", f"inverse of the mass of {one}", 1.0 / blocks.mass[k])
+            for one, k in blocks.body.items()
         ]
         for k, body in enumerate(system.bodies):
             alone, name = moving.of_body(k), f"bodies.{body.name}"
@@ -131,6 +133,25 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
             f"the shortest element has {shortest:.3g} m. Start slower, or nearer to the origin"
         )
         faults.append(Fault("initial", reason))
+    return faults
+
+
+def form_faults(system: System, start: State, plan: Plan, engine: Engine) -> list[Fault]:
+    """What the method or the form of the engine cannot do: implicit ones know points only, and all awake."""
+    faults, names = [], sorted({name for term in system.forces.kernels for name in term.bodies})
+    sleeps, method = system.blocks.awake is not None, plan.method
+    words = [f"acts on {name}" for name in names]
+    words += [f"has first-order states ({one.name})" for one in system.blocks.states]
+    if METHODS[method].kind == Kind.IMPLICIT:
+        advice = "use an explicit method such as DOPRI5 or RK44"
+        words = [f"a force that {one}" for one in words] + ["points that sleep"] * sleeps
+        faults = [Fault("solver.method", f"{method} cannot run {one}: {advice}") for one in words]
+    if sleeps and engine.loop == TimeLoop.EXUDYN and engine.net == NetForm.CONNECTORS:
+        reason = 'connectors pull points that sleep: use engine.net = "fused", or engine.loop = "compiled"'
+        faults.append(Fault("engine.net", reason))
+    awake = start.memory.get(AWAKE)
+    if awake is not None and start.velocity[awake == 0.0].any():
+        faults.append(Fault("initial", "a point that sleeps must be at rest"))
     return faults
 
 

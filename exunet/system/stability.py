@@ -63,7 +63,7 @@ def largest_frequency(system: System) -> float:
     K is the constant stiffness of the effects, such as that of bending; kernel terms add their bounds.
     """
     free = _free_coordinates(system)
-    stiffness = reference_tangent_stiffness(system.net, system.points.n_points)
+    stiffness = reference_tangent_stiffness(system.net, system.blocks.n_points)
     linear = system.forces.linear
     if linear is not None and linear.stiffness is not None:
         stiffness = csr_array(stiffness + linear.stiffness)

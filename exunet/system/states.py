@@ -15,7 +15,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.forces import cable
 from exunet.forces.cable import Law
 from exunet.system import energy
-from exunet.system.system import Memories, State, System
+from exunet.system.system import Memories, Moving, State, System
 
 Floats = NDArray[np.float64]
 Selection = slice | NDArray[np.int64] | NDArray[np.bool_]
@@ -26,6 +26,7 @@ class States:
 
     position, velocity : (k, n_points, 3) [m], [m/s]
     bodies             : with k leading
+    first_order        : (k, n_states) of the terms; None: there are none
     """
 
     def __init__(
@@ -36,16 +37,19 @@ class States:
         velocity: Floats,
         bodies: RigidStates,
         memory: Memories,
+        first_order: Floats | None = None,
     ) -> None:
         self.system, self.time, self.memory = system, time, memory
         self.position, self.velocity, self.bodies = position, velocity, bodies
+        self.first_order = np.zeros((len(time), 0)) if first_order is None else first_order
 
     @classmethod
     def of(cls, system: System, state: State) -> States:
         """One state as a batch."""
         bodies = RigidStates(*(part[None] for part in state.bodies.parts()))
         instant = np.array([state.time])
-        return cls(system, instant, state.position[None], state.velocity[None], bodies, state.memory)
+        points = state.position[None], state.velocity[None]
+        return cls(system, instant, *points, bodies, state.memory, state.first_order[None])
 
     @classmethod
     def of_points(cls, system: System, time: Floats, position: Floats, velocity: Floats) -> States:
@@ -65,6 +69,7 @@ class States:
             self.velocity[rows],
             self.bodies[rows],  # type: ignore[index]
             self.memory,
+            self.first_order[rows],
         )
         for name in _SERIES:
             if name in self.__dict__:
@@ -74,9 +79,14 @@ class States:
     def state(self, row: int) -> State:
         """One of the states, as copies."""
         bodies = RigidStates(*(part[row].copy() for part in self.bodies.parts()))
-        return State(
-            float(self.time[row]), self.position[row].copy(), self.velocity[row].copy(), bodies, self.memory
-        )
+        points = self.position[row].copy(), self.velocity[row].copy()
+        return State(float(self.time[row]), *points, bodies, self.memory, self.first_order[row].copy())
+
+    @cached_property
+    def flat(self) -> tuple[Floats, Floats]:
+        """x (k, n_x) and v (k, n_v), see `exunet.forces.blocks`."""
+        moving = Moving(self.position, self.velocity, self.bodies, self.first_order)
+        return self.system.layout.pack(moving)
 
     @cached_property
     def law(self) -> Law:
@@ -106,7 +116,7 @@ class States:
     @cached_property
     def potential(self) -> Floats:
         """(k,) [J]."""
-        return energy.potential(self.system.forces, self.position, self.memory)
+        return energy.potential(self.system.forces, self.flat[0], self.memory)
 
     @cached_property
     def squared_speed(self) -> Floats:
@@ -115,14 +125,14 @@ class States:
 
     @cached_property
     def kinetic_of_bodies(self) -> Floats:
-        """(k,) of the rigid bodies [J]."""
+        """(k, n_bodies) of each rigid body [J]."""
         return rigid.kinetic(self.system.body_mass, self.system.body_inertia, self.bodies)
 
     @cached_property
     def kinetic(self) -> Floats:
         """(k,) K of eq. (18), and of the rigid bodies [J]."""
         points = 0.5 * (self.squared_speed @ self.system.mass)
-        return points + self.kinetic_of_bodies if self.system.bodies else points
+        return points + self.kinetic_of_bodies.sum(axis=1) if self.system.bodies else points
 
     @cached_property
     def momentum(self) -> Floats:
@@ -138,20 +148,21 @@ class States:
 
     @cached_property
     def finite(self) -> NDArray[np.bool_]:
-        """(k,) True where no position is NaN or infinite, nor any state of a body."""
-        sums = self.position.sum(axis=(1, 2))
+        """(k,) True where no position is NaN or infinite, nor any state of a body or a term."""
+        sums = self.position.sum(axis=(1, 2)) + self.first_order.sum(axis=1)
         for part in self.bodies.parts():
             sums = sums + part.sum(axis=(1, 2))
         return np.isfinite(sums)
 
     def work_taken(self) -> Floats:
         """(k - 1,) energy [J] that terms without a potential take out between the states."""
-        forces = self.system.forces
-        if not forces.dissipates:
+        if not self.system.forces.dissipates:
             return np.zeros(len(self) - 1)
-        return energy.work_taken(forces, self.time, self.position, self.velocity, self.memory)
+        return energy.work_taken(self.system, self.time, *self.flat, self.memory)
 
 
 _SERIES = tuple(
-    name for name, value in vars(States).items() if isinstance(value, cached_property) and name != "law"
+    name
+    for name, value in vars(States).items()
+    if isinstance(value, cached_property) and name not in ("law", "flat")
 )

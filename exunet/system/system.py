@@ -1,21 +1,22 @@
-"""The system that is simulated, as blocks: points, rigid bodies, forces and their memories."""
+"""The system that is simulated: blocks (points, rigid bodies, first-order states), forces, memories."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.rigid import RigidBody, RigidStates
-from exunet.forces.points import Points
+from exunet.forces.blocks import AWAKE, Blocks
+from exunet.forces.terms import Input, Memories
 from exunet.forces.total import Forces
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
-Memories = Mapping[str, Floats]
 _OF_BODIES = ("position", "velocity", "attitude", "angular_velocity")
 
 
@@ -28,18 +29,18 @@ class System:
     bodies : the rigid bodies; no force acts on them yet
     """
 
-    points: Points
+    blocks: Blocks
     forces: Forces
     bodies: tuple[RigidBody, ...] = ()
 
     @property
     def net(self) -> Net:
-        return self.points.net
+        return self.blocks.net
 
     @property
     def mass(self) -> Floats:
         """(n_points,) [kg]."""
-        return self.points.mass
+        return self.blocks.mass
 
     @cached_property
     def body_mass(self) -> Floats:
@@ -51,18 +52,37 @@ class System:
         """(n_bodies, 3) principal moments [kg m2]."""
         return np.array([body.inertia for body in self.bodies], dtype=float).reshape(-1, 3)
 
+    @property
+    def layout(self) -> Layout:
+        """Its states as flat arrays."""
+        return Layout(self.blocks)
+
+    @cached_property
+    def driven(self) -> NDArray[np.bool_]:
+        """(n_bodies,) True for the rigid bodies that a term acts on."""
+        names = {name for term in self.forces.kernels for name in term.bodies}
+        return np.array([name in names for name in self.blocks.rigid], dtype=bool)
+
     @cached_property
     def free(self) -> NDArray[np.bool_]:
         """(n_points,) False for the nodes that are held still."""
-        free = np.ones(self.points.n_points, dtype=bool)
+        free = np.ones(self.blocks.n_points, dtype=bool)
         free[self.net.fixed_nodes] = False
         return free
 
     @cached_property
     def memory(self) -> dict[str, Floats]:
-        """The memories of the terms at the start, by name."""
+        """The memories of the terms, their inputs, and which points are awake, at the start, by name."""
         memories = (term.memory for term in self.forces.memories)
-        return {memory.name: memory.initial for memory in memories if memory is not None}
+        found = {memory.name: memory.initial for memory in memories if memory is not None}
+        if self.blocks.awake is not None:
+            found[AWAKE] = self.blocks.awake
+        return found | {name: one.initial for name, one in self.inputs.items()}
+
+    @cached_property
+    def inputs(self) -> dict[str, Input]:
+        """The inputs of the terms, by name; terms that name the same share it."""
+        return {one.name: one for term in self.forces for one in term.inputs}
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +93,7 @@ class State:
     position, velocity : (n_points, 3) [m], [m/s]
     bodies             : of the rigid bodies
     memory             : of the terms that have one, by name
+    first_order        : (n_states,) first-order states of the terms
     """
 
     time: float
@@ -80,6 +101,17 @@ class State:
     velocity: Floats
     bodies: RigidStates = field(default_factory=RigidStates.none)
     memory: Memories = field(default_factory=dict)
+    first_order: Floats = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def of(cls, time: float, moving: Moving, memory: Memories) -> State:
+        """A state that is kept as it is: the arrays are not copied."""
+        return cls(time, moving.position, moving.velocity, moving.bodies, memory, moving.first_order)
+
+    @property
+    def moving(self) -> Moving:
+        """All but time and memory."""
+        return Moving(self.position, self.velocity, self.bodies, self.first_order)
 
     def arrays(self) -> dict[str, Floats]:
         """Its numbers by name, for a snapshot."""
@@ -88,6 +120,7 @@ class State:
             "time": np.array(self.time),
             "position": self.position,
             "velocity": self.velocity,
+            "first_order": self.first_order,
             **{f"bodies/{name}": part for name, part in parts},
             **{f"memory/{name}": values for name, values in self.memory.items()},
         }
@@ -97,69 +130,71 @@ class State:
         """The state whose numbers `arrays` gave."""
         bodies = RigidStates(*(arrays[f"bodies/{name}"] for name in _OF_BODIES))
         memory = {name[7:]: values for name, values in arrays.items() if name.startswith("memory/")}
-        return cls(float(arrays["time"]), arrays["position"], arrays["velocity"], bodies, memory)
+        moving = Moving(arrays["position"], arrays["velocity"], bodies, arrays["first_order"])
+        return cls.of(float(arrays["time"]), moving, memory)
 
     def at(self, position: Floats, velocity: Floats) -> State:
         """This state with the points elsewhere."""
         return replace(self, position=position, velocity=velocity)
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Where the blocks of a state stand in flat arrays of an integrator.
+class Moving(NamedTuple):
+    """What moves: at one instant, or at (k,) of them as a leading axis.
 
-    x = points, centres of the bodies (3 each); v = their velocities, then angular velocities (3 each body);
-    z = attitudes (4 each body). x' = v for the part that x has, z' = attitude kinematics.
+    position, velocity : (..., n_points, 3) [m], [m/s]
+    bodies             : of the rigid bodies
+    first_order        : (..., n_states) of the terms
     """
 
-    n_points: int
-    n_bodies: int
+    position: Floats
+    velocity: Floats
+    bodies: RigidStates
+    first_order: Floats
 
-    @classmethod
-    def of(cls, system: System) -> Layout:
-        return cls(system.points.n_points, len(system.bodies))
 
-    @property
-    def sizes(self) -> tuple[int, int, int]:
-        """Lengths of x, v and z."""
-        centres = 3 * (self.n_points + self.n_bodies)
-        return centres, centres + 3 * self.n_bodies, 4 * self.n_bodies
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """States and masses as the flat arrays x and v of `exunet.forces.blocks`."""
 
-    def pack(self, state: State) -> tuple[Floats, Floats, Floats]:
-        """New arrays x, v, z of a state."""
-        bodies = state.bodies
-        return (
-            np.concatenate([state.position.ravel(), bodies.position.ravel()]),
-            np.concatenate(
-                [state.velocity.ravel(), bodies.velocity.ravel(), bodies.angular_velocity.ravel()]
-            ),
-            bodies.attitude.ravel().copy(),
-        )
+    blocks: Blocks
 
-    def unpack(self, x: Floats, v: Floats, z: Floats) -> tuple[Floats, Floats, RigidStates]:
-        """Position and velocity (..., n_points, 3) and the bodies, as views of x, v, z (..., n)."""
-        points, centres = 3 * self.n_points, self.sizes[0]
+    def pack(self, moving: Moving) -> tuple[Floats, Floats]:
+        """Arrays x (..., n_x) and v (..., n_v); views where there are points only."""
+        position, velocity, bodies, first_order = moving
+
+        def flat(values: Floats) -> Floats:
+            return values.reshape(*values.shape[:-2], -1)
+
+        if not self.blocks.rigid and not self.blocks.states:
+            return flat(position), flat(velocity)
+        place = (flat(position), flat(bodies.position), flat(bodies.attitude), first_order)
+        speed = (flat(velocity), flat(bodies.velocity), flat(bodies.angular_velocity))
+        return np.concatenate(place, axis=-1), np.concatenate(speed, axis=-1)
+
+    def unpack(self, x: Floats, v: Floats) -> Moving:
+        """What moves, as views of x (..., n_x) and v (..., n_v)."""
+        points, centres = 3 * self.blocks.n_points, self.blocks.centres
+        turned = centres + 4 * len(self.blocks.rigid)
 
         def rows(values: Floats, width: int) -> Floats:
             return values.reshape(*values.shape[:-1], -1, width)
 
         bodies = RigidStates(
-            rows(x[..., points:], 3),
+            rows(x[..., points:centres], 3),
             rows(v[..., points:centres], 3),
-            rows(z, 4),
+            rows(x[..., centres:turned], 4),
             rows(v[..., centres:], 3),
         )
-        return rows(x[..., :points], 3), rows(v[..., :points], 3), bodies
+        return Moving(rows(x[..., :points], 3), rows(v[..., :points], 3), bodies, x[..., turned:])
 
-    def inverse_mass(self, system: System) -> Floats:
-        """1 / mass or 1 / inertia of each entry of v; zero for what is held still."""
-        points = np.repeat(system.free / system.mass, 3)
-        return np.concatenate(
-            [points, np.repeat(1.0 / system.body_mass, 3), (1.0 / system.body_inertia).ravel()]
-        )
+    def inverse_mass(self, system: System, memory: Memories) -> Floats:
+        """(n_force,) 1 / mass or 1 / inertia; zero for what is held or sleeps, 1 for first-order states."""
+        points = np.repeat(system.free * memory.get(AWAKE, 1.0) / system.mass, 3)
+        bodies = np.repeat(1.0 / system.body_mass, 3), (1.0 / system.body_inertia).ravel()
+        return np.concatenate([points, *bodies, np.ones(self.blocks.n_states)])
 
     def half_mass(self, system: System) -> Floats:
-        """Half the mass or inertia of each entry of v."""
+        """(n_v,) half the mass or inertia."""
         return 0.5 * np.concatenate(
             [np.repeat(system.mass, 3), np.repeat(system.body_mass, 3), system.body_inertia.ravel()]
         )

@@ -28,11 +28,11 @@ from exunet.backends.protocol import Arrays, Batch, Extremes, Observer, StepCoun
 from exunet.base.interrupt import postponed
 from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel
-from exunet.forces.cable import STRETCH_BOUND
-from exunet.forces.cable_term import INTACT
+from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.methods.plan import Plan
-from exunet.system.system import Layout, State, System
+from exunet.system.energy import law_of
+from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +44,8 @@ _THINNED = 64  # steps of which one is handed over
 def loop_kernel(system: System) -> Kernel:
     """The system's forces and the loop around them; raises MissingExtra without Numba."""
     require_numba('engine.loop = "compiled"')
-    return Kernel(system.forces, LOOP, bodies=bool(system.bodies), imports=IMPORTS)
+    first_order = bool(system.blocks.states)
+    return Kernel(system.forces, LOOP, bodies=bool(system.bodies), first_order=first_order, imports=IMPORTS)
 
 
 class CompiledIntegration:
@@ -55,7 +56,7 @@ class CompiledIntegration:
     """
 
     def __init__(self, system: System, state: State, plan: Plan, kernel: Kernel) -> None:
-        self._system, self._layout, self._plan = system, Layout.of(system), plan
+        self._system, self._layout, self._plan = system, system.layout, plan
         self._chosen = METHODS[plan.method].kind == Kind.ADAPTIVE
         self._verlet = plan.method == Method.VELOCITY_VERLET
         self._kernel, self._module = kernel, kernel.module
@@ -79,8 +80,8 @@ class CompiledIntegration:
         return self._batch(kept, rows)
 
     def _batch(self, kept: Kept, rows: int) -> Batch:
-        time, x, v, z, taken = (values[:rows] for values in kept)
-        return Batch(time, *self._layout.unpack(x, v, z), taken)
+        time, x, v, taken = (values[:rows] for values in kept)
+        return Batch(time, *self._layout.unpack(x, v), taken)
 
     def collapse(self) -> str:
         """What to say when no step is small enough for the tolerance; "" if that is not so."""
@@ -115,8 +116,10 @@ class CompiledLoop(CompiledIntegration):
     items: dict[str, int] = {}  # noqa: RUF012 - it has none
     can_restart = True
 
-    def __init__(self, system: System, state: State, plan: Plan, observer: Observer) -> None:
-        super().__init__(system, state, plan, loop_kernel(system))
+    def __init__(
+        self, system: System, state: State, plan: Plan, observer: Observer, kernel: Kernel | None = None
+    ) -> None:
+        super().__init__(system, state, plan, kernel or loop_kernel(system))
         self._observer = observer
         self._events = Events(system.forces, state.memory, observer)
         in_steps = self._events.in_steps
@@ -128,34 +131,47 @@ class CompiledLoop(CompiledIntegration):
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
         self._run = Run(self._motion, self._clock, self._seen, self._kept)
+        self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
+        if state.memory:
+            self._remember(state.memory)
         self._row = self._module.keep(0, state.time, self._motion, self._kept)
+
+    @property
+    def room(self) -> int:
+        return len(self._kept.time)
 
     def state(self) -> State:
         m = self._motion
-        position, velocity, bodies = self._layout.unpack(m.x.copy(), m.v.copy(), m.z.copy())
         memory = {name: values.copy() for name, values in self._events.memory.items()}
-        return State(self.time, position, velocity, bodies, memory)
+        return State.of(self.time, self._layout.unpack(m.x.copy(), m.v.copy()), memory)
 
     def push(self, force: Floats) -> None:
         self._motion.push[: force.size] = force.ravel()
+        self._module.begin(self.time, self._verlet, self._motion)
+
+    def tell(self, inputs: Arrays) -> None:
+        for name, values in inputs.items():
+            self._events.memory[name] = values.copy()
+        self._remember(self._events.memory)
         self._module.begin(self.time, self._verlet, self._motion)
 
     def advance(self, until: float) -> None:
         self._seen.peaks["elastic"][0], self._seen.peaks["kinetic"][0] = 0.0, np.inf
         with postponed() as check_interrupt:
             while self.time < until:
-                before = self._motion.x.copy() if self._motion.push.any() else None
+                before = self._motion.c.copy() if self._motion.push.any() else None
                 stop = self._events.next_instant(self.time, until)
                 advance = self._advance_chosen if self._chosen else self._advance_equal
                 advance(stop, check_interrupt)
                 if before is not None:  # the work of constant forces is exact
-                    moved = self._motion.push[: len(before)] @ (self._motion.x - before)
+                    moved = self._motion.push[: len(before)] @ (self._motion.c - before)
                     self._motion.taken[0] -= moved
                     self._kept.taken[self._row - 1] = self._motion.taken[0]
                 self._look_for_events()
         peaks = self._seen.peaks[0]
         last = (float(peaks["tension"]), float(peaks["time"]), int(peaks["element"]))
-        self._observer.between(until, Extremes(float(peaks["elastic"]), float(peaks["kinetic"]), *last))
+        largest = float(peaks["elastic"]) + self._asleep
+        self._observer.between(until, Extremes(largest, float(peaks["kinetic"]), *last))
         if not np.isfinite(self._motion.x).all():
             self.hand_over()
 
@@ -189,8 +205,8 @@ class CompiledLoop(CompiledIntegration):
             return
         beyond = float(self._clock["beyond"][0])
         step = min(beyond or float(self._clock["step"][0]), self._plan.longest_step, until - self.time)
-        position, velocity, _ = self._layout.unpack(self._motion.x, self._motion.v, self._motion.z)
-        shorter = self._events.step_within(step, 8.0 * self._plan.least_step, position, velocity)
+        m = self._motion
+        shorter = self._events.step_within(step, 8.0 * self._plan.least_step, m.x, m.v)
         if shorter < step:
             self._clock["step"][0] = shorter
             self._clock["beyond"][0] = min(beyond, shorter)
@@ -198,19 +214,37 @@ class CompiledLoop(CompiledIntegration):
     def _look_for_events(self) -> None:
         if not self._events:
             return
-        position, _, _ = self._layout.unpack(self._motion.x, self._motion.v, self._motion.z)
-        for name, change in self._events.at(self.time, position):
+        m = self._motion
+        for name, change in self._events.at(self.time, m.x, m.v):
             self.hand_over()  # so that no batch has states from before and after
-            self._motion.taken[0] += change.energy_lost
-            self._kept.taken[0] = self._motion.taken[0]
-            self._remember({name: change.memory})
+            m.taken[0] += change.energy_lost
+            if change.x is not None:
+                m.x[:] = change.x
+            if change.v is not None:
+                m.v[:] = change.v
+            self._row = self._module.keep(0, self.time, m, self._kept)
+            self._remember(self._events.memory_after(name, change))
             self._module.begin(self.time, self._verlet, self._motion)
 
     def _remember(self, memory: Arrays) -> None:
-        """Let the forces, and what looks at tensions, take memories into account."""
-        self._kernel.remember(self._motion.data, {**self._events.memory, **memory})
-        if INTACT in memory:
-            self._seen.stiffness[:] = self._system.forces.cable.law.stiffness * memory[INTACT]
+        """Let the forces, and what looks at tensions, take all memories into account."""
+        self._motion = self._motion._replace(data=self._kernel.data(memory))
+        self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
+        self._run = self._run._replace(motion=self._motion)
+        self._count_asleep(memory)
+        carrying = self._system.forces.cable.carrying(memory)
+        if carrying is not None:
+            self._seen.stiffness[:] = self._system.forces.cable.law.stiffness * carrying
+
+    def _count_asleep(self, memory: Arrays) -> None:
+        """The kernel leaves out elements between points that sleep; they count with the extremes."""
+        cable, before = self._system.forces.cable, self._asleep
+        moving = cable.moving(memory)
+        if moving is not None:
+            position = self._motion.c[: 3 * self._system.blocks.n_points].reshape(-1, 3)
+            law = law_of(self._system.forces, memory).of_intact((~moving).astype(float))
+            self._asleep = float(elastic_energy(law, lengths(self._system.net, position)))
+            self._seen.peaks["elastic"] += before - self._asleep
 
     def _make_room(self) -> None:
         if self._row == len(self._kept.time):
@@ -227,7 +261,7 @@ class CompiledLoop(CompiledIntegration):
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         m = self._motion
-        arrays = {"x": m.x, "v": m.v, "z": m.z, "a": m.work[_A1], "push": m.push, "taken": m.taken}
+        arrays = {"x": m.x, "v": m.v, "a": m.work[_A1], "push": m.push, "taken": m.taken}
         arrays |= {f"clock/{name}": self._clock[name] for name in CLOCK.names or ()}
         arrays |= {f"seen/{name}": self._seen.peaks[name] for name in PEAKS.names or ()}
         arrays |= {f"kept/{name}": value[: self._row] for name, value in self._kept._asdict().items()}
@@ -236,7 +270,7 @@ class CompiledLoop(CompiledIntegration):
 
     def restore(self, arrays: Arrays) -> None:
         m = self._motion
-        for held, name in ((m.x, "x"), (m.v, "v"), (m.z, "z"), (m.push, "push"), (m.taken, "taken")):
+        for held, name in ((m.x, "x"), (m.v, "v"), (m.push, "push"), (m.taken, "taken")):
             held[:] = arrays[name]
         for group, record in (("clock", self._clock), ("seen", self._seen.peaks)):
             for name in record.dtype.names or ():
@@ -247,6 +281,7 @@ class CompiledLoop(CompiledIntegration):
         for name in self._events.memory:
             self._events.memory[name] = np.array(arrays[f"memory/{name}"])
         self._remember(dict(self._events.memory))
+        self._seen.peaks["elastic"] = arrays["seen/elastic"]
         m.work[_A1] = arrays["a"]
 
 

@@ -1,9 +1,9 @@
 """Single steps of the compiled loop: velocity Verlet, the classical Runge-Kutta method, Dormand-Prince 5(4).
 
 The text of these functions is copied into a kernel's specialised module (see `exunet.codegen.generate`),
-beside its `add_forces`. A step starts from the state x, v, z of a `Motion` m at time t [s], is h long, and
-leaves its result in x1 and v1 of its stages and in m.z1. Rigid bodies: their centres move as points do; their
-angular velocities stand behind the velocities in v, in body axes; z holds their attitudes.
+beside its `add_forces`. A step starts from the state x, v of a `Motion` m at time t [s], is h long, and
+leaves its result in x1 and v1 of its stages. `exunet.forces.blocks` says what stands where in them: m.c,
+which v moves, comes first in x, and m.z, what is of first order, behind it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from exunet.backends.compiled.work_space import Stages
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     BODIES = True
+    FIRST_ORDER = True
 
     def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> float: ...
 
@@ -29,26 +30,28 @@ def stages_of(work: Any) -> Any:
 
 
 def accelerate(t: float, x: Any, v: Any, m: Any, a: Any) -> float:
-    """Accelerations a (n_v,) [m/s2], eq. (16), of the bodies' rotation by Euler's equations [rad/s2].
+    """Accelerations a [m/s2], eq. (16), of the bodies' rotation by Euler's equations [rad/s2], and rates.
 
     Returns the elastic energy [J] at x.
     """
-    for c in range(a.size):
+    n = m.push.size
+    for c in range(n):
         a[c] = m.push[c]
-    held = add_forces(t, x, v, m.data, a)
+    held = add_forces(t, x, v[: m.v.size], m.data, a[:n])
     if BODIES:
-        add_gyroscopic(v, m.inertia, m.x.size, a)
-    for c in range(a.size):
+        add_gyroscopic(v, m.inertia, m.c.size, a)
+    for c in range(n):
         a[c] *= m.inverse[c]
     return held
 
 
 def accelerate_without_spin(t: float, x: Any, v: Any, m: Any, a: Any) -> float:
     """As `accelerate`, without the gyroscopic torque of free rotation."""
-    for c in range(a.size):
+    n = m.push.size
+    for c in range(n):
         a[c] = m.push[c]
-    held = add_forces(t, x, v, m.data, a)
-    for c in range(a.size):
+    held = add_forces(t, x, v[: m.v.size], m.data, a[:n])
+    for c in range(n):
         a[c] *= m.inverse[c]
     return held
 
@@ -62,10 +65,10 @@ def add_gyroscopic(v: Any, inertia: Any, first: int, torque: Any) -> None:
         torque[k + 2] += (inertia[b, 0] - inertia[b, 1]) * v[k] * v[k + 1]
 
 
-def turn(v: Any, z: Any, first: int, rate: Any) -> None:
-    """Rates of the attitudes z: half the quaternion product of attitude and angular velocity in body axes."""
-    for b in range(z.size // 4):
-        k = first + 3 * b
+def turn(v: Any, z: Any, m: Any, rate: Any) -> None:
+    """Rates of the attitudes in z: half the quaternion product with the angular velocity in body axes."""
+    for b in range(m.inertia.shape[0]):
+        k = m.c.size + 3 * b
         q = 4 * b
         rate[q] = -0.5 * (z[q + 1] * v[k] + z[q + 2] * v[k + 1] + z[q + 3] * v[k + 2])
         rate[q + 1] = 0.5 * (z[q] * v[k] + z[q + 2] * v[k + 2] - z[q + 3] * v[k + 1])
@@ -73,20 +76,42 @@ def turn(v: Any, z: Any, first: int, rate: Any) -> None:
         rate[q + 3] = 0.5 * (z[q] * v[k + 2] + z[q + 1] * v[k + 1] - z[q + 2] * v[k])
 
 
-def turn_stage(h: float, m: Any, v: Any, row: int, weights: Any) -> None:
-    """Attitudes z + h (c1 k1 + ... + c6 k6) into z1, and their rates at angular velocities v into a row."""
+def first_order_rates(v: Any, z: Any, a: Any, m: Any, rate: Any) -> None:
+    """Rates of all that is of first order: of attitudes, and those of terms that `accelerate` left in a."""
+    turn(v, z, m, rate)
+    first = 4 * m.inertia.shape[0]
+    for k in range(first, z.size):
+        rate[k] = a[m.v.size + k - first]
+
+
+def stage(t: float, h: float, x: Any, v: Any, m: Any, a: Any, row: int, weights: Any) -> float:
+    """What is of first order by m.z + h (c1 k1 + ... + c6 k6), into m.z1; accelerations a there, and rates k.
+
+    row : of m.rates, for the rates
+    Returns the elastic energy [J].
+    """
+    if FIRST_ORDER:
+        advance_first_order(h, m, weights)
+    held = accelerate(t, x, v, m, a)
+    if FIRST_ORDER:
+        first_order_rates(v, m.z1, a, m, m.rates[row])
+    return held
+
+
+def advance_first_order(h: float, m: Any, weights: Any) -> None:
+    """m.z + h (c1 k1 + ... + c6 k6) into m.z1."""
     c1, c2, c3, c4, c5, c6 = weights
-    k = m.turns
+    k = m.rates
     for c in range(m.z.size):
         m.z1[c] = m.z[c] + h * (
             c1 * k[0, c] + c2 * k[1, c] + c3 * k[2, c] + c4 * k[3, c] + c5 * k[4, c] + c6 * k[5, c]
         )
-    turn(v, m.z1, m.x.size, k[row])
 
 
-def unit_attitudes(z: Any) -> None:
+def unit_attitudes(m: Any) -> None:
     """Make quaternions of length one again; a step leaves them so but for its error."""
-    for b in range(z.size // 4):
+    z = m.z
+    for b in range(m.inertia.shape[0]):
         q = 4 * b
         square = z[q] * z[q] + z[q + 1] * z[q + 1] + z[q + 2] * z[q + 2] + z[q + 3] * z[q + 3]
         for c in range(4):
@@ -96,18 +121,18 @@ def unit_attitudes(z: Any) -> None:
 def rotate_freely(h: float, m: Any) -> None:
     """The bodies' rotation without torque over h, from v1 and z into v1 and z1, by one step of order 4."""
     s = stages_of(m.work)
-    first = m.x.size
-    n = m.z.size // 4
+    first = m.c.size
+    n = m.inertia.shape[0]
     for k in range(3 * n):  # entries before `first` are not used
         s.v2[first + k] = s.v1[first + k]
         s.v3[first + k] = s.v1[first + k]
-    for stage in range(4):
-        after = 0.5 if stage < 2 else 1.0
-        weight = 1.0 if stage == 0 or stage == 3 else 2.0
-        for c in range(m.z.size):
-            before = 0.0 if stage == 0 else (0.5 if stage < 3 else 1.0)
-            m.z1[c] = m.z[c] + (before * h * m.turns[stage - 1, c] if stage > 0 else 0.0)
-        turn(s.v2, m.z1, first, m.turns[stage])
+    for part in range(4):
+        after = 0.5 if part < 2 else 1.0
+        weight = 1.0 if part == 0 or part == 3 else 2.0
+        for c in range(4 * n):
+            before = 0.0 if part == 0 else (0.5 if part < 3 else 1.0)
+            m.z1[c] = m.z[c] + (before * h * m.rates[part - 1, c] if part > 0 else 0.0)
+        turn(s.v2, m.z1, m, m.rates[part])
         for k in range(3 * n):
             s.v4[first + k] = 0.0
         add_gyroscopic(s.v2, m.inertia, first, s.v4)
@@ -117,8 +142,8 @@ def rotate_freely(h: float, m: Any) -> None:
             s.v2[k] = s.v1[k] + after * h * rate
     for k in range(first, first + 3 * n):
         s.v1[k] = s.v3[k]
-    for c in range(m.z.size):
-        m.z1[c] = m.z[c] + h / 6.0 * (m.turns[0, c] + 2.0 * (m.turns[1, c] + m.turns[2, c]) + m.turns[3, c])
+    for c in range(4 * n):
+        m.z1[c] = m.z[c] + h / 6.0 * (m.rates[0, c] + 2.0 * (m.rates[1, c] + m.rates[2, c]) + m.rates[3, c])
 
 
 def verlet_step(t: float, h: float, m: Any) -> float:
@@ -126,18 +151,28 @@ def verlet_step(t: float, h: float, m: Any) -> float:
 
     Forces that depend on the velocity are taken with that of the half step, as the engine does; a1 goes from
     step to step. Bodies rotate freely between two half steps of the torque, so that rotation is of order 2
-    too (the engine's is of order 1). Returns the elastic energy at the end [J].
+    too (the engine's is of order 1). First-order states go by Heun's method, whose second rate is that of the
+    forces at the end: order 2, but for rates that depend on velocities. Returns the elastic energy at the
+    end [J].
     """
     s = stages_of(m.work)
+    states = 4 * m.inertia.shape[0]
     for c in range(m.v.size):
         s.v1[c] = m.v[c] + 0.5 * h * s.a1[c]
-    for c in range(m.x.size):
-        s.x1[c] = m.x[c] + h * s.v1[c]
+    for c in range(m.c.size):
+        s.x1[c] = m.c[c] + h * s.v1[c]
     if BODIES:
         rotate_freely(h, m)
+    if FIRST_ORDER:
+        for k in range(states, m.z.size):
+            m.rates[0, k] = s.a1[m.v.size + k - states]
+            m.z1[k] = m.z[k] + h * m.rates[0, k]
     held = accelerate_without_spin(t + h, s.x1, s.v1, m, s.a1)
     for c in range(m.v.size):
         s.v1[c] += 0.5 * h * s.a1[c]
+    if FIRST_ORDER:
+        for k in range(states, m.z.size):
+            m.z1[k] = m.z[k] + 0.5 * h * (m.rates[0, k] + s.a1[m.v.size + k - states])
     return held
 
 
@@ -148,37 +183,31 @@ def runge_kutta_4_step(t: float, h: float, m: Any) -> None:
     in the step, but the elastic energy at the end is known with them.
     """
     s = stages_of(m.work)
-    x = m.x
+    x = m.c
     v = m.v
-    if BODIES:
-        turn(v, m.z, x.size, m.turns[0])
+    if FIRST_ORDER:
+        first_order_rates(v, m.z, s.a1, m, m.rates[0])
     for c in range(x.size):
         s.x1[c] = x[c] + 0.5 * h * v[c]
     for c in range(v.size):
         s.v2[c] = v[c] + 0.5 * h * s.a1[c]
-    if BODIES:
-        turn_stage(h, m, s.v2, 1, (0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
-    accelerate(t + 0.5 * h, s.x1, s.v2, m, s.a2)
+    stage(t + 0.5 * h, h, s.x1, s.v2, m, s.a2, 1, (0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
     for c in range(x.size):
         s.x1[c] = x[c] + 0.5 * h * s.v2[c]
     for c in range(v.size):
         s.v3[c] = v[c] + 0.5 * h * s.a2[c]
-    if BODIES:
-        turn_stage(h, m, s.v3, 2, (0.0, 0.5, 0.0, 0.0, 0.0, 0.0))
-    accelerate(t + 0.5 * h, s.x1, s.v3, m, s.a3)
+    stage(t + 0.5 * h, h, s.x1, s.v3, m, s.a3, 2, (0.0, 0.5, 0.0, 0.0, 0.0, 0.0))
     for c in range(x.size):
         s.x1[c] = x[c] + h * s.v3[c]
     for c in range(v.size):
         s.v4[c] = v[c] + h * s.a3[c]
-    if BODIES:
-        turn_stage(h, m, s.v4, 3, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
-    accelerate(t + h, s.x1, s.v4, m, s.a4)
+    stage(t + h, h, s.x1, s.v4, m, s.a4, 3, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
     for c in range(x.size):
         s.x1[c] = x[c] + h / 6.0 * (v[c] + 2.0 * (s.v2[c] + s.v3[c]) + s.v4[c])
     for c in range(v.size):
         s.v1[c] = v[c] + h / 6.0 * (s.a1[c] + 2.0 * (s.a2[c] + s.a3[c]) + s.a4[c])
-    if BODIES:
-        turn_stage(h, m, s.v1, 4, (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0, 0.0, 0.0))
+    if FIRST_ORDER:
+        advance_first_order(h, m, (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0, 0.0, 0.0))
 
 
 def largest(values: Any) -> float:
@@ -197,13 +226,13 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
     """Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19, doi 10.1016/0771-050X(80)90013-3: order 5(4).
 
     Written for x'' = a: the velocities of the stages are put into the positions, whose coefficients are then
-    sum_k a_ik a_kj, so only accelerations are kept; the result is the same but for round-off. Attitudes are
-    integrated as they are, z' = k(z, v). a7 gets the acceleration at the end, which is that of the next
+    sum_k a_ik a_kj, so only accelerations are kept; the result is the same but for round-off. What is of
+    first order is integrated as it is. a7 gets the acceleration at the end, which is that of the next
     step's start. Returns the largest error estimate over the coordinates, of the embedded method of order 4
     [m, m/s, rad/s, or of a quaternion], and the elastic energy at the end [J].
     """
     s = stages_of(m.work)
-    x = m.x
+    x = m.c
     v = m.v
     x1 = s.x1
     v1 = s.v1
@@ -217,29 +246,23 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
     n_x = x.size
     n = v.size
     hh = h * h
-    if BODIES:
-        turn(v, m.z, n_x, m.turns[0])
+    if FIRST_ORDER:
+        first_order_rates(v, m.z, a1, m, m.rates[0])
     for c in range(n_x):
         x1[c] = x[c] + h / 5.0 * v[c]
     for c in range(n):
         v1[c] = v[c] + h / 5.0 * a1[c]
-    if BODIES:
-        turn_stage(h, m, v1, 1, (0.2, 0.0, 0.0, 0.0, 0.0, 0.0))
-    accelerate(t + 0.2 * h, x1, v1, m, a2)
+    stage(t + 0.2 * h, h, x1, v1, m, a2, 1, (0.2, 0.0, 0.0, 0.0, 0.0, 0.0))
     for c in range(n_x):
         x1[c] = x[c] + 0.3 * h * v[c] + hh * (9.0 / 200.0) * a1[c]
     for c in range(n):
         v1[c] = v[c] + h * (3.0 / 40.0 * a1[c] + 9.0 / 40.0 * a2[c])
-    if BODIES:
-        turn_stage(h, m, v1, 2, (3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0))
-    accelerate(t + 0.3 * h, x1, v1, m, a3)
+    stage(t + 0.3 * h, h, x1, v1, m, a3, 2, (3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0))
     for c in range(n_x):
         x1[c] = x[c] + 0.8 * h * v[c] + hh * (-12.0 / 25.0 * a1[c] + 4.0 / 5.0 * a2[c])
     for c in range(n):
         v1[c] = v[c] + h * (44.0 / 45.0 * a1[c] - 56.0 / 15.0 * a2[c] + 32.0 / 9.0 * a3[c])
-    if BODIES:
-        turn_stage(h, m, v1, 3, (44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0))
-    accelerate(t + 0.8 * h, x1, v1, m, a4)
+    stage(t + 0.8 * h, h, x1, v1, m, a4, 3, (44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0))
     for c in range(n_x):
         x1[c] = (
             x[c]
@@ -253,10 +276,17 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
             + 64448.0 / 6561.0 * a3[c]
             - 212.0 / 729.0 * a4[c]
         )
-    if BODIES:
-        c4 = -212.0 / 729.0
-        turn_stage(h, m, v1, 4, (19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, c4, 0.0, 0.0))
-    accelerate(t + 8.0 / 9.0 * h, x1, v1, m, a5)
+    c4 = -212.0 / 729.0
+    stage(
+        t + 8.0 / 9.0 * h,
+        h,
+        x1,
+        v1,
+        m,
+        a5,
+        4,
+        (19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, c4, 0.0, 0.0),
+    )
     for c in range(n_x):
         x1[c] = (
             x[c]
@@ -271,10 +301,10 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
             + 49.0 / 176.0 * a4[c]
             - 5103.0 / 18656.0 * a5[c]
         )
-    if BODIES:
-        c5 = -5103.0 / 18656.0
-        turn_stage(h, m, v1, 5, (9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, c5, 0.0))
-    accelerate(t + h, x1, v1, m, a6)
+    c5 = -5103.0 / 18656.0
+    stage(
+        t + h, h, x1, v1, m, a6, 5, (9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, c5, 0.0)
+    )
     for c in range(n_x):
         x1[c] = (
             x[c]
@@ -290,10 +320,10 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
             - 2187.0 / 6784.0 * a5[c]
             + 11.0 / 84.0 * a6[c]
         )
-    if BODIES:
-        c5 = -2187.0 / 6784.0
-        turn_stage(h, m, v1, 6, (35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, c5, 11.0 / 84.0))
-    held = accelerate(t + h, x1, v1, m, a7)
+    c5 = -2187.0 / 6784.0
+    held = stage(
+        t + h, h, x1, v1, m, a7, 6, (35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, c5, 11.0 / 84.0)
+    )
     for c in range(n_x):
         s.of_x[c] = hh * (
             611.0 / 230400.0 * a1[c]
@@ -312,13 +342,13 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
             - 1.0 / 40.0 * a7[c]
         )
     error = max(largest(s.of_x), largest(s.of_v))
-    if BODIES:
-        error = max(error, largest_of_turns(h, m.turns))
+    if FIRST_ORDER:
+        error = max(error, largest_of_first_order(h, m.rates))
     return error, held
 
 
-def largest_of_turns(h: float, k: Any) -> float:
-    """Largest error estimate of an attitude in a Dormand-Prince step."""
+def largest_of_first_order(h: float, k: Any) -> float:
+    """Largest error estimate of what is of first order in a Dormand-Prince step."""
     worst = 0.0
     for c in range(k.shape[1]):
         estimate = abs(h * (

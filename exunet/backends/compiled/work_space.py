@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.system.system import Layout, State, System
+from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
@@ -15,12 +15,13 @@ Floats = NDArray[np.float64]
 class Stages(NamedTuple):
     """Work space of one step, as rows of `Motion.work`; see `schemes.stages_of`.
 
-    a1 ... a7   : (n_v,) accelerations of the stages; a1 holds that at the state, from the step before
+    a1 ... a7   : (n_force,) accelerations of the stages, then rates of first-order states; a1 holds those at
+                  the state, from the step before
     x1, v1      : the step's result
     v2, v3, v4  : (n_v,) velocities of stages
     of_x, of_v  : error estimates
     middle_x, middle_v, scratch : state in the middle of a step, and forces, for the work that is taken out
-    Rows of positions use their first n_x entries.
+    All rows have n_x entries, which is the longest; the others use as many as they have.
     """
 
     a1: Floats
@@ -43,21 +44,24 @@ class Stages(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """A state in flat arrays (see `exunet.system.system.Layout`) and what moves it.
+    """A state in flat arrays (see `exunet.forces.blocks`) and what moves it.
 
-    x, v, z : (n_x,), (n_v,), (n_z,)
-    inverse : (n_v,) 1 / mass or inertia; zero for what is held still
+    x, v    : (n_x,), (n_v,)
+    c       : (n_c,) view of x: places of points and centres, whose rates v has
+    z       : (n_z,) view of x: what is of first order, attitudes and states of terms
+    inverse : (n_force,) 1 / mass or inertia; zero for what is held still, 1 for first-order states
     inertia : (n_bodies, 3) principal moments [kg m2]
-    push    : (n_v,) forces [N], and torques in body axes [N m], from outside
+    push    : (n_force,) forces [N], and torques in body axes [N m], from outside
     data    : the kernel's
-    work    : (17, n_v) the rows of `Stages`
-    z1      : (n_z,) attitudes at a stage, and at the step's end
-    turns   : (7, n_z) rates of the attitudes in the stages
+    work    : (17, n_x) the rows of `Stages`
+    z1      : (n_z,) view of the row x1: what is of first order at a stage, and at the step's end
+    rates   : (7, n_z) its rates in the stages
     taken   : (1,) energy [J] that terms without a potential have taken out so far
     """
 
     x: Floats
     v: Floats
+    c: Floats
     z: Floats
     inverse: Floats
     inertia: Floats
@@ -65,7 +69,7 @@ class Motion(NamedTuple):
     data: tuple[Any, ...]
     work: Floats
     z1: Floats
-    turns: Floats
+    rates: Floats
     taken: Floats
 
 
@@ -121,12 +125,11 @@ class Seen(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """Rows of states: time (k,), x (k, n_x), v (k, n_v), z (k, n_z), taken (k,)."""
+    """Rows of states: time (k,), x (k, n_x), v (k, n_v), taken (k,)."""
 
     time: Floats
     x: Floats
     v: Floats
-    z: Floats
     taken: Floats
 
 
@@ -151,20 +154,29 @@ class EqualSteps(NamedTuple):
 
 def motion_of(system: System, state: State, data: tuple[Any, ...]) -> Motion:
     """A system in a state; the accelerations are still to be computed."""
-    layout = Layout.of(system)
-    x, v, z = layout.pack(state)
-    _, n_v, n_z = layout.sizes
+    x, v = (np.array(part) for part in system.layout.pack(state.moving))
+    inverse = system.layout.inverse_mass(system, state.memory)
+    return motion_at(x, v, inverse, data, system.body_inertia.copy(), system.blocks.centres)
+
+
+def motion_at(
+    x: Floats, v: Floats, inverse: Floats, data: tuple[Any, ...], inertia: Floats, centres: int
+) -> Motion:
+    """A state x, v, of which it keeps the arrays, under no force from outside; centres: n_c."""
+    work = np.zeros((len(Stages._fields), len(x)))
+    first_order = slice(centres, len(x))
     return Motion(
         x,
         v,
-        z,
-        inverse=layout.inverse_mass(system),
-        inertia=system.body_inertia.copy(),
-        push=np.zeros(n_v),
+        c=x[:centres],
+        z=x[first_order],
+        inverse=inverse,
+        inertia=inertia,
+        push=np.zeros(len(inverse)),
         data=data,
-        work=np.zeros((len(Stages._fields), n_v)),
-        z1=np.zeros(n_z),
-        turns=np.zeros((7, n_z)),
+        work=work,
+        z1=work[Stages._fields.index("x1"), first_order],
+        rates=np.zeros((7, len(x) - centres)),
         taken=np.zeros(1),
     )
 
@@ -183,13 +195,12 @@ def seen_nothing(system: System) -> Seen:
     peaks = np.zeros(1, dtype=PEAKS)
     peaks["kinetic"] = peaks["keep_above"] = peaks["look_above"] = np.inf
     peaks["element"] = -1
-    half = Layout.of(system).half_mass(system)
+    half = system.layout.half_mass(system)
     ends = system.net.element_nodes.copy()
     return Seen(peaks, half, ends, law.natural_length.copy(), law.stiffness.copy(), twice)
 
 
 def empty_rows(rows: int, system: System) -> Kept:
     """Room for states."""
-    n_x, n_v, n_z = Layout.of(system).sizes
-    x, v, z = (np.zeros((rows, n)) for n in (n_x, n_v, n_z))
-    return Kept(np.zeros(rows), x, v, z, np.zeros(rows))
+    x, v = (np.zeros((rows, n)) for n in (system.blocks.n_x, system.blocks.n_v))
+    return Kept(np.zeros(rows), x, v, np.zeros(rows))

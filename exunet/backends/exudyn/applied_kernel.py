@@ -1,4 +1,4 @@
-"""A kernel as forces on the points of an engine's model."""
+"""A kernel as forces on the blocks of an engine's model."""
 
 from __future__ import annotations
 
@@ -12,29 +12,44 @@ from exunet.backends.exudyn.model import Jacobian, Model
 from exunet.codegen.drivers import Place
 from exunet.codegen.kernel import Kernel
 from exunet.codegen.linearised import Linearised
+from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.loops import Index
 
 Floats = NDArray[np.float64]
 
 
 class AppliedKernel:
-    """The forces of a kernel on the points of `model`, and constant ones from outside.
+    """The forces of a kernel on the points of `model`, on its bodies, and constant ones from outside.
 
+    bodies : True if a term of the kernel acts on a rigid body
     Where the coordinates stand is only known once the model is assembled, so it is looked up at first use.
     """
 
-    def __init__(self, model: Model, kernel: Kernel, memory: Mapping[str, Floats]) -> None:
-        self._model, self._kernel = model, kernel
-        self._data = kernel.data(memory)
+    def __init__(
+        self, model: Model, kernel: Kernel, memory: Mapping[str, Floats], blocks: Blocks, *, bodies: bool
+    ) -> None:
+        self._model, self._kernel, self._blocks, self._bodies = model, kernel, blocks, bodies
+        self._data, self._awake = kernel.data(memory), memory.get(AWAKE)
         self._run: Callable[..., None] = kernel.module.engine_forces
         self._place: Place | None = None
-        self._push = np.zeros(3 * model.n_points)
+        self._push = np.zeros(blocks.n_force)
 
     def evaluate(self, t: float, q: Floats, q_t: Floats, out: Floats) -> None:
-        """Forces [N] on the free coordinates of the points into out; see `Model.applied_forces`."""
+        """Forces on free coordinates of points, and on bodies, into out; see `Model.applied_forces`."""
         if self._place is None:
-            self._place = _place(self._model, self._push)
+            self._place = self._where()
+        if self._blocks.states:
+            self._place.x[-self._blocks.n_states :] = self._model.first_order()
         self._run(t, q, q_t, self._data, self._place, out)
+        if self._awake is not None:  # what sleeps is at rest, and stays so without a force
+            free = self._place.free
+            out[: len(free)] *= self._awake[free // 3]
+
+    def rates(self, t: float, q: Floats, q_t: Floats, out: Floats) -> Floats:
+        """(n_states,) rates of the first-order states; out as for `evaluate`."""
+        self.evaluate(t, q, q_t, out)
+        assert self._place is not None
+        return self._place.force[self._blocks.n_v :]
 
     def jacobian(self, linearised: Linearised | None) -> Jacobian | None:
         """The kernel's derivatives as `Model.applied_forces` takes them."""
@@ -46,21 +61,33 @@ class AppliedKernel:
             place = self._place
             place.x[place.free] = place.reference + q[place.column]
             place.v[place.free] = q_t[place.column]
-            return linearised(t, place.x, place.v, of_position, of_velocity)
+            points = 3 * self._blocks.n_points
+            return linearised(t, place.x[:points], place.v[:points], of_position, of_velocity)
 
         return compute
 
     def push(self, force: Floats) -> None:
         """Forces (n_points, 3) [N] from outside, from now on."""
-        self._push[:] = force.ravel()
+        self._push[: force.size] = force.ravel()
 
     def remember(self, memory: Mapping[str, Floats]) -> None:
-        """Take other values of memories."""
-        self._kernel.remember(self._data, memory)
+        """Take all memories as they are now."""
+        self._data, self._awake = self._kernel.data(memory), memory.get(AWAKE)
 
-
-def _place(model: Model, push: Floats) -> Place:
-    free = np.flatnonzero(np.repeat(model.free, 3))
-    x = model.reference.ravel().copy()
-    column = model.columns().astype(Index)
-    return Place(column, free.astype(Index), x[free], x, np.zeros_like(x), push, np.zeros_like(x))
+    def _where(self) -> Place:
+        model, blocks = self._model, self._blocks
+        free = np.flatnonzero(np.repeat(model.free, 3))
+        x = np.zeros(blocks.n_x)
+        x[: 3 * blocks.n_points] = model.reference.ravel()
+        return Place(
+            column=model.columns().astype(Index),
+            free=free.astype(Index),
+            reference=x[free],
+            body=(model.columns_of_bodies() if self._bodies else np.zeros(0)).astype(Index),
+            centre=3 * blocks.n_points,
+            spin=blocks.centres,
+            x=x,
+            v=np.zeros(blocks.n_v),
+            push=self._push,
+            force=np.zeros(blocks.n_force),
+        )

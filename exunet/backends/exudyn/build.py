@@ -24,11 +24,10 @@ def build(system: System, state: State, plan: Plan, *, fused: bool, pushed: bool
     if fused:
         require_numba('engine.net = "fused"')
         _points(model, system, state, massive=False)
+        _bodies(model, system, state)
         _apply(model, system, net_kernel(system.forces), state, massive=True, implicit=implicit)
     else:
         _connectors(model, system, state, implicit=implicit, pushed=pushed)
-    for k, body in enumerate(system.bodies):
-        model.rigid_body(body, state.bodies[k])
     model.assemble()
     return model
 
@@ -38,22 +37,24 @@ def expected_items(system: System, *, fused: bool) -> dict[str, int]:
     forces, net = system.forces, system.net
     free = int(system.free.sum())
     if fused:
-        counts = {"ObjectGenericODE2": 2 if free else 0}
+        counts = {"ObjectGenericODE2": 2 if free or system.driven.any() else 0}
     else:
         linear = forces.linear is not None
-        generic = linear + (2 if forces.kernels and free else 0)
+        generic = linear + (2 if forces.kernels and (free or system.driven.any()) else 0)
         counts = {
             "MassPoint": free,
             "ObjectConnectorSpringDamper": net.n_elements,
             "ObjectGenericODE2": generic,
         }
     counts["ObjectRigidBody"] = len(system.bodies)
+    counts["ObjectGenericODE1"] = bool(system.blocks.states)
     return {kind: number for kind, number in counts.items() if number}
 
 
 def _connectors(model: Model, system: System, state: State, *, implicit: bool, pushed: bool) -> None:
     net, forces = system.net, system.forces
     _points(model, system, state, massive=True)
+    _bodies(model, system, state)
     law = forces.cable.law
     times = law.relaxation_time if law.relaxation_time is not None else [None] * net.n_elements
     for (i, j), length, stiffness, time in zip(
@@ -70,17 +71,26 @@ def _apply(
     model: Model, system: System, kernel: Kernel, state: State, *, massive: bool, implicit: bool
 ) -> None:
     """Let a kernel push the points; massive: it brings their masses, and the elements' forces too."""
-    linearised = Linearised(system.points, system.forces, elements=massive) if implicit else None
-    applied = AppliedKernel(model, kernel, dict(state.memory))
-    model.applied_forces(applied.evaluate, applied.jacobian(linearised), system.mass if massive else None)
+    linearised = Linearised(system.blocks, system.forces, elements=massive) if implicit else None
+    bodies = bool(system.driven.any())
+    applied = AppliedKernel(model, kernel, dict(state.memory), system.blocks, bodies=bodies)
+    mass = system.mass if massive else None
+    model.applied_forces(applied.evaluate, applied.jacobian(linearised), mass, bodies=bodies)
+    if system.blocks.states:
+        model.first_order_states(state.first_order, applied.rates)
     model.applied = applied
     model.elements_applied = massive
 
 
+def _bodies(model: Model, system: System, state: State) -> None:
+    for k, body in enumerate(system.bodies):
+        model.rigid_body(body, state.bodies[k])
+
+
 def _points(model: Model, system: System, state: State, *, massive: bool) -> None:
-    reference = system.points.position.copy()  # of point masses: where they start
+    reference = system.blocks.position.copy()  # of point masses: where they start
     reference[: system.net.n_nodes] = system.net.reference_position
-    for k in range(system.points.n_points):
+    for k in range(system.blocks.n_points):
         if not system.free[k]:
             model.fixed_point(state.position[k])
         elif massive:

@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
+from exunet.backends.exudyn.coordinates import Coordinates, Places
 from exunet.backends.exudyn.loading import exudyn
-from exunet.bodies.rigid import RigidBody, RigidStates, quaternion_of, rotation_vector
+from exunet.bodies.rigid import RigidBody, RigidStates, rotation_vector
 from exunet.forces import cable
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Evaluate = Callable[[float, Floats, Floats, Floats], None]
+Rates = Callable[[float, Floats, Floats, Floats], Floats]
 Jacobian = Callable[[float, Floats, Floats, float, float], csr_array]
+_NONE = np.zeros(0)
 
 
 class Model:
@@ -45,6 +48,7 @@ class Model:
         self._connectors: list[int] = []
         self._carrying: NDArray[np.bool_] | None = None
         self._bodies: list[int] = []
+        self._n_first_order = 0
         self.applied: Any = None  # the AppliedKernel that pushes the points, if there is one
         self.elements_applied = False  # that kernel has the elements' forces too
 
@@ -116,7 +120,7 @@ class Model:
         self._carrying = wanted
 
     def rigid_body(self, body: RigidBody, state: RigidStates) -> int:
-        """Add a body in its principal axes, free of forces.
+        """Add a body in its principal axes.
 
         Its node has a rotation vector, as explicit methods need it. The reference attitude is that of the
         scene's axes, so the rotation vector is the attitude.
@@ -187,15 +191,22 @@ class Model:
         self._add_object(self._items.ObjectGenericODE2(**arguments), "ObjectGenericODE2")
 
     def applied_forces(
-        self, evaluate: Evaluate, jacobian: Jacobian | None = None, mass: Floats | None = None
+        self,
+        evaluate: Evaluate,
+        jacobian: Jacobian | None = None,
+        mass: Floats | None = None,
+        *,
+        bodies: bool = False,
     ) -> None:
-        """Add forces on all free points that a function computes at once.
+        """Add forces on all free points, and on bodies, that a function computes at once.
 
         evaluate : evaluate(t, q, q_t, out) writes the forces [N] on the free coordinates into out
                    (3 n_free,); q, q_t are all the engine's coordinates (displacements, velocities)
         jacobian : jacobian(t, q, q_t, of_position, of_velocity) gives the csr matrix of
                    -(of_position df/dq + of_velocity df/dq_t), (3 n_free, 3 n_free); None: an explicit method
         mass     : (n,) of all points [kg], for points added by `node`
+        bodies   : out goes on with the force [N] and the torque in body axes [N m] on each body; with the
+                   engine's rotation vectors these are the forces of a body's six coordinates
 
         Two objects: the first, on one node only, computes the forces and puts them into the second, which
         holds them. The engine evaluates objects in their order (with one thread, which is its default); it
@@ -203,14 +214,18 @@ class Model:
         more than the rest of the evaluation.
         """
         keep, nodes = self._free_coordinates(), self._free_nodes()
-        out = np.zeros(len(nodes) * 3)
+        turning = 6 * len(self._bodies) if bodies else 0
+        out = np.zeros(len(nodes) * 3 + turning)
         if not len(out):
             return
+        if bodies:
+            nodes = nodes + self._bodies
         data, views = self.system.systemData, self._views
-        nothing = [0.0, 0.0, 0.0]
+        nothing = [0.0] * (6 if nodes[0] in self._bodies else 3)
         arguments: dict[str, Any] = {"nodeNumbers": nodes, "forceVector": out.tolist()}
         if mass is not None:
-            arguments["massMatrix"] = self._matrix(csr_array(diags_array(np.repeat(mass, 3)[keep])))
+            masses = np.append(np.repeat(mass, 3)[keep], np.zeros(turning))  # bodies bring theirs
+            arguments["massMatrix"] = self._matrix(csr_array(diags_array(masses)))
         self._keep_alive += [evaluate, jacobian]
 
         def compute(mbs: Any, t: float, item: int, _q: Any, _q_t: Any) -> list[float]:
@@ -226,6 +241,32 @@ class Model:
             arguments["jacobianUserFunction"] = self._system_jacobian(jacobian)
         self._add_object(self._items.ObjectGenericODE2(**own), "ObjectGenericODE2")
         self._add_object(self._items.ObjectGenericODE2(**arguments), "ObjectGenericODE2")
+
+    def first_order_states(self, initial: Floats, rates: Rates) -> None:
+        """Add first-order states (n_states,); rates(t, q, q_t, out) gives theirs (see `applied_forces`)."""
+        node = self.system.AddNode(
+            self._items.NodeGenericODE1(
+                referenceCoordinates=[0.0] * len(initial),
+                initialCoordinates=initial.tolist(),
+                numberOfODE1Coordinates=len(initial),
+            )
+        )
+        data, out = self.system.systemData, np.zeros(self.n_coordinates)
+
+        def compute(_mbs: Any, t: float, _item: int, _q: Any) -> list[float]:
+            q, q_t = data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False)
+            return list(rates(t, q, q_t, out).tolist())
+
+        self._keep_alive.append(compute)
+        self._n_first_order = len(initial)
+        arguments: dict[str, Any] = {"nodeNumbers": [int(node)], "rhsUserFunction": compute}
+        self._add_object(self._items.ObjectGenericODE1(**arguments), "ObjectGenericODE1")
+
+    def first_order(self) -> Floats:
+        """(n_states,) the first-order states now; a view."""
+        if not self._n_first_order:
+            return _NONE
+        return np.asarray(self.system.systemData.GetODE1Coordinates(copy=False))
 
     def look_again(self) -> None:
         """Take new views of the engine's state at the next evaluation.
@@ -251,6 +292,10 @@ class Model:
         starts = np.array([self.system.GetNodeODE2Index(node) for node in self._free_nodes()], dtype=np.int64)
         return np.asarray((starts[:, None] + np.arange(3)).ravel())
 
+    def columns_of_bodies(self) -> Ints:
+        """(n_bodies,) where the six coordinates of each body begin there."""
+        return np.array([self.system.GetNodeODE2Index(node) for node in self._bodies], dtype=np.int64)
+
     def _free_nodes(self) -> list[int]:
         return [n for n, free in zip(self._nodes, self._free, strict=True) if free]
 
@@ -267,11 +312,9 @@ class Model:
     def assemble(self) -> None:
         """Finish the system; no item can be added afterwards."""
         self.system.Assemble()
-        self._keep = np.array(self._free, dtype=bool)
-        self._reference_array = np.array(self._reference, dtype=float).reshape(-1, 3)
-        starts = [self.system.GetNodeODE2Index(node) for node in self._bodies]
-        self._of_bodies = np.array(starts, dtype=np.int64)[:, None] + np.arange(6)
-        self._of_points = self.columns()
+        reference = np.array(self._reference, dtype=float).reshape(-1, 3)
+        bodies = self.columns_of_bodies()[:, None] + np.arange(6)
+        self.places = Places(reference, self.free, self.columns(), bodies)
 
     def items(self) -> dict[str, int]:
         """How many objects of each kind the engine holds."""
@@ -305,28 +348,13 @@ class Model:
     @property
     def reference(self) -> Floats:
         """(n_points, 3) [m], of an assembled model."""
-        return self._reference_array
+        return self.places.reference
 
-    def coordinates(self) -> tuple[Floats, Floats]:
-        """Copies of the raw displacement and velocity coordinates, each (n_coordinates,)."""
+    def coordinates(self) -> Coordinates:
+        """Where the engine stands, as views."""
         data = self.system.systemData
-        return np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
-
-    def unpack(self, displacement: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        """Raw coordinates (..., n_coordinates) -> position [m], velocity [m/s] of all points, (..., n, 3)."""
-        shape = (*displacement.shape[:-1], len(self._nodes), 3)
-        position = np.broadcast_to(self._reference_array, shape).copy()
-        speed = np.zeros(shape)
-        free = (*displacement.shape[:-1], -1, 3)
-        position[..., self._keep, :] += displacement[..., self._of_points].reshape(free)
-        speed[..., self._keep, :] = velocity[..., self._of_points].reshape(free)
-        return position, speed
-
-    def unpack_bodies(self, displacement: Floats, velocity: Floats) -> RigidStates:
-        """Raw coordinates (..., n_coordinates) -> states of the bodies."""
-        place, speed = displacement[..., self._of_bodies], velocity[..., self._of_bodies]
-        attitude = quaternion_of(place[..., 3:])
-        return RigidStates(place[..., :3], speed[..., :3], attitude, speed[..., 3:])
+        q, v = data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False)
+        return Coordinates(q, v, self.first_order())
 
 
 def _no_jacobian(container: Any) -> Any:

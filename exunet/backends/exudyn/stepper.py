@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.events import Events
+from exunet.backends.exudyn.accepted import Accepted
 from exunet.backends.exudyn.build import build
+from exunet.backends.exudyn.coordinates import Coordinates
 from exunet.backends.exudyn.loading import exudyn
 from exunet.backends.exudyn.settings import ends_at, longest_of, settings_for
 from exunet.backends.exudyn.step_choice import StepChoice
 from exunet.backends.protocol import Arrays, Batch, IntegrationFailed, Observer, StepCounts, StepsCollapsed
 from exunet.base.interrupt import postponed
-from exunet.forces.cable_term import INTACT
 from exunet.forces.jumps import Jump, jump_ahead
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
@@ -25,8 +26,6 @@ from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
 
-_ROWS = 256  # states that the observer gets in one go: enough to be fast, few enough to come soon
-_BUFFER_NUMBERS = 2**19  # of one coordinate array; bounds memory
 _TINY_ATTEMPTS = 200  # of the least size, one after the other; a snap's beginning may need a few
 
 
@@ -46,11 +45,8 @@ class Stepper:
         self._pushed: Floats | None = None
         self.time = state.time
         self._open(state)
-        rows = max(16, min(_ROWS, _BUFFER_NUMBERS // max(1, self._model.n_coordinates)))
-        self._times = np.empty(rows)
-        self._q = np.empty((rows, self._model.n_coordinates))
-        self._v = np.empty((rows, self._model.n_coordinates))
-        self._rows = 0
+        self._changed: Coordinates | None = None  # by an event, to begin anew with
+        self._accepted = Accepted(self._model.coordinates())
         self._append(state.time)
 
     def _open(self, state: State) -> None:
@@ -103,6 +99,10 @@ class Stepper:
         return self._model.items()
 
     @property
+    def room(self) -> int:
+        return self._accepted.room
+
+    @property
     def can_restart(self) -> bool:
         return self._method.kind != Kind.IMPLICIT  # whose algorithmic accelerations the engine does not give
 
@@ -123,7 +123,12 @@ class Stepper:
         self._counts.newton_iterations = self._newton_before + int(self._solver.it.newtonStepsCount)
         if self._stop is not None:
             stop, self._stop = self._stop, None
-            raise stop
+            if not isinstance(stop, _BeginAnew):
+                raise stop
+            self._choice.end_stretch(self._step_start)
+            self._idle_at(self._step_start)
+            self._renew()
+            return
         if not done:
             self.hand_over()
             raise IntegrationFailed(
@@ -134,7 +139,7 @@ class Stepper:
         self._choice.end_stretch(self._model.system.systemData.GetTime())
         self._idle_at(until)
         self._append(until)
-        if not np.isfinite(self._v[self._rows - 1]).all():
+        if not self._accepted.finite:
             self.hand_over()
         if self._look_for_events(until):
             self._renew()
@@ -195,15 +200,16 @@ class Stepper:
         self._step_start = time
         self._choice.accepted(time)
         self._append(time)
-        self._look_for_events(time)
+        if self._look_for_events(time):
+            raise _BeginAnew
 
     def _shorten(self) -> None:
         """Make the step that is about to be tried end near the next event."""
         if not self._events.in_steps:
             return
-        position, velocity = self._model.unpack(*self._model.coordinates())
+        x, v = self._flat()
         step, least = self._attempt_end - self._step_start, 8.0 * self._plan.least_step
-        shorter = self._events.step_within(step, least, position, velocity)
+        shorter = self._events.step_within(step, least, x, v)
         if shorter < step:
             progress = self._solver.it
             progress.currentStepSize = shorter
@@ -211,135 +217,149 @@ class Stepper:
 
     def _jump(self, within: float) -> Jump | None:
         """The next jump of the forces ahead of the state at a step's start."""
-        data = self._model.system.systemData
-        q, v = self._model.coordinates()
-        position, velocity = self._model.unpack(q, v)
+        now = self._model.coordinates()
         # The last stage of the adaptive methods was evaluated at the last step's end.
-        _, acceleration = self._model.unpack(q, np.array(data.GetODE2Coordinates_tt()))
+        after = np.array(self._model.system.systemData.GetODE2Coordinates_tt())
+        position, velocity, *_ = self._model.places.unpack(now)
+        acceleration = self._model.places.unpack(now._replace(v=after)).velocity
         law = law_of(self._system.forces, self._events.memory)
         state = (position, velocity, acceleration)
         assert self._plan.tolerance is not None
-        return jump_ahead(self._system.points, law, within, self._plan.tolerance, self._step_start, state)
+        return jump_ahead(self._system.blocks, law, within, self._plan.tolerance, self._step_start, state)
+
+    def _flat(self) -> tuple[Floats, Floats]:
+        """The state now as x and v, see `exunet.forces.blocks`; copies."""
+        return self._system.layout.pack(self._model.places.unpack(self._model.coordinates()))
 
     def _look_for_events(self, time: float) -> bool:
-        """True if there was one, at the end of an accepted step."""
-        found = False
+        """True if one, at the end of an accepted step, makes the solver begin anew."""
         if not self._events:
-            return found
-        position, _ = self._model.unpack(*self._model.coordinates())
-        for name, change in self._events.at(time, position):
-            if self._times[self._rows - 1] != time:
+            return False
+        found = moved = False
+        x, v = self._flat()
+        for name, change in self._events.at(time, x, v):
+            if self._accepted.last_time != time:
                 self._append(time)
             self.hand_over()  # so that no batch has states from before and after
-            self._remember({**self._events.memory, name: change.memory})
+            self._remember(self._events.memory_after(name, change))
             found = True
-        return found
+            for held, other in ((x, change.x), (v, change.v)):
+                if other is not None:
+                    held[:] = other
+                    moved = True
+        if moved:
+            places, now = self._model.places, self._model.coordinates()
+            self._changed = places.pack(self._system.layout.unpack(x, v), now)
+            self._accepted.begin_with(self._changed)
+        return moved or (found and self._method.remembers_acceleration)
 
     def _renew(self) -> None:
-        """Let a method that remembers the acceleration of the step before begin anew: forces have changed."""
-        if not self._method.remembers_acceleration:
-            return
-        data, initial = self._model.system.systemData, exudyn().ConfigurationType.Initial
-        data.SetODE2Coordinates(data.GetODE2Coordinates(), initial)
-        data.SetODE2Coordinates_t(data.GetODE2Coordinates_t(), initial)
-        data.SetTime(self.time, initial)
+        """Start the solver again where it stands, or at the state that an event has made."""
+        now = self._changed or Coordinates(*(np.array(part) for part in self._model.coordinates()))
+        self._changed = None
+        kinds = exudyn().ConfigurationType
+        self._put(now, self.time, kinds.Initial)
         self._settings.timeIntegration.startTime = self.time
-        newton = self._counts.newton_iterations
+        newton, choice = self._counts.newton_iterations, self._choice
         self._start()  # which computes the accelerations
-        self._choice = StepChoice(self._plan, self._solver, self._settings, self._choice.jump)
+        self._choice = StepChoice(self._plan, self._solver, self._settings, choice.jump)
+        if self._adaptive:
+            self._choice.restore(choice.numbers())
         self._newton_before = newton
 
     def _remember(self, memory: Arrays) -> None:
         if self._model.applied is not None:
             self._model.applied.remember(memory)
-        if INTACT in memory and not self._model.elements_applied:
-            self._model.carry(memory[INTACT])
+        carrying = self._system.forces.cable.carrying(memory)
+        if carrying is not None and not self._model.elements_applied:
+            self._model.carry(carrying)
 
     def _append(self, time: float) -> None:
-        row = self._rows
-        data = self._model.system.systemData
-        self._times[row] = time
-        self._q[row] = data.GetODE2Coordinates(copy=False)
-        self._v[row] = data.GetODE2Coordinates_t(copy=False)
-        self._rows = row + 1
-        if self._rows == len(self._times):
+        if self._accepted.append(time, self._model.coordinates()):
             self.hand_over()
 
     def hand_over(self) -> None:
-        rows = self._rows
-        if rows > 1:
-            q, v = self._q[:rows].copy(), self._v[:rows].copy()
-            time = self._times[:rows].copy()
-            for buffer in (self._times, self._q, self._v):
-                buffer[0] = buffer[rows - 1]
-            self._rows = 1
-            self._observer.take(Batch(time, *self._model.unpack(q, v), self._model.unpack_bodies(q, v)))
+        taken = self._accepted.take()
+        if taken is not None:
+            time, states = taken
+            self._observer.take(Batch(time, *self._model.places.unpack(states)))
 
     def state(self) -> State:
-        raw = self._model.coordinates()
         memory = {name: values.copy() for name, values in self._events.memory.items()}
-        return State(self.time, *self._model.unpack(*raw), self._model.unpack_bodies(*raw), memory)
+        now = Coordinates(*(np.array(part) for part in self._model.coordinates()))
+        return State.of(self.time, self._model.places.unpack(now), memory)
 
     def push(self, force: Floats) -> None:
         self._pushed = force.copy()
         if self._model.applied is None:  # connectors alone: build them again with room for other forces
             self._open(self.state())
         self._model.applied.push(force)
-        self._renew()
+        self._forces_changed()
+
+    def tell(self, inputs: Arrays) -> None:
+        for name, values in inputs.items():
+            self._events.memory[name] = values.copy()
+        self._remember(self._events.memory)
+        self._forces_changed()
+
+    def _forces_changed(self) -> None:
+        if self._method.remembers_acceleration:
+            self._renew()
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         data = self._model.system.systemData
         arrays = {
             "time": np.array(self.time),
-            "q": np.array(
-                data.GetODE2Coordinates()
-            ),  # displacements: their sum with the reference loses bits
-            "v": np.array(data.GetODE2Coordinates_t()),
+            # Displacements: their sum with the reference loses bits.
+            **{name: np.array(part) for name, part in self._model.coordinates()._asdict().items()},
             "a": np.array(data.GetODE2Coordinates_tt()),  # what VelocityVerlet's next step begins with
             "counts": np.array([self._counts.steps, self._counts.rejected]),
             "choice": self._choice.numbers(),
-            "rows/time": self._times[: self._rows].copy(),
-            "rows/q": self._q[: self._rows].copy(),
-            "rows/v": self._v[: self._rows].copy(),
+            **self._accepted.arrays(),
             **{f"memory/{name}": values.copy() for name, values in self._events.memory.items()},
         }
-        if self._pushed is not None:
-            arrays["pushed"] = self._pushed.copy()
-        return arrays
+        pushed = np.zeros((0, 3)) if self._pushed is None else self._pushed.copy()
+        return {**arrays, "pushed": pushed}
 
     def restore(self, arrays: Arrays) -> None:
         """The solver is started anew: nothing of what it did since then may be left in it."""
-        pushed = arrays.get("pushed")
+        pushed = np.array(arrays["pushed"]) if len(arrays["pushed"]) else None
         if (pushed is None) != (self._pushed is None):
-            self._pushed = None if pushed is None else np.array(pushed)
+            self._pushed = pushed
             self._open(self.state())
         if pushed is not None:
-            self._pushed = np.array(pushed)
+            self._pushed = pushed
             self._model.applied.push(self._pushed)
         for name in self._events.memory:
             self._events.memory[name] = np.array(arrays[f"memory/{name}"])
         self._remember(self._events.memory)
         time, engines_time = float(arrays["time"]), float(arrays["choice"][0])
         self._settings = settings_for(self._model, self._plan, time)
-        engine = exudyn().ConfigurationType
-        self._put(arrays, engines_time, engine.Initial)  # for the solver to start from
+        kinds, data = exudyn().ConfigurationType, self._model.system.systemData
+        now, accelerations = Coordinates(arrays["q"], arrays["v"], arrays["y"]), arrays["a"]
+        self._put(now, engines_time, kinds.Initial)  # for the solver to start from
+        data.SetODE2Coordinates_tt(accelerations, kinds.Initial)
         self._start()
-        self._put(arrays, engines_time, engine.Current)  # starting it has changed the accelerations
+        self._put(now, engines_time, kinds.Current)  # starting it has changed the accelerations
+        data.SetODE2Coordinates_tt(accelerations, kinds.Current)
         jump = self._choice.jump
         self._choice = StepChoice(self._plan, self._solver, self._settings, jump)
         self._choice.restore(arrays["choice"])
         self._counts = StepCounts(*(int(number) for number in arrays["counts"]))
         self._idle_at(time)
-        self._rows = len(arrays["rows/time"])
-        for held, name in ((self._times, "time"), (self._q, "q"), (self._v, "v")):
-            held[: self._rows] = arrays[f"rows/{name}"]
+        self._accepted.restore(arrays)
 
-    def _put(self, arrays: Arrays, time: float, where: Any) -> None:
+    def _put(self, now: Coordinates, time: float, where: Any) -> None:
         data = self._model.system.systemData
-        data.SetODE2Coordinates(arrays["q"], where)
-        data.SetODE2Coordinates_t(arrays["v"], where)
-        data.SetODE2Coordinates_tt(arrays["a"], where)
+        data.SetODE2Coordinates(now.q, where)
+        data.SetODE2Coordinates_t(now.v, where)
+        if len(now.y):
+            data.SetODE1Coordinates(now.y, where)
         data.SetTime(time, where)
+
+
+class _BeginAnew(Exception):
+    """An event has changed what the engine's solver has in hand."""
 
 
 def _first_line(words: object) -> str:

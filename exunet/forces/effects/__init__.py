@@ -3,7 +3,7 @@
 An effect's module has
 
 - `Keys`, a Table: keys, units, bounds; no default for a physical quantity;
-- `terms(keys, points)`: what it adds to the equations of motion, a tuple of `KernelTerm`, `LinearTerm` (see
+- `terms(keys, blocks)`: what it adds to the equations of motion, a tuple of `KernelTerm`, `LinearTerm` (see
   `exunet.forces.terms`) or `ElementLaw` (`exunet.forces.cable_term`);
 - `nominal(basis) -> (Keys, assumption)`: what to assume for an estimate if the case does not have the
   effect; None if nothing can be assumed for this scene;
@@ -18,7 +18,8 @@ An effect's module has
   `cross_checks(keys, rest) -> Iterator[Fault]` (`exunet.base.errors.Fault`; rest is an
   `exunet.forces.requirements.RestOfCase`);
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
-- if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`.
+- if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`;
+- if it has first-order states, `first_order_states(keys) -> tuple[FirstOrder, ...]`.
 
 Its energy is that of the terms: a potential, or work that is integrated along the run. A new effect is this
 module, one line in `_NAMES`, a section of `cases/README.md` and a test.
@@ -37,7 +38,7 @@ from pydantic import ConfigDict, Field, create_model
 from exunet.base.errors import CaseError, Fault
 from exunet.base.faults import each, joining, within
 from exunet.base.table import Positive, Table
-from exunet.forces.points import PointMass, Points
+from exunet.forces.blocks import Blocks, FirstOrder, PointMass
 from exunet.forces.requirements import RestOfCase, declared, excluded, required, zero_keys
 from exunet.forces.terms import largest_number
 from exunet.forces.total import Contribution, Forces
@@ -132,15 +133,20 @@ def _threshold(effects: Table) -> Iterator[Fault]:
 
 def point_masses(effects: Table) -> tuple[PointMass, ...]:
     """The point masses that effects bring."""
-    return tuple(
-        body
-        for name, keys in switched_on(effects).items()
-        if hasattr(EFFECTS[name], "point_masses")
-        for body in EFFECTS[name].point_masses(keys)
-    )
+    return tuple(_brought("point_masses", effects))
 
 
-def forces_of(effects: Table, points: Points, faults: list[Fault]) -> Forces:
+def first_order_states(effects: Table) -> tuple[FirstOrder, ...]:
+    """The first-order states that effects have."""
+    return tuple(_brought("first_order_states", effects))
+
+
+def _brought(what: str, effects: Table) -> Iterator[Any]:
+    for name, keys in switched_on(effects).items():
+        yield from getattr(EFFECTS[name], what, lambda _: ())(keys)
+
+
+def forces_of(effects: Table, blocks: Blocks, faults: list[Fault]) -> Forces:
     """The cable elements and the terms of all effects that are on.
 
     faults : takes those of effects whose numbers cannot be computed with; these have no terms
@@ -148,15 +154,15 @@ def forces_of(effects: Table, points: Points, faults: list[Fault]) -> Forces:
     terms: list[Contribution] = []
     for name, keys in switched_on(effects).items():
         with joining(faults):
-            terms += terms_of(name, keys, points)
-    return Forces.of(points.net, terms)
+            terms += terms_of(name, keys, blocks)
+    return Forces.of(blocks.net, terms)
 
 
-def terms_of(name: str, keys: Table, points: Points) -> tuple[Contribution, ...]:
+def terms_of(name: str, keys: Table, blocks: Blocks) -> tuple[Contribution, ...]:
     """The terms of one effect; raises CaseError if a number in them is beyond `LARGEST`."""
     try:
         with np.errstate(all="ignore"):  # numbers that overflow are refused below
-            terms: tuple[Contribution, ...] = EFFECTS[name].terms(keys, points)
+            terms: tuple[Contribution, ...] = EFFECTS[name].terms(keys, blocks)
             sound = largest_number(number for term in terms for number in term.numbers()) <= LARGEST
     except ArithmeticError:
         sound = False

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.base.table import NonNegative, Positive, Table
+from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
-from exunet.forces.points import Points
 from exunet.forces.surface import bullet_disc, widths
 from exunet.forces.terms import KernelTerm
 
@@ -47,9 +47,9 @@ class Keys(Table):
     )
 
 
-def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One kernel term for the elements, one for the bullets if there are any."""
-    net = points.net
+    net = blocks.net
     first, second = (3 * net.element_nodes.T).astype(Index)
     quarter = 0.25 * keys.density * keys.drag_coefficient * widths(net) * net.reference_length
     data = CrossFlow(first, second, quarter, (NO_LENGTH * net.reference_length) ** 2)
@@ -145,7 +145,7 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     net = basis.net
     x, v = basis.middle.ravel(), basis.motion.ravel()
     parts = []
-    for term in terms(keys, basis.points):
+    for term in terms(keys, basis.blocks):
         force = np.zeros_like(x)
         term.add(0.0, x, v, term.data, force)
         parts.append(basis.of_force(force.reshape(-1, 3)))

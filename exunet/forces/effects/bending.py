@@ -17,8 +17,8 @@ from pydantic import Field
 from scipy.sparse import csr_array, kron
 
 from exunet.base.table import NonNegative, Table
+from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.points import Points
 from exunet.forces.terms import LinearTerm
 from exunet.net.arrays import Net
 
@@ -69,13 +69,13 @@ def springs(keys: Keys, net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return nodes, weight, keys.modulus * inertia / length.mean(axis=1)
 
 
-def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
     """The constant stiffness of all springs; nothing if no thread runs on or the modulus is zero."""
-    nodes, weight, constant = springs(keys, points.net)
+    nodes, weight, constant = springs(keys, blocks.net)
     if not len(nodes) or not constant.any():
         return ()
     rows = np.repeat(np.arange(len(nodes)), 3)
-    turn = csr_array((weight.ravel(), (rows, nodes.ravel())), shape=(len(nodes), points.n_points))
+    turn = csr_array((weight.ravel(), (rows, nodes.ravel())), shape=(len(nodes), blocks.n_points))
     along = csr_array(turn.T @ (turn * constant[:, None]))
     return (LinearTerm(stiffness=csr_array(kron(along, np.eye(3)))),)
 

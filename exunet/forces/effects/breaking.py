@@ -13,9 +13,9 @@ import numpy as np
 from pydantic import Field
 
 from exunet.base.table import Positive, Table
+from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis, hardest_strain, snap_of
-from exunet.forces.points import Points
 
 NEEDS_FRESH_STEPS = True
 NEEDS_ZERO = {
@@ -40,9 +40,9 @@ class Keys(Table):
     )
 
 
-def terms(keys: Keys, points: Points) -> tuple[ElementLaw, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The limit of every element."""
-    everywhere = np.ones(points.net.n_elements)
+    everywhere = np.ones(blocks.net.n_elements)
     if keys.strain is not None:
         return (ElementLaw(breaking_strain=keys.strain * everywhere),)
     assert keys.force is not None

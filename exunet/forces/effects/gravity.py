@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from exunet.base.table import Table, Vector
+from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.points import Points
 from exunet.forces.terms import LinearTerm
 
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
@@ -22,9 +22,9 @@ class Keys(Table):
     acceleration: Vector = Field(description="g [m/s2]")
 
 
-def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
     """Load m g on each node."""
-    return (LinearTerm(load=np.outer(points.mass, keys.acceleration).ravel()),)
+    return (LinearTerm(load=np.outer(blocks.mass, keys.acceleration).ravel()),)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

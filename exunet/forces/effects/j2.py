@@ -18,10 +18,10 @@ from pydantic import Field
 
 from exunet.base.errors import Fault
 from exunet.base.faults import each
+from exunet.forces.blocks import Blocks
 from exunet.forces.directions import EARTH_MU, EARTH_RADIUS, OrbitKeys, at_right_angles
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.lumped import each_node
-from exunet.forces.points import Points
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import LinearTerm
 
@@ -52,9 +52,9 @@ def gradient(keys: Keys) -> NDArray[np.float64]:
     return np.asarray(-0.5 * EARTH_MU * J2 * EARTH_RADIUS**2 / keys.radius**5 * shape)
 
 
-def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
     """A constant stiffness -m G on each node."""
-    return (LinearTerm(stiffness=each_node(points.mass, -gradient(keys))),)
+    return (LinearTerm(stiffness=each_node(blocks.mass, -gradient(keys))),)
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:

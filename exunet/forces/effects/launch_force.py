@@ -23,9 +23,9 @@ from pydantic import ConfigDict, Field
 
 from exunet.base.errors import Fault
 from exunet.base.table import Positive, Table
+from exunet.forces.blocks import Blocks, PointMass
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
-from exunet.forces.points import PointMass, Points
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
 from exunet.net.arrays import Net
@@ -81,12 +81,12 @@ def point_masses(keys: Keys) -> tuple[PointMass, ...]:
     return (PointMass("chaser", keys.chaser_mass),)
 
 
-def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One conservative term over the bullets and the chaser; the stroke counts from the start."""
-    net, chaser = points.net, points.body["chaser"]
+    net, chaser = blocks.net, blocks.body["chaser"]
     nodes = (3 * net.bullet_nodes).astype(Index)
     axes = barrels(keys, net)
-    start = np.einsum("ba,ba->b", points.position[net.bullet_nodes] - points.position[chaser], axes)
+    start = np.einsum("ba,ba->b", blocks.position[net.bullet_nodes] - blocks.position[chaser], axes)
     spring = Spring(nodes, 3 * chaser, axes, start, keys.force, keys.stroke)
     couples = np.stack([net.bullet_nodes, np.full(len(nodes), chaser)], axis=1)
     helpers = (travelled, push_apart)

@@ -7,8 +7,8 @@ from pydantic import Field
 from scipy.sparse import csr_array, diags_array
 
 from exunet.base.table import NonNegative, Table
+from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.points import Points
 from exunet.forces.terms import LinearTerm
 
 
@@ -18,11 +18,11 @@ class Keys(Table):
     alpha: NonNegative = Field(description="decay rate of the velocity [1/s]")
 
 
-def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
     """The diagonal damping matrix alpha M; nothing if alpha is zero."""
     if keys.alpha == 0.0:
         return ()
-    return (LinearTerm(damping=csr_array(diags_array(np.repeat(keys.alpha * points.mass, 3)))),)
+    return (LinearTerm(damping=csr_array(diags_array(np.repeat(keys.alpha * blocks.mass, 3)))),)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

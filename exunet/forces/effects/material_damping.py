@@ -12,9 +12,9 @@ import numpy as np
 from pydantic import Field
 
 from exunet.base.table import NonNegative, Table
+from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis, snap_of
-from exunet.forces.points import Points
 
 
 class Keys(Table):
@@ -23,11 +23,11 @@ class Keys(Table):
     relaxation_time: NonNegative = Field(description="tau, viscosity over Young's modulus [s]")
 
 
-def terms(keys: Keys, points: Points) -> tuple[ElementLaw, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The same relaxation time for every element; nothing if it is zero."""
     if keys.relaxation_time == 0.0:
         return ()
-    return (ElementLaw(relaxation_time=np.full(points.net.n_elements, keys.relaxation_time)),)
+    return (ElementLaw(relaxation_time=np.full(blocks.net.n_elements, keys.relaxation_time)),)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

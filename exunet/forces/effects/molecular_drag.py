@@ -18,8 +18,8 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.table import NonNegative, Positive, Table, Vector
 from exunet.forces.atmosphere import HIGHEST, LOWEST, exponential_density
+from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.points import Points
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.surface import bullet_disc, tumbling_areas
 from exunet.forces.terms import KernelTerm
@@ -59,11 +59,11 @@ class Keys(Table):
         return self.density if self.density is not None else exponential_density(self.altitude or 0.0)
 
 
-def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One kernel term over all nodes."""
-    factor = 0.5 * keys.gas_density * keys.drag_coefficient * tumbling_areas(points, keys.bullet_area)
+    factor = 0.5 * keys.gas_density * keys.drag_coefficient * tumbling_areas(blocks, keys.bullet_area)
     flow = np.array(keys.flow)
-    rate = 2.0 * float(np.max(factor / points.mass, initial=0.0)) * math.hypot(*keys.flow)
+    rate = 2.0 * float(np.max(factor / blocks.mass, initial=0.0)) * math.hypot(*keys.flow)
     return (KernelTerm("nodes", add_molecular_drag, Flow(factor, flow), damping_rate=rate),)
 
 
@@ -108,7 +108,7 @@ def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     """The force on nodes at rest."""
-    term = terms(keys, basis.points)[0]
+    term = terms(keys, basis.blocks)[0]
     force = np.zeros(3 * basis.net.n_nodes)
     term.add(0.0, force, np.zeros_like(force), term.data, force)
     acceleration = basis.of_force(force.reshape(-1, 3))

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.base.errors import Fault
+from exunet.forces.blocks import Blocks
 from exunet.forces.directions import OrbitKeys, at_right_angles
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.lumped import each_node
-from exunet.forces.points import Points
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm, LinearTerm, Term
 
@@ -35,16 +35,16 @@ class Keys(OrbitKeys):
     )
 
 
-def terms(keys: Keys, points: Points) -> tuple[Term, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
     """Coriolis force as a constant matrix; the rest as one too (linear), or as a kernel term (two_body)."""
     radial, normal = np.array(keys.radial), np.cross(keys.radial, keys.along_track)
     rate = keys.rate
     turning = 2.0 * rate * np.cross(normal, np.eye(3)).T  # turning @ v = 2 n h x v
-    gyroscopic = each_node(points.mass, turning)
+    gyroscopic = each_node(blocks.mass, turning)
     if keys.model == "linear":
         gradient = rate**2 * (np.outer(normal, normal) - 3.0 * np.outer(radial, radial))
-        return (LinearTerm(gyroscopic=gyroscopic, stiffness=each_node(points.mass, gradient)),)
-    data = CircularOrbit(points.mass, rate, keys.radius, radial, normal)
+        return (LinearTerm(gyroscopic=gyroscopic, stiffness=each_node(blocks.mass, gradient)),)
+    data = CircularOrbit(blocks.mass, rate, keys.radius, radial, normal)
     two_body = KernelTerm("nodes", add_two_body, data, two_body_potential)
     return LinearTerm(gyroscopic=gyroscopic), two_body
 

@@ -11,9 +11,9 @@ from pydantic import Field
 from scipy.sparse import csr_array, diags_array
 
 from exunet.base.table import NonNegative, Table
+from exunet.forces.blocks import Blocks
 from exunet.forces.cable import reference_tangent_stiffness
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.points import Points
 from exunet.forces.terms import LinearTerm
 
 
@@ -24,10 +24,10 @@ class Keys(Table):
     beta: NonNegative = Field(description="factor of the tangent stiffness matrix [s]")
 
 
-def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
     """The constant damping matrix of eq. (13)."""
-    stiffness = reference_tangent_stiffness(points.net, points.n_points)
-    damping = diags_array(np.repeat(keys.alpha * points.mass, 3)) + keys.beta * stiffness
+    stiffness = reference_tangent_stiffness(blocks.net, blocks.n_points)
+    damping = diags_array(np.repeat(keys.alpha * blocks.mass, 3)) + keys.beta * stiffness
     damping = csr_array(damping)
     damping.eliminate_zeros()
     return (LinearTerm(damping=damping),) if damping.nnz else ()
@@ -40,7 +40,7 @@ def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     """The way lost by a speed that changes at the rate |M^-1 D v| / |v| of the start."""
-    found = terms(keys, basis.points)
+    found = terms(keys, basis.blocks)
     speed = basis.rms(basis.velocity)
     rate = 0.0
     if found and found[0].damping is not None and speed > 0.0:

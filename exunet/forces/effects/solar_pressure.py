@@ -12,9 +12,9 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from exunet.base.table import NonNegative, Positive, Table, Vector
+from exunet.forces.blocks import Blocks
 from exunet.forces.directions import refuse_other_than_unit
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.points import Points
 from exunet.forces.surface import bullet_disc, tumbling_areas
 from exunet.forces.terms import LinearTerm
 
@@ -47,10 +47,10 @@ class Keys(Table):
         return vector
 
 
-def terms(keys: Keys, points: Points) -> tuple[LinearTerm, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
     """A constant load on each node."""
     pressure = keys.pressure_coefficient * keys.flux / LIGHT
-    area = tumbling_areas(points, keys.bullet_area)
+    area = tumbling_areas(blocks, keys.bullet_area)
     return (LinearTerm(load=np.outer(pressure * area, keys.direction).ravel()),)
 
 
@@ -66,7 +66,7 @@ def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     """The load on each node."""
-    load = terms(keys, basis.points)[0].load
+    load = terms(keys, basis.blocks)[0].load
     assert load is not None
     acceleration = basis.of_force(load.reshape(-1, 3))
     pressure = keys.pressure_coefficient * keys.flux / LIGHT

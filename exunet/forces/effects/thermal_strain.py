@@ -13,10 +13,10 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.table import Table
 from exunet.forces import cable
+from exunet.forces.blocks import Blocks
 from exunet.forces.cable import Law
 from exunet.forces.cable_term import CableTerm, ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.points import Points
 from exunet.forces.requirements import RestOfCase
 
 
@@ -34,11 +34,11 @@ class Keys(Table):
         return 1.0 + self.expansion_coefficient * self.temperature_change
 
 
-def terms(keys: Keys, points: Points) -> tuple[ElementLaw, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The same free strain for every element; nothing if it is zero."""
     if keys.stretch == 1.0:
         return ()
-    return (ElementLaw(free_strain=np.full(points.net.n_elements, 0.5 * (keys.stretch**2 - 1.0))),)
+    return (ElementLaw(free_strain=np.full(blocks.net.n_elements, 0.5 * (keys.stretch**2 - 1.0))),)
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
@@ -60,7 +60,7 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     Cold cables stretch a net that was just taut; it pulls itself together, goes slack, and flies on.
     """
     net = basis.net
-    law = CableTerm(net, sum(terms(keys, basis.points), ElementLaw())).law
+    law = CableTerm(net, sum(terms(keys, basis.blocks), ElementLaw())).law
     length = cable.lengths(net, basis.position)
     pull = cable.tension(length, law.natural_length, law.stiffness)
     change = pull - cable.tension(length, net.reference_length, net.axial_stiffness)

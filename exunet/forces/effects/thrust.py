@@ -13,11 +13,11 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import FromArray, NonNegative, Table, Vector
+from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
-from exunet.forces.points import Points
 from exunet.forces.requirements import RestOfCase
-from exunet.forces.terms import KernelTerm, Memory, MemoryChange
+from exunet.forces.terms import Change, KernelTerm, Memory
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -78,13 +78,13 @@ def _one_force_a_time(keys: Keys) -> Iterator[Fault]:
         )
 
 
-def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
+def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One term over the chosen bullets. Its memory is the number of the knots passed: no step sees a kink.
 
     Before the first knot (0) and after the last (n) there is no force; between the knots k and k + 1 it is
     linear. Steps end at the knots.
     """
-    nodes = (3 * points.net.bullet_nodes[list(keys.bullets)]).astype(Index)
+    nodes = (3 * blocks.net.bullet_nodes[list(keys.bullets)]).astype(Index)
     times, force = np.array(keys.time), np.array(keys.force)
     passed = np.array([float(np.searchsorted(times, 0.0, side="right"))])
 
@@ -98,22 +98,22 @@ def terms(keys: Keys, points: Points) -> tuple[KernelTerm, ...]:
 class Knots:
     """The known instants at which the thrust has a kink or a jump."""
 
+    heading = ""
+
     def __init__(self, times: tuple[float, ...]) -> None:
         self.times = times
 
-    def crossed(self, time: float, position: Floats, memory: Floats) -> Ints:
+    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The only item, if a knot was passed since the memory was set."""
         return np.flatnonzero(np.searchsorted(self.times, time, side="right") > memory)
 
-    def step_within(
-        self, step: float, least: float, position: Floats, velocity: Floats, memory: Floats
-    ) -> float:
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """Steps end at known instants anyway."""
         return step
 
-    def change(self, time: float, position: Floats, memory: Floats, items: Ints) -> MemoryChange:
+    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints) -> Change:
         """Count the knots; nothing else changes."""
-        return MemoryChange(np.array([float(np.searchsorted(self.times, time, side="right"))]))
+        return Change(np.array([float(np.searchsorted(self.times, time, side="right"))]))
 
 
 class Thrust(NamedTuple):

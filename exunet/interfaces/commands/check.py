@@ -50,7 +50,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
 
 def _bodies(start: Start) -> list[tuple[str, str]]:
     """A row for each rigid body and each point mass: what it is, and where and how it moves at the start."""
-    points, state = start.system.points, start.state
+    blocks, state = start.system.blocks, start.state
     found = []
     for k, body in enumerate(start.system.bodies):
         inertia = ", ".join(f"{moment:g}" for moment in body.inertia)
@@ -58,9 +58,9 @@ def _bodies(start: Start) -> list[tuple[str, str]]:
         turning = _vector(state.bodies.angular_velocity[k])
         words = f"{body.mass:g} kg, inertia {inertia} kg m2, {moving}, turns at {turning} rad/s"
         found.append((f"body {body.name}", words))
-    for name, point in points.body.items():
+    for name, point in blocks.body.items():
         moving = _motion(state.position[point], state.velocity[point])
-        found.append((f"point mass {name}", f"{points.mass[point]:g} kg, {moving}"))
+        found.append((f"point mass {name}", f"{blocks.mass[point]:g} kg, {moving}"))
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import eigsh
 
-from exunet.forces.points import Points
+from exunet.forces.blocks import Blocks
 from exunet.forces.total import Forces
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
@@ -124,7 +124,7 @@ def stable_steps(case: BothCodes) -> Iterator[Check]:
     for meshes, known in KNOWN.items():
         larger = read_both(case.path, [f"net.size={float(meshes)}"])
         net = larger.start.net
-        highest = largest_frequency(System(Points.of_net(net), Forces.of(net)))
+        highest = largest_frequency(System(Blocks.of_net(net), Forces.of(net)))
         step = stable_step(Method.VELOCITY_VERLET, highest)
         theirs = 2.0 / math.sqrt(_largest_eigenvalue(larger))
         name, values = f"Verlet step, {meshes} x {meshes} meshes", f"{step:.9g} s and {theirs:.9g} s"

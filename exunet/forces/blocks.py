@@ -1,0 +1,150 @@
+"""The blocks that forces act on, in one numbering: points, rigid bodies, first-order states.
+
+Every force, potential and event is a function of three flat arrays, in which the blocks stand in this order:
+
+    x     = 3 n_points places | 3 n_bodies centres    | 4 n_bodies attitudes         | n_states values
+    v     = 3 n_points speeds | 3 n_bodies velocities | 3 n_bodies angular velocities
+    force = 3 n_points forces | 3 n_bodies forces     | 3 n_bodies torques           | n_states rates
+
+Points are the nodes of the net, then point masses. Attitudes are unit quaternions (w, x, y, z) that turn the
+body's axes into the scene's; angular velocities and torques are in the body's axes. The power that a force
+takes out is -force . v over the entries of v: what stands at a place in v stands there in force too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.net.arrays import Net
+
+Floats = NDArray[np.float64]
+
+
+AWAKE = "points/awake"  # the memory of the system that says which points are awake
+
+
+@dataclass(frozen=True)
+class PointMass:
+    """A body without attitude: its name, mass [kg] and place at the start [m]; at rest."""
+
+    name: str
+    mass: float
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class FirstOrder:
+    """Continuous states y of a term, whose rates y' are part of its force.
+
+    name    : "term/quantity", by which results and snapshots know them
+    initial : values at time 0
+    units   : of the values, "1" if they have none
+    """
+
+    name: str
+    initial: tuple[float, ...]
+    units: str = "1"
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """The blocks of a scene; nodes of the net come first, so a node's number is its point's number.
+
+    net      : the net
+    mass     : (n_points,) [kg]
+    position : (n_points, 3) at the start [m]
+    body     : name of a point mass -> its point
+    rigid    : names of the rigid bodies, in their order
+    states   : the first-order states, in their order
+    awake    : (n_points,) at the start, 1.0 for points that are awake and 0.0 for those that sleep: these
+               rest, whatever pulls them, until an event wakes them. None: none ever sleeps
+    """
+
+    net: Net
+    mass: Floats
+    position: Floats
+    body: Mapping[str, int] = field(default_factory=dict)
+    rigid: tuple[str, ...] = ()
+    states: tuple[FirstOrder, ...] = ()
+    awake: Floats | None = None
+
+    @classmethod
+    def of_net(cls, net: Net, position: Floats | None = None) -> Blocks:
+        """The nodes alone; at the reference configuration unless a position is given."""
+        return cls(net, net.mass, net.reference_position if position is None else position)
+
+    @classmethod
+    def of(
+        cls,
+        net: Net,
+        position: Floats,
+        masses: Sequence[PointMass],
+        rigid: tuple[str, ...] = (),
+        states: tuple[FirstOrder, ...] = (),
+    ) -> Blocks:
+        """The nodes at position (n_nodes, 3) [m], point masses, rigid bodies by name, first-order states."""
+        mass = np.append(net.mass, [body.mass for body in masses])
+        places = np.array([body.position for body in masses], dtype=float).reshape(-1, 3)
+        numbers = {body.name: net.n_nodes + k for k, body in enumerate(masses)}
+        return cls(net, mass, np.concatenate([position, places]), numbers, rigid, states)
+
+    @property
+    def n_points(self) -> int:
+        return len(self.mass)
+
+    @cached_property
+    def n_states(self) -> int:
+        return sum(len(one.initial) for one in self.states)
+
+    @cached_property
+    def initial_states(self) -> Floats:
+        """(n_states,) the first-order states at time 0."""
+        return np.array([value for one in self.states for value in one.initial], dtype=float)
+
+    @property
+    def centres(self) -> int:
+        """How many entries of x and v belong to points and centres."""
+        return 3 * (self.n_points + len(self.rigid))
+
+    @property
+    def n_x(self) -> int:
+        return self.centres + 4 * len(self.rigid) + self.n_states
+
+    @property
+    def n_v(self) -> int:
+        return self.centres + 3 * len(self.rigid)
+
+    @property
+    def n_force(self) -> int:
+        return self.n_v + self.n_states
+
+    def centre(self, name: str) -> int:
+        """Where in x, v and force the entries of the centre of a rigid body or a point mass begin."""
+        if name in self.body:
+            return 3 * self.body[name]
+        return 3 * (self.n_points + self.rigid.index(name))
+
+    def attitude(self, name: str) -> int:
+        """Where in x the quaternion of a rigid body begins."""
+        return self.centres + 4 * self.rigid.index(name)
+
+    def spin(self, name: str) -> int:
+        """Where in v the angular velocity of a rigid body begins, and in force its torque."""
+        return self.centres + 3 * self.rigid.index(name)
+
+    def state(self, name: str) -> int:
+        """Where in x a term's first-order states begin."""
+        return self.n_x - self.n_states + self._before(name)
+
+    def rate(self, name: str) -> int:
+        """Where in force the rates of a term's first-order states begin."""
+        return self.n_v + self._before(name)
+
+    def _before(self, name: str) -> int:
+        number = [one.name for one in self.states].index(name)
+        return sum(len(one.initial) for one in self.states[:number])

@@ -1,0 +1,60 @@
+"""Starts with terms that a test itself defines, on a small scene that tests of the blocks share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from exunet.case.casefile import load
+from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.terms import KernelTerm
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.system.system import System
+
+FORMS = {
+    "compiled": "engine.loop=compiled",
+    "fused": "engine.net=fused",
+    "connectors": "engine.net=connectors",
+}
+# Two nodes of 0.5 kg, 1.05 m apart on a cable of 1 m and 55 N, which move apart: it is taut for 0.2 s. Beside
+# them a tumbling body of 2 kg with three different moments of inertia.
+PAIR = """
+format = 1
+title = "Two nodes and a body"
+time = { end = 0.15, output_step = 0.05 }
+initial.packing = 1.0
+initial.node_positions = [[0.0, 0.0, 0.0], [1.05, 0.0, 0.0]]
+net.topology = "explicit"
+net.nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+net.elements = [[0, 1]]
+net.node_masses = [0.49945414827643875, 0.49945414827643875]  # and half the cable: 0.5 kg
+net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e6 }
+initial.node_velocities = [[-0.5, 0.0, 0.1], [0.5, 0.1, 0.0]]
+"""
+BODY = (
+    "bodies.target={mass=2.0, inertia=[0.2, 0.3, 0.4], position=[-0.5, 0.2, 0.1], velocity=[0.1, 0.0, 0.2],"
+    "attitude=[0.9, 0.1, 0.3, 0.2], angular_velocity=[1.0, 2.0, -1.5]}"
+)
+
+
+def case_file(folder: Path, text: str = PAIR) -> Path:
+    """The scene as a file."""
+    path = folder / "case.toml"
+    path.write_text(text)
+    return path
+
+
+def start_of(
+    path: Path,
+    overrides: Sequence[str],
+    make: Callable[[Blocks], Sequence[KernelTerm]],
+    states: tuple[FirstOrder, ...] = (),
+) -> Start:
+    """A case with terms of a test beside its own; make(blocks) gives them."""
+    start = prepare_case(load(path, overrides))
+    blocks = replace(start.system.blocks, states=states)
+    forces = replace(start.system.forces, kernels=(*start.system.forces.kernels, *make(blocks)))
+    system = System(blocks, forces, start.system.bodies)
+    state = replace(start.state, memory=dict(system.memory), first_order=blocks.initial_states)
+    return replace(start, system=system, state=state)
