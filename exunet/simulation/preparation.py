@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,8 @@ from exunet.base.faults import collected
 from exunet.case.casefile import Case
 from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
+from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.terms import KernelTerm
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.planning import make_plan, with_forms
@@ -51,6 +54,24 @@ class Start:
         """The same from other positions, and velocities if given, of the points."""
         speeds = self.velocity if velocity is None else velocity
         return replace(self, state=self.state.at(position, speeds))
+
+    def with_forces(
+        self,
+        make: Callable[[Blocks], Iterable[KernelTerm]],
+        states: tuple[FirstOrder, ...] = (),
+        awake: Floats | None = None,
+    ) -> Start:
+        """The same with forces that a script defines; make(blocks) gives them when the blocks are numbered.
+
+        states : their first-order states, beside those of effects
+        awake  : see `Blocks.awake`
+        """
+        mine = self.system.blocks
+        blocks = replace(mine, states=(*mine.states, *states), awake=awake)
+        forces = replace(self.system.forces, kernels=(*self.system.forces.kernels, *make(blocks)))
+        system = System(blocks, forces, self.system.bodies)
+        state = replace(self.state, memory=dict(system.memory), first_order=blocks.initial_states)
+        return replace(self, system=system, state=state)
 
 
 def prepare(scene: Scene) -> Start:
