@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from exunet.case.casefile import load
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.terms import KernelTerm
 from exunet.simulation.preparation import Start, prepare_case
-from exunet.system.system import System
 
 FORMS = {
     "compiled": "engine.loop=compiled",
@@ -52,9 +50,4 @@ def start_of(
     states: tuple[FirstOrder, ...] = (),
 ) -> Start:
     """A case with terms of a test beside its own; make(blocks) gives them."""
-    start = prepare_case(load(path, overrides))
-    blocks = replace(start.system.blocks, states=states)
-    forces = replace(start.system.forces, kernels=(*start.system.forces.kernels, *make(blocks)))
-    system = System(blocks, forces, start.system.bodies)
-    state = replace(start.state, memory=dict(system.memory), first_order=blocks.initial_states)
-    return replace(start, system=system, state=state)
+    return prepare_case(load(path, overrides)).with_forces(make, states)

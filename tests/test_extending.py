@@ -70,7 +70,7 @@ def extended(folder: Path) -> None:
 def test_the_changes_fit_the_package(tmp_path):
     """Each line that they refer to is there, once."""
     extended(tmp_path)
-    assert len(FILES) == 5
+    assert len(FILES) == 6
     assert '    "gust",\n' in (tmp_path / "exunet/forces/effects/__init__.py").read_text()
 
 
@@ -94,7 +94,7 @@ def test_the_examples_pass_their_tests(tmp_path):
     tests = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]
     done = subprocess.run(tests, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "7 passed" in done.stdout
+    assert "10 passed" in done.stdout
     where = [sys.executable, "-c", "import exunet.net.ring as ring; print(ring.__file__)"]
     found = subprocess.run(where, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
     assert found.stdout.startswith(str(tmp_path))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exunet.backends.compiled import many_steps, schemes
+from exunet.backends.compiled import many_steps, schemes, work
 from exunet.backends.compiled.work_space import (
     PEAKS,
     Control,
@@ -98,9 +98,10 @@ def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
         return 4.0 * t**3 + float(x[0]) ** 2 + 3.0 * float(v[0]) ** 2
 
     monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
-    monkeypatch.setattr(many_steps, "power", power, raising=False)
-    monkeypatch.setattr(many_steps, "extra_work", lambda h, *state: 0.5 * h, raising=False)
-    for module in (schemes, many_steps):
+    for module in (many_steps, work):
+        monkeypatch.setattr(module, "power", power, raising=False)
+    monkeypatch.setattr(work, "extra_work", lambda h, *state: 0.5 * h, raising=False)
+    for module in (schemes, many_steps, work):
         for name, value in (
             ("BODIES", False),
             ("FIRST_ORDER", False),

@@ -17,7 +17,7 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.terms import Change, KernelTerm, Memory
 from exunet.results.result import Result
-from exunet.simulation.preparation import Start
+from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import simulate
 from exunet.system.system import System
 
@@ -80,9 +80,8 @@ def made(folder: Path, form: str, method: str) -> Start:
         memory, nothing = Memory("hold/released", np.zeros(1), Nothing), Nothing(np.zeros(1))
         return (KernelTerm("nodes", add_no_hold, nothing, memory=memory, switch=Release()),)
 
-    start = start_of(case_file(folder, CHAIN), [FORMS[form], solver(method)], terms)
-    system = replace(start.system, blocks=replace(start.system.blocks, awake=awake(0)))
-    return replace(start, system=system, state=replace(start.state, memory=dict(system.memory)))
+    case = exunet.load(case_file(folder, CHAIN), [FORMS[form], solver(method)])
+    return prepare_case(case).with_forces(terms, awake=awake(0))
 
 
 def held_by_fixed_nodes(folder: Path, form: str, method: str) -> tuple[Floats, Floats]:

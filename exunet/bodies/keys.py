@@ -16,7 +16,7 @@ ROUND_OFF = 1e-12  # by which a principal moment may exceed the sum of the other
 
 
 class BodyKeys(Table):
-    """A free rigid body: no force acts on it yet; contact and attachments come later."""
+    """A rigid body: free but for the forces that act on it."""
 
     # The body's axes are its principal axes; their origin is its centre of mass.
 

@@ -154,7 +154,7 @@ class Scene(Table):
     launch: Launch | None = Field(None, description="velocities added to those of the bullets")
     bodies: Bodies = Field(
         {},
-        description="rigid bodies, by any names; none touches the net yet",
+        description="rigid bodies, by any names; free unless a force acts on them",
         json_schema_extra={"additionalProperties": False},
     )
     effects: Effects = Field(default_factory=_Effects, description="a table present switches its effect on")

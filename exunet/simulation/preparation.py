@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.base.errors import CaseError
 from exunet.base.faults import collected
-from exunet.case.casefile import Case
+from exunet.base.files import path_of
+from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
+from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.terms import KernelTerm
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.planning import make_plan, with_forms
@@ -57,6 +63,24 @@ class Start:
         speeds = self.velocity if velocity is None else velocity
         return replace(self, state=self.state.at(position, speeds))
 
+    def with_forces(
+        self,
+        make: Callable[[Blocks], Iterable[KernelTerm]],
+        states: tuple[FirstOrder, ...] = (),
+        awake: Floats | None = None,
+    ) -> Start:
+        """The same with forces that a script defines; make(blocks) gives them when the blocks are numbered.
+
+        states : their first-order states, beside those of effects
+        awake  : see `Blocks.awake`
+        """
+        mine = self.system.blocks
+        blocks = replace(mine, states=(*mine.states, *states), awake=awake)
+        forces = replace(self.system.forces, kernels=(*self.system.forces.kernels, *make(blocks)))
+        system = System(blocks, forces, self.system.bodies)
+        state = replace(self.state, memory=dict(system.memory), first_order=blocks.initial_states)
+        return replace(self, system=system, state=state)
+
 
 def prepare(scene: Scene) -> Start:
     """Choose the effects, assemble the system, and plan the integration."""
@@ -81,3 +105,17 @@ def prepare_case(case: Case) -> Start:
     """`prepare` for a case's scene; its faults name the line of the file or the override."""
     with located_faults(case):
         return prepare(case.scene)
+
+
+def start_of(case: str | Path | Case | Scene | Start, overrides: Sequence[str] = ()) -> Start:
+    """A start from whatever names a case; overrides go with a case file only."""
+    if isinstance(case, Start):
+        # A script may have changed the forces.
+        if faults := form_faults(case.system, case.state, case.plan, case.scene.engine):
+            raise CaseError(faults)
+        return case
+    if isinstance(case, Scene):
+        return prepare(case)
+    if isinstance(case, Case):
+        return prepare_case(case)
+    return prepare_case(load(path_of(case, "Simulation"), overrides))

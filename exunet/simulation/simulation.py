@@ -14,23 +14,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from exunet.backends import integrator
 from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
-from exunet.base.errors import CaseError, InputError, Interrupted, RunStopped
-from exunet.base.files import path_of
+from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.interrupt import postponed
-from exunet.case.casefile import Case, load
+from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.outside import Outside
-from exunet.simulation.preparation import Start, prepare, prepare_case
+from exunet.simulation.preparation import Start, start_of
 from exunet.simulation.readouts import BodyState, Energies, NetState
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.refinement import finer
 from exunet.simulation.snapshot import Snapshot, group_of, grouped, identity
 from exunet.simulation.stops import Stops
-from exunet.system.limits import form_faults
 from exunet.system.states import States
 from exunet.system.system import State
 
@@ -60,7 +58,7 @@ class Simulation:
         *,
         recorder: Recorder | None = None,
     ) -> None:
-        self._start = _prepared(case, overrides)
+        self._start = start_of(case, overrides)
         self._recorder = recorder
         self._plan = self._start.plan
         self._retries = self._start.scene.solver.retry
@@ -388,16 +386,3 @@ def cannot_restart(method: Method) -> str:
 
 
 _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
-
-
-def _prepared(case: str | Path | Case | Scene | Start, overrides: Sequence[str]) -> Start:
-    if isinstance(case, Start):
-        # A script may have changed the forces.
-        if faults := form_faults(case.system, case.state, case.plan, case.scene.engine):
-            raise CaseError(faults)
-        return case
-    if isinstance(case, Scene):
-        return prepare(case)
-    if isinstance(case, Case):
-        return prepare_case(case)
-    return prepare_case(load(path_of(case, "Simulation"), overrides))
