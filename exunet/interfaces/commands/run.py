@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -159,7 +158,7 @@ def _describe(
     summary = summarise(result, check)
     table = rows(summary)
     if error_estimate is not None:
-        summary["error_estimate"] = asdict(error_estimate)
+        summary["error_estimate"] = error_estimate.numbers()
         table += error_estimate.rows()
     write_summary(summary, folder / "summary.json")
     save_figures(result, folder, check if isinstance(check, Agreement) else None)
