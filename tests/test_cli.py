@@ -16,7 +16,10 @@ import exunet
 CASES = Path(__file__).parent.parent / "cases"
 PLANAR = CASES / "planar_deployment.toml"
 SHORT = ("--set", "time.end=0.02", "--set", "time.output_step=0.01")
-FIGURES = {"reference_net.png", "snapshots.png", "bullet_speeds.png", "energies.png", "area.png"}
+FIGURES = {
+    *("reference_net.png", "snapshots.png", "bullet_speeds.png", "energies.png", "area.png"),
+    *("tensions.png", "largest_tension.png"),
+}
 
 
 def written(folder: Path) -> set[str]:

@@ -12,6 +12,7 @@ from tempfile import TemporaryFile
 from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.files import cannot_write, sweep
 from exunet.case.casefile import Case, parse_case
+from exunet.figures import FIGURES, save_figures
 from exunet.interfaces.commands.table import print_table
 from exunet.interfaces.commands.waiting import waiting
 from exunet.results.agreement import Agreement
@@ -24,7 +25,6 @@ from exunet.simulation.run import Progress, resume, run_into
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.verification.reference_run import ReferenceRun
 
-FIGURES = ("reference_net", "snapshots", "bullet_speeds", "energies", "area", "rotation", "agreement")
 DESCRIPTIONS = ("summary.json", *(f"{figure}.png" for figure in FIGURES))
 
 
@@ -153,8 +153,6 @@ def _forget(folder: Path) -> None:
 def _describe(
     result: Result, folder: Path, check: Agreement | str | None, error_estimate: ErrorEstimate | None
 ) -> None:
-    from exunet.figures import save_figures
-
     summary = summarise(result, check)
     table = rows(summary)
     if error_estimate is not None:
