@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from exunet.figures.page import INCH, Page, columns_that_fit, legend_above
 from exunet.figures.style import blank
 from exunet.figures.views import View
 from exunet.results.result import Result
+
+Floats = NDArray[np.float64]
 
 AXES = ("$x$", "$y$", "$z$")
 MOST_COLUMNS = 3  # on a page of its own size
@@ -68,8 +72,8 @@ def panels(
         outer = (column == 0, k + grid.columns >= count)
         for number, plane in enumerate(view.planes):
             axes = figure.add_axes(grid.place(row, column, number))
-            wide = grid.scale * (view.high - view.low)[plane[0]]
-            _set_axes(axes, view, plane, wide, (outer[0] and not number, outer[1]), names)
+            sides = grid.scale * (view.high - view.low)[list(plane)]
+            _set_axes(axes, view, plane, sides, (outer[0] and not number, outer[1]), names)
             panel.append(axes)
         made.append(panel)
     return figure, made
@@ -127,20 +131,22 @@ def _set_axes(
     axes: Axes,
     view: View,
     plane: tuple[int, int],
-    width: float,
+    sides: Floats,
     outer: tuple[bool, bool],
     names: Sequence[str],
 ) -> None:
-    """Limits, ticks to suit the `width` [inch], and labels on the (left, bottom) axes that are `outer`."""
+    """Limits, ticks to suit the `sides` [inch], and labels on the (left, bottom) axes that are `outer`."""
     from matplotlib.ticker import MaxNLocator
 
     a, b = plane
     axes.set_xlim(view.low[a], view.high[a])
     axes.set_ylim(view.low[b], view.high[b])
     steps = [1, 2, 3, 5, 10]
-    most = max(1 if width < 0.7 else 3, min(8, int(width / 0.38)))
-    axes.xaxis.set_major_locator(MaxNLocator(most, steps=steps))
-    axes.yaxis.set_major_locator(MaxNLocator(7, steps=steps))
+    for axis, side, each, least in zip(
+        (axes.xaxis, axes.yaxis), sides, (0.38, 0.18), (0.7, 0.4), strict=True
+    ):
+        most = max(1 if side < least else 3, min(8, int(side / each)))
+        axis.set_major_locator(MaxNLocator(most, steps=steps, min_n_ticks=1))
     axes.tick_params(labelleft=outer[0], labelbottom=outer[1])
     for side in ("top", "right"):
         axes.spines[side].set_visible(True)
