@@ -3,7 +3,8 @@
     import exunet
     result = exunet.run(exunet.load("cases/planar_deployment.toml"))
 
-Names are imported when they are first used, so that `import exunet` itself costs next to nothing.
+docs/api.md describes all public names. They are imported when they are first used, so that `import exunet`
+itself costs next to nothing.
 """
 
 from importlib import import_module
@@ -17,38 +18,94 @@ if TYPE_CHECKING:
     from exunet.base.errors import CaseError as CaseError
     from exunet.base.errors import ExunetError as ExunetError
     from exunet.base.errors import InputError as InputError
+    from exunet.base.errors import Interrupted as Interrupted
+    from exunet.base.errors import MissingExtra as MissingExtra
     from exunet.base.errors import RunStopped as RunStopped
     from exunet.case.casefile import load as load
+    from exunet.figures import figure as figure
     from exunet.figures import save_figures as save_figures
+    from exunet.results.agreement import Agreement as Agreement
+    from exunet.results.comparison import compare as compare
+    from exunet.results.measures import Deployment as Deployment
+    from exunet.results.measures import achievable_area as achievable_area
+    from exunet.results.measures import bullet_speeds as bullet_speeds
+    from exunet.results.measures import centre_of_mass as centre_of_mass
     from exunet.results.measures import deployment as deployment
+    from exunet.results.measures import energy_balance as energy_balance
+    from exunet.results.measures import largest_tensions as largest_tensions
+    from exunet.results.measures import mesh_area as mesh_area
+    from exunet.results.measures import mouth_area as mouth_area
+    from exunet.results.measures import peak_tensions as peak_tensions
     from exunet.results.reading import load_result as load_result
+    from exunet.results.result import BodyStates as BodyStates
     from exunet.results.result import Result as Result
+    from exunet.results.summary import summarise as summarise
     from exunet.results.writing import save as save
+    from exunet.simulation.preparation import Start as Start
+    from exunet.simulation.preparation import prepare as prepare
     from exunet.simulation.run import resume as resume
     from exunet.simulation.run import run as run
     from exunet.simulation.simulation import Simulation as Simulation
     from exunet.simulation.snapshot import Snapshot as Snapshot
+    from exunet.studies.ensemble import Ensemble as Ensemble
     from exunet.studies.ensemble import perturbed_positions as perturbed_positions
     from exunet.studies.ensemble import run_ensemble as run_ensemble
 
-_HOME = {
-    "load": "exunet.case.casefile",
-    "run": "exunet.simulation.run",
-    "resume": "exunet.simulation.run",
-    "Simulation": "exunet.simulation.simulation",
-    "Snapshot": "exunet.simulation.snapshot",
-    "Result": "exunet.results.result",
-    "load_result": "exunet.results.reading",
-    "save": "exunet.results.writing",
-    "deployment": "exunet.results.measures",
-    "save_figures": "exunet.figures",
-    "run_ensemble": "exunet.studies.ensemble",
-    "perturbed_positions": "exunet.studies.ensemble",
-    "CaseError": "exunet.base.errors",
-    "InputError": "exunet.base.errors",
-    "ExunetError": "exunet.base.errors",
-    "RunStopped": "exunet.base.errors",
+# Groups of public names, in the order of docs/api.md: name -> the module it lives in.
+API = {
+    "Run a case": {
+        "load": "exunet.case.casefile",
+        "run": "exunet.simulation.run",
+        "resume": "exunet.simulation.run",
+    },
+    "Step a simulation": {
+        "Simulation": "exunet.simulation.simulation",
+        "Snapshot": "exunet.simulation.snapshot",
+    },
+    "Results": {
+        "Result": "exunet.results.result",
+        "BodyStates": "exunet.results.result",
+        "load_result": "exunet.results.reading",
+        "save": "exunet.results.writing",
+        "summarise": "exunet.results.summary",
+    },
+    "Measures": {
+        "deployment": "exunet.results.measures",
+        "Deployment": "exunet.results.measures",
+        "mouth_area": "exunet.results.measures",
+        "mesh_area": "exunet.results.measures",
+        "achievable_area": "exunet.results.measures",
+        "bullet_speeds": "exunet.results.measures",
+        "centre_of_mass": "exunet.results.measures",
+        "peak_tensions": "exunet.results.measures",
+        "largest_tensions": "exunet.results.measures",
+        "energy_balance": "exunet.results.measures",
+    },
+    "Compare runs": {
+        "compare": "exunet.results.comparison",
+        "Agreement": "exunet.results.agreement",
+    },
+    "Ensembles": {
+        "prepare": "exunet.simulation.preparation",
+        "Start": "exunet.simulation.preparation",
+        "perturbed_positions": "exunet.studies.ensemble",
+        "run_ensemble": "exunet.studies.ensemble",
+        "Ensemble": "exunet.studies.ensemble",
+    },
+    "Figures": {
+        "figure": "exunet.figures",
+        "save_figures": "exunet.figures",
+    },
+    "Errors": {
+        "ExunetError": "exunet.base.errors",
+        "InputError": "exunet.base.errors",
+        "CaseError": "exunet.base.errors",
+        "RunStopped": "exunet.base.errors",
+        "Interrupted": "exunet.base.errors",
+        "MissingExtra": "exunet.base.errors",
+    },
 }
+_HOME = {name: home for group in API.values() for name, home in group.items()}
 __all__ = ["__version__", *_HOME]
 
 
@@ -58,3 +115,7 @@ def __getattr__(name: str) -> Any:
     value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value  # so that this function is asked once for each name
     return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -206,5 +206,5 @@ def test_beyond_the_horizon_the_best_is_told(tmp_path):
     assert done.exit_code == 0, done.output
     assert "accuracy not reached" in done.output
     told = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["error_estimate"]
-    assert 1.3 < told["lost_from"] <= 2.0  # field.md: the curves part between 1.5 s and 2.0 s
+    assert 1.3 < told["lost_from_s"] <= 2.0  # field.md: the curves part between 1.5 s and 2.0 s
     assert told["best"] <= told["accuracy"] < told["at_end"]

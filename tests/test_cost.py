@@ -223,12 +223,12 @@ def test_after_the_horizon_conserving_methods_are_not_ranked():
     assert pareto(study) == pareto(study, evaluations) == [honest]
     assert cheapest(study, 1e-4) is honest
     rows = measure_rows(study)
-    assert ("largest area", "0.91 to 0.93 of the reference area, of 2 converged solutions") in rows
+    assert ("largest area", "0.91 to 0.93 of the achievable area, of 2 converged solutions") in rows
     words = {name: value for name, value in rows if "EM" in value or "DOPRI5" in value}
     assert ("distance", "0 to 0 m, of 2 converged solutions") in rows
-    assert "largest area 0.92 of the reference area," in words["on the front"]
+    assert "largest area 0.92 of the achievable area," in words["on the front"]
     assert "(outside)" not in words["on the front"]  # by no more than round-off, in the distance
-    assert "largest area 0.955 of the reference area (outside)" in words["not ranked"]
+    assert "largest area 0.955 of the achievable area (outside)" in words["not ranked"]
 
 
 def test_the_base_is_run_whatever_the_budget():

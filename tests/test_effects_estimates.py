@@ -208,7 +208,7 @@ def test_auto_switches_on_what_matters_and_says_why() -> None:
     assert linear.gyroscopic is None
     summary = summarise(simulate(start))
     assert [value for name, value in rows(summary) if name == "note" and value in auto] == auto
-    assert summary["engine"]["effects"] == sorted(on)
+    assert summary["effects"] == sorted(on)
 
 
 def test_the_table_says_what_auto_came_to() -> None:

@@ -87,7 +87,7 @@ def test_four_measures():
     assert found is not None
     assert found.largest_area == pytest.approx(1.0, rel=1e-12)
     assert found.relative_area == pytest.approx(1.0, rel=1e-12)
-    assert found.reference_area == 1.0
+    assert found.achievable_area == pytest.approx(1.0, rel=1e-15)
     assert found.time_of_largest == 2.0
     assert found.distance == pytest.approx(5.0, rel=1e-14)  # 3-4-5 triangle
     assert found.time_open == pytest.approx(1.4, rel=1e-12)

@@ -32,7 +32,7 @@ def test_python_examples_of_the_readme_run(tmp_path, monkeypatch, capsys):
     shown = capsys.readouterr().out
     assert "2.261" in shown  # m/s at 1 s, damped: reference_impl/README.md
     assert (tmp_path / "deployment.h5").exists()
-    assert len(list((tmp_path / "figures").glob("*.png"))) == 5
+    assert len(list((tmp_path / "figures").glob("*.pdf"))) == 7
 
 
 def test_python_examples_of_the_step_api_run(tmp_path, monkeypatch, capsys):

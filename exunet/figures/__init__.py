@@ -1,10 +1,12 @@
-"""Figures of a result: the paper's Figs. 3 to 6, the opened area, and the agreement of two codes."""
+"""Figures of a result: the paper's Figs. 3 to 6, opened areas, tensions, agreement of two codes."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from exunet.base.errors import InputError
 from exunet.base.files import cannot_write, replacing
 from exunet.results.agreement import Agreement
 from exunet.results.result import Result
@@ -12,48 +14,135 @@ from exunet.results.result import Result
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from exunet.figures.page import Page
 
-def figures(result: Result, agreement: Agreement | None = None) -> dict[str, Figure]:
-    """The figures of a result that has what they show, by name.
+Size = tuple[float, float]
 
-    Always there  : reference_net, snapshots, energies
-    With bullets  : bullet_speeds
-    With openings : area (a mouth or mesh openings that have an area in the reference configuration)
-    With a body   : rotation (a rigid one)
-    If given      : agreement; the reference's speeds are then drawn in bullet_speeds too
+# What each shows, and of which results it can be made.
+FIGURES = {
+    "reference_net": "the net in its reference configuration, with node numbers and dimensions",
+    "snapshots": "up to six configurations between the first and the last stored time",
+    "bullet_speeds": "speed of each bullet over time; needs bullets",
+    "energies": "kinetic and elastic energy, their sum, and the dissipated work over time",
+    "area": "mouth area and mesh area over time; needs a mouth or mesh openings",
+    "tensions": "largest tension of each element at the stored times, on the reference net; needs elements",
+    "largest_tension": "largest tension of all elements over time; needs elements",
+    "rotation": "angular velocity of each rigid body over time; needs a rigid body",
+    "agreement": "differences between two codes over time; needs an `agreement`",
+}
+LEAST, MOST = 40.0, 1000.0  # mm, sides of a figure
+
+
+def figure(
+    result: Result,
+    name: str,
+    *,
+    agreement: Agreement | None = None,
+    size: Size | None = None,
+    title: bool = False,
+) -> Figure:
+    """One figure of a result, as a Matplotlib figure that belongs to the caller.
+
+    name      : one of `FIGURES`
+    agreement : with another run, from `compare`; adds the other run's speeds to "bullet_speeds"
+    size      : (width, height) [mm], 40 to 1000; None: 170 mm wide (the nets less), as high as it needs
+    title     : with a title above it
+    Raises InputError for a name that is not known, a size out of range, or a result that has not what the
+    figure shows.
     """
-    from exunet.figures import curves, nets
-    from exunet.figures.style import drawing
-
-    with drawing():
-        drawn = {
-            "reference_net": nets.reference_net(result),
-            "snapshots": nets.snapshots(result),
-            "bullet_speeds": curves.bullet_speeds(result, agreement),
-            "energies": curves.energies(result),
-            "area": curves.area(result),
-            "rotation": curves.rotation(result),
-            "agreement": curves.agreement(result, agreement) if agreement is not None else None,
-        }
-    return {name: figure for name, figure in drawn.items() if figure is not None}
+    if name not in FIGURES:
+        raise InputError(f"figure: {name!r} is not one of {', '.join(FIGURES)}")
+    made = _drawn((name,), result, agreement, size, title)
+    if name not in made:
+        raise InputError(f"figure: this result cannot have {name!r}: {FIGURES[name]}")
+    return made[name]
 
 
-def save_figures(result: Result, folder: str | Path, agreement: Agreement | None = None) -> list[Path]:
-    """Write each figure as NAME.png in `folder`, which is made if it is not there; the paths of the files.
+def figures(
+    result: Result, agreement: Agreement | None = None, *, size: Size | None = None, title: bool = False
+) -> dict[str, Figure]:
+    """All figures that a result can have, by name; arguments and errors as of `figure`."""
+    return _drawn(tuple(FIGURES), result, agreement, size, title)
 
-    Each file appears whole or not at all. Raises InputError if the folder or a file cannot be written.
+
+def save_figures(
+    result: Result,
+    folder: str | Path,
+    agreement: Agreement | None = None,
+    *,
+    format: str = "png",  # noqa: A002 - as Matplotlib calls it
+    size: Size | None = None,
+    title: bool = False,
+) -> list[Path]:
+    """Write each figure as NAME.FORMAT in `folder`, which is made if it is not there; the paths of the files.
+
+    format : "png" (300 dots per inch), "pdf" or "svg" (text stays text)
+    agreement, size, title : as of `figure`
+
+    Each file appears whole or not at all, and the same result gives the same bytes. Raises InputError for a
+    format or a size that is not known, or if the folder or a file cannot be written.
     """
-    from exunet.figures.style import drawing
+    from exunet.figures.page import FORMATS, write
 
+    if format not in FORMATS:
+        raise InputError(f"format: must be one of {', '.join(FORMATS)}, got {format!r}")
     folder = Path(folder)
+    made = figures(result, agreement, size=size, title=title)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise cannot_write(folder, error) from error
     paths = []
-    for name, figure in figures(result, agreement).items():
-        path = folder / f"{name}.png"
-        with replacing(path) as part, drawing():
-            figure.savefig(part, format="png")
+    for name, one in made.items():
+        path = folder / f"{name}.{format}"
+        with replacing(path) as part:
+            write(one, part, format)
         paths.append(path)
     return paths
+
+
+def _drawn(
+    names: tuple[str, ...],
+    result: Result,
+    agreement: Agreement | None,
+    size: Size | None,
+    title: bool,
+) -> dict[str, Figure]:
+    from exunet.figures.page import Page
+    from exunet.figures.style import drawing
+
+    page = Page(None if size is None else _checked(size), title)
+    drawers = _drawers(agreement)
+    with drawing():
+        made = {name: drawers[name](result, page) for name in names}
+    return {name: one for name, one in made.items() if one is not None}
+
+
+def _checked(size: Size) -> Size:
+    try:
+        width, height = (float(side) for side in size)
+    except (TypeError, ValueError):
+        raise InputError(f"size: must be (width, height) in millimetres, got {size!r}") from None
+    if not (LEAST <= width <= MOST and LEAST <= height <= MOST):
+        words = f"must be from {LEAST:g} mm to {MOST:g} mm, got {width:g} mm x {height:g} mm"
+        raise InputError(f"size: width and height {words}")
+    return width, height
+
+
+def _drawers(agreement: Agreement | None) -> dict[str, Callable[[Result, Page], Figure | None]]:
+    """What makes each figure; it returns None for a result that has not what it shows."""
+    from exunet.figures import curves, nets, tensions
+
+    return {
+        "reference_net": nets.reference_net,
+        "snapshots": nets.snapshots,
+        "bullet_speeds": lambda result, page: curves.bullet_speeds(result, page, agreement),
+        "energies": curves.energies,
+        "area": curves.area,
+        "tensions": tensions.tensions,
+        "largest_tension": curves.largest_tension,
+        "rotation": curves.rotation,
+        "agreement": lambda result, page: (
+            None if agreement is None else curves.agreement(result, page, agreement)
+        ),
+    }

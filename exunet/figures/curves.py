@@ -1,8 +1,7 @@
-"""Curves over time: bullet speeds and energies (the paper's Figs. 5, 6), areas, agreement of two codes."""
+"""Curves over time: bullet speeds and energies (the paper's Figs. 5, 6), areas, tensions, agreement."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -11,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from exunet.figures.style import BLACK, BLUE, CURVES, RED, YELLOW, blank, heading, number
+from exunet.figures.page import Page, legend_above, line_scale
+from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_styles, number
 from exunet.figures.thinning import thinned, thinned_band
-from exunet.net.arrays import Net
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
 from exunet.results.result import Result
@@ -21,41 +20,44 @@ from exunet.results.rows import over_blocks
 
 Floats = NDArray[np.float64]
 
-TWO_THIRDS = 2 / 3  # of the reference area, where the paper's net loses its symmetry (section 3.4)
 
-
-def bullet_speeds(result: Result, agreement: Agreement | None = None) -> Figure | None:
-    """Speed of each bullet over time, with the reference's if given; None without bullets."""
+def bullet_speeds(result: Result, page: Page, agreement: Agreement | None = None) -> Figure | None:
+    """Speed of each bullet over time, with the other run's if given; None without bullets."""
     speeds = metrics.bullet_speeds(result)
     count = speeds.shape[1]
     if count == 0:
         return None
-    figure, axes = _curve_axes(result, "Speeds of the bullets", "speed [m/s]")
+    figure, axes = _curve_axes(result, page, "Speeds of the bullets", "speed [m/s]")
     nodes = result.net.bullet_nodes
-    if count <= len(CURVES):
-        for k in range(count):
-            style = {"label": f"node {nodes[k]}", "markersize": 4.5, **CURVES[k]}
+    if count <= MOST_CURVES:
+        for k, style in enumerate(curve_styles(count)):
+            style |= {"label": f"node {nodes[k]}", "markersize": 4.5}
             _curve(axes, result.time, speeds[:, k], shift=k / count, **style)
     else:
-        _many(axes, result.time, speeds, f"{count} bullets, nodes {nodes.min()} to {nodes.max()}")
+        _many(
+            axes,
+            result.time,
+            speeds,
+            f"{count} bullets, nodes {nodes.min()} to {nodes.max()} (dark to light)",
+        )
     top = float(speeds.max())
     if agreement is not None:
         theirs = agreement.reference_speeds
         top = max(top, float(np.max(theirs, initial=0.0, where=np.isfinite(theirs))))
         # Thin over the broad curves of a few bullets, broad below the thin ones of many.
         grey: dict[str, Any] = {"color": "0.45", "linewidth": 0.8, "zorder": 4}
-        if count > len(CURVES):
+        if count > MOST_CURVES:
             grey = {"color": "0.75", "linewidth": 2.6, "zorder": 1.5}
         for k, column in enumerate(theirs.T):
             label = "reference" if k == 0 else None
             _curve(axes, agreement.time, column, label=label, **grey)
         _mark_horizon(axes, agreement)
     axes.set_ylim(0, 1.05 * top or 1.0)
-    _legend(result, figure, axes)
+    _legend(figure, axes)
     return figure
 
 
-def energies(result: Result) -> Figure:
+def energies(result: Result, page: Page) -> Figure:
     """Kinetic and elastic energy, their sum and the dissipated work, relative to the total at the start.
 
     In joule if the net starts with (almost) no energy of its own, as one that falls from rest. Where known,
@@ -63,66 +65,85 @@ def energies(result: Result) -> Figure:
     """
     total = result.kinetic + result.elastic
     parts: dict[str, tuple[Floats, dict[str, Any]]] = {
-        "kinetic": (result.kinetic, {"color": BLUE, "linewidth": 1.6}),
-        "elastic": (result.elastic, {"color": RED, "linewidth": 1.6, "linestyle": "-"}),
-        "kinetic + elastic": (total, {"color": BLACK, "linewidth": 0.9, "linestyle": "--"}),
-        "dissipated": (result.dissipated, {"color": YELLOW, "linewidth": 1.2, "linestyle": "-."}),
+        "dissipated": (result.dissipated, {"color": YELLOW, "linewidth": 1.8, "marker": "s"}),
+        "kinetic": (result.kinetic, {"color": BLUE, "linewidth": 1.4, "linestyle": "--"}),
+        "elastic": (result.elastic, {"color": RED, "linewidth": 1.4, "linestyle": "-"}),
+        "kinetic + elastic": (total, {"color": BLACK, "linewidth": 0.9, "linestyle": "-."}),
     }
     if np.any(result.potential != result.potential[0]):
         fallen = result.potential - result.potential[0]
-        parts["potential, change"] = (fallen, {"color": "0.5", "linewidth": 0.9, "linestyle": ":"})
+        dotted = {"color": BLACK, "linewidth": 1.2, "linestyle": ":", "marker": "v"}
+        parts["potential, change"] = (fallen, dotted)
     start = float(total[0])
     relative = start > 1e-3 * max(float(np.abs(values).max()) for values, _ in parts.values())
-    label = "energy / total energy at the start" if relative else "energy [J]"
-    known = result.largest_elastic is not None and result.least_kinetic is not None
-    more = "bands to the extremes of the steps between them" if known else "snaps between them do not show"
-    figure, axes = _curve_axes(result, f"Energies at the stored times; {more}", label)
+    label = "energy / initial energy" if relative else "energy [J]"
+    figure, axes = _curve_axes(result, page, "Energies at the stored times", label)
     unit = start if relative else 1.0
     for name, (values, style) in parts.items():
-        _curve(axes, result.time, values / unit, label=name, **style)
+        _curve(axes, result.time, values / unit, **style, label=name, markersize=4.0)
     for extremes, name, color, words in (
         (result.least_kinetic, "kinetic", BLUE, "least kinetic of all steps"),
         (result.largest_elastic, "elastic", RED, "largest elastic of all steps"),
     ):
         if extremes is not None:
             _band(axes, result.time, parts[name][0] / unit, extremes / unit, color, words)
-    _legend(result, figure, axes)
+    _legend(figure, axes)
     return figure
 
 
-def area(result: Result) -> Figure | None:
-    """Mouth area and mesh area relative to the reference configuration; None if the net has neither."""
+def area(result: Result, page: Page) -> Figure | None:
+    """Mouth area over the achievable one, mesh area over that of the reference; None without either."""
     net = result.net
-    dashed = {"color": RED, "linewidth": 1.3, "linestyle": "--"}
-    curves: dict[str, tuple[Callable[[Net, Floats], Floats], dict[str, Any]]] = {
-        "mouth area": (metrics.mouth_area, {"color": BLUE, "linewidth": 1.8}),
-        "mesh area (folds count twice)": (metrics.mesh_area, dashed),
-    }
-    full = {name: float(measure(net, net.reference_position)) for name, (measure, _) in curves.items()}
-    if not any(full.values()):
-        return None
-    figure, axes = _curve_axes(result, "Opened area", "area / area in the reference configuration")
-    top = 1.0
-    for name, (measure, style) in curves.items():
-        if full[name]:
-            values = over_blocks(partial(measure, net), result.position) / full[name]
-            _curve(axes, result.time, values, label=name, **style)
-            top = max(top, float(values.max()))
-    for level, text in ((metrics.NEARLY_OPEN, "80 %"), (TWO_THIRDS, "2/3")):
-        axes.axhline(level, color="0.5", linewidth=0.9, linestyle=":" if text == "2/3" else "-", zorder=1)
-        axes.text(1.01, level, text, transform=axes.get_yaxis_transform(), va="center", fontsize=8)
     measures = metrics.deployment(result)
-    if measures:
+    meshes = float(metrics.mesh_area(net, net.reference_position))
+    if measures is None and meshes == 0.0:
+        return None
+    figure, axes = _curve_axes(result, page, "Opened area", "relative area")
+    top = 1.0
+    if measures is not None:
+        values = over_blocks(partial(metrics.mouth_area, net), result.position) / measures.achievable_area
+        label = f"mouth / achievable area ({number(measures.achievable_area)} m²)"
+        _curve(axes, result.time, values, label=label, color=BLUE, linewidth=1.8)
+        top = max(top, float(values.max()))
+    if meshes:
+        values = over_blocks(partial(metrics.mesh_area, net), result.position) / meshes
+        label = "meshes / reference configuration (folds count twice)"
+        _curve(axes, result.time, values, label=label, color=RED, linewidth=1.3, linestyle="--")
+        top = max(top, float(values.max()))
+    if measures is not None:
+        axes.axhline(metrics.NEARLY_OPEN, color="0.5", linewidth=0.8, linestyle=":", zorder=1, label="80 %")
         text = f"largest: {number(measures.relative_area)} at {number(measures.time_of_largest)} s"
         text += " (the end)" if measures.at_end else ""
         at = (measures.time_of_largest, measures.relative_area)
         axes.plot(*at, "o", color=BLACK, markersize=6, markerfacecolor="none", clip_on=False, label=text)
     axes.set_ylim(0, 1.05 * (top if result.complete else min(top, 2.0)))
-    _legend(result, figure, axes)
+    _legend(figure, axes)
     return figure
 
 
-def rotation(result: Result) -> Figure | None:
+def largest_tension(result: Result, page: Page) -> Figure | None:
+    """Largest tension of all elements over time, and that of all steps if known; None without elements.
+
+    The curve has the stored times only: a snap between two of them does not show in it, but the mark does.
+    """
+    if result.net.n_elements == 0:
+        return None
+    figure, axes = _curve_axes(result, page, "Largest tension of all elements", "tension [N]")
+    values = metrics.largest_tensions(result)
+    _curve(axes, result.time, values, label="largest at each stored time", color=BLUE, linewidth=1.2)
+    top = float(values.max())
+    peak = result.provenance.get("largest_tension")
+    if peak and peak["element"] >= 0:
+        top = max(top, peak["tension_N"])
+        words = f"largest of all steps: {number(peak['tension_N'])} N, element {peak['element']}"
+        style: dict[str, Any] = {"color": RED, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
+        axes.plot(peak["time_s"], peak["tension_N"], "o", label=words, **style)
+    axes.set_ylim(0, 1.05 * top or 1.0)
+    _legend(figure, axes)
+    return figure
+
+
+def rotation(result: Result, page: Page) -> Figure | None:
     """Angular velocity of each rigid body over time, in body axes; None without rigid bodies."""
     turning = {
         name: np.asarray(body.angular_velocity)
@@ -131,35 +152,43 @@ def rotation(result: Result) -> Figure | None:
     }
     if not turning:
         return None
-    figure, axes = _curve_axes(result, "Rotation of the bodies, in body axes", "angular velocity [rad/s]")
+    figure, axes = _curve_axes(
+        result, page, "Rotation of the bodies, in body axes", "angular velocity [rad/s]"
+    )
     for k, (name, values) in enumerate(turning.items()):
         line = ("-", "--", ":", "-.")[k % 4]
-        for axis, color, width in zip("xyz", (YELLOW, RED, BLUE), (2.4, 1.6, 1.0), strict=True):
-            style: dict[str, Any] = {"color": color, "linewidth": width, "linestyle": line}
-            _curve(axes, result.time, values[:, "xyz".index(axis)], label=f"{name}, {axis}", **style)
-    _legend(result, figure, axes)
+        styles = zip("xyz", (YELLOW, RED, BLUE), (2.4, 1.6, 1.0), "os^", strict=True)
+        for axis, color, width, marker in styles:
+            style: dict[str, Any] = {"color": color, "linewidth": width, "linestyle": line, "marker": marker}
+            column, shift = values[:, "xyz".index(axis)], "xyz".index(axis) / 3
+            _curve(axes, result.time, column, shift, label=f"{name}, {axis}", markersize=4.0, **style)
+    _legend(figure, axes)
     return figure
 
 
-def agreement(result: Result, found: Agreement) -> Figure:
+def agreement(result: Result, page: Page, found: Agreement) -> Figure:
     """Differences between two codes over time, on a logarithmic scale (zeros are left out)."""
-    figure, axes = _curve_axes(result, "Difference from the reference", "largest difference")
+    figure, axes = _curve_axes(result, page, "Difference from the reference", "largest difference [m], [m/s]")
     axes.set_yscale("log")
     styles: tuple[dict[str, Any], ...] = ({"color": BLUE}, {"color": RED, "linestyle": "--"})
     differences = (("position [m]", found.position_difference), ("speed [m/s]", found.speed_difference))
     for (name, values), style in zip(differences, styles, strict=True):
         seen = np.where((values > 0) & np.isfinite(values), values, np.nan)
         if np.isfinite(seen).any():
-            _curve(axes, found.time, seen, label=name, **style)
+            _curve(axes, found.time, seen, label=name, linewidth=1.2, **style)
         else:
             axes.plot([], [], label=f"{name}: none", **style)
-    for level, unit, color in ((found.allowed_position, "m", BLUE), (found.allowed, "m/s", RED)):
+    limits = (
+        (found.allowed_position, "m", BLUE, (0, (1, 1.5))),
+        (found.allowed, "m/s", RED, (0, (3, 1.5, 1, 1.5))),
+    )
+    for level, unit, color, line in limits:
         if level > 0:
             label = f"allowed {number(level)} {unit}"
-            dotted: dict[str, Any] = {"color": color, "linewidth": 1.0, "linestyle": (0, (1, 1.5))}
+            dotted: dict[str, Any] = {"color": color, "linewidth": 1.0, "linestyle": line}
             axes.plot((0, 1), (level, level), transform=axes.get_yaxis_transform(), label=label, **dotted)
     _mark_horizon(axes, found)
-    _legend(result, figure, axes)
+    _legend(figure, axes)
     return figure
 
 
@@ -192,35 +221,18 @@ def _many(axes: Axes, time: Floats, values: Floats, label: str) -> None:
         _curve(axes, time, values[:, k], color=color, linewidth=0.9, label=label if k == 0 else None)
 
 
-def _curve_axes(result: Result, title: str, y_label: str) -> tuple[Figure, Axes]:
+def _curve_axes(result: Result, page: Page, title: str, y_label: str) -> tuple[Figure, Axes]:
     """A figure with one pair of axes for curves over time."""
-    figure = blank(6.4, 4.2)
-    axes = figure.add_axes((0.11, 0.115, 0.82, 0.7))
-    heading(figure, result, title)
+    figure, axes = page.curve_axes(result, title)
     axes.set_xlabel("time [s]")
     axes.set_ylabel(y_label)
-    axes.grid(color="0.92", linewidth=0.6)
-    axes.set_axisbelow(True)
-    start, end = float(result.time[0]), float(result.time[-1])
-    if end > start:
-        axes.set_xlim(start, end)
     return figure, axes
 
 
-def _legend(result: Result, figure: Figure, axes: Axes) -> None:
-    """The legend in one or two rows above the axes, where it hides nothing; the axes fill what is left."""
-    handles, labels = axes.get_legend_handles_labels()
-    rows = 1 if sum(len(label) + 7 for label in labels) < 105 else 2
-    figure.legend(
-        handles,
-        labels,
-        loc="upper center",
-        bbox_to_anchor=(0.5, 1 - (0.26 if result.complete else 0.43) / figure.get_figheight()),
-        ncols=-(-len(handles) // rows),
-        frameon=False,
-        handlelength=2.6,
-        columnspacing=1.4,
-    )
-    head = 0.4 + 0.17 * rows + (0.0 if result.complete else 0.17)
-    left, foot, width, _ = axes.get_position().bounds
-    axes.set_position((left, foot, width, 1 - head / figure.get_figheight() - foot))
+def _legend(figure: Figure, axes: Axes) -> None:
+    """The legend above the axes; lines and markers to suit the figure's size."""
+    scale = line_scale(figure)
+    for line in axes.get_lines():
+        line.set_linewidth(scale * line.get_linewidth())
+        line.set_markersize(scale * line.get_markersize())
+    legend_above(figure, *axes.get_legend_handles_labels())

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.text import Annotation
 from numpy.typing import NDArray
 
 from exunet.figures.style import number
@@ -92,8 +93,8 @@ def _top_side(net: Net, knots: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(sides[np.argmax(height if inside.all() else np.where(inside, -np.inf, height))])
 
 
-def draw_dimension(axes: Axes, shown: Dimension) -> None:
-    """The arrow with its extension lines, and the length beside it."""
+def draw_dimension(axes: Axes, shown: Dimension) -> Annotation:
+    """The arrow with its extension lines, and the length beside it, which is returned."""
     a, b = shown.start + shown.offset, shown.end + shown.offset
     unit = shown.offset / np.linalg.norm(shown.offset)
     arrow = {"arrowstyle": "<|-|>", "color": GREY, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
@@ -101,14 +102,14 @@ def draw_dimension(axes: Axes, shown: Dimension) -> None:
     gap = np.linalg.norm(shown.end - shown.start) * 0.02 * unit
     for at in (shown.start, shown.end):
         axes.plot(*np.array([at + gap, at + 1.03 * shown.offset]).T, color=GREY, linewidth=0.6)
-    axes.annotate(
+    return axes.annotate(
         shown.text,
         tuple((a + b) / 2),
         xytext=tuple(9 * unit),
         textcoords="offset points",
         ha="center",
         va="center",
-        fontsize=9,
+        fontsize=8,
         rotation=_upright(b - a),
         rotation_mode="anchor",
         color=GREY,

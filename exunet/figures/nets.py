@@ -1,4 +1,4 @@
-"""Pictures of the net: the reference configuration and six snapshots (the paper's Figs. 3 and 4)."""
+"""Pictures of the net: the reference configuration, and six snapshots (the paper's Figs. 3 and 4)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Annotation
 from numpy.typing import NDArray
 
 from exunet.bodies.rigid import rotation_matrix
 from exunet.figures.dimensions import dimensions, draw_dimension
-from exunet.figures.style import BLACK, BLUE, GREY, RED, heading, number
-from exunet.figures.views import best_view, draw_net, net_size, panels
+from exunet.figures.page import Page, line_scale
+from exunet.figures.panels import AXES, framed
+from exunet.figures.style import BLACK, BLUE, GREY, RED, SMALL, number
+from exunet.figures.views import best_view, draw_net, net_size
 from exunet.net.arrays import Net
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import Result
@@ -24,26 +27,26 @@ SNAPSHOTS = 6
 MOST_LABELS = 24
 
 
-def reference_net(result: Result) -> Figure:
+def reference_net(result: Result, page: Page) -> Figure:
     """The net in its reference configuration, with node numbers and, if it has openings, its dimensions."""
     net = result.net
     shown = dimensions(net)
     arrows = [
         np.append(end + a.offset, net.reference_position[0, 2]) for a in shown for end in (a.start, a.end)
     ]
-    view = best_view(net, [net.reference_position, *np.reshape(arrows, (-1, 1, 3))], margin=0.08)
-    figure, (axes,) = panels(view, 1, 1, 0.6 + _verdict_room(result), 0.0, 6.5)
+    view = best_view(net, [net.reference_position, *np.reshape(arrows, (-1, 1, 3))], margin=0.14)
+    title = f"Reference configuration: {net.n_nodes} nodes, {net.n_elements} elements"
+    entries = _entries(net)
+    figure, (axes,) = framed(result, page, view, 1, title, entries, 0.0, 120.0)
+    scale = line_scale(figure)
     for ax, plane in zip(axes, view.planes, strict=True):
-        draw_net(ax, net, net.reference_position, plane, BLUE, 1.3)
-        for line in shown:
-            draw_dimension(ax, line)
-    _number_nodes(axes[0], net, view.planes[0])
-    heading(figure, result, f"Reference configuration: {net.n_nodes} nodes, {net.n_elements} elements")
-    _explain(figure, net, result)
+        draw_net(ax, net, net.reference_position, plane, BLUE, 1.3 * scale)
+    words = [draw_dimension(axes[0], line) for line in shown]
+    _number_nodes(axes[0], net, view.planes[0], words)
     return figure
 
 
-def snapshots(result: Result) -> Figure:
+def snapshots(result: Result, page: Page) -> Figure:
     """Up to six configurations from the first to the last time, over the reference configuration in grey.
 
     A net whose centre of mass travels by more than half the net's size is drawn relative to that centre.
@@ -59,22 +62,38 @@ def snapshots(result: Result) -> Figure:
         states = [state - centre[k] for state, k in zip(states, chosen, strict=True)]
     moved = centre[chosen] if follows else np.zeros((len(chosen), 3))
     view = best_view(net, [reference, *states, *(_places(result, chosen) - moved[:, None])])
-    head, title = 0.3 + _verdict_room(result), 0.42 if follows else 0.28
+    entries = [
+        Line2D([], [], color=BLUE, linewidth=1.2, label="net"),
+        Line2D([], [], color=GREY, linewidth=1.2, label="reference configuration"),
+    ]
+    if result.bodies:
+        style: dict[str, Any] = {"linewidth": 1.2, "marker": "D", "markersize": 3.5}
+        label = "bodies" if len(result.bodies) > 1 else next(iter(result.bodies))
+        entries.append(Line2D([], [], color=RED, label=label, **style))
+    names = [f"{name[:-1]} - {name[1]}_c$" for name in AXES] if follows else AXES
     count = len(chosen)
-    figure, grid = panels(view, count, min(3, count), head, title, 9.0 if count > 1 else 6.5)
+    figure, grid = framed(
+        result,
+        page,
+        view,
+        count,
+        "Snapshots",
+        entries,
+        0.32 if follows else 0.2,
+        170.0 if count > 1 else 120.0,
+        names,
+    )
+    scale = line_scale(figure)
     for k, state, panel in zip(chosen, states, grid, strict=True):
         for ax, plane in zip(panel, view.planes, strict=True):
-            draw_net(ax, net, reference, plane, GREY, 0.8)
-            draw_net(ax, net, state, plane, BLUE, 1.0)
-            _draw_bodies(ax, result, k, centre[k] if follows else np.zeros(3), plane)
-        text = f"t = {number(result.time[k])} s"
+            draw_net(ax, net, reference, plane, GREY, 0.8 * scale)
+            draw_net(ax, net, state, plane, BLUE, scale)
+            named = len(result.bodies) > 1 and ax is panel[0]
+            _draw_bodies(ax, result, k, centre[k] if follows else np.zeros(3), plane, named)
+        text = f"$t$ = {number(result.time[k])} s"
         if follows:
-            text += "\ncentre ({}) m".format(", ".join(f"{c + 0.0:.3g}" for c in np.round(centre[k], 2)))
-        panel[0].set_title(text.replace("-", "\N{MINUS SIGN}"), loc="left", fontsize=9)
-    text = "Snapshots (blue) over the reference configuration (grey)"
-    if result.bodies:
-        text = "Snapshots (blue), bodies (red, with their x and y axes), reference (grey)"
-    heading(figure, result, text + (", seen from the centre of mass" if follows else ""))
+            text += "\n$c$ = ({}) m".format(", ".join(f"{c + 0.0:.3g}" for c in np.round(centre[k], 2)))
+        panel[0].set_title(text.replace("-", "\N{MINUS SIGN}"), loc="left", fontsize=SMALL, pad=3)
     return figure
 
 
@@ -84,8 +103,10 @@ def _places(result: Result, chosen: list[int]) -> Floats:
     return np.stack(places, axis=1) if places else np.zeros((len(chosen), 0, 3))
 
 
-def _draw_bodies(axes: Axes, result: Result, k: int, origin: Floats, plane: tuple[int, int]) -> None:
-    """A mark and the name of each body; of rigid ones their x and y axes, the y axis thin."""
+def _draw_bodies(
+    axes: Axes, result: Result, k: int, origin: Floats, plane: tuple[int, int], named: bool
+) -> None:
+    """A mark of each body, and its name if wanted; of rigid ones their x and y axes, the y axis thin."""
     reach = 0.12 * net_size(result.net)
     for name, body in result.bodies.items():
         at = (body.position[k] - origin)[list(plane)]
@@ -93,9 +114,10 @@ def _draw_bodies(axes: Axes, result: Result, k: int, origin: Floats, plane: tupl
             arms = reach * rotation_matrix(np.asarray(body.attitude[k]))[list(plane)]
             for axis, width in ((0, 2.2), (1, 1.0)):
                 axes.plot(*np.stack([at, at + arms[:, axis]], axis=1), color=RED, linewidth=width)
-        axes.plot(*at, marker="D", markersize=4, color=RED)
+        axes.plot(*at, marker="D", markersize=3.5, color=RED)
         offset: dict[str, Any] = {"xytext": (0, -11), "textcoords": "offset points", "ha": "center"}
-        axes.annotate(name, at, fontsize=7, color=RED, annotation_clip=True, **offset)
+        if named:
+            axes.annotate(name, at, fontsize=SMALL, color=RED, annotation_clip=True, **offset)
 
 
 def snapshot_indices(time: Floats, count: int) -> list[int]:
@@ -104,8 +126,11 @@ def snapshot_indices(time: Floats, count: int) -> list[int]:
     return sorted({int(np.argmin(np.abs(time - t))) for t in wanted})
 
 
-def _number_nodes(axes: Axes, net: Net, plane: tuple[int, int]) -> None:
-    """Numbers at the bullets and corners, clear of the cables; at all nodes of small nets without any."""
+def _number_nodes(axes: Axes, net: Net, plane: tuple[int, int], words: list[Annotation]) -> None:
+    """Numbers at the bullets and corners, clear of the cables; at all nodes of small nets without any.
+
+    A corner whose number would touch another one, or one of the `words` that are there, goes without.
+    """
     from matplotlib.patheffects import withStroke
 
     labelled = list(dict.fromkeys([*net.bullet_nodes.tolist(), *net.mouth]))
@@ -116,12 +141,16 @@ def _number_nodes(axes: Axes, net: Net, plane: tuple[int, int]) -> None:
     figure = axes.get_figure(root=True)
     assert figure is not None
     to_points = 72.0 / figure.dpi
-    placed: list[tuple[Floats, int]] = []
+    placed = [one for text in words for one in _characters(text, to_points)]
     for node in labelled[:: max(1, -(-len(labelled) // MOST_LABELS))]:
         size = len(str(node))
         at = axes.transData.transform(points[node]) * to_points
         spots = [(8 + 2.5 * size) * away for away in _free_directions(net, points, node)]
-        spot = next((one for one in spots if not _covers(at + one, size, placed)), spots[0])
+        spot = next((one for one in spots if not _covers(at + one, size, placed)), None)
+        if spot is None:
+            if node not in bullets:
+                continue
+            spot = spots[0]
         placed.append((at + spot, size))
         axes.annotate(
             str(node),
@@ -130,12 +159,23 @@ def _number_nodes(axes: Axes, net: Net, plane: tuple[int, int]) -> None:
             textcoords="offset points",
             ha="center",
             va="center",
-            fontsize=8,
+            fontsize=SMALL,
             fontweight="bold" if node in bullets else "normal",
             color=BLACK,
             path_effects=[withStroke(linewidth=2, foreground="white")],
             zorder=5,
         )
+
+
+def _characters(text: Annotation, to_points: float) -> list[tuple[Floats, int]]:
+    """Places, in points of 1/72 inch, that words of a length and a unit cover, as of single digits."""
+    box = text.get_window_extent()
+    corners = to_points * np.array([[box.x0, box.y0], [box.x1, box.y1]])
+    if box.height > box.width or text.get_rotation() % 180 > 90:
+        corners[:, 0] = corners[::-1, 0]
+    inset = np.clip(to_points * min(box.width, box.height) / 2, 3.0, 6.0) * np.sign(corners[1] - corners[0])
+    first, last = corners[0] + inset, corners[1] - inset
+    return [(first + part * (last - first), 1) for part in np.linspace(0.0, 1.0, 8)]
 
 
 def _covers(at: Floats, digits: int, placed: list[tuple[Floats, int]]) -> bool:
@@ -162,8 +202,8 @@ def _free_directions(net: Net, points: Floats, node: int) -> Floats:
     return np.asarray(directions[wide][np.argsort(-inwards[wide], kind="stable")])
 
 
-def _explain(figure: Figure, net: Net, result: Result) -> None:
-    """The legend above the picture."""
+def _entries(net: Net) -> list[Line2D]:
+    """What the picture of the reference configuration shows, for its legend."""
     entries = [Line2D([], [], color=BLUE, linewidth=1.2, label="cable")]
     if net.is_string.any():
         entries.append(Line2D([], [], color=BLUE, linewidth=2.6, label="corner string"))
@@ -171,10 +211,4 @@ def _explain(figure: Figure, net: Net, result: Result) -> None:
         entries.append(Line2D([], [], color=BLUE, linestyle="", marker="o", markersize=5, label="bullet"))
     number_style: dict[str, Any] = {"linestyle": "", "marker": "$0$", "color": BLACK, "markersize": 5}
     entries.append(Line2D([], [], label="node number, from 0", **number_style))
-    top = 1 - (0.27 + _verdict_room(result)) / figure.get_figheight()
-    figure.legend(handles=entries, loc="upper center", bbox_to_anchor=(0.5, top), ncols=4, frameon=False)
-
-
-def _verdict_room(result: Result) -> float:
-    """Height [inch] of the line that names an incomplete result."""
-    return 0.0 if result.complete else 0.17
+    return entries

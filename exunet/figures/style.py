@@ -1,15 +1,16 @@
-"""What all figures share: colours that also differ in grey, line styles, a canvas without global state."""
+"""What all figures share: colours and lines that differ in grey too, settings, a blank canvas."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, cast
 
 import matplotlib
+import numpy as np
 from matplotlib.figure import Figure
 
-from exunet.results.result import Result
+SMALL = 7.0  # points: ticks, legends, titles of panels
 
 GREY = "#b5b5b5"
 BLUE = "#004488"  # Tol's high-contrast scheme, made for colour-blind readers and for print in grey
@@ -17,23 +18,44 @@ RED = "#BB5566"
 YELLOW = "#DDAA33"
 BLACK = "#000000"
 
-# Broad and light first, thin and dark last: each curve shows even where all of them coincide.
-CURVES: tuple[dict[str, Any], ...] = (
-    {"color": YELLOW, "linestyle": "-", "linewidth": 3.0, "marker": "o"},
-    {"color": RED, "linestyle": "-", "linewidth": 1.8, "marker": "s"},
-    {"color": BLUE, "linestyle": "--", "linewidth": 1.4, "marker": "^"},
-    {"color": BLACK, "linestyle": ":", "linewidth": 1.2, "marker": "x"},
-)
+MOST_CURVES = 8  # that can be told apart in one figure
+_LINES: tuple[Any, ...] = (*("-", "-", "--", ":", "-.", (0, (4, 1, 1, 1, 1, 1)), (0, (7, 2)), (0, (2.5, 1))),)
+_MARKERS = "os^xDv*P"
+_FOUR = (YELLOW, RED, BLUE, BLACK)
+
+
+def curve_styles(count: int) -> list[dict[str, Any]]:
+    """Colour, line, width and marker of each of up to eight curves, told apart in grey as well.
+
+    Broad and light first, thin and dark last: each curve shows even where all of them coincide.
+    """
+    colors: Sequence[Any] = _FOUR
+    if count > len(_FOUR):  # evenly spaced in lightness
+        colors = [tuple(c) for c in matplotlib.colormaps["cividis"](np.linspace(0.92, 0.0, count))]
+    widths = np.geomspace(3.0, 1.2, count) if count > 1 else [1.8]
+    return [
+        {"color": colors[k], "linestyle": _LINES[k], "linewidth": float(widths[k]), "marker": _MARKERS[k]}
+        for k in range(count)
+    ]
+
+
+CURVES = tuple(curve_styles(4))
 
 _RC: dict[str, Any] = {
-    "savefig.dpi": 150,
-    "font.size": 9,
-    "axes.titlesize": 10,
-    "axes.labelsize": 9,
-    "legend.fontsize": 8,
+    "savefig.dpi": 300,
+    "pdf.fonttype": 42,  # fonts as text, which editors and journals can use; not as outlines
+    "svg.fonttype": "none",
+    "svg.hashsalt": "exunet",  # the same figure gives the same bytes
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "axes.linewidth": 0.6,
+    "legend.fontsize": SMALL,
     "legend.framealpha": 0.9,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.formatter.useoffset": False,
@@ -53,24 +75,6 @@ def drawing() -> Iterator[None]:
 def blank(width: float, height: float) -> Figure:
     """An empty figure, sizes in inches; it belongs to nobody but its caller."""
     return Figure(figsize=(width, height))
-
-
-def heading(figure: Figure, result: Result, text: str) -> None:
-    """The figure's title; an incomplete result is named so, with its verdict."""
-    if not result.complete:
-        fits = int(10.5 * figure.get_figwidth())
-        text += "\n" + shortened("INCOMPLETE: " + result.verdict, fits)
-    top = 1 - 0.08 / figure.get_figheight()
-    figure.suptitle(text, y=top, va="top", fontsize=10, parse_math=False)
-
-
-def shortened(text: str, width: int) -> str:
-    """`text` on one line of at most `width` characters; what matplotlib's font does not have becomes "?"."""
-    from matplotlib.font_manager import findfont, get_font
-
-    font = get_font(findfont("DejaVu Sans"))
-    line = "".join(c if font.get_char_index(ord(c)) else "?" for c in " ".join(text.split()))
-    return line if len(line) <= width else line[: width - 3] + "..."
 
 
 def number(value: float) -> str:

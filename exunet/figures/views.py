@@ -1,4 +1,4 @@
-"""Where to look at a net from: planes, limits, and panels whose data units are equally long on all axes."""
+"""Where to look at a net from: planes and limits; and the net drawn there."""
 
 from __future__ import annotations
 
@@ -9,17 +9,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from exunet.figures.style import blank
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
 
-AXIS_NAMES = "xyz"
 FLAT = 0.01  # of the net's size: what moves less than this across a plane is drawn in that plane
-NARROWEST = 5.0  # inch; a figure with room for its legend
 FARTHEST = 5.0  # net sizes: what a failed run has thrown farther than this is left out of the limits
 
 
@@ -63,63 +59,9 @@ def best_view(net: Net, states: Sequence[Floats], margin: float = 0.06) -> View:
     return View(planes, (low + high) / 2 - half, (low + high) / 2 + half)
 
 
-def panels(
-    view: View, count: int, columns: int, head: float, title: float, width: float
-) -> tuple[Figure, list[list[Axes]]]:
-    """`count` panels in `columns`, each with one axes for each plane of `view`: (figure, axes by panel).
-
-    `head` and `title` are the heights [inch] kept free above the whole and above each panel, `width` [inch]
-    that of the figure (less where the panels would become too tall). All axes have the view's limits and
-    equal scales; labels stand on the outer ones only.
-    """
-    rows = -(-count // columns)
-    left, right, foot, gap, gap_in = 0.7, 0.15, 0.5, 0.3, 0.12
-    span = view.high - view.low
-    wide = sum(span[a] for a, _ in view.planes)
-    tall = span[view.planes[0][1]]
-    free = width - left - right - (columns - 1) * gap - columns * (len(view.planes) - 1) * gap_in
-    scale = min(free / (columns * wide), 8.0 / (rows * tall))
-    spare = max(0.0, width - max(NARROWEST, width - (free - scale * columns * wide)))
-    left += (free - scale * columns * wide - spare) / 2
-    width -= spare
-    height = head + foot + rows * (scale * tall + title)
-    figure = blank(width, height)
-    made: list[list[Axes]] = []
-    for k in range(count):
-        row, column = divmod(k, columns)
-        x = left + column * (scale * wide + gap + gap_in * (len(view.planes) - 1))
-        y = foot + (rows - 1 - row) * (scale * tall + title)
-        panel: list[Axes] = []
-        for plane in view.planes:
-            w = scale * span[plane[0]]
-            axes = figure.add_axes((x / width, y / height, w / width, scale * tall / height))
-            _set_axes(axes, view, plane, w, outer=(not panel and column == 0, k + columns >= count))
-            panel.append(axes)
-            x += w + gap_in
-        made.append(panel)
-    return figure, made
-
-
-def _set_axes(axes: Axes, view: View, plane: tuple[int, int], width: float, outer: tuple[bool, bool]) -> None:
-    """Limits, ticks to suit the `width` [inch], and labels on the (left, bottom) axes that are `outer`."""
-    from matplotlib.ticker import MaxNLocator
-
-    a, b = plane
-    axes.set_xlim(view.low[a], view.high[a])
-    axes.set_ylim(view.low[b], view.high[b])
-    steps = [1, 2, 3, 5, 10]
-    most = max(1 if width < 0.7 else 3, min(8, int(width / 0.45)))
-    axes.xaxis.set_major_locator(MaxNLocator(most, steps=steps))
-    axes.yaxis.set_major_locator(MaxNLocator(7, steps=steps))
-    axes.tick_params(labelleft=outer[0], labelbottom=outer[1])
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(True)
-    for spine in axes.spines.values():
-        spine.set_color("0.6")
-    if outer[0]:
-        axes.set_ylabel(f"{AXIS_NAMES[b]} [m]")
-    if outer[1]:
-        axes.set_xlabel(f"{AXIS_NAMES[a]} [m]")
+def broadness(net: Net) -> float:
+    """How broad the elements of a net are drawn, relative to one of few elements."""
+    return float(np.clip(12 / np.sqrt(max(1, net.n_elements)), 0.25, 1.0))
 
 
 def draw_net(
@@ -128,7 +70,7 @@ def draw_net(
     """The elements (strings twice as broad) and the bullets as dots; position (n_nodes, 3) [m]."""
     size = net_size(net)
     points = np.clip(position[:, plane], *(np.array([-1e3, 1e3]) * size))
-    broad = width * np.clip(12 / np.sqrt(max(1, net.n_elements)), 0.25, 1.0)
+    broad = width * broadness(net)
     for chosen, factor in ((~net.is_string, 1.0), (net.is_string, 2.0)):
         if chosen.any():
             style: dict[str, Any] = {"colors": color, "linewidths": factor * broad, "capstyle": "round"}

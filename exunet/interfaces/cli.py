@@ -230,13 +230,29 @@ def compare_command(
 def plot_command(
     result: Annotated[Path, typer.Argument(help="result.h5 of a run", metavar="RESULT", parser=_path)],
     out: Folder = None,
+    kind: Annotated[str, typer.Option("--format", help="png, pdf or svg", metavar="FORMAT")] = "png",
+    size: Annotated[
+        str | None, typer.Option(help="width and height of each figure [mm]", metavar="90x60")
+    ] = None,
+    title: Annotated[bool, typer.Option("--title", help="with a title above each figure")] = False,
 ) -> None:
     """Draw the figures of a result, beside it or into --out."""
     from exunet.figures import save_figures
     from exunet.results.reading import load_result
 
-    for path in save_figures(load_result(result), out or (result if result.is_dir() else result.parent)):
+    folder = out or (result if result.is_dir() else result.parent)
+    sides = None if size is None else _sides(size)
+    for path in save_figures(load_result(result), folder, format=kind, size=sides, title=title):
         typer.echo(path)
+
+
+def _sides(text: str) -> tuple[float, float]:
+    """Width and height [mm] of "90x60"."""
+    try:
+        width, height = map(float, text.lower().split("x"))
+    except ValueError:
+        raise InputError(f"--size: give width x height in millimetres, as 90x60, got {text!r}") from None
+    return width, height
 
 
 if __name__ == "__main__":

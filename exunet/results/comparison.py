@@ -122,6 +122,15 @@ def read_states(path: str | Path) -> ComparedRun:
     )
 
 
+Run = Result | ComparedRun | str | Path
+
+
+def _states(run: Run) -> ComparedRun:
+    if isinstance(run, Result):
+        return ComparedRun.of(run)
+    return run if isinstance(run, ComparedRun) else read_states(run)
+
+
 def match_nodes(a: ComparedRun, b: ComparedRun) -> Ints:
     """(n_nodes,) for each node of a, the node of b at the same reference position.
 
@@ -177,11 +186,14 @@ def _in_order(nodes: Ints, states: ComparedRun) -> Ints:
     return np.lexsort((states.axial_stiffness, high, low))
 
 
-def compare(a: ComparedRun, b: ComparedRun) -> Agreement:
-    """How far b is from a at the times that both have stored.
+def compare(a: Run, b: Run) -> Agreement:
+    """How far run b is from run a at the times that both have stored, as an `Agreement`.
 
-    Raises InputError if there are none, or the nets are not the same.
+    a, b : results, or files of results: a result.h5 or a run's folder, or an .npz of reference_impl
+    Nodes are matched by their reference positions. Raises InputError if there is no common time, if the nets
+    are not the same, or if a file cannot be read.
     """
+    a, b = _states(a), _states(b)
     match = match_nodes(a, b)
     _refuse_other_properties(a, b, match)
     at_a, at_b = _common_times(a.time, b.time)

@@ -1,21 +1,7 @@
-"""Measures of a result: areas, the four measures of deployment, bullet speeds, the energy balance.
-
-Two areas of a net are distinguished:
-
-- the **mouth area** is the area of the closed polygon through the net's corner knots. When its corners do
-  not lie in a plane, it is triangulated as a fan from the mean of its corners, and the area is the sum of the
-  areas of the triangles. It says how much a net has opened; the four measures of deployment use it.
-- the **mesh area** is the sum over all mesh openings of the opening's area, each triangulated in the same way
-  from the mean of its nodes. Each opening counts as positive, so where the net is folded, layers that lie on
-  each other count twice.
-
-Both areas are unsigned and do not change when the net is moved or turned. They are exact for flat polygons
-that are seen whole from the mean of their corners (all convex ones); others come out too large.
-"""
+"""Measures of a result: the four measures of deployment, bullet speeds, peak tensions, the energy balance."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -23,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.net.arrays import Net
+from exunet.results.areas import achievable_area as achievable_area
+from exunet.results.areas import mesh_area as mesh_area
+from exunet.results.areas import mouth_area as mouth_area
 from exunet.results.result import Result
-from exunet.results.rows import over_blocks
+from exunet.results.rows import blocks, over_blocks
 
 Floats = NDArray[np.float64]
 
-_AT_ONCE = 2**12  # loops times states, for arrays that stay in the processor's cache
-NEARLY_OPEN = 0.8  # part of the largest achievable area above which a net counts as deployed, paper sec. 4
+NEARLY_OPEN = 0.8  # part of the achievable area above which a net counts as deployed, paper sec. 4
 
 
 @dataclass(frozen=True)
@@ -40,10 +28,11 @@ class Deployment:
     time_of_largest : the time it takes to reach it: the first stored time with that area [s]
     distance        : straight distance between the net's centre of mass at the first stored time and at
                       `time_of_largest` [m] (not the length of its path)
-    time_open       : total time during which the mouth area exceeds 80 % of `reference_area` [s]; the area is
-                      taken as linear between stored times
-    reference_area  : the largest achievable area: that of the mouth in the reference configuration [m2]
-    relative_area   : largest_area / reference_area
+    time_open       : total time during which the mouth area exceeds 80 % of `achievable_area` [s]; the area
+                      is taken as linear between stored times
+    achievable_area : the largest area that the mouth can have with its border taut but not strained [m2], see
+                      `exunet.results.areas.achievable_area`
+    relative_area   : largest_area / achievable_area
     at_end          : the largest area is that of the last stored time, so the net may still be opening
     """
 
@@ -51,27 +40,9 @@ class Deployment:
     time_of_largest: float
     distance: float
     time_open: float
-    reference_area: float
+    achievable_area: float
     relative_area: float
     at_end: bool
-
-
-def mouth_area(net: Net, position: Floats) -> Floats:
-    """Area of the net's mouth [m2]; position (..., n_nodes, 3) [m] -> (...).
-
-    The mouth is the closed polygon through the net's corner knots, triangulated as a fan from the mean of its
-    corners; its area is the sum of the areas of the triangles. Zero for a net without a mouth.
-    """
-    return _loops_area((net.mouth,), position)
-
-
-def mesh_area(net: Net, position: Floats) -> Floats:
-    """Sum of the areas of the net's mesh openings [m2]; position (..., n_nodes, 3) [m] -> (...).
-
-    Each opening is triangulated as a fan from the mean of its nodes and counts as positive: where the net is
-    folded, layers that lie on each other count twice. Zero for a net without openings.
-    """
-    return _loops_area(net.faces, position)
 
 
 def centre_of_mass(result: Result) -> Floats:
@@ -96,15 +67,15 @@ def bullet_speeds(result: Result) -> Floats:
 def deployment(result: Result) -> Deployment | None:
     """The four measures of deployment, also of an incomplete result (over its stored times).
 
-    None for a net without a mouth, or with a mouth of no area in the reference configuration.
+    None for a net without a mouth, or with a mouth that cannot have an area.
     """
     return deployment_of(result.net, result.time, result.position)
 
 
 def deployment_of(net: Net, time: Floats, position: Floats) -> Deployment | None:
     """`deployment` of a trajectory of either code; time (t,) [s], position (t, n_nodes, 3) [m]."""
-    reference = float(mouth_area(net, net.reference_position))
-    if reference == 0.0:
+    achievable = achievable_area(net)
+    if not 0.0 < achievable < np.inf:
         return None
     area = over_blocks(partial(mouth_area, net), position)
     at = int(np.argmax(area))
@@ -113,11 +84,27 @@ def deployment_of(net: Net, time: Floats, position: Floats) -> Deployment | None
         largest_area=float(area[at]),
         time_of_largest=float(time[at]),
         distance=float(np.linalg.norm(centre[1] - centre[0])),
-        time_open=time_above(time, area, NEARLY_OPEN * reference),
-        reference_area=reference,
-        relative_area=float(area[at]) / reference,
+        time_open=time_above(time, area, NEARLY_OPEN * achievable),
+        achievable_area=achievable,
+        relative_area=float(area[at]) / achievable,
         at_end=at == len(area) - 1,
     )
+
+
+def peak_tensions(result: Result) -> Floats:
+    """Largest tension of each element at the stored times: (n_elements,) [N].
+
+    Peaks between two stored times are not in it; snaps may be shorter than that.
+    """
+    peaks = np.zeros(result.net.n_elements)
+    for block in blocks(result.tension):
+        np.maximum(peaks, block.max(axis=0), out=peaks)
+    return peaks
+
+
+def largest_tensions(result: Result) -> Floats:
+    """Largest tension of all elements at each stored time: (n_times,) [N]."""
+    return over_blocks(lambda tension: tension.max(axis=1, initial=0.0), result.tension)
 
 
 def time_above(time: Floats, values: Floats, level: float) -> float:
@@ -160,31 +147,3 @@ def energy_scale(result: Result) -> float:
     change = float(np.max(np.abs(result.potential - result.potential[0])))
     put_in = float(np.max(-result.dissipated, initial=0.0))
     return float(result.kinetic[0] + result.elastic[0]) + change + put_in
-
-
-def _loops_area(loops: Sequence[tuple[int, ...]], position: Floats) -> Floats:
-    """Sum of the areas of closed loops of nodes, each a fan of triangles from the mean of its nodes."""
-    groups: dict[int, list[tuple[int, ...]]] = {}
-    for loop in loops:
-        groups.setdefault(len(loop), []).append(loop)
-    axes = np.moveaxis(position, -1, 0).reshape(3, -1, position.shape[-2])  # (3, n_states, n_nodes)
-    area = np.zeros(axes.shape[1])
-    for length, group in groups.items():
-        if length > 2:
-            nodes = np.array(group)
-            many = max(1, _AT_ONCE // len(nodes))
-            for at in range(0, len(area), many):
-                area[at : at + many] += _fans(axes[:, at : at + many], nodes)
-    return area.reshape(position.shape[:-2])
-
-
-def _fans(axes: Floats, nodes: NDArray[np.int64]) -> Floats:
-    """(n_states,) areas of loops, summed; axes (3, n_states, n_nodes) [m], nodes (n_loops, n_corners)."""
-    corners = [axes[:, :, nodes[:, k]] for k in range(nodes.shape[1])]
-    mean = sum(corners[1:], corners[0]) / len(corners)
-    spokes = [corner - mean for corner in corners]
-    doubled = np.zeros(axes.shape[1])
-    for (ax, ay, az), (bx, by, bz) in zip(spokes, spokes[1:] + spokes[:1], strict=True):
-        across = (ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2
-        doubled += np.sqrt(across).sum(axis=-1)
-    return 0.5 * doubled

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, TypeVar
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.net.arrays import Net
-from exunet.results.rows import StoredRows, row_ranges
+from exunet.results.areas import mouth_area
+from exunet.results.frame import frame
+from exunet.results.rows import StoredRows, over_blocks, row_ranges
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Floats = NDArray[np.float64]
 
@@ -93,6 +99,33 @@ class Result:
     bodies: Mapping[str, BodyStates] = field(default_factory=dict)
     states: Mapping[str, TermStates] = field(default_factory=dict)
 
+    def to_frame(self) -> DataFrame:
+        """Quantities over time as a pandas table: one row for each stored time, units in brackets.
+
+        The index is "time [s]". Columns: kinetic, elastic, potential and dissipated energy [J]; mouth area
+        [m2], of nets with a mouth; largest tension [N] of all elements; speed [m/s] of each bullet, by node;
+        linear momentum x, y, z [kg m/s]; position x, y, z [m] and velocity x, y, z [m/s] of each body, and
+        angular velocity x, y, z [rad/s], in body axes, of each rigid one. Positions of nodes and tensions of
+        elements are arrays of the result. Raises MissingExtra without pandas (pip install 'exunet[pandas]').
+        """
+        return frame(self.time, self._series())
+
+    def _series(self) -> dict[str, Floats]:
+        """The columns of `to_frame`, each (n_times,)."""
+        found = {f"{name} energy [J]": getattr(self, name) for name in _ENERGIES}
+        if self.net.mouth:
+            found["mouth area [m2]"] = over_blocks(partial(mouth_area, self.net), self.position)
+        found["largest tension [N]"] = over_blocks(lambda part: part.max(axis=1, initial=0.0), self.tension)
+        for node in self.net.bullet_nodes.tolist():
+            found[f"speed of node {node} [m/s]"] = np.linalg.norm(self.velocity[:, node], axis=-1)
+        found |= _components("momentum", "kg m/s", self.momentum)
+        for name, body in self.bodies.items():
+            found |= _components(f"{name} position", "m", body.position)
+            found |= _components(f"{name} velocity", "m/s", body.velocity)
+            if body.angular_velocity is not None:
+                found |= _components(f"{name} angular velocity", "rad/s", body.angular_velocity)
+        return found
+
     def parts(self, rows: int) -> Iterator[Result]:
         """Consecutive parts of at most `rows` stored times, each in memory; the rest as it is here."""
         for start, stop in row_ranges(len(self.time), rows):
@@ -100,6 +133,15 @@ class Result:
             bodies = {name: _cut(body, chosen) for name, body in self.bodies.items()}
             states = {name: _cut(one, chosen) for name, one in self.states.items()}
             yield replace(_cut(self, chosen), bodies=bodies, states=states)
+
+
+_ENERGIES = ("kinetic", "elastic", "potential", "dissipated")
+
+
+def _components(name: str, unit: str, values: Floats) -> dict[str, Floats]:
+    """Columns x, y, z of a vector (n_times, 3)."""
+    rows = np.asarray(values)
+    return {f"{name} {axis} [{unit}]": rows[:, k] for k, axis in enumerate("xyz")}
 
 
 _Cut = TypeVar("_Cut", Result, BodyStates, TermStates)

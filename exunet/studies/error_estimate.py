@@ -36,6 +36,19 @@ class ErrorEstimate:
     move: float
     other: str
 
+    def numbers(self) -> dict[str, float | str | None]:
+        """For summary.json: names with units."""
+        return {
+            "accuracy": self.accuracy,
+            "at_end": self.at_end,
+            "largest": self.largest,
+            "lost_from_s": self.lost_from,
+            "best": self.best,
+            "sensitivity": self.sensitivity,
+            "move_m": self.move,
+            "other": self.other,
+        }
+
     def rows(self) -> list[tuple[str, str]]:
         """Rows of the table at the end of a run."""
         words = f"{self.at_end:.1e} of the launch speed at the end, {self.largest:.1e} at most ({self.other})"

@@ -19,7 +19,7 @@ from exunet.verification.tolerances import PROPORTIONAL, RAN, SAME_STATISTICS
 SMALL = 1e-8 / PAPER_SIZE  # of the size: differences below are in proportion to their start, see PROPORTIONAL
 # Quantities of `Statistics`: label with unit, name.
 MEANS = {
-    "area": ("area / reference", "Mouth area"),
+    "area": ("area / achievable", "Mouth area"),
     "energy": ("energy / start", "Kinetic and elastic energy"),
     "speed": ("bullet speed [m/s]", "Mean speed of the bullets"),
 }

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from exunet.codegen.compile import numba_installed
-from exunet.results.measures import mouth_area
+from exunet.results.areas import achievable_area, mouth_area
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
 from exunet.studies.neighbours import tracked_speeds
@@ -38,7 +38,7 @@ class Statistics:
 
     code  : which
     time  : (t,) [s]
-    area  : (runs, t) mouth area, part of that in the reference configuration
+    area  : (runs, t) mouth area, part of the largest that it can have
     energy: (runs, t) kinetic and elastic energy, part of that at the start
     speed : (runs, t) mean speed of the bullets; without any, the nodes' root mean square over the mass [m/s]
     """
@@ -71,7 +71,7 @@ def statistics(case: BothCodes, code: str, runs: int | None = None) -> Statistic
     else:
         rows = in_parallel(_one, [(case, code, times, place) for place in places])
         area, kinetic, elastic, bullets = (np.array([row[k] for row in rows]) for k in range(4))
-    full = float(mouth_area(net, net.reference_position)) or 1.0
+    full = achievable_area(net) or 1.0
     total = kinetic + elastic
     at_start = np.where(total[:, :1] > 0.0, total[:, :1], 1.0)
     speed = bullets.mean(axis=-1) if len(net.bullet_nodes) else np.sqrt(2.0 * kinetic / net.mass.sum())

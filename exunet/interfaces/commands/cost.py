@@ -14,6 +14,7 @@ from exunet.base.markdown import markdown_table
 from exunet.case.casefile import Case
 from exunet.case.scene import SHORTEST
 from exunet.codegen.compile import numba_installed
+from exunet.figures.page import write
 from exunet.figures.style import drawing
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.simulation.preparation import prepare_case
@@ -26,11 +27,11 @@ from exunet.studies.cost.settings import base
 from exunet.studies.cost.study import Study, all_rungs, climb
 
 INTERRUPTED = 130
-FILES = TABLE, FIGURE, WORDS = "cost.csv", "work_precision.png", "cost.md"
+FILES = TABLE, WORDS, FIGURE, PRINT = "cost.csv", "cost.md", "work_precision.png", "work_precision.pdf"
 
 
 def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
-    """Study a case and write work_precision.png, cost.csv and cost.md into `folder`; returns the exit code.
+    """Study a case and write cost.csv, cost.md and work_precision.png and .pdf into `folder`; the exit code.
 
     until  : end of the runs [s], at most the case's; None: the case's
     budget : wall time [s] of all of it; at least the converged solution is computed
@@ -53,7 +54,7 @@ def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
         study = Study(converged)
         climb(study, subject, all_rungs(subject, compiled=compiled), left, say, base(compiled=compiled))
     title = f"{case.scene.title}, to t = {subject.end:g} s"
-    _write(study, folder, title)
+    _write(study, folder)
     notes = [("note", refusal)] if refusal else []
     if not compiled:
         notes.append(
@@ -144,12 +145,13 @@ def _ready(folder: Path) -> None:
         raise cannot_write(folder, error) from error
 
 
-def _write(study: Study, folder: Path, title: str) -> None:
+def _write(study: Study, folder: Path) -> None:
     write_csv(study, folder / TABLE)
     with drawing():
-        figure = work_precision(study, title)
-        with replacing(folder / FIGURE) as part:
-            figure.savefig(part, format="png")
+        figure = work_precision(study)
+    for name in (FIGURE, PRINT):
+        with replacing(folder / name) as part:
+            write(figure, part, Path(name).suffix[1:])
 
 
 def _write_words(folder: Path, title: str, study: Study, rows: list[tuple[str, str]]) -> None:

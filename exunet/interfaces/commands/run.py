@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -13,6 +12,7 @@ from tempfile import TemporaryFile
 from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.files import cannot_write, sweep
 from exunet.case.casefile import Case, parse_case
+from exunet.figures import save_figures
 from exunet.interfaces.commands.earlier import FILES, giving_back, set_aside
 from exunet.interfaces.commands.printing import print_table
 from exunet.interfaces.commands.waiting import waiting
@@ -146,12 +146,10 @@ def _ready(folder: Path) -> None:
 def _describe(
     result: Result, folder: Path, check: Agreement | str | None, error_estimate: ErrorEstimate | None
 ) -> None:
-    from exunet.figures import save_figures
-
     summary = summarise(result, check)
     table = rows(summary)
     if error_estimate is not None:
-        summary["error_estimate"] = asdict(error_estimate)
+        summary["error_estimate"] = error_estimate.numbers()
         table += error_estimate.rows()
     write_summary(summary, folder / "summary.json")
     save_figures(result, folder, check if isinstance(check, Agreement) else None)

@@ -1,70 +1,114 @@
-"""The work-precision diagram: error against wall time and against right-hand sides, Pareto front marked."""
+"""The work-precision diagram: error against wall time and against right-hand sides, Pareto front marked.
+
+At most eight curves are drawn in full, those that come nearest to the front; the rest is pale. The form of
+the net (or the code) shows in marker and line, the method in the colour.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from exunet.figures.style import BLACK, BLUE, GREY, RED, YELLOW, blank
-from exunet.methods.method import Form, Method
+from exunet.figures.page import INCH, legend_above
+from exunet.figures.style import MOST_CURVES, blank, curve_styles
+from exunet.methods.method import Form
 from exunet.studies.cost.ranking import Effort, evaluations, pareto, wall_time
 from exunet.studies.cost.runners import Entry
-from exunet.studies.cost.settings import ReferenceMethod
 from exunet.studies.cost.study import Study
 
-_COLOURS = {Form.CONNECTORS: BLUE, Form.FUSED: RED, Form.COMPILED: BLACK, None: YELLOW}
-# One marker for a kind of method, the same in all codes.
-_MARKERS: dict[str, str] = dict(zip(Method, "ov12<s>^x+", strict=True))
-_MARKERS |= zip(ReferenceMethod, "oDs^*", strict=True)
+# Marker and line of each form; of the reference: None.
+_FORMS: dict[Form | None, dict[str, Any]] = {
+    Form.CONNECTORS: {"marker": "o", "linestyle": "-"},
+    Form.FUSED: {"marker": "s", "linestyle": "--"},
+    Form.COMPILED: {"marker": "^", "linestyle": "-."},
+    None: {"marker": "x", "linestyle": ":"},
+}
+_PALE: dict[str, Any] = {"color": "0.82", "linewidth": 0.6, "marker": ".", "markersize": 2.5, "zorder": 1}
 _LEAST = 1e-13  # errors below this are drawn here
+WIDTH, HEIGHT = 170.0, 100.0  # mm
 
 
-def work_precision(study: Study, title: str) -> Figure:
+def work_precision(study: Study) -> Figure:
     """Two panels that share the error axis; failed settings are not drawn, the table has them."""
-    figure = blank(10.5, 5.4)
+    figure = blank(WIDTH / INCH, HEIGHT / INCH)
+    figure.set_layout_engine("constrained")
+    if study.interrupted:
+        figure.suptitle("INCOMPLETE: interrupted")
     left, right = figure.subplots(1, 2, sharey=True)
-    _panel(left, study, "wall time of the stepping, median [s]", wall_time)
-    _panel(right, study, "evaluations of the forces", evaluations)
+    shown = _styles(study)
+    _panel(left, study, shown, "wall time of the stepping, median [s]", wall_time)
+    _panel(right, study, shown, "evaluations of the forces", evaluations)
     predicts = study.converged.predicts
     left.set_ylabel("speed error / launch speed" if predicts else "error of the energy balance")
     if predicts:
         resolved = max(study.converged.uncertainty, _LEAST)
         for axes in (left, right):
-            axes.axhspan(_LEAST, resolved, color="0.92", zorder=-1, label="not resolved")
+            axes.axhspan(_LEAST, resolved, color="0.93", zorder=0, label="not resolved")
     least = min((_drawn(study, entry) for entry in study.measured), default=_LEAST)
     left.set_ylim(_LEAST / 3 if least < 1e-11 else least / 5, 3.0)
-    handles, labels = left.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="center left", bbox_to_anchor=(0.76, 0.5), frameon=False, fontsize=7)
-    note = "" if predicts else " (after the horizon: speeds cannot be predicted)"
-    stopped = "\nINCOMPLETE: interrupted" if study.interrupted else ""
-    figure.suptitle(title + note + stopped, fontsize=10, parse_math=False)
-    figure.subplots_adjust(left=0.075, right=0.75, bottom=0.1, top=0.9, wspace=0.06)
+    legend_above(figure, *left.get_legend_handles_labels())
     return figure
+
+
+def _styles(study: Study) -> dict[str, dict[str, Any]]:
+    """By name of the setting: how the at most eight are drawn that come nearest to the front in wall time."""
+    nearest = sorted({entry.setting.name for entry in study.measured}, key=lambda name: _behind(study, name))
+    forms = list(_FORMS)
+    settings = {entry.setting.name: entry.setting for entry in study.measured}
+    chosen = sorted(
+        (settings[name] for name in nearest[:MOST_CURVES]), key=lambda s: (s.method, forms.index(s.form))
+    )
+    methods = list(dict.fromkeys(setting.method for setting in chosen))
+    colors = dict(zip(methods, curve_styles(len(methods)), strict=True))
+    return {
+        setting.name: {
+            "color": colors[setting.method]["color"],
+            "linewidth": 1.3,
+            "markersize": 4.0,
+            "zorder": 3,
+            **_FORMS[setting.form],
+        }
+        for setting in chosen
+    }
+
+
+def _behind(study: Study, name: str) -> tuple[float, str]:
+    """How far the settings of a name stay behind the front: the least ratio of wall times at equal error.
+
+    What is not ranked comes after all others; equals come by name.
+    """
+    front = pareto(study)
+    ratios = [
+        entry.median / min(one.median for one in front if study.error(one) <= study.error(entry))
+        for entry in study.ranked
+        if entry.setting.name == name
+    ]
+    return min(ratios, default=math.inf), name
 
 
 def _drawn(study: Study, entry: Entry) -> float:
     return max(study.error(entry), _LEAST)
 
 
-def _panel(axes: Axes, study: Study, label: str, effort: Effort) -> None:
+def _panel(axes: Axes, study: Study, shown: dict[str, dict[str, Any]], label: str, effort: Effort) -> None:
     def draw(entries: list[Entry], **style: Any) -> None:
         axes.loglog(
             [effort(entry) for entry in entries], [_drawn(study, entry) for entry in entries], **style
         )
 
-    settings = {entry.setting.name: entry.setting for entry in study.measured}.values()
-    for setting in sorted(settings, key=lambda one: (list(_COLOURS).index(one.form), one.name)):
-        ladder = [entry for entry in study.measured if entry.setting.name == setting.name]
-        ladder.sort(key=lambda entry: -entry.setting.size)
-        ranked = ladder[0] in study.ranked
-        draw(
-            ladder, color=_COLOURS[setting.form], marker=_MARKERS[setting.method], markersize=4.5,
-            linewidth=0.9, linestyle="-" if ranked else ":",
-            label=setting.name if ranked else f"{setting.name}: not ranked",
-        )  # fmt: skip
-    front = {"color": GREY, "linewidth": 6, "zorder": 0, "solid_joinstyle": "round"}
+    front = {"color": "0.7", "linewidth": 5, "zorder": 2, "marker": "o", "markersize": 7}
     draw(pareto(study, effort), label="Pareto front", **front)
+    names = [*shown, *sorted({entry.setting.name for entry in study.measured} - set(shown))]
+    for k, name in enumerate(names):
+        ladder = [entry for entry in study.measured if entry.setting.name == name]
+        ladder.sort(key=lambda entry: -entry.setting.size)
+        if name in shown:
+            note = "" if ladder[0] in study.ranked else ": not ranked"
+            draw(ladder, label=name + note, **shown[name])
+        else:
+            draw(ladder, label=f"{len(names) - k} others" if k == len(shown) else None, **_PALE)
     axes.set_xlabel(label)
-    axes.grid(visible=True, which="major", color="0.9", linewidth=0.6)
+    axes.grid(visible=True, which="major", color="0.92", linewidth=0.5)

@@ -26,7 +26,7 @@ from exunet.system.states import States
 
 # The four measures of deployment with their units.
 FOUR = {
-    "largest area": "of the reference area",
+    "largest area": "of the achievable area",
     "time of largest area": "s",
     "distance": "m",
     "time above 80 %": "s",

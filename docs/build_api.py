@@ -1,0 +1,88 @@
+"""Writes docs/api.md from the docstrings of the public names: python docs/build_api.py"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import exunet
+from exunet.figures import FIGURES
+
+PAGE = Path(__file__).parent / "api.md"
+HEAD = """# The public interface
+
+`import exunet` gives the names of this page and no others; `dir(exunet)` lists them. The modules below
+`exunet` may change without notice. SI units throughout: shapes of arrays stand in parentheses, units in
+brackets. Examples are in [`examples/`](../examples), [the README](../README.md) and
+[simulation.md](simulation.md). This page is made from the docstrings by `docs/build_api.py`.
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    parts = [HEAD]
+    for group, names in exunet.API.items():
+        parts.append(f"## {group}\n")
+        for name in names:
+            parts += entry(name, getattr(exunet, name))
+        if group == "Figures":
+            parts += [
+                "| figure | shows |\n|---|---|\n" + "".join(map("| `{}` | {} |\n".format, *columns(FIGURES)))
+            ]
+    return "\n".join(parts)
+
+
+def columns(table: dict[str, str]) -> tuple[list[str], list[str]]:
+    return list(table), list(table.values())
+
+
+def entry(name: str, thing: Any) -> Iterator[str]:
+    """Heading, signature and docstring of a function or a class, and of the public members of a class."""
+    yield f"### exunet.{name}\n"
+    parts = [described(name, thing)]
+    if inspect.isclass(thing):
+        for member, value in vars(thing).items():
+            if not member.startswith("_") and is_member(value) and inspect.getdoc(value):
+                parts.append(described(member, value, "."))
+    yield "```text\n" + "\n\n".join(parts) + "\n```\n"
+
+
+def is_member(value: Any) -> bool:
+    return isinstance(value, FunctionType | property | classmethod | staticmethod)
+
+
+def described(name: str, thing: Any, prefix: str = "") -> str:
+    """A signature, or the name of a property or a plain value, with the docstring below it."""
+    text = inspect.getdoc(thing) or ""
+    if isinstance(thing, property):
+        head = name
+    elif inspect.isclass(thing):
+        plain = dataclasses.is_dataclass(thing) or issubclass(thing, Exception)
+        head = "" if plain else signature(name, thing).removesuffix(" -> None")
+    else:
+        inner = thing.__func__ if isinstance(thing, classmethod | staticmethod) else thing
+        head = signature(name, inner)
+        for first in ("self, ", "self", "cls, ", "cls"):
+            head = head.replace(f"({first}", "(", 1)
+    if not head:
+        return text
+    return f"{prefix}{head}\n" + "\n".join(f"    {line}".rstrip() for line in text.splitlines())
+
+
+def signature(name: str, thing: Any) -> str:
+    """As it is written in the code, without quotation marks round types; long ones on several lines."""
+    found = inspect.signature(thing)
+    text = f"{name}{found}".replace("'", "")
+    if len(text) <= 110:
+        return text
+    arguments = ",\n    ".join(str(one).replace("'", "") for one in found.parameters.values())
+    returns = "" if found.return_annotation is found.empty else f" -> {found.return_annotation}"
+    return f"{name}(\n    {arguments},\n){returns}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

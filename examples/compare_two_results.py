@@ -1,0 +1,28 @@
+"""Run a case twice and say until when the two agree: python examples/compare_two_results.py [CASE] [END]
+
+The second run has a tighter tolerance. Files work in the same way: exunet.compare("a.h5", "b.h5").
+"""
+
+from __future__ import annotations
+
+import sys
+
+import exunet
+
+
+def main(case: str = "cases/planar_deployment.toml", end: str = "2.0") -> exunet.Agreement:
+    """Prints and returns the differences of the two runs until `end` [s]."""
+    changes = [f"time.end={end}", "engine.loop=compiled", "solver.method=DOPRI5"]
+    one, other = (
+        exunet.run(exunet.load(case, [*changes, f"solver.tolerance={tolerance}"]))
+        for tolerance in (1e-7, 1e-9)
+    )
+    found = exunet.compare(one, other)
+    until = "the end" if found.agrees_until is None else f"{found.agrees_until:.3f} s"
+    print(f"the runs agree until {until}")
+    print(f"at the end their positions differ by {found.position_difference[-1]:.1e} m at most")
+    return found
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:3])

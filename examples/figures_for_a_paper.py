@@ -1,0 +1,29 @@
+"""Figures for a paper, of one column and of two: python examples/figures_for_a_paper.py RESULT FOLDER
+
+RESULT is a folder of `exunet run`, or its result.h5.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import exunet
+
+
+def main(result: str, folder: str) -> list[Path]:
+    """Writes the figures; returns their paths."""
+    run = exunet.load_result(result)
+    # All figures for a column of 85 mm; without a title, which belongs into the caption.
+    written = exunet.save_figures(run, folder, format="pdf", size=(85, 60))
+    # One figure across two columns, with an axis of its own.
+    figure = exunet.figure(run, "largest_tension", size=(170, 70))
+    figure.axes[0].set_xlim(0.0, run.time[-1])
+    wide = Path(folder) / "largest_tension_wide.svg"
+    figure.savefig(wide)
+    print(*written, wide, sep="\n")
+    return [*written, wide]
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:3])

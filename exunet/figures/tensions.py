@@ -1,0 +1,84 @@
+"""Tensions on the reference net: the larger, the darker and the broader, with a colour bar."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from exunet.figures.page import Page, line_scale
+from exunet.figures.panels import framed
+from exunet.figures.style import BLACK
+from exunet.figures.views import best_view, broadness
+from exunet.results.measures import peak_tensions
+from exunet.results.result import Result
+
+Floats = NDArray[np.float64]
+
+BAR = 0.52  # inch, for a colour bar with its numbers and its label
+SLACK: dict[str, Any] = {"color": "0.45", "linestyle": ":", "linewidth": 0.9}
+
+
+def tensions(result: Result, page: Page) -> Figure | None:
+    """Largest tension of each element at the stored times, on the reference net; None without elements."""
+    if result.net.n_elements == 0:
+        return None
+    return tension_map(result, page, peak_tensions(result), "largest tension at the stored times [N]")
+
+
+def tension_map(result: Result, page: Page, peaks: Floats, label: str) -> Figure:
+    """Tensions (n_elements,) [N] on the reference net: the larger, the darker and the broader.
+
+    label : of the colour bar: which tensions they are
+    Elements without tension are dotted.
+    """
+    net = result.net
+    view = best_view(net, [net.reference_position], margin=0.08)
+    top = float(peaks.max()) or 1.0
+    entries = []
+    if len(net.bullet_nodes):
+        entries.append(Line2D([], [], color=BLACK, linestyle="", marker="o", markersize=4, label="bullet"))
+    if not peaks.all():
+        entries.append(Line2D([], [], label="no tension", **SLACK))
+    above = BAR if peaks.any() else 0.05
+    figure, (axes,) = framed(result, page, view, 1, "Tensions", entries, above, 120.0)
+    colors = tension_colors()
+    broad = line_scale(figure) * broadness(net) * (0.6 + 3.0 * peaks / top)
+    order = np.argsort(peaks, kind="stable")  # the largest on top
+    for ax, plane in zip(axes, view.planes, strict=True):
+        ends = net.reference_position[net.element_nodes[order]][..., plane]
+        taut = peaks[order] > 0.0
+        ax.add_collection(LineCollection(list(ends[~taut]), **SLACK), autolim=False)
+        drawn = LineCollection(list(ends[taut]), cmap=colors, norm=Normalize(0.0, top), capstyle="round")
+        drawn.set(array=peaks[order][taut], linewidths=broad[order][taut])
+        ax.add_collection(drawn, autolim=False)
+        dots = net.reference_position[net.bullet_nodes][:, plane]
+        ax.scatter(dots[:, 0], dots[:, 1], s=14, color=BLACK, zorder=3, linewidths=0)
+    if peaks.any():
+        _colour_bar(figure, axes, ScalarMappable(Normalize(0.0, top), colors), label)
+    return figure
+
+
+def tension_colors() -> Colormap:
+    """From light to dark, evenly in lightness; its lightest still shows on white."""
+    return ListedColormap(colormaps["cividis_r"](np.linspace(0.1, 1.0, 256)), "tensions")
+
+
+def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable, label: str) -> None:
+    """A bar above the panel, as wide as it."""
+    boxes = [ax.get_position() for ax in axes]
+    left, right = min(box.x0 for box in boxes), max(box.x1 for box in boxes)
+    top, height = max(box.y1 for box in boxes), figure.get_figheight()
+    place = (left, top + 0.07 / height, right - left, 0.09 / height)
+    bar = figure.colorbar(shown, cax=figure.add_axes(place), orientation="horizontal")
+    bar.ax.xaxis.set_ticks_position("top")
+    bar.ax.xaxis.set_label_position("top")
+    bar.set_label(label, labelpad=3)

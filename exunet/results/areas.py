@@ -1,0 +1,156 @@
+"""Areas of a net: of its mouth, of its mesh openings, and the largest one that its mouth can have.
+
+Two areas of a net are distinguished:
+
+- the **mouth area** is the area of the closed polygon through the net's corner knots. When its corners do
+  not lie in a plane, it is triangulated as a fan from the mean of its corners, and the area is the sum of the
+  areas of the triangles. It says how much a net has opened; the four measures of deployment use it.
+- the **mesh area** is the sum over all mesh openings of the opening's area, each triangulated in the same way
+  from the mean of its nodes. Each opening counts as positive, so where the net is folded, layers that lie on
+  each other count twice.
+
+Both areas are unsigned and do not change when the net is moved or turned. They are exact for flat polygons
+that are seen whole from the mean of their corners (all convex ones); others come out too large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from exunet.net.arrays import Net
+
+Floats = NDArray[np.float64]
+
+_AT_ONCE = 2**12  # loops times states, for arrays that stay in the processor's cache
+_DISTANCES = 2**22  # from corners to nodes, for one call of the search
+
+
+def mouth_area(net: Net, position: Floats) -> Floats:
+    """Area of the net's mouth [m2]; position (..., n_nodes, 3) [m] -> (...).
+
+    The mouth is the closed polygon through the net's corner knots, triangulated as a fan from the mean of its
+    corners; its area is the sum of the areas of the triangles. Zero for a net without a mouth.
+    """
+    return _loops_area((net.mouth,), position)
+
+
+def mesh_area(net: Net, position: Floats) -> Floats:
+    """Sum of the areas of the net's mesh openings [m2]; position (..., n_nodes, 3) [m] -> (...).
+
+    Each opening is triangulated as a fan from the mean of its nodes and counts as positive: where the net is
+    folded, layers that lie on each other count twice. Zero for a net without openings.
+    """
+    return _loops_area(net.faces, position)
+
+
+def achievable_area(net: Net) -> float:
+    """The largest area [m2] that the mouth can have while no thread is longer than its reference length.
+
+    Neighbouring corners of the mouth can be apart by at most the shortest way along the threads from one to
+    the other, which is the net's border (`border_lengths`); the largest polygon with such sides is that of
+    `largest_polygon`. No state exceeds it but by the strain of the border: with every thread of the border
+    longer by at most a factor s, the mouth area is at most s^2 times this. That holds for corners out of a
+    plane too: the fan from their mean is a cone of at least 2 pi, in which no polygon is larger than the flat
+    one with the same sides (Reshetnyak, Sib. Math. J. 9, 1968, 683-689). Zero for a net without a mouth.
+    """
+    return largest_polygon(border_lengths(net))
+
+
+def border_lengths(net: Net) -> Floats:
+    """(n_corners,) reference length [m] of the border between each corner of the mouth and the next.
+
+    It is the shortest way along the threads: straight sides in most nets, a zigzag in a honeycomb.
+    """
+    corners = np.array(net.mouth, dtype=np.int64)
+    if len(corners) < 2:
+        return np.zeros(len(corners))
+    graph = _threads(net)
+    following = np.roll(corners, -1)
+    found = []
+    many = max(1, _DISTANCES // net.n_nodes)
+    for at in range(0, len(corners), many):
+        ways = dijkstra(graph, directed=False, indices=corners[at : at + many])
+        found.append(ways[np.arange(len(ways)), following[at : at + many]])
+    return np.concatenate(found)
+
+
+def _threads(net: Net) -> csr_array:
+    """(n_nodes, n_nodes) reference lengths [m]; of several elements between two nodes the shortest."""
+    ends = np.sort(net.element_nodes, axis=1)
+    order = np.lexsort((net.reference_length, ends[:, 1], ends[:, 0]))
+    _, first = np.unique(ends[order], axis=0, return_index=True)
+    chosen = order[first]
+    places = (ends[chosen, 0], ends[chosen, 1])
+    return csr_array((net.reference_length[chosen], places), shape=(net.n_nodes, net.n_nodes))
+
+
+def largest_polygon(lengths: Floats) -> float:
+    """The largest area [m2] of a polygon whose sides are at most `lengths` (n,) [m], in any order.
+
+    Of all polygons with given sides, the one inscribed in a circle is the largest; its radius is unique
+    (I. Pinelis, "Cyclic polygons with given edge lengths: existence and uniqueness", J. Geom. 82, 2005,
+    156-171). A side longer than the diameter of the half circle that the others span would only cost area:
+    it is then that diameter. Infinite lengths are sides that nothing holds. Zero for fewer than three sides
+    with a length.
+    """
+    sides = np.sort(lengths[lengths > 0.0])
+    if len(sides) < 3:
+        return 0.0
+    *_, longest = sides
+    others = sides[:-1]
+    if not np.isfinite(others[-1]):
+        return float("inf")
+    # With the curvature c = 1 / diameter, a side of length s spans half the angle asin(s c) at the centre.
+    half_circle = _curvature(others, 1.0 / others[-1], np.pi / 2)
+    if longest * half_circle >= 1.0:
+        angles = np.arcsin(np.minimum(others * half_circle, 1.0))
+        return float(np.sin(2.0 * angles).sum() / (8.0 * half_circle**2))
+    curvature = _curvature(sides, 1.0 / longest, np.pi)
+    angles = np.arcsin(np.minimum(others * curvature, 1.0))
+    angles = np.append(angles, np.pi - angles.sum())
+    return float(np.sin(2.0 * angles).sum() / (8.0 * curvature**2))
+
+
+def _curvature(sides: Floats, most: float, angle: float) -> float:
+    """1 / diameter [1/m], up to `most`, of the circle in which sides (n,) [m] span half the angle `angle`."""
+
+    def excess(part: float) -> float:
+        return float(np.arcsin(np.minimum(sides * (part * most), 1.0)).sum()) - angle
+
+    if excess(1.0) <= 0.0:  # by round-off
+        return most
+    return float(most * brentq(excess, 0.0, 1.0, xtol=1e-300, rtol=4 * np.finfo(float).eps))
+
+
+def _loops_area(loops: Sequence[tuple[int, ...]], position: Floats) -> Floats:
+    """Sum of the areas of closed loops of nodes, each a fan of triangles from the mean of its nodes."""
+    groups: dict[int, list[tuple[int, ...]]] = {}
+    for loop in loops:
+        groups.setdefault(len(loop), []).append(loop)
+    axes = np.moveaxis(position, -1, 0).reshape(3, -1, position.shape[-2])  # (3, n_states, n_nodes)
+    area = np.zeros(axes.shape[1])
+    for length, group in groups.items():
+        if length > 2:
+            nodes = np.array(group)
+            many = max(1, _AT_ONCE // len(nodes))
+            for at in range(0, len(area), many):
+                area[at : at + many] += _fans(axes[:, at : at + many], nodes)
+    return area.reshape(position.shape[:-2])
+
+
+def _fans(axes: Floats, nodes: NDArray[np.int64]) -> Floats:
+    """(n_states,) areas of loops, summed; axes (3, n_states, n_nodes) [m], nodes (n_loops, n_corners)."""
+    corners = [axes[:, :, nodes[:, k]] for k in range(nodes.shape[1])]
+    mean = sum(corners[1:], corners[0]) / len(corners)
+    spokes = [corner - mean for corner in corners]
+    doubled = np.zeros(axes.shape[1])
+    for (ax, ay, az), (bx, by, bz) in zip(spokes, spokes[1:] + spokes[:1], strict=True):
+        across = (ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2
+        doubled += np.sqrt(across).sum(axis=-1)
+    return 0.5 * doubled

@@ -1,0 +1,143 @@
+"""The public interface: its page, dir(), the examples, the table of a result, and compare."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from result_samples import square_net, unfolding
+
+import exunet
+from exunet.base.errors import InputError, MissingExtra
+from exunet.results import measures as metrics
+from exunet.results.result import BodyStates
+
+ROOT = Path(__file__).parent.parent
+PLANAR = str(ROOT / "cases" / "planar_deployment.toml")
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+def script(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_is_what_its_script_makes():
+    made = script(ROOT / "docs" / "build_api.py").page()
+    words = "docs/api.md is not up to date: python docs/build_api.py"
+    assert (ROOT / "docs" / "api.md").read_text(encoding="utf-8") == made, words
+
+
+def test_dir_lists_the_public_names_and_each_can_be_had():
+    """In a process of its own: names that were imported before do not help, and nothing heavy is loaded."""
+    program = """
+import sys, exunet
+names = dir(exunet)
+assert not {"numpy", "matplotlib", "exudyn"} & set(sys.modules), "import exunet is not cheap"
+assert names == sorted(exunet.__all__)
+for name in names:
+    assert getattr(exunet, name) is not None
+assert dir(exunet) == names
+try:
+    exunet.no_such_name
+except AttributeError as error:
+    assert "no_such_name" in str(error)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_public_function_and_class_is_described():
+    for name in set(exunet.__all__) - {"__version__"}:
+        text = getattr(exunet, name).__doc__
+        assert text, name
+        assert len(text) > 25, name
+
+
+def test_every_example_is_tested_here():
+    tested = {name.removeprefix("test_example_") for name in globals() if name.startswith("test_example_")}
+    assert tested == {path.stem for path in EXAMPLES}
+
+
+def test_example_push_a_bullet():
+    """1 N on 0.5 kg for 0.1 s, then 0.05 s on: 1/2 a t^2 + a t s = 10 mm + 10 mm; the string is slack."""
+    (path,) = [one for one in EXAMPLES if one.stem == "push_a_bullet"]
+    mass = exunet.prepare(exunet.load(PLANAR).scene).net.mass[0]
+    assert script(path).main(PLANAR) == pytest.approx(0.01 / mass, rel=1e-3)
+
+
+def test_example_parameter_study():
+    (path,) = [one for one in EXAMPLES if one.stem == "parameter_study"]
+    slow, fast = script(path).main(PLANAR, "0.62", (2.0, 3.0))
+    assert slow.largest_area < fast.largest_area
+
+
+def test_example_compare_two_results():
+    (path,) = [one for one in EXAMPLES if one.stem == "compare_two_results"]
+    found = script(path).main(PLANAR, "0.3")
+    assert found.agrees_until is None
+    assert found.time[-1] == 0.3
+
+
+def test_example_figures_for_a_paper(tmp_path):
+    (path,) = [one for one in EXAMPLES if one.stem == "figures_for_a_paper"]
+    exunet.save(unfolding(square_net(cells=2, strings=True)), tmp_path / "result.h5")
+    written = script(path).main(str(tmp_path), str(tmp_path / "figures"))
+    assert {one.suffix for one in written} == {".pdf", ".svg"}
+    assert all(one.stat().st_size > 5_000 for one in written)
+
+
+def test_compare_takes_results_and_files(tmp_path):
+    one = unfolding(square_net(cells=2))
+    other = replace(one, position=one.position + 0.25)
+    exunet.save(other, tmp_path / "other.h5")
+    for found in (exunet.compare(one, other), exunet.compare(one, tmp_path / "other.h5")):
+        np.testing.assert_allclose(found.position_difference, 0.25 * 3**0.5, rtol=1e-12)
+        assert found.speed_difference.max() == 0.0
+        assert found.agrees_until == 0.0
+    with pytest.raises(InputError, match="not the same net"):
+        exunet.compare(one, unfolding(square_net(cells=3)))
+    with pytest.raises(InputError, match="cannot be read"):
+        exunet.compare(tmp_path / "none.h5", one)
+
+
+def test_a_table_needs_pandas(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(MissingExtra, match=r"pip install 'exunet\[pandas\]'"):
+        unfolding(square_net()).to_frame()
+
+
+def test_a_table_has_the_results_numbers():
+    pytest.importorskip("pandas")
+    of = unfolding(square_net(cells=2, strings=True), lift=0.3)
+    turning, still = np.linspace(0.0, 1.0, 21).reshape(7, 3), np.zeros((7, 3))
+    rigid = BodyStates(2.0, np.eye(3), still, still, np.tile([1.0, 0.0, 0.0, 0.0], (7, 1)), turning)
+    of = replace(of, bodies={"target": rigid, "chaser": BodyStates(5.0, None, turning, still)})
+    table = of.to_frame()
+    assert table.index.name == "time [s]"
+    np.testing.assert_array_equal(table.index, of.time)
+    bullets = [f"speed of node {node} [m/s]" for node in of.net.bullet_nodes]
+    known = {
+        "kinetic energy [J]": of.kinetic,
+        "elastic energy [J]": of.elastic,
+        "mouth area [m2]": metrics.mouth_area(of.net, of.position),
+        "largest tension [N]": of.tension.max(axis=1),
+        "momentum z [kg m/s]": of.momentum[:, 2],
+        "target angular velocity y [rad/s]": turning[:, 1],
+        "chaser position x [m]": turning[:, 0],
+        **dict(zip(bullets, metrics.bullet_speeds(of).T, strict=True)),
+    }
+    for name, values in known.items():
+        np.testing.assert_allclose(table[name], values, rtol=1e-14)
+    assert "chaser angular velocity x [rad/s]" not in table
+    assert all(name.endswith("]") for name in table)

@@ -1,0 +1,119 @@
+"""summary.json against its table in docs/results.md: every key is there, with the unit that its name says."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from result_samples import square_net, unfolding
+from small_nets import pair_of_masses, thrown
+from typer.testing import CliRunner
+
+import exunet
+from exunet.base.errors import UncheckedRun
+from exunet.interfaces.cli import app
+from exunet.results.summary import rows, summarise
+
+ROOT = Path(__file__).parent.parent
+CASES = ROOT / "cases"
+SECTION = (
+    (ROOT / "docs" / "results.md").read_text(encoding="utf-8").split("## summary.json")[1].split("\n## ")[0]
+)
+TABLE = [
+    key for row in re.findall(r"^\| (`.*?) \| ", SECTION, re.MULTILINE) for key in re.findall("`(.*?)`", row)
+]
+NAMED = ("bodies.", "method.items.", "versions.")  # followed by names of the user's or of the engine's choice
+UNITS = ("_s", "_m", "_m2", "_m_s", "_kg", "_N", "_J")
+WITHOUT = {  # numbers that have no unit
+    "nodes", "elements", "element", "balance_error", "relative_area", "energy_excess", "tolerance", "steps",
+    "rejected_steps", "right_hand_sides", "newton_iterations", "accuracy", "at_end", "largest", "best",
+    "sensitivity",
+}  # fmt: skip
+
+
+def keys(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Paths of all leaves, with names replaced by * and items of lists by []."""
+    if isinstance(value, dict) and (value or path.rstrip(".") in ("", "bodies", "method.items", "versions")):
+        for name, part in value.items():
+            yield from keys(part, f"{path}{'*' if path in NAMED else name}.")
+    elif isinstance(value, list):
+        for part in value:
+            yield from keys(part, f"{path.rstrip('.')}[].")
+    else:
+        yield path.rstrip("."), value
+
+
+@pytest.fixture(scope="module")
+def summaries(tmp_path_factory) -> list[dict[str, Any]]:
+    """Of runs that between them have everything a summary can have."""
+    folder = tmp_path_factory.mktemp("runs")
+    short = ["--set", "time.end=0.03", "--set", "engine.loop=compiled"]
+    body = ["--set", "bodies.target={mass=7.0, inertia=[2, 3, 4], velocity=[1, 0, 0]}"]
+    commands = (
+        [str(CASES / "planar_deployment.toml"), "--check", "--estimate-error", *short],
+        [str(CASES / "planar_deployment.toml"), "--check", *short, *body],
+        [str(CASES / "effects" / "breaking.toml")],
+    )
+    found = []
+    for k, command in enumerate(commands):
+        out = folder / str(k)
+        done = CliRunner().invoke(app, ["run", *command, "--out", str(out)])
+        assert done.exception is None or isinstance(done.exception, UncheckedRun), done.output
+        found.append(json.loads((out / "summary.json").read_text(encoding="utf-8")))
+    # 0.9 of the stable step loses energy at each snap: the run is retried.
+    found.append(summarise(exunet.run(thrown({"method": "RK44", "step": 2.3e-4}, end=0.7))))
+    return found
+
+
+def test_every_key_is_in_the_table_and_every_row_in_a_file(summaries):
+    seen = {path for summary in summaries for path, _ in keys(summary)}
+    assert sorted(seen - set(TABLE)) == []
+    # A group stands in the table for what is null in its place.
+    assert sorted(set(TABLE) - seen) == []
+    assert len(TABLE) == len(set(TABLE))
+
+
+def test_names_have_the_units_of_their_numbers(summaries):
+    for summary in summaries:
+        for path, value in keys(summary):
+            name = path.split(".")[-1].removesuffix("[]")
+            if isinstance(value, float | int) and not isinstance(value, bool) and name != "*":
+                assert name.endswith(UNITS) != (name in WITHOUT), path
+
+
+def test_nothing_is_said_twice():
+    """Of a run with snaps and a common flight, in which no two quantities happen to be equal."""
+    thrown_net = thrown({}, end=0.4, launch={"radial_speed": 5.0, "axial_speed": 2.0})
+    damped = thrown_net.model_copy(
+        update={"effects": exunet.load(CASES / "planar_deployment.toml").scene.effects}
+    )
+    values = [value for _, value in keys(summarise(exunet.run(damped))) if isinstance(value, float)]
+    told = [value for value in values if len(repr(value)) > 10]
+    assert len(told) > 8
+    assert len(told) == len(set(told)), sorted(told)
+
+
+def test_a_result_that_tells_no_peak_has_that_of_its_stored_times():
+    of = unfolding(square_net(cells=2, strings=True), times=5)
+    of.tension[3, 2] = 17.0
+    assert summarise(of)["largest_tension"] == {
+        "tension_N": 17.0, "time_s": 0.75, "element": 2, "of": "stored times",
+    }  # fmt: skip
+    slack = exunet.run(pair_of_masses(engine={"loop": "compiled"}, time={"end": 0.1, "output_step": 0.1}))
+    found = summarise(slack)
+    assert found["largest_tension"] == {"tension_N": 0.0, "time_s": None, "element": None, "of": "all steps"}
+    assert ("largest tension", "0 N: no element was ever taut") in rows(found)
+
+
+def test_the_table_names_the_area_that_80_percent_is_of():
+    keys = {"method": "DOPRI5", "tolerance": 1e-6}
+    summary = summarise(exunet.run(thrown(keys, end=0.05, engine={"loop": "compiled"})))
+    table = dict(rows(summary))
+    assert table["largest area"].endswith("25.0% of the achievable 4.000 m2")
+    assert table["area above 80 %"].endswith("(3.200 m2)")
+    assert np.isclose(summary["deployment"]["achievable_area_m2"], 4.0, rtol=1e-14)
