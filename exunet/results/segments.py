@@ -162,6 +162,9 @@ class SegmentStore(Segments):
                 _remove_files(folder)
                 write_arrays(folder / RUN, "exunet run", VERSION, header, arrays)
                 _write_index(folder, identity, [], 0, None, [])
+            except BaseException:  # such as a full disk: nothing is left of the attempt
+                _remove_all(folder)
+                raise
             finally:
                 os.close(lock)
         except OSError as error:
@@ -237,17 +240,16 @@ class SegmentStore(Segments):
     def close(self) -> None:
         """Write what is in memory, and let other processes write to the folder."""
         if self._unlock.alive:
-            self.flush()
-            self._unlock()
+            try:
+                self.flush()
+            finally:
+                self._unlock()
 
     def discard(self) -> None:
         """Remove the store's files, and its folder if nothing else is in it."""
         self._block.count = 0
-        _remove_files(self.folder)
-        (self.folder / LOCK).unlink(missing_ok=True)
+        _remove_all(self.folder)
         self._unlock()
-        with suppress(OSError):  # not empty
-            self.folder.rmdir()
 
     def _index(self) -> None:
         _write_index(
@@ -299,6 +301,14 @@ def _remove_files(folder: Path) -> None:
     """All containers, those that belong to checkpoints too; the index first, without which none counts."""
     for path in (folder / INDEX, *folder.glob("*.exu")):
         path.unlink(missing_ok=True)
+
+
+def _remove_all(folder: Path) -> None:
+    """The containers, the lock, and the folder if nothing else is in it."""
+    _remove_files(folder)
+    (folder / LOCK).unlink(missing_ok=True)
+    with suppress(OSError):  # not empty
+        folder.rmdir()
 
 
 def _locked(folder: Path) -> int:
