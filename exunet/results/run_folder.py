@@ -88,8 +88,6 @@ def refuse_taken(folder: Path) -> None:
         words = f"continue it (exunet resume {quote(str(folder))}), put it aside (--overwrite)"
         where = f"{folder}: there is an unfinished run in this folder"
         raise InputError(f"{where}: {words}, or give another --out")
-            f"{folder}: there is an unfinished run in this folder: {words}, or give another --out"
-        )
     if has_result(folder):
         raise InputError(
             f"{folder}: there is a result in this folder: replace it (--overwrite), or give another --out"
