@@ -26,7 +26,7 @@ from exunet.system.stability import largest_frequency
 _LOOP, _LOOP_ELEMENT = 1.5e-7, 7e-9
 _STEP = 5e-5  # [s] of looking at a step, where Exudyn steps
 _STORED, _STORED_ELEMENT = 3e-5, 4e-8  # [s] of storing a state
-_FIRST = 0.5  # [s] until the first step, and from the last to the end
+_REST = 2.0  # [s] of starting, and of drawing the figures
 _NEWTON = 5.0  # right-hand sides of an implicit step, each of them dearer by
 _IMPLICIT = 10.0
 
@@ -77,9 +77,9 @@ def expected_cost(start: Start, trial: Trial | None = None) -> ExpectedCost:
     states = len(stored_times(start.scene.time))
     row = sum(column.row_bytes for column in columns_of(start.system))
     number, factor, counted = _right_hand_sides(start, trial)
-    seconds = _FIRST + number * _seconds_each(start) + states * _seconds_stored(start)
+    seconds = _REST + number * _seconds_each(start) + states * _seconds_stored(start)
     if trial is not None and start.scene.engine.loop == TimeLoop.COMPILED:
-        seconds = _FIRST + number * trial.seconds_each + states * _seconds_stored(start)
+        seconds = _REST + number * trial.seconds_each + states * _seconds_stored(start)
     kept = states * row + _FILES
     return ExpectedCost(
         seconds=seconds,

@@ -23,7 +23,7 @@ from exunet.studies.cost.figure import work_precision
 from exunet.studies.cost.runners import Subject
 from exunet.studies.cost.settings import base
 from exunet.studies.cost.study import Study, all_rungs, climb
-from exunet.studies.cost.table import answer_rows, measure_rows, write_csv
+from exunet.studies.cost.table import answer_rows, failed_rows, measure_rows, write_csv
 
 INTERRUPTED = 130
 FILES = TABLE, FIGURE, WORDS = "cost.csv", "work_precision.png", "cost.md"
@@ -65,7 +65,8 @@ def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
     rows += [*_failures(study), *_left_out(study, budget), *notes]
     if study.interrupted:
         rows.insert(0, ("INCOMPLETE", "interrupted; what was measured until then is kept"))
-    print_table(title, [*map(_brief, rows), ("written to", f"{folder}/")])
+    brief = [row for row in rows if row[0] != "failed"]
+    print_table(title, [*brief, *failed_rows(study), ("written to", f"{folder}/")])
     _write_words(folder, title, study, rows)
     return INTERRUPTED if study.interrupted else 0
 
@@ -123,12 +124,6 @@ def _left_out(study: Study, budget: float) -> list[tuple[str, str]]:
     )
     rows = [("left out", words)]
     return rows + ([("never run", ", ".join(never))] if never else [])
-
-
-def _brief(row: tuple[str, str]) -> tuple[str, str]:
-    """For the terminal; cost.md has reasons in full."""
-    name, words = row
-    return (name, words[:107] + "...") if name == "failed" and len(words) > 110 else row
 
 
 def _ready(folder: Path) -> None:

@@ -27,12 +27,14 @@ class Setting:
 
     tolerance : of an adaptive method, per step: relative to the launch speed [1], else None
     step      : of a fixed-step method [s], else None
+    forced    : the step is above the one that exunet runs unasked
     """
 
     code: Code
     method: str
     tolerance: float | None = None
     step: float | None = None
+    forced: bool = False
 
     @property
     def name(self) -> str:
@@ -46,6 +48,11 @@ class Setting:
     def conserves(self) -> bool:
         """True if the energy balance holds by construction, however wrong the run."""
         return self.method == "EM"
+
+    @property
+    def in_a_case(self) -> bool:
+        """True if a case can ask for it: not for a method of the reference, nor beyond the stable step."""
+        return self.code != "reference" and not self.forced
 
     @property
     def size(self) -> float:
@@ -71,7 +78,13 @@ def ladders(
 
     def steps(code: Code, method: str, unit: str, parts: tuple[float, ...]) -> list[Setting]:
         found = {min(part * stable[unit], end / 100.0) for part in parts}
-        return [Setting(code, method, step=step) for step in sorted(found, reverse=True)]
+        return [
+            Setting(code, method, step=step, forced=code != "reference" and beyond(method, step))
+            for step in sorted(found, reverse=True)
+        ]
+
+    def beyond(method: str, step: float) -> bool:
+        return METHODS[Method(method)].kind == Kind.EXPLICIT and step > stable[method]
 
     def of_exunet(code: Code, method: str) -> list[Setting]:
         facts = METHODS[Method(method)]
