@@ -1,4 +1,4 @@
-"""What `exunet check` says a run will take, beside what it took: wall time, memory, and the rest of the way.
+"""What `exunet check` says a run will take, beside what it took: time, memory, disk, and the rest of the way.
 
     python benchmarks/estimates.py [--only NAME]
 
@@ -62,13 +62,13 @@ def measured(name: str, overrides: tuple[str, ...]) -> dict[str, object]:
     case = load(CASES / f"{name}.toml", overrides)
     looks: list[tuple[float, float, int]] = []
     with tempfile.TemporaryDirectory() as folder:
-        began = time.perf_counter()
+        began = time.process_time()
 
         def look(now: float, right_hand_sides: int) -> None:
-            looks.append((time.perf_counter() - began, now, right_hand_sides))
+            looks.append((time.process_time() - began, now, right_hand_sides))
 
         result = run_into(folder, case, start, look, None, save_figures)
-        seconds = time.perf_counter() - began
+        seconds = time.process_time() - began
         kept = sum(path.stat().st_size for path in Path(folder).rglob("*"))
     return {
         "seconds": cost.seconds,
@@ -155,12 +155,13 @@ def write(lines: list[str], ratios: list[float]) -> None:
     text = [
         "# What a run takes: estimated and measured",
         "",
-        f"`python benchmarks/estimates.py` on {platform.platform()}, {os.cpu_count()} shared cores. The estimate is",
-        "that of `exunet check`; the measured time goes from the first step to the last figure. *RHS* are",
+        f"`python benchmarks/estimates.py` on {platform.platform()}, {os.cpu_count()} shared cores.",
+        "The estimate is that of `exunet check`. The measured time goes from the first step to the last figure;",
+        "it is processor time, since other programs ran beside: wall time on an idle machine. *RHS* are",
         "right-hand sides; *factor* is the uncertainty that the estimate states; memory and disk are bounds.",
         "*rest*: the time foretold to be left over what was left, at a quarter, half and three quarters of the",
-        "stepping; *told* with the number of right-hand sides that the estimate counted, *learned* from the pace",
-        "alone (the middle of the range that the run prints).",
+        "stepping; *told* with the number of right-hand sides that the estimate counted, *learned* from the pace alone",
+        "(the middle of the range that the run prints).",
         "",
         "| " + " | ".join(heads) + " |",
         "|" + "---|" * len(heads),

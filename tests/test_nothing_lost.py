@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 from pathlib import Path
 
@@ -187,17 +186,8 @@ def test_a_full_disk_leaves_the_first_result(first):
         "resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, resource.RLIM_INFINITY))\n"
         "from exunet.interfaces.cli import main\nmain()\n"
     )  # fmt: skip
-    assert resource.RLIM_INFINITY  # the module is there
-    arguments = (
-        "run",
-        PLANAR,
-        *SHORT[:2],
-        "--set",
-        "time.output_step=0.0001",
-        "--out",
-        "here",
-        "--overwrite",
-    )
+    many = ("--set", "time.end=0.02", "--set", "time.output_step=0.0001")
+    arguments = ("run", PLANAR, *many, "--out", "here", "--overwrite")
     done = ended(process(*arguments, folder=first, program=program))
     assert done.returncode == 2
     last = done.stderr.splitlines()[-1]
