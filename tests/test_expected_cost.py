@@ -98,7 +98,7 @@ def test_what_the_machine_has_is_known(tmp_path):
     ("name", "words"),
     [
         ("disk_left", ("on disk, and 1 kB are free", "time.output_step", "--out")),
-        ("memory_left", ("of memory, and 1 kB are free", "64 elements", "time.output_step")),
+        ("memory_left", ("of memory, and 1 kB are free", "64 elements")),
     ],
 )
 def test_a_run_beyond_the_machine_is_refused_before_it_begins(tmp_path, monkeypatch, name, words):

@@ -37,8 +37,8 @@ _PER_RADIAN = (6.0, 60.0)
 EXACT, COUNTED, EXTRAPOLATED, GUESSED = 2.0, 2.5, 5.0, 15.0
 
 _PROGRAM = 300 << 20  # bytes: Python with the libraries, figures included
-_ELEMENT = 40 << 10  # bytes of an element and its nodes in the engine and in tables
-_ROWS = 24  # times the 256 states that are looked at in one go, with what is derived from them
+_ELEMENT = 8 << 10  # bytes of an element and its nodes in the engine and in tables
+_SEEN = 4  # times the states that are looked at in one go, with what is derived from them
 _WHOLE = 3 * (64 << 20)  # bytes of a result that is read at once, and of what its measures and figures make
 _FILES = 4 << 20  # bytes of figures and summary
 
@@ -145,7 +145,8 @@ def _memory(start: Start, stored: int, row: int) -> int:
     """At most, in bytes."""
     elements = max(start.net.n_elements, start.net.n_nodes)
     segments = 2 * max(8 << 20, row)
-    return _PROGRAM + elements * _ELEMENT + 256 * _ROWS * row + segments + min(3 * stored, _WHOLE)
+    seen = _SEEN * max(16 * row, min(256 * row, 16 << 20))
+    return _PROGRAM + elements * _ELEMENT + seen + segments + min(3 * stored, _WHOLE)
 
 
 def in_the_compiled_loop(start: Start, trial: Trial | None) -> ExpectedCost | None:

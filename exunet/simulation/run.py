@@ -151,7 +151,7 @@ def run_into(
     import h5py  # noqa: F401 - so that a missing h5py shows before the run, not after it
 
     start, folder = prepare_case(case) if start is None else start, Path(folder)
-    _refuse_checkpoints(start, checkpoint_every)
+    refuse_checkpoints(start, checkpoint_every)
     with held(folder):
         if not overwrite:
             refuse_taken(folder)
@@ -195,7 +195,7 @@ def _continued(folder: Path) -> tuple[Simulation, Recorder, _Checkpoints]:
         raise
 
 
-def _refuse_checkpoints(start: Start, every: float | None) -> None:
+def refuse_checkpoints(start: Start, every: float | None) -> None:
     """Raise InputError for a wrong time between checkpoints, or a method that cannot restart."""
     if every is None:
         return

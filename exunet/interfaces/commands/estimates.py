@@ -59,16 +59,16 @@ def estimated(start: Start, *, thorough: bool = False) -> Expected:
 
 def refuse_beyond(cost: Expected, start: Start, folder: Path) -> None:
     """Raise InputError if the machine has not the memory, or the folder's disk not the room."""
-    run, output = cost.run, f"{cost.run.states} states are to be stored"
-    less = "store fewer of them (time.output_step), end earlier (time.end)"
+    run = cost.run
+    less = "a larger time.output_step or an earlier time.end stores fewer than its "
+    less += f"{run.states} states"
     disk, memory = disk_left(folder), memory_left()
     if disk is not None and run.disk > disk:
         words = f"the run needs up to {size(run.disk)} on disk, and {size(disk)} are free"
-        raise InputError(f"{folder}: {words}: {output}: {less}, or give another --out")
+        raise InputError(f"{folder}: {words}; {less}, --out writes elsewhere")
     if memory is not None and run.memory > memory:
         words = f"the run needs up to {size(run.memory)} of memory, and {size(memory)} are free"
-        net = f"the net has {start.net.n_elements} elements"
-        raise InputError(f"{words}: {net}, {output}: take a coarser net, {less}, or a larger machine")
+        raise InputError(f"{words}; a net of fewer than its {start.net.n_elements} elements needs less")
 
 
 def duration(seconds: float) -> str:

@@ -32,7 +32,7 @@ from exunet.results.run_folder import (
 from exunet.results.segments import Segments
 from exunet.results.summary import rows, summarise, write_summary
 from exunet.simulation.preparation import prepare_case
-from exunet.simulation.run import Describe, Progress, resume, run_into
+from exunet.simulation.run import Describe, Progress, refuse_checkpoints, resume, run_into
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.verification.reference_run import ReferenceRun
 
@@ -83,6 +83,7 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
     disk.
     """
     start = prepare_case(case)  # whose faults come before any folder is made
+    refuse_checkpoints(start, asked.checkpoint_every)
     wanted = asked.out or folder_of(case)
     say = _silent if asked.quiet else _to_stderr
     with _opened(wanted, own=asked.out is None and not asked.overwrite) as folder:
@@ -203,15 +204,15 @@ def _opened(wanted: Path, *, own: bool) -> Iterator[Path]:
 
     Folders that were made are taken away again if the run ended with nothing in them.
     """
-    missing = [one for one in wanted.parents if not one.exists()]
-    if own:
-        folder, made = new_folder(wanted), True
-    else:
-        folder, made = wanted, not wanted.exists()
-        try:
+    try:
+        missing = [one for one in wanted.parents if not one.exists()]
+        folder, made = wanted, own or not wanted.exists()
+        if own:
+            folder = new_folder(wanted)
+        else:
             folder.mkdir(parents=True, exist_ok=True)
-        except (OSError, ValueError) as error:
-            raise cannot_write(folder, error) from error
+    except (OSError, ValueError) as error:
+        raise cannot_write(wanted, error) from error
     try:
         yield folder
     finally:
