@@ -48,7 +48,7 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a title may hold what the terminal cannot show
     try:
-        app()
+        app(prog_name="exunet")
     except ExunetError as error:
         _leave(str(error), error.exit_code)
     except KeyboardInterrupt:

@@ -100,6 +100,8 @@ def drive(
 def _through(
     simulation: Simulation, times: Floats, progress: Progress | None, checkpoint: Callable[[], None] | None
 ) -> None:
+    if progress is not None:
+        progress(simulation.time, simulation.counts.right_hand_sides)
     shown = 0.0
     while True:
         ahead = int(np.searchsorted(times, simulation.time, side="right"))

@@ -76,12 +76,14 @@ class Lines:
         clock: Callable[[], float] = clock.monotonic,
     ) -> None:
         self._end, self._pace, self._say, self._clock = end, pace, say, clock
-        self._begun, self._over = clock(), False
-        self._told, self._at = self._begun, 0.0
-        say(f"simulating {end:g} s")
+        self._begun = self._told = self._at = 0.0
+        self._running = False
 
     def __call__(self, time: float, right_hand_sides: int) -> None:
         now = self._clock()
+        if not self._running:
+            self._running, self._begun, self._told, self._at = True, now, now, time
+            self._say(f"simulating {self._end:g} s" + (f", from {time:.4g} s on" if time else ""))
         self._pace.look(now - self._begun, time, right_hand_sides)
         since, part = now - self._told, (time - self._at) / self._end
         if time < self._end and since >= OFTEN and (part >= PART or since >= SELDOM):
@@ -91,8 +93,8 @@ class Lines:
             self._say(f"{words}, {left}" if left else words)
 
     def end(self) -> None:
-        if not self._over:
-            self._over = True
+        if self._running:
+            self._running = False
             self._say(f"simulated in {duration(self._clock() - self._begun)}")
 
 
