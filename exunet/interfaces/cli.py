@@ -227,7 +227,7 @@ def cost_command(
 
     loaded = load(case, overrides)
     with located_faults(loaded):
-        code = cost(loaded, out or Path("results") / loaded.name, until, budget)
+        code = cost(loaded, out, until, budget)
     raise typer.Exit(code)
 
 

@@ -26,7 +26,7 @@ from exunet.system.stability import largest_frequency
 _LOOP, _LOOP_ELEMENT = 1.5e-7, 7e-9
 _STEP = 5e-5  # [s] of looking at a step, where Exudyn steps
 _STORED, _STORED_ELEMENT = 3e-5, 4e-8  # [s] of storing a state
-_REST = 2.0  # [s] of starting, and of drawing the figures
+_REST = 1.2  # [s] of starting, and of drawing the figures
 _NEWTON = 5.0  # right-hand sides of an implicit step, each of them dearer by
 _IMPLICIT = 10.0
 

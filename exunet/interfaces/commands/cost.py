@@ -15,7 +15,9 @@ from exunet.case.casefile import Case
 from exunet.case.scene import SHORTEST
 from exunet.codegen.compile import numba_installed
 from exunet.figures.style import drawing
+from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.table import print_table, status
+from exunet.results.run_folder import new_folder
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost.converged import INSTANTS, Converged, converge
@@ -29,9 +31,10 @@ INTERRUPTED = 130
 FILES = TABLE, FIGURE, WORDS = "cost.csv", "work_precision.png", "cost.md"
 
 
-def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
-    """Study a case and write work_precision.png, cost.csv and cost.md into `folder`; returns the exit code.
+def cost(case: Case, out: Path | None, until: float | None, budget: float) -> int:
+    """Study a case and write work_precision.png, cost.csv and cost.md; returns the exit code.
 
+    out    : folder; None: results/CASE--cost, or the next that is free
     until  : end of the runs [s], at most the case's; None: the case's
     budget : wall time [s] of all of it; at least the converged solution is computed
     Raises InputError for an `until` or a folder that cannot be used, RunStopped if not even the converged
@@ -43,7 +46,7 @@ def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
         return budget - (clock.perf_counter() - began)
 
     subject, refusal = _subject(case, until)
-    _ready(folder)
+    folder = _ready(out, folder_of(case, "cost"))
     compiled = numba_installed()
     with status() as say:
         say("converged solution")
@@ -126,17 +129,20 @@ def _left_out(study: Study, budget: float) -> list[tuple[str, str]]:
     return rows + ([("never run", ", ".join(never))] if never else [])
 
 
-def _ready(folder: Path) -> None:
-    """Refuse a folder that cannot be written before hours are spent; what is in it stays."""
+def _ready(out: Path | None, own: Path) -> Path:
+    """The folder; one that cannot be written is refused before hours are spent. What is in it stays."""
+    if out is None:
+        return new_folder(own)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):
+        out.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=out):
             pass
         for name in FILES:
-            if (folder / name).exists() and not (folder / name).is_file():
-                raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
+            if (out / name).exists() and not (out / name).is_file():
+                raise InputError(f"{out / name}: cannot be written: it is not an ordinary file")
     except OSError as error:
-        raise cannot_write(folder, error) from error
+        raise cannot_write(out, error) from error
+    return out
 
 
 def _write(study: Study, folder: Path, title: str) -> None:

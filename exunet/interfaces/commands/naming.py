@@ -14,13 +14,16 @@ _NAME = 150  # bytes of a name; file systems take 255, of which numbers and temp
 _UNSAFE = re.compile(r"[^A-Za-z0-9._+-]+")
 
 
-def folder_of(case: Case) -> Path:
-    """results/CASE--net.size=2--solver.method=RK44: the same for the same case and the same overrides."""
-    name = "--".join([case.name, *map(_short, case.overrides)])
+def folder_of(case: Case, *more: str) -> Path:
+    """results/CASE--net.size=2--solver.method=RK44: the same for the same case and the same overrides.
+
+    more : words at the end, for what is not a run
+    """
+    name = "--".join([case.name, *map(_short, case.overrides), *more])
     code = name.encode("utf-8", "surrogateescape")
     if len(code) > _NAME:
         kept = code[:_NAME].decode("utf-8", "ignore")
-        name = f"{kept}-{_hash(case.name, *case.overrides)}"
+        name = f"{kept}-{_hash(case.name, *case.overrides, *more)}"
     return RESULTS / name
 
 
