@@ -27,7 +27,9 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL")
 
 def started(folder: Path, *overrides: str) -> subprocess.Popen[str]:
     """A run that writes at each stored time, so that many kills hit a file half written."""
-    return process("run", CASE, *overrides, "--out", folder, folder=folder.parent, program=WRITING_OFTEN)
+    # What a kill before has left is put aside.
+    arguments = ("run", CASE, *overrides, "--out", folder, "--overwrite")
+    return process(*arguments, folder=folder.parent, program=WRITING_OFTEN)
 
 
 def finished(folder: Path, *overrides: str) -> int:
@@ -141,12 +143,10 @@ def test_kill_minus_9_in_a_loop(tmp_path):
 
 
 def test_a_killed_run_leaves_its_beginning(tmp_path):
-    """Also: it takes the place of an earlier, complete result, which would pass for its own."""
-    assert finished(tmp_path, *SHORT) == 0
-    assert exunet.load_result(tmp_path / "result.h5").complete
-    killed(started(tmp_path, *ENDLESS), lambda: states_stored(tmp_path) > 0)
-    assert not (tmp_path / "result.h5").exists()
-    assert check(tmp_path, 0.4) == "part"
+    """tests/test_nothing_lost.py has what becomes of an earlier result."""
+    killed(started(tmp_path / "run", *ENDLESS), lambda: states_stored(tmp_path / "run") > 0)
+    assert not (tmp_path / "run" / "result.h5").exists()
+    assert check(tmp_path / "run", 0.4) == "part"
 
 
 def test_what_a_dead_process_left_is_swept_and_what_a_living_one_writes_is_not(tmp_path):

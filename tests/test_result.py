@@ -175,7 +175,7 @@ def test_failed_write_leaves_the_older_file(stored, monkeypatch):
 
     monkeypatch.setattr("exunet.results.writing.io.FileIO", FullDisk)
     with pytest.raises(InputError, match=r"run\.h5: cannot be written: No space left on device"):
-        save(unfolding(square_net()), stored)
+        save(unfolding(square_net()), stored, overwrite=True)
     assert stored.read_bytes() == before
     assert list(stored.parent.iterdir()) == [stored]
 
@@ -205,7 +205,7 @@ def test_save_follows_the_umask_and_links(tmp_path):
     real, link = tmp_path / "real.h5", tmp_path / "link.h5"
     save(unfolding(square_net()), real)
     link.symlink_to(real)
-    save(unfolding(square_net(cells=2)), link)
+    save(unfolding(square_net(cells=2)), link, overwrite=True)
     assert link.is_symlink()
     assert load_result(real).net.n_nodes == 9  # 3 x 3 knots
     mask = os.umask(0)

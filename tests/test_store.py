@@ -328,7 +328,7 @@ def test_large_files_are_read_when_asked(monkeypatch, small_segments, tmp_path):
         assert isinstance(found.bodies["target"].attitude, StoredRows)
         assert isinstance(found.kinetic, np.ndarray)
         assert_equal(found, SAMPLE)
-        save(found, tmp_path / "again.h5")
+        save(found, tmp_path / "again.h5", overwrite=True)
         parts = list(found.parts(11))
         assert [len(part.time) for part in parts] == [11, 11, 11, 7]
         assert all(isinstance(part.bodies["chaser"].position, np.ndarray) for part in parts)

@@ -50,10 +50,7 @@ def require_numba(purpose: str) -> None:
 
 def compiled_module(source: str) -> ModuleType:
     """The module of this text with its functions compiled when first called; needs Numba."""
-    import numba
-
-    versions = f"{numba.__version__} {platform.python_version()} {platform.machine()}"
-    name = "exunet_kernel_" + hashlib.sha256((versions + source).encode()).hexdigest()[:20]
+    name = _name(source)
     if name in sys.modules:
         return sys.modules[name]
     path = _kept(name, _with_decorator(source, cache=True))
@@ -68,6 +65,11 @@ def compiled_module(source: str) -> ModuleType:
         spec.loader.exec_module(module)
     sys.modules[name] = module
     return module
+
+
+def _name(source: str) -> str:
+    versions = f"{numba_version()} {platform.python_version()} {platform.machine()}"
+    return "exunet_kernel_" + hashlib.sha256((versions + source).encode()).hexdigest()[:20]
 
 
 def interpreted_module(source: str) -> ModuleType:
@@ -123,3 +125,10 @@ def _own(folder: Path) -> bool:
         return True
     status = folder.stat()
     return status.st_uid == os.getuid() and not status.st_mode & 0o022
+
+
+def kept_before(source: str) -> bool:
+    """True if functions of this text were compiled before and kept; needs Numba."""
+    name = _name(source)
+    kept = (folder / "__pycache__" for folder in _folders())
+    return name in sys.modules or any(next(one.glob(f"{name}.*.nbi"), None) for one in kept)

@@ -59,6 +59,22 @@ class OrbitKeys(Table):
         """Of the orbit, (mu / n^2)^(1/3) [m]."""
         return math.cbrt(EARTH_MU / self.rate**2)
 
+    @property
+    def height(self) -> float:
+        """Above Earth's equatorial radius [m]."""
+        return self.radius - EARTH_RADIUS if self.altitude is None else self.altitude
+
+    @property
+    def words(self) -> str:
+        """For an estimate that assumes it."""
+        return f"an orbit at {self.height / 1e3:.0f} km"
+
+
+# Of a case that names no orbit.
+NOMINAL = OrbitKeys.model_validate(
+    {"altitude": 700e3, "radial": (0.0, 0.0, 1.0), "along_track": (1.0, 0.0, 0.0)}
+)
+
 
 def at_right_angles(keys: OrbitKeys) -> Iterator[Fault]:
     """A fault unless the two directions of an orbit are at right angles."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.blocks import Blocks
+from exunet.forces.directions import OrbitKeys
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -41,12 +42,14 @@ class EstimateBasis:
     net      : the woven net
     duration : of the scene [s]
     position, velocity : (n_nodes, 3) initial state [m], [m/s]
+    orbit    : of the case; None: it has none
     """
 
     net: Net
     duration: float
     position: Floats
     velocity: Floats
+    orbit: OrbitKeys | None = None
 
     @cached_property
     def blocks(self) -> Blocks:

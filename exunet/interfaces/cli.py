@@ -16,12 +16,13 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from exunet.base.errors import ExunetError, InputError
+from exunet.base.version import VERSION
 
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    help="Simulates deployable nets.",
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
@@ -40,6 +41,7 @@ Overrides = Annotated[
     list[str],
     typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the case (empty: remove it)"),
 ]
+Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
 Folder = Annotated[Path | None, typer.Option(help="folder for what is written", metavar="DIR", parser=_path)]
 
 
@@ -49,7 +51,7 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a title may hold what the terminal cannot show
     try:
-        sys.exit(app(standalone_mode=False) or 0)
+        sys.exit(app(prog_name="exunet", standalone_mode=False) or 0)
     except ExunetError as error:
         _leave(str(error), error.exit_code)
     except _UsageError as error:
@@ -73,10 +75,29 @@ def _leave(words: str, code: int) -> NoReturn:
     sys.exit(code)
 
 
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"exunet {VERSION}")
+        raise typer.Exit
+
+
+@app.callback()
+def exunet(
+    version: Annotated[
+        bool, typer.Option("--version", help="print the version", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Simulates deployable nets."""
+
+
 @app.command("run")
 def run_command(
     case: CasePath,
     out: Folder = None,
+    overwrite: Annotated[
+        bool,
+        typer.Option("--overwrite", help="replace the result in the folder, once the new one is complete"),
+    ] = False,
     overrides: Overrides = [],  # noqa: B006 - typer reads the default and makes its own list
     check: Annotated[bool, typer.Option("--check", help="also run reference_impl and compare")] = False,
     estimate: Annotated[
@@ -86,15 +107,17 @@ def run_command(
         float | None,
         typer.Option(help="simulated time between two checkpoints [s]", metavar="SECONDS"),
     ] = None,
+    quiet: Quiet = False,
 ) -> None:
-    """Simulate a case; write result.h5, figures and summary.json into results/CASE/."""
-    from exunet.case.casefile import load
-    from exunet.interfaces.commands.run import run_case
+    """Simulate a case; write result.h5, figures and summary.json into results/CASE/.
 
-    loaded = load(case, overrides)
-    folder = out or Path("results") / loaded.name
-    stopped = run_case(loaded, folder, check=check, estimate=estimate, checkpoint_every=checkpoint_every)
-    if stopped:
+    If that is there already, into results/CASE-2/ and so on.
+    """
+    from exunet.case.casefile import load
+    from exunet.interfaces.commands.run import Asked, run_case
+
+    asked = Asked(out, overwrite, check, estimate, checkpoint_every, quiet)
+    if stopped := run_case(load(case, overrides), asked):
         raise stopped
 
 
@@ -103,11 +126,12 @@ def resume_command(
     folder: Annotated[
         Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=_path)
     ],
+    quiet: Quiet = False,
 ) -> None:
     """Continue a run that was killed, from its last checkpoint; the result is the same to the last bit."""
     from exunet.interfaces.commands.run import resume_run
 
-    if stopped := resume_run(folder):
+    if stopped := resume_run(folder, quiet=quiet):
         raise stopped
 
 
@@ -120,7 +144,7 @@ def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B
     from exunet.interfaces.commands.waiting import waiting
 
     loaded = load(case, overrides)
-    with waiting("weaving the net, looking for its stable step"):
+    with waiting("weaving the net, looking for its stable step, trying the run out"):
         rows = describe(loaded)
     print_table(loaded.scene.title, rows)
 
@@ -211,7 +235,7 @@ def cost_command(
 
     loaded = load(case, overrides)
     with located_faults(loaded):
-        code = cost(loaded, out or Path("results") / loaded.name, until, budget)
+        code = cost(loaded, out, until, budget)
     raise typer.Exit(code)
 
 

@@ -216,6 +216,9 @@ class SegmentStore(Segments):
                 _remove(folder)
                 write_arrays(folder / RUN, "exunet run", VERSION, header, arrays)
                 _write_index(folder, identity, [], 0, None, [])
+            except BaseException:  # such as a full disk: nothing is left of the attempt
+                _remove_all(folder)
+                raise
             finally:
                 os.close(lock)
         except OSError as error:
@@ -291,17 +294,16 @@ class SegmentStore(Segments):
     def close(self) -> None:
         """Write what is in memory, and let other processes write to the folder."""
         if self._unlock.alive:
-            self.flush()
-            self._unlock()
+            try:
+                self.flush()
+            finally:
+                self._unlock()
 
     def discard(self) -> None:
         """Remove the store's files, and its folder if nothing else is in it."""
         self._block.count = 0
-        _remove(self.folder)
-        (self.folder / LOCK).unlink(missing_ok=True)
+        _remove_all(self.folder)
         self._unlock()
-        with suppress(OSError):  # not empty
-            self.folder.rmdir()
 
     def _index(self) -> None:
         _write_index(
@@ -364,6 +366,14 @@ def _own_files(folder: Path) -> list[Path]:
 def _remove(folder: Path) -> None:
     for path in _own_files(folder):
         path.unlink(missing_ok=True)
+
+
+def _remove_all(folder: Path) -> None:
+    """The containers, the lock, and the folder if nothing else is in it."""
+    _remove(folder)
+    (folder / LOCK).unlink(missing_ok=True)
+    with suppress(OSError):  # not empty
+        folder.rmdir()
 
 
 def _locked(folder: Path) -> int:

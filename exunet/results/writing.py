@@ -49,14 +49,18 @@ PLAIN_BYTES = 1 << 16  # datasets up to that size are not compressed, which cost
 NET_GROUP = "net/reference"
 
 
-def save(result: Result, path: str | Path) -> None:
+def save(result: Result, path: str | Path, *, overwrite: bool = False) -> None:
     """Write `result` to an HDF5 file; the same result gives the same bytes.
 
-    The file appears whole or not at all; an older file of that name is replaced. Raises InputError, and
-    writes nothing, if an array contains NaN or infinity or has a shape that does not fit, if the stored times
-    do not increase, if the provenance is not JSON-like, or if the file cannot be written.
+    overwrite : replace an older file of that name, which stays as it is until the new one is whole
+
+    The file appears whole or not at all. Raises InputError, and writes nothing, if there is a file of that
+    name and `overwrite` is False, if an array contains NaN or infinity or has a shape that does not fit, if
+    the stored times do not increase, if the provenance is not JSON-like, or if the file cannot be written.
     """
     path = path_of(path, "save")
+    if not overwrite and path.is_file():
+        raise InputError(f"{path}: there is a file of that name: give another, or overwrite=True")
     bodies = {name: MassProperties(body.mass, body.inertia) for name, body in result.bodies.items()}
     source = _ResultRows(result, bodies, _where(path))
     join(source, path, result.net, bodies, result.provenance, result.verdict, result.complete)

@@ -3,22 +3,34 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import InputError, RunStopped, UnsoundStates
+from exunet.base.errors import InputError, Interrupted, RunStopped, UnsoundStates
 from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case, parse_case
 from exunet.case.scene import Scene
 from exunet.methods.method import METHODS, TimeLoop
 from exunet.results.reading import RESULT_FILE, STORE_FOLDER, load_result
 from exunet.results.result import Result
-from exunet.results.segments import SegmentStore
+from exunet.results.run_folder import (
+    has_result,
+    held,
+    put_unfinished_aside,
+    put_waiting_aside,
+    refuse_taken,
+    remove_descriptions,
+    remove_waiting,
+    take_place,
+    waiting_place,
+)
+from exunet.results.segments import Segments, SegmentStore
 from exunet.results.writing import join
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.preparation import Start, prepare, prepare_case
@@ -27,7 +39,8 @@ from exunet.simulation.simulation import Simulation, cannot_restart
 from exunet.simulation.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
-Progress = Callable[[float], None]
+Progress = Callable[[float, int], None]  # simulated time [s], right-hand sides so far
+Describe = Callable[[Result, Path], None]
 
 WALL_TIME = 30.0  # [s] between two checkpoints that nobody asked for
 WALL_PART = 0.02  # of a run's wall time that those may take
@@ -37,7 +50,7 @@ _SHOWN = 0.1  # [s] of wall time between two calls of `progress`
 def run(case: Case | Scene, progress: Progress | None = None) -> Result:
     """Simulate a case (or a scene) and return its result.
 
-    progress : called with the simulated time [s] now and then
+    progress : called with the simulated time [s] and the number of right-hand sides now and then
     Raises RunStopped (its `result` holds what was computed) if the run diverges or the integrator gives up
     and `solver.retry` finer attempts do not mend it, Interrupted (also with `result`) on Ctrl-C.
     """
@@ -88,6 +101,8 @@ def drive(
 def _through(
     simulation: Simulation, times: Floats, progress: Progress | None, checkpoint: Callable[[], None] | None
 ) -> None:
+    if progress is not None:
+        progress(simulation.time, simulation.counts.right_hand_sides)
     shown = 0.0
     while True:
         ahead = int(np.searchsorted(times, simulation.time, side="right"))
@@ -100,7 +115,7 @@ def _through(
         if checkpoint is not None:
             checkpoint()
         if progress is not None and clock.monotonic() - shown > _SHOWN:
-            progress(simulation.time)
+            progress(simulation.time, simulation.counts.right_hand_sides)
             shown = clock.monotonic()
 
 
@@ -118,7 +133,9 @@ def run_into(
     start: Start | None = None,
     progress: Progress | None = None,
     checkpoint_every: float | None = None,
-    begun: Callable[[], None] | None = None,
+    describe: Describe | None = None,
+    *,
+    overwrite: bool = False,
 ) -> Result:
     """Run a case and leave `result.h5` in a folder, which exists; memory is bounded, whatever is stored.
 
@@ -127,30 +144,42 @@ def run_into(
 
     checkpoint_every : [s] of simulated time between two checkpoints, which are made at stored times; None:
                        one every 30 s of wall time, where the method can restart exactly
-    begun            : called when the run can begin, before its first step
-    Raises as `run` (the part of a run that stopped is in `result.h5`), and InputError if files cannot be
-    written.
+    describe         : writes what stands beside the result: called with it and the folder for that
+    overwrite        : the new result, once it is complete, takes the place of one in the folder, which stays
+                       bit for bit until then; an unfinished run there is put into a new folder beside
+    Raises as `run` (the part of a run that stopped is written, into a new folder beside if the folder keeps
+    an earlier result; the words say where), and InputError if files cannot be written, if another run has
+    the folder, or if without `overwrite` there is a result or an unfinished run in it.
     """
     import h5py  # noqa: F401 - so that a missing h5py shows before the run, not after it
 
-    start = prepare_case(case) if start is None else start
-    _refuse_checkpoints(start, checkpoint_every)
-    simulation, recorder, files = _begun(Path(folder), case, start, checkpoint_every)
-    if begun is not None:
-        begun()
-    return _into(Path(folder), simulation, recorder, files, progress)
+    start, folder = prepare_case(case) if start is None else start, Path(folder)
+    refuse_checkpoints(start, checkpoint_every)
+    with held(folder):
+        if not overwrite:
+            refuse_taken(folder)
+        put_unfinished_aside(folder)
+        return _into(folder, *_begun(folder, case, start, checkpoint_every), progress, describe)
 
 
-def resume(folder: str | Path, progress: Progress | None = None) -> Result:
+def resume(folder: str | Path, progress: Progress | None = None, describe: Describe | None = None) -> Result:
     """Go on with the run in a folder that `run_into` did not finish, from its last checkpoint.
 
-    The result is the same to the last bit as that of a run that was not cut short, its wall times apart.
+    The result is the same to the last bit as that of a run that was not cut short, its wall times apart. It
+    takes the place of an earlier one in the folder, as the run was to do; progress, describe: see `run_into`.
     Raises InputError if there is no unfinished run in it, or if its files are damaged or of another version.
     """
     folder = Path(folder)
+    if not (folder / STORE_FOLDER).is_dir():
+        raise InputError(f"{folder}: there are no stored states of an unfinished run")
+    with held(folder):
+        return _into(folder, *_continued(folder), progress, describe)
+
+
+def _continued(folder: Path) -> tuple[Simulation, Recorder, _Checkpoints]:
     store = SegmentStore(folder / STORE_FOLDER)
     try:
-        case, every = _as_it_was(store)
+        case, every = case_of_store(store)
         start = prepare_case(case)
         if store.columns != columns_of(start.system):
             raise InputError(f"{folder}: damaged: the stored states are not those of its case")
@@ -164,14 +193,13 @@ def resume(folder: str | Path, progress: Progress | None = None) -> Result:
             recorder = Recorder(start, provenance(case), store)
             simulation = Simulation(start, recorder=recorder)
             simulation.restore(snapshot)
-        files = _Checkpoints(simulation, recorder, store, every)
+        return simulation, recorder, _Checkpoints(simulation, recorder, store, every)
     except BaseException:
         store.close()
         raise
-    return _into(folder, simulation, recorder, files, progress)
 
 
-def _as_it_was(store: SegmentStore) -> tuple[Case, float | None]:
+def case_of_store(store: Segments) -> tuple[Case, float | None]:
     """The case of a run that was killed, and the time between its checkpoints; InputError if damaged."""
     story = store.provenance
     text, name, overrides = (story.get(key) for key in ("text", "case", "overrides"))
@@ -183,7 +211,7 @@ def _as_it_was(store: SegmentStore) -> tuple[Case, float | None]:
     return parse_case(text, Path(name), overrides or ()), every
 
 
-def _refuse_checkpoints(start: Start, every: float | None) -> None:
+def refuse_checkpoints(start: Start, every: float | None) -> None:
     """Raise InputError for a wrong time between checkpoints, or a method that cannot restart."""
     if every is None:
         return
@@ -214,33 +242,72 @@ def _into(
     recorder: Recorder,
     files: _Checkpoints,
     progress: Progress | None,
+    describe: Describe | None,
 ) -> Result:
     verdict, stopped = "ok", None
-    try:
-        drive(simulation, recorder, progress, files)
-    except RunStopped as stop:
-        verdict, stopped = str(stop), stop
-    except BaseException:
-        files.store.close()
-        raise
-    _close(simulation, recorder, stopped)
-    verdict, story = recorder.finish(verdict, simulation.monitor)
-    bodies, path = mass_properties(simulation.start.system), folder / RESULT_FILE
-    with postponed():  # an exception for Ctrl-C inside a destructor of h5py would be lost
+    with _kept(files.store, folder):
         try:
-            join(files.store, path, simulation.start.net, bodies, story, verdict, verdict == "ok")
-        except UnsoundStates:  # nor would they be sound after a resume
-            files.store.discard()
-            raise
-        except BaseException:
-            files.store.close()
-            raise
-        files.store.discard()  # the checkpoints too
-        result = load_result(path)
-    if stopped is not None:
-        stopped.result = result
-        raise stopped
+            drive(simulation, recorder, progress, files)
+        except RunStopped as stop:
+            verdict, stopped = str(stop), stop
+        _close(simulation, recorder, stopped)
+        verdict, story = recorder.finish(verdict, simulation.monitor)
+        net, bodies = simulation.start.net, mass_properties(simulation.start.system)
+        remove_waiting(folder)
+        place = waiting_place(folder) if has_result(folder) else folder
+        with postponed():  # an exception for Ctrl-C inside a destructor of h5py would be lost
+            join(files.store, place / RESULT_FILE, net, bodies, story, verdict, verdict == "ok")
+    failure: BaseException | None = stopped
+    try:
+        _describe(place, describe, alone=place == folder)
+    except BaseException as error:  # noqa: BLE001 - it must not cost the result, and is raised below
+        failure = error
+    if place != folder and failure is None:
+        take_place(folder)
+        place = folder
+    elif place != folder:
+        place = put_waiting_aside(folder)
+    files.store.discard()  # the checkpoints too
+    result = load_result(place / RESULT_FILE)
+    if failure is not None:
+        raise _told(failure, result, folder, place)
     return result
+
+
+@contextmanager
+def _kept(store: SegmentStore, folder: Path) -> Iterator[None]:
+    """Keep what is stored if it cannot be made into a result, and say how to go on."""
+    words = f"what was stored is kept; to go on from there: exunet resume {quote(str(folder))}"
+    try:
+        yield
+    except UnsoundStates:  # nor would they be sound after a resume
+        store.discard()
+        raise
+    except BaseException as error:
+        with suppress(InputError):  # the disk is full still
+            store.close()
+        if isinstance(error, InputError):
+            raise InputError(f"{error}; {words}") from error
+        if isinstance(error, KeyboardInterrupt):
+            raise Interrupted(f"interrupted; {words}") from None
+        raise
+
+
+def _describe(place: Path, describe: Describe | None, *, alone: bool) -> None:
+    if alone:
+        remove_descriptions(place)
+    if describe is not None:
+        describe(load_result(place / RESULT_FILE), place)
+
+
+def _told(failure: BaseException, result: Result, folder: Path, place: Path) -> BaseException:
+    """The error for a run that stopped, or could not be described, with words on what is where."""
+    where = f"what was computed is in {place}" + (f"; {folder} is as it was" if place != folder else "")
+    if isinstance(failure, RunStopped):
+        return type(failure)(f"{failure}; {where}", result, failure.step_cause)
+    if isinstance(failure, KeyboardInterrupt):
+        return Interrupted(f"interrupted; {where}", result)
+    return InputError(f"{failure}; {where}") if isinstance(failure, InputError) else failure
 
 
 class _Checkpoints:

@@ -1,29 +1,32 @@
 """What each effect changes, measured: the scene run with that effect toggled, beside its estimate.
 
 A net's motion is sensitive: after some time any difference grows to the size of the net. So the scene is also
-run once with nothing changed but its errors (the start moved by a little, another accuracy), and an effect's
-displacement is measured while it is at least three times as large as that run's; the estimate beside it is
-for the same time. An effect that never stands out of that noise is not measured.
+run eight times with nothing changed but its errors (the start moved by a little, another accuracy). An
+effect's displacement is measured while it is at least three times as large as the largest of those runs'; the
+estimate beside it is for the same time. A measure of deployment is told apart if its value with the effect
+toggled lies outside the interval in which another of those runs' would lie with a probability of 99 %.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student_t
 
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.base.faults import collected
 from exunet.case.scene import Scene
 from exunet.forces.effects import cross_checks
-from exunet.results.measures import Deployment, deployment
+from exunet.results.measures import deployment
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
-from exunet.studies.neighbours import nearby_start, of_other_accuracy
+from exunet.studies.neighbours import SEED, nearby_start, of_other_accuracy
 from exunet.system.effect_survey import Finding, chosen, finding, survey
 
 Floats = NDArray[np.float64]
@@ -31,17 +34,41 @@ ProgressOfRuns = Callable[[str, float], None]
 
 CLEAR = 3.0  # times the noise, from which on a displacement counts as the effect's
 BRIEF = 1e-4  # of the duration, run before each run that is timed
+FOUR = ("largest_area", "time_of_largest", "distance", "time_open")
 
 
-Changes = tuple[tuple[str, float], ...]
+STARTS = 8  # runs with nothing changed but their errors
+SURE = 0.99  # probability of the interval outside which a measure is told apart
+
+
+@dataclass(frozen=True)
+class Change:
+    """What an effect's presence changes in a measure of deployment.
+
+    value  : with the effect, less without it (the mean of the runs from moved starts)
+    spread : half the width of the interval in which another run with nothing changed would lie
+    """
+
+    name: str
+    value: float
+    spread: float
+
+    @property
+    def told_apart(self) -> bool:
+        """False if the spread of moved starts may be all that there is."""
+        return abs(self.value) > self.spread
 
 
 @dataclass(frozen=True)
 class _Noise:
-    """What errors alone change: displacement (n_times,) [m], and the measures of deployment."""
+    """What errors alone change.
+
+    moved    : (n_times,) largest displacement [m]
+    measures : (runs, 4) measures of deployment, that of the scene itself first; None without a mouth
+    """
 
     moved: Floats
-    measures: Changes
+    measures: Floats | None
 
 
 @dataclass(frozen=True)
@@ -52,8 +79,7 @@ class Toggled:
     until    : time [s] up to which it could be measured; 0: not at all
     estimate : displacement over the size of the net up to then, estimated
     measured : the same, measured: the largest root mean square over the mass at a stored time
-    measures : change of each measure of deployment by the effect's presence; empty for a net without a mouth
-    noise    : change of each measure by nothing but errors, below which the change by the effect says nothing
+    measures : changes of the measures of deployment by the effect's presence; empty for a net without a mouth
     wall     : integration time with the effect over that without
     failure  : why the run with the effect toggled was not made, or stopped; "" if it ended well
     """
@@ -62,8 +88,7 @@ class Toggled:
     until: float = 0.0
     estimate: float = 0.0
     measured: float = 0.0
-    measures: Changes = ()
-    noise: Changes = ()
+    measures: tuple[Change, ...] = ()
     wall: float = 1.0
     failure: str = ""
 
@@ -84,8 +109,7 @@ def ablate(
     findings = survey(scene)
     scene = _settled(scene)
     base = _run(scene, "as it is", progress)
-    again = _run(scene, "noise", progress, _perturbed)
-    noise = _Noise(_distance(base, again), _changes(deployment(again), deployment(base)))
+    noise = _noise(scene, base, progress)
     for found in findings:
         if names is None or found.name in names:
             yield _toggle(scene, found, base, noise, progress)
@@ -116,10 +140,9 @@ def _toggle(
         measured = float(apart[: last + 1].max()) / base.net.size
         estimate = finding(scene, found.name, until).relative
     seconds = [float(run.provenance["integration_seconds"]) for run in (with_it, without)]
-    return Toggled(
-        found, until, estimate, measured, _changes(deployment(with_it), deployment(without)), noise.measures,
-        seconds[0] / seconds[1] if seconds[1] else 1.0,
-    )  # fmt: skip
+    wall = seconds[0] / seconds[1] if seconds[1] else 1.0
+    changes = _changes(noise.measures, _four(result), sign=-1.0 if found.on else 1.0)
+    return Toggled(found, until, estimate, measured, changes, wall)
 
 
 def _settled(scene: Scene) -> Scene:
@@ -146,9 +169,19 @@ def _contradictions(scene: Scene) -> list[str]:
     return [f"{fault.path[0]} {fault.reason}" for fault in cross_checks(scene)]
 
 
-def _perturbed(start: Start) -> Start:
-    """The same start but for errors: a little moved, and integrated at another accuracy."""
-    return replace(nearby_start(start), plan=of_other_accuracy(start.plan))
+def _noise(scene: Scene, base: Result, progress: ProgressOfRuns | None) -> _Noise:
+    """What runs from moved starts, integrated at another accuracy, differ from the scene's own."""
+    moved, measures = np.zeros(len(base.time)), [_four(base)]
+    for number in range(STARTS):
+
+        def perturbed(start: Start, seed: int = SEED + number) -> Start:
+            return replace(nearby_start(start, seed=seed), plan=of_other_accuracy(start.plan))
+
+        again = _run(scene, f"moved start {number + 1}", progress, perturbed)
+        moved = np.maximum(moved, _distance(base, again))
+        measures.append(_four(again))
+    known = [one for one in measures if one is not None]
+    return _Noise(moved, np.array(known) if known else None)
 
 
 def _run(
@@ -157,7 +190,7 @@ def _run(
     brief = scene.time.model_copy(update={"end": BRIEF * scene.time.end, "output_times": ()})
     simulate(prepare(scene.model_copy(update={"time": brief})))  # so that no first use is timed
     start = prepare(scene)
-    tell = (lambda time: progress(what, time)) if progress else None
+    tell = (lambda time, _number: progress(what, time)) if progress else None
     if progress:
         progress(what, 0.0)
     return simulate(change(start) if change else start, progress=tell)
@@ -171,12 +204,21 @@ def _distance(a: Result, b: Result) -> Floats:
     return np.sqrt(np.einsum("n,tna,tna->t", mass, apart, apart) / mass.sum())
 
 
-def _changes(with_it: Deployment | None, without: Deployment | None) -> Changes:
-    if with_it is None or without is None:
+def _four(result: Result) -> tuple[float, ...] | None:
+    found = deployment(result)
+    return None if found is None else tuple(float(getattr(found, name)) for name in FOUR)
+
+
+def _changes(same: Floats | None, toggled: tuple[float, ...] | None, sign: float) -> tuple[Change, ...]:
+    """Of each measure; same: (runs, 4) with nothing changed, toggled: (4,) of the run with the effect so."""
+    if same is None or toggled is None:
         return ()
-    four = ("largest_area", "time_of_largest", "distance", "time_open")
+    runs = len(same)
+    # Of one more value of a normal distribution of which `runs` are known.
+    width = float(student_t.ppf(0.5 + 0.5 * SURE, runs - 1)) * math.sqrt(1.0 + 1.0 / runs)
+    spread = width * same.std(axis=0, ddof=1)
+    values = sign * (np.array(toggled) - same.mean(axis=0))
     return tuple(
-        (field.name, getattr(with_it, field.name) - getattr(without, field.name))
-        for field in fields(Deployment)
-        if field.name in four
+        Change(name, float(value), float(around))
+        for name, value, around in zip(FOUR, values, spread, strict=True)
     )

@@ -17,6 +17,7 @@ from exunet.base.table import Table
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import ElementLaw
+from exunet.forces.directions import OrbitKeys
 from exunet.forces.effects import EFFECTS, beyond_floats, launch_force, switched_on, terms_of
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.terms import LinearTerm
@@ -78,12 +79,14 @@ def setting_of(scene: Scene, without: str = "", duration: float | None = None) -
     """
     net = weave(scene.net)
     position, velocity = initial_state(scene, net)
-    launch = switched_on(scene.effects).get("launch_force")
+    on = switched_on(scene.effects)
+    launch, orbit = on.get("launch_force"), on.get("orbit")
     if isinstance(launch, launch_force.Keys) and without != "launch_force":
         mass = net.mass[net.bullet_nodes]
         speed = np.sqrt(2.0 * launch.work / mass)
         velocity[net.bullet_nodes] += speed[:, None] * launch_force.barrels(launch, net)
-    return EstimateBasis(net, scene.time.end if duration is None else duration, position, velocity)
+    own = orbit if isinstance(orbit, OrbitKeys) else None
+    return EstimateBasis(net, scene.time.end if duration is None else duration, position, velocity, own)
 
 
 def survey(scene: Scene, duration: float | None = None) -> list[Finding]:

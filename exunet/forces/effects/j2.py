@@ -19,7 +19,7 @@ from pydantic import Field
 from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.forces.blocks import Blocks
-from exunet.forces.directions import EARTH_MU, EARTH_RADIUS, OrbitKeys, at_right_angles
+from exunet.forces.directions import EARTH_MU, EARTH_RADIUS, NOMINAL, OrbitKeys, at_right_angles
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.lumped import each_node
 from exunet.forces.requirements import RestOfCase
@@ -81,17 +81,16 @@ def _short(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
-    """A sun-synchronous orbit at 700 km, half-way between node and highest latitude."""
+    """The case's orbit, or one at 700 km: sun-synchronous, half-way between node and highest latitude."""
+    orbit = NOMINAL if basis.orbit is None else basis.orbit
     keys = Keys.model_validate(
         {
-            "altitude": 700e3,
-            "radial": (0.0, 0.0, 1.0),
-            "along_track": (1.0, 0.0, 0.0),
+            **{name: getattr(orbit, name) for name in OrbitKeys.model_fields if orbit.is_given(name)},
             "inclination": math.radians(98.2),
             "argument_of_latitude": math.radians(45.0),
         }
     )
-    return keys, "an orbit at 700 km, inclined 98 degrees, at latitude argument 45 degrees"
+    return keys, f"{orbit.words}, inclined 98 degrees, at latitude argument 45 degrees"
 
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:

@@ -19,6 +19,7 @@ from exunet.base.errors import Fault
 from exunet.base.table import NonNegative, Positive, Table, Vector
 from exunet.forces.atmosphere import HIGHEST, LOWEST, exponential_density
 from exunet.forces.blocks import Blocks
+from exunet.forces.directions import NOMINAL
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.surface import bullet_disc, tumbling_areas
@@ -96,14 +97,26 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
         yield Fault("altitude", f"differs from that of effects.orbit, {height:g} m")
 
 
-def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
-    """An orbit at 700 km, bullets as balls of aluminium."""
-    bullets = basis.net.bullet_nodes
+def nominal(basis: EstimateBasis) -> tuple[Keys, str] | None:
+    """The orbit of the case, or one at 700 km, through gas at rest; bullets as balls of aluminium.
+
+    None below the heights for which the density is known.
+    """
+    bullets, orbit = basis.net.bullet_nodes, NOMINAL if basis.orbit is None else basis.orbit
+    if orbit.height < LOWEST:
+        return None
     area = bullet_disc(float(basis.net.mass[bullets[0]])) if len(bullets) else None
+    speed = orbit.rate * orbit.radius
     keys = Keys.model_validate(
-        {"altitude": 700e3, "flow": (-7504.0, 0.0, 0.0), "drag_coefficient": 2.2, "bullet_area": area}
+        {
+            "altitude": min(orbit.height, HIGHEST),  # above, the gas is thinner still
+            "flow": tuple(-speed * part for part in orbit.along_track),
+            "drag_coefficient": 2.2,
+            "bullet_area": area,
+        }
     )
-    return keys, "an orbit at 700 km, 7.5 km/s, C = 2.2" + (", balls of aluminium" if area else "")
+    balls = ", balls of aluminium" if area else ""
+    return keys, f"{orbit.words}, {speed / 1e3:.1f} km/s, C = 2.2{balls}"
 
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:

@@ -9,6 +9,7 @@ from exunet.backends.exudyn.build import expected_items
 from exunet.case.casefile import Case
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import EFFECTS, switched_on
+from exunet.interfaces.commands.estimates import estimated
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.stability import (
@@ -23,7 +24,7 @@ Floats = NDArray[np.float64]
 
 
 def describe(case: Case) -> list[tuple[str, str]]:
-    """Rows (name, value): counts, mass, effects, stable steps and the items the engine would hold."""
+    """Rows (name, value): counts, mass, effects, stable steps, the engine's items, what a run would take."""
     start = prepare_case(case)
     net, plan = start.net, start.plan
     on = switched_on(case.scene.effects)
@@ -45,6 +46,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         *[("note", note) for note in plan.notes],
         ("stable step", _stable_steps(start)),
         ("engine items", items),
+        *[(f"{name} of a run", words) for name, words in estimated(start, thorough=True).rows()],
     ]
 
 

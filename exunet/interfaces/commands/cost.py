@@ -16,12 +16,14 @@ from exunet.case.scene import SHORTEST
 from exunet.codegen.compile import numba_installed
 from exunet.figures.page import write
 from exunet.figures.style import drawing
+from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
+from exunet.results.run_folder import new_folder
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost.converged import INSTANTS, Converged, converge
 from exunet.studies.cost.figure import work_precision
-from exunet.studies.cost.ranking import answer_rows, measure_rows, write_csv
+from exunet.studies.cost.ranking import answer_rows, failed_rows, measure_rows, write_csv
 from exunet.studies.cost.runners import Subject
 from exunet.studies.cost.settings import base
 from exunet.studies.cost.study import Study, all_rungs, climb
@@ -30,9 +32,10 @@ INTERRUPTED = 130
 FILES = TABLE, WORDS, FIGURE, PRINT = "cost.csv", "cost.md", "work_precision.png", "work_precision.pdf"
 
 
-def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
-    """Study a case and write cost.csv, cost.md and work_precision.png and .pdf into `folder`; the exit code.
+def cost(case: Case, out: Path | None, until: float | None, budget: float) -> int:
+    """Study a case and write cost.csv, cost.md and work_precision.png and .pdf; returns the exit code.
 
+    out    : folder; None: results/CASE--cost, or the next that is free
     until  : end of the runs [s], at most the case's; None: the case's
     budget : wall time [s] of all of it; at least the converged solution is computed
     Raises InputError for an `until` or a folder that cannot be used, RunStopped if not even the converged
@@ -44,7 +47,7 @@ def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
         return budget - (clock.perf_counter() - began)
 
     subject, refusal = _subject(case, until)
-    _ready(folder)
+    folder = _ready(out, folder_of(case, "cost"))
     compiled = numba_installed()
     with status() as say:
         say("converged solution")
@@ -66,7 +69,8 @@ def cost(case: Case, folder: Path, until: float | None, budget: float) -> int:
     rows += [*_failures(study), *_left_out(study, budget), *notes]
     if study.interrupted:
         rows.insert(0, ("INCOMPLETE", "interrupted; what was measured until then is kept"))
-    print_table(title, [*map(_brief, rows), ("written to", f"{folder}/")])
+    brief = [row for row in rows if row[0] != "failed"]
+    print_table(title, [*brief, *failed_rows(study), ("written to", f"{folder}/")])
     _write_words(folder, title, study, rows)
     return INTERRUPTED if study.interrupted else 0
 
@@ -126,23 +130,20 @@ def _left_out(study: Study, budget: float) -> list[tuple[str, str]]:
     return rows + ([("never run", ", ".join(never))] if never else [])
 
 
-def _brief(row: tuple[str, str]) -> tuple[str, str]:
-    """For the terminal; cost.md has reasons in full."""
-    name, words = row
-    return (name, words[:107] + "...") if name == "failed" and len(words) > 110 else row
-
-
-def _ready(folder: Path) -> None:
-    """Refuse a folder that cannot be written before hours are spent; what is in it stays."""
+def _ready(out: Path | None, own: Path) -> Path:
+    """The folder; one that cannot be written is refused before hours are spent. What is in it stays."""
+    if out is None:
+        return new_folder(own)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):
+        out.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=out):
             pass
         for name in FILES:
-            if (folder / name).exists() and not (folder / name).is_file():
-                raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
+            if (out / name).exists() and not (out / name).is_file():
+                raise InputError(f"{out / name}: cannot be written: it is not an ordinary file")
     except OSError as error:
-        raise cannot_write(folder, error) from error
+        raise cannot_write(out, error) from error
+    return out
 
 
 def _write(study: Study, folder: Path) -> None:

@@ -11,10 +11,11 @@ from rich.table import Table
 
 from exunet.base.errors import Interrupted
 from exunet.case.casefile import Case
-from exunet.studies.ablation import ProgressOfRuns, Toggled, ablate
+from exunet.interfaces.commands.printing import console
+from exunet.studies.ablation import STARTS, SURE, Change, ProgressOfRuns, Toggled, ablate
 from exunet.system.effect_survey import ASKED, Finding, survey
 
-WIDTH = 150  # of tables that do not go to a terminal
+UNITS = {"largest_area": "m2", "time_of_largest": "s", "distance": "m", "time_open": "s"}
 
 
 def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
@@ -24,24 +25,26 @@ def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
     """
     choice = case.scene.effects
     limit = asked if asked is not None else getattr(choice, "threshold", None) or ASKED
-    console = _console()
-    console.print(f"{case.scene.title}: {case.scene.time.end:g} s, advice for {limit:g} of the net's size")
-    console.print(_estimates(survey(case.scene), limit))
+    out = console()
+    out.print(f"{case.scene.title}: {case.scene.time.end:g} s, advice for {limit:g} of the net's size")
+    found = survey(case.scene)
+    out.print(_estimates(found, limit))
+    out.print("\nHow estimated:")
+    out.print(_sources(found))
     if getattr(choice, "choose", None) == "auto":
-        console.print('effects.choose = "auto": on are the tables whose estimate reaches effects.threshold')
+        out.print('effects.choose = "auto": on are the tables whose estimate reaches effects.threshold')
     if measure:
-        _ablation(case, console)
+        _ablation(case, out)
 
 
 def _estimates(found: list[Finding], limit: float) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("effect", "", "m/s2", "moves", "of size", "cost", "advice", "how estimated"):
-        table.add_column(name, overflow="fold", no_wrap=name in ("effect", "m/s2", "moves", "of size"))
+    for name in ("effect", "", "m/s2", "moves", "of size", "cost", "advice"):
+        table.add_column(name, overflow="fold", no_wrap=name not in ("advice", "effect"))
     for one in found:
         if one.estimate is None:
-            table.add_row(one.name, "off", "", "", "", "", one.advice(limit), "")
+            table.add_row(one.name, "off", "", "", "", "", one.advice(limit))
             continue
-        assumed = f"{one.assumption}: " if one.assumption else ""
         table.add_row(
             one.name,
             "on" if one.on else "off",
@@ -50,52 +53,57 @@ def _estimates(found: list[Finding], limit: float) -> Table:
             f"{one.relative:.1e}",
             f"{one.cost:+.0%}",
             one.advice(limit),
-            assumed + one.estimate.source,
         )
     return table
 
 
-def _ablation(case: Case, console: Console) -> None:
-    """Runs of the scene with each effect toggled, one line each as it is done."""
-    console.print(
-        "\nMeasured, with each effect toggled: the displacement while it stands clear of the scene's noise, "
-        "the estimate for the same time, what the effect (and noise alone) changes in the measures, wall time"
+def _sources(found: list[Finding]) -> Table:
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_column(overflow="fold")
+    table.add_column(overflow="fold")
+    for one in found:
+        if one.estimate is not None:
+            assumed = f"{one.assumption}: " if one.assumption else ""
+            table.add_row(one.name, assumed + one.estimate.source)
+    return table
+
+
+def _ablation(case: Case, out: Console) -> None:
+    """Runs of the scene with each effect toggled, some lines for each as it is done."""
+    out.print(
+        "\nMeasured, with each effect toggled: the displacement while it stands clear of that of "
+        f"{STARTS} starts moved by a little, and the estimate for the same time; what the effect changes in "
+        f"the measures, beside the spread of moved starts ({SURE:.0%}); wall time"
     )
-    runs = len(survey(case.scene)) + 2
+    runs = len(survey(case.scene)) + 1 + STARTS
     try:
         with _progress(case.scene.time.end, runs) as progress:
             for one in ablate(case.scene, progress=progress):
-                console.print(_line(one))
+                for line in lines_of(one):
+                    out.print(line)
     except Interrupted:
         raise Interrupted("interrupted; the lines that are printed are complete") from None
 
 
-def _line(one: Toggled) -> str:
+def lines_of(one: Toggled) -> list[str]:
+    """One effect toggled, in words."""
     name = f"{one.found.name:17s} {'on ' if one.found.on else 'off'}"
     if one.failure:
-        return f"{name} {one.failure}"
-    if one.ratio is None:
-        size = "not above the noise"
-    else:
-        size = (
-            f"until {one.until:.3g} s: {one.measured:.1e} of the size, estimate {one.estimate:.1e} "
-            f"(x {one.ratio:.2g})"
-        )
-    units = {"largest_area": "m2", "time_of_largest": "s", "distance": "m", "time_open": "s"}
-    noise = dict(one.noise)
-    changes = ", ".join(
-        f"{key.replace('_', ' ')} {value:+.2g} {units[key]} (noise {noise[key]:+.1g})"
-        for key, value in one.measures
-    )
-    cost = f"wall x {one.wall:.2f}, its forces estimated x {1.0 + one.found.cost:.2f}"
-    return f"{name} {size}; {changes or 'no mouth'}; {cost}"
+        return [f"{name} {one.failure}"]
+    size = "not told apart from moved starts"
+    if one.ratio is not None:
+        size = f"until {one.until:.3g} s: {one.measured:.1e} of the size"
+        size += f", estimate {one.estimate:.1e} (x {one.ratio:.2g})"
+    changes = [_change(change) for change in one.measures] or ["no mouth"]
+    cost = f"wall time x {one.wall:.2f}, its forces estimated x {1.0 + one.found.cost:.2f}"
+    return [f"{name} {size}", *(f"  {words}" for words in (*changes, cost))]
 
 
-def _console() -> Console:
-    console = Console(markup=False, emoji=False, highlight=False)
-    if console.is_terminal:
-        return console
-    return Console(markup=False, emoji=False, highlight=False, width=WIDTH)
+def _change(change: Change) -> str:
+    unit = UNITS[change.name]
+    words = f"{change.name.replace('_', ' ')} {change.value:+.2g} {unit}"
+    apart = "" if change.told_apart else ": not told apart"
+    return f"{words}, spread ± {change.spread:.1g} {unit}{apart}"
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Plain two-column tables for the terminal, and the line that names what is running."""
+"""Plain tables for the terminal, and the line that names what is running."""
 
 from __future__ import annotations
 
@@ -9,18 +9,29 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.table import Table
 
+WIDTH = 80  # of what does not go to a terminal
+
+
+def console() -> Console:
+    """For what a command prints: as wide as the terminal, of 80 columns where there is none."""
+    plain = Console(markup=False, emoji=False, highlight=False)
+    return plain if plain.is_terminal else Console(markup=False, emoji=False, highlight=False, width=WIDTH)
+
 
 def print_table(title: str, rows: list[tuple[str, str]]) -> None:
-    """Print rows (name, value) under a title; narrow terminals wrap the values."""
+    """Print rows (name, value) under a title; what is too wide is folded, never cut."""
     table = Table(title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
-    table.add_column(style="bold", no_wrap=True)
+    out = console()
+    table.add_column(style="bold", overflow="fold", no_wrap=False, min_width=_width_of_names(rows, out.width))
     table.add_column(overflow="fold")
     for name, value in rows:
         table.add_row(name, value)
-    console = Console(markup=False, emoji=False, highlight=False)
-    if not console.is_terminal:
-        console = Console(markup=False, emoji=False, highlight=False, width=110)
-    console.print(table)
+    out.print(table)
+
+
+def _width_of_names(rows: list[tuple[str, str]], width: int) -> int:
+    """Of the longest name, up to a third of the width."""
+    return min(max((len(name) for name, _ in rows), default=1), width // 3)
 
 
 @contextmanager

@@ -1,98 +1,178 @@
-"""`exunet run`: folder, progress, reference beside, files and table."""
+"""`exunet run`: folder, estimate, progress, reference beside, files and table."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from functools import partial
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Any
 
 from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.files import cannot_write, sweep
-from exunet.case.casefile import Case, parse_case
-from exunet.figures import save_figures
-from exunet.interfaces.commands.earlier import FILES, giving_back, set_aside
+from exunet.case.casefile import Case
+from exunet.interfaces.commands.estimates import estimated, refuse_beyond
+from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table
+from exunet.interfaces.commands.progress import told_progress
 from exunet.interfaces.commands.waiting import waiting
 from exunet.results.agreement import Agreement
-from exunet.results.reading import STORE_FOLDER
+from exunet.results.reading import RESULT_FILE, STORE_FOLDER
 from exunet.results.result import Result
-from exunet.results.segments import Segments, is_store
+from exunet.results.run_folder import (
+    DESCRIPTIONS,
+    SUMMARY,
+    has_result,
+    has_unfinished,
+    new_folder,
+    refuse_taken,
+)
+from exunet.results.segments import Segments
 from exunet.results.summary import rows, summarise, write_summary
 from exunet.simulation.preparation import prepare_case
-from exunet.simulation.run import Progress, resume, run_into
+from exunet.simulation.run import Describe, Progress, case_of_store, refuse_checkpoints, resume, run_into
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.verification.reference_run import ReferenceRun
 
+Simulate = Callable[[Progress | None, Describe], Result]
 
-def run_case(
-    case: Case,
-    folder: Path,
-    *,
-    check: bool,
-    estimate: bool = False,
-    checkpoint_every: float | None = None,
-) -> ExunetError | None:
-    """Simulate, write result.h5, figures and summary.json into `folder`, print the table.
 
-    check    : also run the reference and compare
-    estimate : also estimate the error, from two more runs
+@dataclass(frozen=True)
+class Asked:
+    """What the user asked of a run beside the case.
+
+    out       : folder; None: results/CASE, or the next that is free
+    overwrite : take the place of an earlier result, once the new one is complete
+    check     : also run the reference and compare
+    estimate  : also estimate the error, from two more runs
     checkpoint_every : [s] of simulated time, see `run_into`
+    quiet     : nothing is printed but errors
+    """
+
+    out: Path | None = None
+    overwrite: bool = False
+    check: bool = False
+    estimate: bool = False
+    checkpoint_every: float | None = None
+    quiet: bool = False
+
+
+@dataclass
+class _Story:
+    """What comes of a run beside its result.
+
+    title, table : of what is printed at the end; empty: there is nothing
+    unchecked    : the error that the reference could not be asked
+    failed       : the error that the error could not be estimated
+    """
+
+    title: str = ""
+    table: list[tuple[str, str]] = field(default_factory=list)
+    unchecked: ExunetError | None = None
+    failed: ExunetError | None = None
+
+
+def run_case(case: Case, asked: Asked) -> ExunetError | None:
+    """Simulate, write result.h5, figures and summary.json, print the table.
 
     Returns the error of a run that stopped (its part is written, marked as incomplete), or of a check or an
     estimate that could not be made (the result is written), else None. Raises InputError, before the run
-    starts, if the folder cannot be written.
+    starts, if the folder cannot be written or holds what would be lost, or if there is not enough memory or
+    disk.
     """
     start = prepare_case(case)  # whose faults come before any folder is made
-    with _made(folder):
+    refuse_checkpoints(start, asked.checkpoint_every)
+    wanted = asked.out or folder_of(case)
+    say = _silent if asked.quiet else _to_stderr
+    with _opened(wanted, own=asked.out is None and not asked.overwrite) as folder:
         _ready(folder)
+        if not asked.overwrite:
+            refuse_taken(folder)
+        elif has_unfinished(folder):
+            say(f"{folder}: the unfinished run there is put aside, into a folder beside that `resume` takes")
+        if folder != wanted:
+            say(_elsewhere(wanted, folder))
+        cost = estimated(start)
+        refuse_beyond(cost, start, folder)
+        for name, words in cost.rows():
+            say(f"{name:8s}{words}")
 
-        def simulate(progress: Progress | None) -> Result:
-            return run_into(folder, case, start, progress, checkpoint_every, partial(set_aside, folder))
+        def simulate(progress: Progress | None, describe: Describe) -> Result:
+            return run_into(
+                folder, case, start, progress, asked.checkpoint_every, describe, overwrite=asked.overwrite
+            )
 
-        return _run(case, simulate, folder, check=check, estimate=estimate)
+        return _run(case, simulate, folder, asked, cost.run.known)
 
 
-def resume_run(folder: Path) -> ExunetError | None:
+def resume_run(folder: Path, *, quiet: bool = False) -> ExunetError | None:
     """Go on with an unfinished run in a folder, and describe it as `run_case` does."""
-    if not is_store(folder / STORE_FOLDER):
+    if not has_unfinished(folder):
         raise InputError(f"{folder}: there is no unfinished run in this folder")
-    story = Segments(folder / STORE_FOLDER).provenance
-    case = parse_case(story["text"], Path(story["case"]), story["overrides"])
+    case, _ = case_of_store(Segments(folder / STORE_FOLDER))
     _ready(folder)
-    return _run(case, lambda progress: resume(folder, progress), folder, check=False, estimate=False)
+
+    def simulate(progress: Progress | None, describe: Describe) -> Result:
+        return resume(folder, progress, describe)
+
+    return _run(case, simulate, folder, Asked(quiet=quiet))
 
 
 def _run(
-    case: Case,
-    simulate: Callable[[Progress | None], Result],
-    folder: Path,
-    *,
-    check: bool,
-    estimate: bool,
+    case: Case, simulate: Simulate, folder: Path, asked: Asked, expected: float | None = None
 ) -> ExunetError | None:
-    stopped: ExunetError | None = None
-    unchecked: ExunetError | None = None
-    agreement = error_estimate = None
-    no_check: str | None = None
-    with ReferenceRun(case) if check else nullcontext() as reference:
+    story, stopped = _Story(), None
+    with (
+        ReferenceRun(case) if asked.check else nullcontext() as reference,
+        told_progress(case.scene.time.end, expected, quiet=asked.quiet) as progress,
+    ):
+
+        def describe(result: Result, place: Path) -> None:
+            progress.end()
+            _describe(case, result, place, story, reference, estimate=asked.estimate)
+
         try:
-            with _progress(case.scene.time.end) as progress, giving_back(folder):
-                result = simulate(progress)
+            simulate(progress, describe)
         except RunStopped as error:
             if error.result is None:
                 raise
-            stopped, result = error, error.result
-        if reference and stopped is None:
-            agreement, unchecked, no_check = _agreement(reference, result)
-        elif reference:
-            no_check = "the run stopped before its end"
-    if estimate and stopped is None:
-        error_estimate, stopped = _estimate(case, result)
-    _describe(result, folder, agreement or no_check, error_estimate)
-    return stopped or unchecked
+            stopped = error
+    if story.table and not asked.quiet:
+        where = [] if stopped else [("written to", f"{folder}/")]
+        print_table(story.title, [*story.table, *where])
+    return stopped or story.failed or story.unchecked
+
+
+def _describe(
+    case: Case,
+    result: Result,
+    folder: Path,
+    story: _Story,
+    reference: ReferenceRun | None,
+    *,
+    estimate: bool,
+) -> None:
+    """Write summary and figures, and fill the story, with what reference and error estimate say."""
+    from exunet.figures import save_figures
+
+    agreement: Agreement | None = None
+    no_check: str | None = None
+    if reference and result.complete:
+        agreement, story.unchecked, no_check = _agreement(reference, result)
+    elif reference:
+        no_check = "the run stopped before its end"
+    summary: dict[str, Any] = summarise(result, agreement or no_check)
+    table = rows(summary)
+    if estimate and result.complete:
+        error_estimate, story.failed = _estimate(case, result)
+        if error_estimate is not None:
+            summary["error_estimate"] = error_estimate.numbers()
+            table += error_estimate.rows()
+    write_summary(summary, folder / SUMMARY)
+    save_figures(result, folder, agreement)
+    story.title, story.table = summary["title"], table
 
 
 def _estimate(case: Case, result: Result) -> tuple[ErrorEstimate | None, RunStopped | None]:
@@ -118,59 +198,52 @@ def _agreement(
 
 
 @contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Takes away again the folders that were made for a run, if it ended with nothing in them."""
-    new = [one for one in (folder, *folder.parents) if not one.exists()]
+def _opened(wanted: Path, *, own: bool) -> Iterator[Path]:
+    """The folder of a run, made if need be: `wanted`, or if it is its `own` one the next that is free.
+
+    Folders that were made are taken away again if the run ended with nothing in them.
+    """
     try:
-        yield
+        missing = [one for one in wanted.parents if not one.exists()]
+        folder, made = wanted, own or not wanted.exists()
+        if own:
+            folder = new_folder(wanted)
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise cannot_write(wanted, error) from error
+    try:
+        yield folder
     finally:
-        for one in new:
+        for one in (folder, *missing) if made else ():
             with suppress(OSError):  # not empty: a part of the run is kept
                 one.rmdir()
 
 
 def _ready(folder: Path) -> None:
-    """Make the folder and prove that it can be written; what an earlier run left there stays as it is."""
+    """Prove that the folder can be written; what an earlier run left there stays as it is."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         sweep(folder)
         with TemporaryFile(dir=folder):
             pass
     except OSError as error:
         raise cannot_write(folder, error) from error
-    for name in FILES:
+    for name in (RESULT_FILE, *DESCRIPTIONS):
         if (folder / name).exists() and not (folder / name).is_file():
             raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
 
 
-def _describe(
-    result: Result, folder: Path, check: Agreement | str | None, error_estimate: ErrorEstimate | None
-) -> None:
-    summary = summarise(result, check)
-    table = rows(summary)
-    if error_estimate is not None:
-        summary["error_estimate"] = error_estimate.numbers()
-        table += error_estimate.rows()
-    write_summary(summary, folder / "summary.json")
-    save_figures(result, folder, check if isinstance(check, Agreement) else None)
-    print_table(summary["title"], [*table, ("written to", f"{folder}/")])
+def _elsewhere(wanted: Path, folder: Path) -> str:
+    """Why a run does not go to the first folder of its name."""
+    if has_unfinished(wanted):
+        return f"{wanted} has an unfinished run (exunet resume {wanted}); this run goes to {folder}"
+    there = "has a result" if has_result(wanted) else "is there already"
+    return f"{wanted} {there}; this run goes to {folder} (--overwrite replaces it)"
 
 
-@contextmanager
-def _progress(end: float) -> Iterator[Progress | None]:
-    """A bar in simulated time on stderr; nothing when that is not a terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+def _to_stderr(words: str) -> None:
+    sys.stderr.write(f"{words}\n")
 
-    columns = (
-        TextColumn("simulated"),
-        BarColumn(),
-        TextColumn("{task.completed:.3f} of {task.total:g} s"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=end)
-        yield lambda time: bar.update(task, completed=time)
+
+def _silent(_words: str) -> None:
+    """Nothing is said."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Callable
 from operator import attrgetter
 from pathlib import Path
@@ -60,9 +61,23 @@ def _tighter(study: Study, entry: Entry) -> list[Entry]:
 
 
 def cheapest(study: Study, level: float) -> Entry | None:
-    """The fastest entry whose error is within `level`, and is so at all tighter settings of its method."""
-    able = [one for one in study.ranked if study.error(one) <= level and reliable(study, one, level)]
+    """The fastest entry that a case can ask for, with its error and those of tighter ones within `level`."""
+    able = [
+        one
+        for one in study.ranked
+        if one.setting.in_a_case and study.error(one) <= level and reliable(study, one, level)
+    ]
     return min(able, key=wall_time, default=None)
+
+
+def failed_rows(study: Study) -> list[tuple[str, str]]:
+    """A row (name, value) for all settings that failed: how many of each method."""
+    counts = Counter(entry.setting.name for entry in study.entries if entry.failed)
+    if not counts:
+        return []
+    names = ", ".join(f"{name} {number}" for name, number in counts.items())
+    words = f"{counts.total()} of {len(study.entries)} settings: {names}; reasons in cost.md"
+    return [("failed", words)]
 
 
 def answer_rows(study: Study) -> list[tuple[str, str]]:

@@ -53,12 +53,14 @@ class Setting:
     form      : None for a method of the reference
     tolerance : of an adaptive method, per step: relative to the launch speed [1], else None
     step      : of a fixed-step method [s], else None
+    forced    : the step is above the one that exunet runs unasked
     """
 
     form: Form | None
     method: Method | ReferenceMethod
     tolerance: float | None = None
     step: float | None = None
+    forced: bool = False
 
     @property
     def code(self) -> str:
@@ -77,6 +79,11 @@ class Setting:
     def conserves(self) -> bool:
         """True if the energy balance holds by construction, however wrong the run."""
         return self.method == ReferenceMethod.EM
+
+    @property
+    def in_a_case(self) -> bool:
+        """True if a case can ask for it: not for a method of the reference, nor beyond the stable step."""
+        return self.code != "reference" and not self.forced
 
     @property
     def size(self) -> float:
@@ -103,8 +110,16 @@ def ladders(
     def rungs(form: Form | None, method: Method | ReferenceMethod) -> list[Setting]:
         sizes = OF_REFERENCE[method] if isinstance(method, ReferenceMethod) else _sizes(method)
         steps = {min(part * stable[sizes.unit], end / 100.0) for part in sizes.parts}
-        found = [Setting(form, method, step=step) for step in sorted(steps, reverse=True)]
+        found = [
+            Setting(form, method, step=step, forced=beyond(method, step))
+            for step in sorted(steps, reverse=True)
+        ]
         return found or [Setting(form, method, tolerance=t) for t in sizes.tolerances]
+
+    def beyond(method: Method | ReferenceMethod, step: float) -> bool:
+        if isinstance(method, ReferenceMethod):
+            return False
+        return METHODS[method].kind == Kind.EXPLICIT and step > stable[method]
 
     forms = (Form.FUSED, Form.CONNECTORS) if compiled else (Form.CONNECTORS,)
     found = [rungs(form, method) for form in forms for method in METHODS]

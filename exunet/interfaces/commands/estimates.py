@@ -1,0 +1,93 @@
+"""What a run will take, in words, and whether the machine has it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from exunet.base.errors import InputError
+from exunet.base.machine import disk_left, memory_left
+from exunet.interfaces.commands.waiting import waiting
+from exunet.simulation.expected_cost import GUESSED, ExpectedCost, expected_cost, in_the_compiled_loop
+from exunet.simulation.preparation import Start
+from exunet.simulation.trial import is_compiled, try_out
+
+LONG = 10.0  # [s] from which on a run says what would be cheaper
+_BUDGET = 1.0  # [s] of a trial
+_SHORT = (
+    1.0  # [s]: a run that is expected to be shorter is not tried out, nor is it worth a trial's compiling
+)
+
+
+@dataclass(frozen=True)
+class Expected:
+    """The cost of a run, and with `engine.loop = "auto"` where that can be told and is less."""
+
+    run: ExpectedCost
+    other: ExpectedCost | None = None
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Rows (name, value): time, memory, disk, and for a long run what would be faster."""
+        run = self.run
+        low, high = run.seconds / run.factor, run.seconds * run.factor
+        found = [
+            ("time", f"about {duration(run.seconds)} ({duration(low)} to {duration(high)}; {run.counted})"),
+            ("memory", f"up to {size(run.memory)}"),
+            ("disk", f"up to {size(run.disk)}, of which {size(run.kept)} stay; {run.states} stored states"),
+        ]
+        if self.other is not None:
+            words = f"about {duration(self.other.seconds)} with --set 'engine.loop=\"auto\"'"
+            found.append(("faster", words))
+        return found
+
+
+def estimated(start: Start, *, thorough: bool = False) -> Expected:
+    """The cost of a run, from a trial where it is likely to be long enough for one.
+
+    thorough : make a trial also where the compiled loop must be compiled for it first
+    """
+    guess = expected_cost(start)
+    trial = None
+    may_be_long = guess.factor == GUESSED and guess.seconds * guess.factor > LONG
+    if may_be_long and (thorough or guess.seconds > LONG or is_compiled(start)):
+        with waiting("trying the run out"):
+            trial = try_out(start, _BUDGET)
+    run = guess if trial is None else expected_cost(start, trial)
+    other = in_the_compiled_loop(start, trial) if run.seconds > LONG else None
+    return Expected(run, other if other is not None and other.seconds < run.seconds else None)
+
+
+def refuse_beyond(cost: Expected, start: Start, folder: Path) -> None:
+    """Raise InputError if the machine has not the memory, or the folder's disk not the room."""
+    run = cost.run
+    less = "a larger time.output_step or an earlier time.end stores fewer than its "
+    less += f"{run.states} states"
+    disk, memory = disk_left(folder), memory_left()
+    if disk is not None and run.disk > disk:
+        words = f"the run needs up to {size(run.disk)} on disk, and {size(disk)} are free"
+        raise InputError(f"{folder}: {words}; {less}, --out writes elsewhere")
+    if memory is not None and run.memory > memory:
+        words = f"the run needs up to {size(run.memory)} of memory, and {size(memory)} are free"
+        raise InputError(f"{words}; a net of fewer than its {start.net.n_elements} elements needs less")
+
+
+def duration(seconds: float) -> str:
+    """A time in words: two digits, in the unit that suits."""
+    for unit, name in ((86400.0 * 365.25, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * unit:
+            return f"{_digits(seconds / unit)} {name}"
+    return f"{_digits(seconds)} s"
+
+
+def size(count: float) -> str:
+    """A number of bytes in words: two digits, in the unit that suits."""
+    for unit, name in ((1e12, "TB"), (1e9, "GB"), (1e6, "MB")):
+        if count >= unit:
+            return f"{_digits(count / unit)} {name}"
+    return f"{_digits(count / 1e3)} kB"
+
+
+def _digits(value: float) -> str:
+    """Two digits, without an exponent as far as that can be read."""
+    rounded = float(f"{value:.2g}")
+    return f"{rounded:.0f}" if 10.0 <= rounded < 1e6 else f"{rounded:g}"

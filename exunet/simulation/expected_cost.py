@@ -1,0 +1,166 @@
+"""What a run will cost, before it begins: wall time, memory, disk.
+
+Disk follows from the states that are stored. Memory is bounded, whatever is stored. The time is that of a
+right-hand side times their number: exact for equal steps; for an adaptive method counted by a trial in the
+compiled loop, or where there is none guessed from the net's highest frequency. benchmarks/estimates.md lists
+estimates beside what was measured, from which the constants and factors below are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from exunet.case.stored_times import stored_times
+from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
+from exunet.methods.plan import Plan
+from exunet.simulation import auto
+from exunet.simulation.preparation import Start
+from exunet.simulation.recorder import columns_of
+from exunet.simulation.trial import Trial
+from exunet.system.stability import largest_frequency
+
+# Seconds of a right-hand side of the compiled loop: of the call, and of each element.
+_LOOP, _LOOP_ELEMENT = 1.5e-7, 7e-9
+_STEP = 5e-5  # [s] of looking at a step, where Exudyn steps
+_STORED, _STORED_ELEMENT = 3e-5, 4e-8  # [s] of storing a state
+_REST = 1.2  # [s] of starting, and of drawing the figures
+_NEWTON = 5.0  # right-hand sides of an implicit step, each of them dearer by
+_IMPLICIT = 10.0
+
+# Right-hand sides of a period of the highest frequency, over 2 pi: folded, nearly deployed.
+_PER_RADIAN = (6.0, 60.0)
+
+# A measured time lies within the estimate divided by this and multiplied by it.
+EXACT, COUNTED, EXTRAPOLATED, GUESSED = 2.0, 2.5, 5.0, 15.0
+
+_PROGRAM = 300 << 20  # bytes: Python with the libraries, figures included
+_ELEMENT = 8 << 10  # bytes of an element and its nodes in the engine and in tables
+_SEEN = 4  # times the states that are looked at in one go, with what is derived from them
+_WHOLE = 3 * (64 << 20)  # bytes of a result that is read at once, and of what its measures and figures make
+_FILES = 4 << 20  # bytes of figures and summary
+
+
+@dataclass(frozen=True)
+class ExpectedCost:
+    """What a run is expected to cost.
+
+    seconds : wall time [s]; a measured one lies within a factor of `factor`
+    factor  : of uncertainty
+    counted : how the number of right-hand sides was found, in words
+    right_hand_sides : how many
+    memory  : bytes, at most
+    disk    : bytes, at most, while the run joins its states into the result
+    kept    : bytes, at most, of the result
+    states  : number of stored states
+    """
+
+    seconds: float
+    factor: float
+    counted: str
+    right_hand_sides: float
+    memory: int
+    disk: int
+    kept: int
+    states: int
+
+    @property
+    def known(self) -> float | None:
+        """The number of right-hand sides, where it was counted."""
+        return self.right_hand_sides if self.factor <= COUNTED else None
+
+
+def expected_cost(start: Start, trial: Trial | None = None) -> ExpectedCost:
+    """The cost of a run from this start; trial: of `exunet.simulation.trial.try_out`, if there was one."""
+    states = len(stored_times(start.scene.time))
+    row = sum(column.row_bytes for column in columns_of(start.system))
+    number, factor, counted = _right_hand_sides(start, trial)
+    seconds = _REST + number * _seconds_each(start) + states * _seconds_stored(start)
+    if trial is not None and start.scene.engine.loop == TimeLoop.COMPILED:
+        seconds = _REST + number * trial.seconds_each + states * _seconds_stored(start)
+    kept = states * row + _FILES
+    return ExpectedCost(
+        seconds=seconds,
+        factor=factor,
+        counted=counted,
+        right_hand_sides=number,
+        memory=_memory(start, states * row, row),
+        disk=kept + states * row,
+        kept=kept,
+        states=states,
+    )
+
+
+def _right_hand_sides(start: Start, trial: Trial | None) -> tuple[float, float, str]:
+    """How many, the factor of uncertainty of the time, and how it was found."""
+    plan = start.plan
+    if plan.step is not None:
+        return _of_equal_steps(start, plan), EXACT, "equal steps"
+    if trial is not None and trial.complete:
+        return _stages(start) * trial.right_hand_sides, COUNTED, "by a trial"
+    if trial is not None:
+        words = f"by a trial to {trial.until:.3g} s"
+        return _stages(start) * trial.right_hand_sides, EXTRAPOLATED, words
+    per_radian = _PER_RADIAN[start.scene.initial.packing >= auto.NEARLY_DEPLOYED]
+    end = start.scene.time.end
+    return end * (per_radian * largest_frequency(start.system) + 100.0), GUESSED, "by the net's frequencies"
+
+
+def _stages(start: Start) -> float:
+    """Right-hand sides of a step over those of the compiled loop, which uses the last again as the first."""
+    in_exudyn = start.scene.engine.loop == TimeLoop.EXUDYN and start.plan.method == Method.DOPRI5
+    return 7.0 / 6.0 if in_exudyn else 1.0
+
+
+def _of_equal_steps(start: Start, plan: Plan) -> float:
+    assert plan.step is not None
+    gaps = np.diff(stored_times(start.scene.time))
+    steps = float(np.ceil(gaps / plan.step - 1e-9).sum())
+    facts = METHODS[plan.method]
+    return steps * (facts.stages if facts.kind != Kind.IMPLICIT else _NEWTON)
+
+
+def _seconds_each(start: Start) -> float:
+    """Wall time of a right-hand side [s], with its part of what a step costs beside."""
+    number, facts = float(max(start.net.n_elements, 1)), METHODS[start.plan.method]
+    if start.scene.engine.loop == TimeLoop.COMPILED:
+        return _LOOP + _LOOP_ELEMENT * number
+    fused = start.scene.engine.net == NetForm.FUSED
+    rows = auto.table().seconds
+    each = float(np.interp(number, rows[:, 0], rows[:, 2 if fused else 1]))
+    if number > rows[-1, 0]:
+        each *= number / rows[-1, 0]
+    if facts.kind == Kind.IMPLICIT:
+        return _IMPLICIT * each
+    return each + _STEP / facts.stages
+
+
+def _seconds_stored(start: Start) -> float:
+    return _STORED + _STORED_ELEMENT * start.net.n_elements
+
+
+def _memory(start: Start, stored: int, row: int) -> int:
+    """At most, in bytes."""
+    elements = max(start.net.n_elements, start.net.n_nodes)
+    segments = 2 * max(8 << 20, row)
+    seen = _SEEN * max(16 * row, min(256 * row, 16 << 20))
+    return _PROGRAM + elements * _ELEMENT + seen + segments + min(3 * stored, _WHOLE)
+
+
+def in_the_compiled_loop(start: Start, trial: Trial | None) -> ExpectedCost | None:
+    """The cost with `engine.loop = "auto"`; None if that changes nothing, or cannot be told."""
+    if start.scene.engine.loop == TimeLoop.COMPILED:
+        return None
+    if start.plan.step is None:
+        if trial is None:
+            return None
+        other = replace(start, scene=trial.start.scene, plan=trial.start.plan)
+    elif METHODS[start.plan.method].compiled and start.scene.solver.step is not None:
+        engine = start.scene.engine.model_copy(update={"loop": TimeLoop.COMPILED})
+        other = replace(start, scene=start.scene.model_copy(update={"engine": engine}))
+    else:
+        return None
+    found = expected_cost(other, trial)
+    return found if math.isfinite(found.seconds) else None

@@ -1,0 +1,224 @@
+"""What a run is said to take: number of right-hand sides, memory, disk, what is left; refusals beforehand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from commands import command
+
+from exunet.base.errors import InputError
+from exunet.base.machine import disk_left, memory_left
+from exunet.case.casefile import load
+from exunet.interfaces.commands import estimates
+from exunet.interfaces.commands.estimates import Expected, duration, estimated, refuse_beyond, size
+from exunet.interfaces.commands.progress import Lines, remaining
+from exunet.simulation.expected_cost import (
+    COUNTED,
+    EXTRAPOLATED,
+    GUESSED,
+    expected_cost,
+    in_the_compiled_loop,
+)
+from exunet.simulation.pace import Pace
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.run import run_into, simulate
+from exunet.simulation.trial import Trial, try_out
+
+CASES = Path(__file__).parent.parent / "cases"
+PLANAR = CASES / "planar_deployment.toml"
+EARLY = ("time.end=0.7", "time.output_step=0.01")  # beyond the first snaps at 0.57 s
+
+
+def started(*overrides: str, case: Path = PLANAR) -> Start:
+    return prepare_case(load(case, overrides))
+
+
+@pytest.mark.parametrize("loop", ["exudyn", "compiled"])
+@pytest.mark.parametrize(("method", "step"), [("RK44", 1e-4), ("VelocityVerlet", 3e-5)])
+def test_the_right_hand_sides_of_equal_steps_are_exact(loop, method, step):
+    """But for one at the start. 3e-5 s does not divide the 0.01 s between stored times."""
+    start = started(*EARLY[1:], "time.end=0.02", f"solver.method={method}", f"solver.step={step}",
+                    f"engine.loop={loop}")  # fmt: skip
+    told = expected_cost(start).right_hand_sides
+    assert simulate(start).provenance["right_hand_sides"] == pytest.approx(told, abs=1)
+
+
+def test_a_trial_counts_the_right_hand_sides_of_a_run():
+    """Before the net is chaotic they are the same steps in both loops."""
+    start = started(*EARLY)
+    trial = try_out(start, budget=60.0)
+    assert trial is not None
+    assert trial.complete
+    cost = expected_cost(start, trial)
+    assert cost.factor == COUNTED
+    assert simulate(start).provenance["right_hand_sides"] == pytest.approx(cost.right_hand_sides, rel=0.05)
+
+
+def test_a_trial_of_another_method_counts_as_many():
+    """ODE23, which the compiled loop has not: at the same accuracy DOPRI5 takes about as many."""
+    start = started(*EARLY, "solver.method=auto")
+    assert start.plan.method == "ODE23"
+    trial = try_out(start, budget=60.0)
+    assert trial is not None
+    assert trial.start.plan.method == "DOPRI5"
+    told = expected_cost(start, trial).right_hand_sides
+    assert simulate(start).provenance["right_hand_sides"] == pytest.approx(told, rel=0.4)
+
+
+def test_a_trial_without_time_is_extrapolated_and_says_so():
+    start = started()
+    trial = try_out(start, budget=0.0)
+    assert trial is None or not trial.complete
+    cost = expected_cost(start, Trial(start, False, 0.5, 1e5, 1e-6))
+    assert (cost.factor, cost.known) == (EXTRAPOLATED, None)
+    assert "by a trial to 0.5 s" in cost.counted
+
+
+def test_equal_steps_need_no_trial():
+    assert try_out(started("solver.method=RK44"), budget=1.0) is None
+
+
+def test_disk_is_a_bound_that_is_not_far(tmp_path):
+    start = started("time.end=0.2", "time.output_step=0.0002")
+    cost = expected_cost(start)
+    run_into(tmp_path, load(PLANAR, ["time.end=0.2", "time.output_step=0.0002"]))
+    kept = (tmp_path / "result.h5").stat().st_size
+    assert cost.states == 1001
+    assert kept < cost.kept < 10 * kept + (8 << 20)
+    assert cost.kept < cost.disk
+
+
+def test_what_the_machine_has_is_known(tmp_path):
+    assert (disk_left(tmp_path / "not" / "yet") or 0) > 1 << 20
+    assert (memory_left() or 0) > 1 << 20
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("disk_left", ("on disk, and 1 kB are free", "time.output_step", "--out")),
+        ("memory_left", ("of memory, and 1 kB are free", "64 elements")),
+    ],
+)
+def test_a_run_beyond_the_machine_is_refused_before_it_begins(tmp_path, monkeypatch, name, words):
+    monkeypatch.setattr(estimates, name, lambda *_: 1000)
+    done = command("run", PLANAR, "--set", "time.end=0.02", "--out", "here", folder=tmp_path)
+    assert done.returncode == 2
+    for word in words:
+        assert word in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_system_that_does_not_say_refuses_nothing(tmp_path, monkeypatch):
+    for name in ("disk_left", "memory_left"):
+        monkeypatch.setattr(estimates, name, lambda *_: None)
+    start = started()
+    refuse_beyond(Expected(expected_cost(start)), start, tmp_path)
+    monkeypatch.setattr(estimates, "disk_left", lambda *_: 0)
+    with pytest.raises(InputError, match="0 kB are free"):
+        refuse_beyond(Expected(expected_cost(start)), start, tmp_path)
+
+
+def test_a_long_run_says_what_the_compiled_loop_would_take():
+    start = started("solver.method=RK44", "solver.step=1e-7")
+    found = dict(estimated(start).rows())
+    assert "engine.loop" in found["faster"]
+    assert in_the_compiled_loop(started("engine.loop=compiled"), None) is None
+    assert "faster" not in dict(estimated(started("time.end=0.1")).rows())
+
+
+def test_a_guess_says_that_it_is_one():
+    cost = expected_cost(started())
+    assert (cost.factor, cost.known) == (GUESSED, None)
+    assert "frequencies" in dict(Expected(cost).rows())["time"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.123, "0.12 s"), (9.99, "10 s"), (59.0, "59 s"), (119.0, "120 s"), (600.0, "10 min"),
+     (7200.0, "2 h"), (3e5, "3.5 days"), (1e9, "32 years")],
+)  # fmt: skip
+def test_times_in_words(seconds, words):
+    assert duration(seconds) == words
+
+
+@pytest.mark.parametrize(("count", "words"), [(10, "0.01 kB"), (2.5e6, "2.5 MB"), (1.2e10, "12 GB")])
+def test_sizes_in_words(count, words):
+    assert size(count) == words
+
+
+def test_the_pace_of_equal_steps_leaves_what_is_left():
+    pace = Pace(10.0)
+    assert pace.left() is None
+    for k in range(6):
+        pace.look(2.0 * k, float(k), 100 * k)
+    low, high = pace.left()
+    assert low < 10.0 < high < 2.0 * 10.0
+
+
+def test_steps_that_concentrate_late_are_learned():
+    """Right-hand sides as the cube of time: half-way in time, seven times as many are left."""
+    pace = Pace(10.0)
+    for k in range(51):
+        time = 0.1 * k
+        pace.look(time**3, time, int(1e4 * time**3))
+    low, high = pace.left()
+    assert low > 1.5 * 125.0
+    assert low < 875.0 < high
+
+
+def test_a_number_that_is_known_leaves_its_rest():
+    pace = Pace(10.0, expected=1000.0)
+    pace.look(0.0, 0.0, 0)
+    pace.look(3.0, 5.0, 250)
+    assert pace.left() == pytest.approx((9.0, 9.0), rel=0.02)
+    pace.look(12.0, 9.0, 1000)  # it was wrong: the pace takes over
+    low, high = pace.left()
+    assert 0.0 < low < high
+
+
+def test_near_the_end_of_time_the_pace_counts_more_than_what_was_expected():
+    pace = Pace(10.0, expected=1e6)
+    for k in range(100):
+        pace.look(0.1 * k, 0.1 * k, 1000 * k)
+    assert pace.left()[1] < 1.0  # 0.1 s is left, of 90 that were expected
+
+
+def test_looks_are_thinned_and_the_first_and_last_stay():
+    pace = Pace(1e4)
+    for k in range(5000):
+        pace.look(float(k), float(k), k)
+    assert pace.left() == pytest.approx((5001.0 / 1.5, 5001.0 * 1.5), rel=0.02)
+
+
+def told(seconds: float) -> list[str]:
+    """The lines of a run of that wall time, linear in a simulated time of 10 s."""
+    said: list[str] = []
+    now = [0.0]
+    lines = Lines(10.0, Pace(10.0), said.append, lambda: now[0])
+    for k in range(1001):
+        now[0] = seconds * k / 1000.0
+        lines(k / 100.0, k)
+    lines.end()
+    lines.end()
+    return said
+
+
+def test_lines_come_at_the_start_now_and_then_and_at_the_end():
+    assert told(5.0) == ["simulating 10 s", "simulated in 5 s"]
+    assert len(told(50.0)) == 2 + 4  # each 10 s: more than a tenth
+    assert len(told(300.0)) == 2 + 9  # each tenth
+    assert len(told(3000.0)) in range(2 + 45, 2 + 52)  # each minute at least
+    assert "left" in told(50.0)[1]
+    assert all(len(line) <= 80 for line in told(3000.0))
+
+
+def test_what_is_left_in_words():
+    pace = Pace(10.0, expected=1000.0)
+    assert remaining(pace) == ""
+    pace.look(0.0, 0.0, 0)
+    pace.look(3.0, 5.0, 250)
+    assert remaining(pace) == "about 9 s left"
+    pace.look(3.9, 9.9, 850)
+    assert remaining(pace) == "less than 1 s left"

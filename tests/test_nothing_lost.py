@@ -1,0 +1,308 @@
+"""A finished result is never overwritten unasked; a second run that fails leaves the first bit for bit."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from commands import WRITING_OFTEN, command, ended, process, wait_until
+
+import exunet
+from exunet.base.errors import InputError, Interrupted, RunStopped
+from exunet.base.files import cannot_write
+from exunet.case.casefile import load
+from exunet.figures import figures
+from exunet.interfaces.commands import run as command_run
+from exunet.interfaces.commands.naming import folder_of
+from exunet.results import run_folder
+from exunet.results.run_folder import FIGURES, held, new_folder
+from exunet.results.segments import is_store
+from exunet.simulation import run as runs
+from exunet.simulation.run import run_into
+
+PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
+SHORT = ("--set", "time.end=0.02", "--set", "time.output_step=0.01")
+VALUES = SHORT[1::2]
+STOPS = ("--set", "solver.method=RK44", "--set", "solver.step=2.5e-2", "--set", "solver.force=true",
+         "--set", "time.output_step=0.1", "--set", "time.end=1.0")  # fmt: skip
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a finished run in "here"."""
+    folder = tmp_path_factory.mktemp("finished")
+    assert command("run", PLANAR, *SHORT, "--out", "here", folder=folder).returncode == 0
+    return folder
+
+
+@pytest.fixture
+def first(finished: Path, tmp_path: Path) -> Path:
+    """The same, for this test alone."""
+    (tmp_path / "here").mkdir()
+    for name, data in content(finished / "here").items():
+        (tmp_path / "here" / name).write_bytes(data)
+    return tmp_path
+
+
+def unfinished(folder: Path, monkeypatch: pytest.MonkeyPatch, *, overwrite: bool = False) -> None:
+    """A run in a folder that ends as by a kill, before its first step."""
+
+    def killed(*_: object) -> None:
+        raise MemoryError  # not one of exunet's own: nothing is tidied up
+
+    with monkeypatch.context() as patch:
+        patch.setattr(runs, "drive", killed)
+        with pytest.raises(MemoryError):
+            run_into(folder, load(PLANAR, VALUES), overwrite=overwrite)
+    assert is_store(folder / "unfinished")
+
+
+def test_a_second_run_gets_a_folder_of_its_own(tmp_path):
+    (tmp_path / "results").mkdir()
+    name = folder_of(load(PLANAR, VALUES)).name
+    (tmp_path / "results" / f"{name}-2").write_text("a file")
+    for expected in ("", "-3"):
+        done = command("run", PLANAR, *SHORT, folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert exunet.load_result(tmp_path / "results" / f"{name}{expected}").complete
+    assert f"results/{name} has a result; this run goes to results/{name}-3" in done.stderr
+    assert f"results/{name}-3/" in "".join(done.stdout.split())  # folded
+    assert (tmp_path / "results" / f"{name}-2").read_text() == "a file"
+
+
+def test_two_runs_at_once_never_choose_the_same_folder(tmp_path):
+    """Each looks, and makes its folder, before the other does: what is made is what nobody had."""
+    made = {new_folder(tmp_path / "results" / "case") for _ in range(5)}
+    assert {path.name for path in made} == {"case", "case-2", "case-3", "case-4", "case-5"}
+
+
+@pytest.mark.parametrize("target", ["result.h5", "unfinished/index.exu"])
+def test_an_explicit_folder_that_would_lose_something_is_refused(tmp_path, target):
+    path = tmp_path / "here" / target
+    path.parent.mkdir(parents=True)
+    path.write_text("of an earlier run")
+    before = content(tmp_path)
+    done = command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("here: there is ")
+    assert "--overwrite" in done.stderr
+    assert ("exunet resume here" in done.stderr) == target.startswith("unfinished")
+    assert len(done.stderr.splitlines()) == 1
+    assert content(tmp_path) == before
+
+
+def test_overwrite_replaces_result_and_what_described_it(first):
+    (first / "here" / "agreement.png").write_text("of the first run's check")
+    (first / "here" / "notes.txt").write_text("mine")
+    done = command(
+        "run", PLANAR, *SHORT, "--set", "title=other", "--out", "here", "--overwrite", folder=first
+    )
+    assert done.returncode == 0, done.stderr
+    assert exunet.load_result(first / "here").provenance["title"] == "other"
+    assert not (first / "here" / "agreement.png").exists()
+    assert (first / "here" / "notes.txt").read_text() == "mine"
+    assert [path.name for path in first.iterdir()] == ["here"]
+    assert not (first / "here" / "unfinished").exists()
+
+
+def test_overwrite_without_out_replaces_the_first_of_its_name(tmp_path):
+    name = folder_of(load(PLANAR, VALUES))
+    for _ in range(2):
+        assert command("run", PLANAR, *SHORT, "--overwrite", folder=tmp_path).returncode == 0
+    assert [path.name for path in (tmp_path / "results").iterdir()] == [name.name]
+
+
+def test_a_second_run_that_stops_leaves_the_first_and_says_where_its_part_is(first):
+    before = content(first / "here")
+    done = command("run", PLANAR, *STOPS, "--out", "here", "--overwrite", folder=first)
+    assert done.returncode == 3
+    assert content(first / "here") == before
+    assert "what was computed is in here-2; here is as it was" in done.stderr
+    part = exunet.load_result(first / "here-2")
+    assert part.verdict.startswith("diverged")
+    assert (first / "here-2" / "summary.json").exists()
+
+
+def test_ctrl_c_in_a_second_run_leaves_the_first(first, monkeypatch):
+    def interrupted(*_: object) -> None:
+        raise Interrupted("interrupted after t = 0 s")
+
+    before = content(first / "here")
+    monkeypatch.setattr(runs, "drive", interrupted)
+    done = command("run", PLANAR, *SHORT, "--out", "here", "--overwrite", folder=first)
+    assert done.returncode == 130
+    assert content(first / "here") == before
+    assert not exunet.load_result(first / "here-2").complete
+
+
+def test_ctrl_c_while_the_result_is_written_keeps_the_states(first, monkeypatch):
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = content(first / "here")
+    monkeypatch.setattr(runs, "join", interrupted)
+    done = command("run", PLANAR, *SHORT, "--out", "here", "--overwrite", folder=first)
+    assert done.returncode == 130
+    assert "exunet resume here" in done.stderr
+    assert {name: content(first / "here")[name] for name in before} == before
+    monkeypatch.undo()
+    assert command("resume", "here", folder=first).returncode == 0
+    assert not (first / "here" / "unfinished").exists()
+
+
+@pytest.mark.parametrize("what", ["summary", "figures"])
+@pytest.mark.parametrize("overwrite", [True, False])
+def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, monkeypatch, what, overwrite):
+    def full(*arguments: object) -> None:
+        raise cannot_write("that file", OSError(28, "No space left on device"))
+
+    name = {
+        "summary": "exunet.interfaces.commands.run.write_summary",
+        "figures": "exunet.figures.save_figures",
+    }
+    monkeypatch.setattr(name[what], full)
+    before = content(first / "here")
+    out = "here" if overwrite else "there"
+    done = command("run", PLANAR, *SHORT, "--out", out, *(["--overwrite"] if overwrite else []), folder=first)
+    assert done.returncode == 2
+    assert "No space left on device" in done.stderr
+    assert content(first / "here") == before
+    place = "here-2" if overwrite else "there"
+    assert f"what was computed is in {place}" in done.stderr
+    assert exunet.load_result(first / place).complete
+
+
+def test_a_full_disk_leaves_the_first_result(first):
+    """The system refuses files above a size: no segment, no result can be written."""
+    before, program = content(first / "here"), (
+        "import resource, signal\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, resource.RLIM_INFINITY))\n"
+        "from exunet.interfaces.cli import main\nmain()\n"
+    )  # fmt: skip
+    many = ("--set", "time.end=0.02", "--set", "time.output_step=0.0001")
+    arguments = ("run", PLANAR, *many, "--out", "here", "--overwrite")
+    done = ended(process(*arguments, folder=first, program=program))
+    assert done.returncode == 2
+    last = done.stderr.splitlines()[-1]
+    assert "File too large" in last
+    assert "exunet resume here" in last
+    now = content(first / "here")
+    assert {name: now[name] for name in before} == before
+    done = command("resume", "here", folder=first)
+    assert done.returncode == 0, done.stderr
+    assert len(exunet.load_result(first / "here").time) == 201
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL")
+def test_a_killed_second_run_leaves_the_first_and_can_be_resumed(first):
+    before = content(first / "here")
+    arguments = ("run", PLANAR, "--set", "time.end=1000", "--set", "time.output_step=0.05", "--out", "here")
+    running = process(*arguments, "--overwrite", folder=first, program=WRITING_OFTEN)
+    wait_until(lambda: is_store(first / "here" / "unfinished"), running)
+    again = command(*arguments, "--overwrite", folder=first)
+    assert again.returncode == 2
+    assert "another process is writing there" in again.stderr
+    running.send_signal(signal.SIGKILL)
+    running.communicate()
+    now = content(first / "here")
+    assert {name: now[name] for name in before} == before
+    refused = command("run", PLANAR, *SHORT, "--out", "here", folder=first)
+    assert refused.returncode == 2
+    assert "exunet resume here" in refused.stderr
+
+
+def test_an_unfinished_run_is_put_aside_where_it_can_be_resumed(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    unfinished(tmp_path / "here", monkeypatch)
+    done = command("run", PLANAR, *SHORT, "--out", "here", "--overwrite", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "put aside" in done.stderr
+    assert exunet.load_result(tmp_path / "here").complete
+    assert command("resume", "here-2", folder=tmp_path).returncode == 0
+    assert exunet.load_result(tmp_path / "here-2").complete
+
+
+def test_what_waited_when_a_process_died_is_not_taken_for_the_result(first, monkeypatch):
+    """Killed between the new result and its place: resumed, it takes the place of the first."""
+    unfinished(first / "here", monkeypatch, overwrite=True)
+    waiting = first / "here" / "unfinished" / run_folder.COMPLETE
+    waiting.mkdir()
+    (waiting / "result.h5").write_text("half of it")
+    assert command("resume", "here", folder=first).returncode == 0
+    assert exunet.load_result(first / "here").complete
+    assert not (first / "here" / "unfinished").exists()
+
+
+def test_a_folder_is_for_one_run_until_its_last_file_is_there(tmp_path):
+    """Also while the figures are drawn, when no states are stored any more."""
+    refused = []
+
+    def describe(_result: object, _place: Path) -> None:
+        with pytest.raises(InputError, match="another process is writing there"):
+            run_into(tmp_path, load(PLANAR, VALUES), overwrite=True)
+        refused.append(True)
+
+    run_into(tmp_path, load(PLANAR, VALUES), describe=describe)
+    assert refused
+    with held(tmp_path):  # and is free then
+        pass
+
+
+def test_run_into_and_save_follow_the_same_rule(tmp_path):
+    result = run_into(tmp_path, load(PLANAR, VALUES))
+    before = content(tmp_path)
+    with pytest.raises(InputError, match="there is a result"):
+        run_into(tmp_path, load(PLANAR, VALUES))
+    with pytest.raises(InputError, match="overwrite=True"):
+        exunet.save(result, tmp_path / "result.h5")
+    assert content(tmp_path) == before
+    case = load(PLANAR, [*VALUES, "title=other"])
+    assert run_into(tmp_path, case, overwrite=True).provenance["title"] == "other"
+    exunet.save(result, tmp_path / "result.h5", overwrite=True)
+    assert exunet.load_result(tmp_path).provenance["title"] == result.provenance["title"]
+
+
+def test_a_stopped_run_raises_its_own_error_with_the_place(tmp_path):
+    with pytest.raises(RunStopped, match="what was computed is in") as stopped:
+        run_into(tmp_path, load(PLANAR, STOPS[1::2]))
+    assert not stopped.value.result.complete
+    assert not (tmp_path / "unfinished").exists()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "name"),
+    [
+        ((), "planar_deployment"),
+        (("time.end=0.5",), "planar_deployment--time.end=0.5"),
+        (("time.end=0.5", "solver.method='ODE23'"), "planar_deployment--time.end=0.5--solver.method=ODE23"),
+        (("effects.rayleigh_damping=",), "planar_deployment--effects.rayleigh_damping="),
+    ],
+)
+def test_variants_have_names_of_their_own(overrides, name):
+    assert folder_of(load(PLANAR, overrides)) == Path("results") / name
+
+
+def test_names_of_variants_are_safe_and_short():
+    awkward = [f"title='{'../' * 20}{letter}'" for letter in "ab"]
+    found = [folder_of(load(PLANAR, [one])).name for one in awkward]
+    assert found[0] != found[1]
+    for name in found:
+        assert "/" not in name
+        assert len(name) < 80
+    many = [f"net.cable.diameter=0.00{k}" for k in range(1, 10)] * 3
+    assert len(folder_of(load(PLANAR, many)).name.encode()) < 180
+    assert folder_of(load(PLANAR, many)) != folder_of(load(PLANAR, many[:-1]))
+
+
+def test_every_figure_goes_with_the_result_that_it_shows():
+    """A figure that is not in the list would stay beside another result."""
+    case = load(PLANAR, VALUES)
+    assert set(figures(exunet.run(case))) <= set(FIGURES)
+    assert command_run.DESCRIPTIONS == run_folder.DESCRIPTIONS

@@ -1,0 +1,184 @@
+"""What commands print: help, version, quiet, tables of 80 columns, and what is not told apart."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import command
+
+from exunet.base.version import VERSION
+from exunet.case.casefile import load
+from exunet.forces.directions import EARTH_RADIUS
+from exunet.interfaces.commands import table
+from exunet.interfaces.commands.effects import lines_of
+from exunet.interfaces.commands.printing import print_table
+from exunet.studies import ablation
+from exunet.studies.ablation import Change, Toggled, ablate
+from exunet.studies.cost.converged import Converged
+from exunet.studies.cost.ranking import cheapest, failed_rows
+from exunet.studies.cost.runners import Entry, Measures
+from exunet.studies.cost.settings import Setting, ladders
+from exunet.studies.cost.study import Study
+from exunet.system.effect_survey import finding
+
+CASES = Path(__file__).parent.parent / "cases"
+PLANAR = CASES / "planar_deployment.toml"
+ORBIT = CASES / "effects" / "orbit.toml"
+SHORT = ("--set", "time.end=0.02", "--set", "time.output_step=0.01")
+COMMANDS = ("run", "resume", "check", "effects", "schema", "verify", "cost", "compare", "plot")
+
+
+@pytest.mark.parametrize("name", ["", *COMMANDS])
+def test_help_is_short_for_h(tmp_path, name):
+    arguments = [name] if name else []
+    short, long = (command(*arguments, option, folder=tmp_path) for option in ("-h", "--help"))
+    assert short.returncode == long.returncode == 0
+    assert short.stdout == long.stdout
+    assert "Usage: exunet" in short.stdout
+
+
+def test_the_version_is_told(tmp_path):
+    done = command("--version", folder=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"exunet {VERSION}\n", "")
+
+
+def test_a_quiet_run_says_nothing_but_errors(tmp_path):
+    done = command("run", PLANAR, *SHORT, "--quiet", folder=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert len(list(tmp_path.rglob("result.h5"))) == 1
+    done = command("run", PLANAR, *SHORT, "--quiet", "--set", "net.mesh=0.7", folder=tmp_path)
+    assert done.returncode == 2
+    assert "net.mesh" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("check", PLANAR),
+        ("effects", ORBIT),
+        ("run", PLANAR, *SHORT),
+        ("run", PLANAR, "--set", "title=" + "x" * 200, *SHORT),
+    ],
+)
+def test_what_is_printed_fits_80_columns(tmp_path, arguments):
+    done = command(*arguments, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert max(len(line) for line in done.stdout.splitlines()) <= 80
+    assert "…" not in done.stdout
+
+
+def test_long_names_and_values_are_folded_and_not_cut(capsys):
+    print_table("title " * 40, [("name" * 30, "value" * 60), ("b" * 20, "c")])
+    shown = capsys.readouterr().out
+    assert max(len(line) for line in shown.splitlines()) <= table.WIDTH
+    assert shown.count("v") == 60
+    assert shown.count("n") == 30
+    assert "…" not in shown
+
+
+@pytest.mark.parametrize(
+    ("override", "height"),
+    [("effects.orbit.altitude=400e3", 400e3), ("effects.orbit.along_track=[0.0,1.0,0.0]", None)],
+)
+def test_effects_assume_the_orbit_of_the_case(override, height):
+    scene = load(ORBIT, [override]).scene
+    orbit = scene.effects.orbit
+    height = height or orbit.altitude
+    for name in ("j2", "molecular_drag"):
+        found = finding(scene, name)
+        assert not found.on
+        assert found.keys.altitude == height
+        assert f"{height / 1e3:.0f} km" in found.assumption
+    assert finding(scene, "j2").keys.along_track == orbit.along_track
+    flow = finding(scene, "molecular_drag").keys.flow
+    speed = math.sqrt(3.986004418e14 / (EARTH_RADIUS + height))
+    assert flow == pytest.approx(tuple(-speed * part for part in orbit.along_track), rel=1e-6)
+
+
+def test_effects_without_an_orbit_assume_one_at_700_km():
+    scene = load(PLANAR).scene
+    for name in ("j2", "molecular_drag"):
+        assert finding(scene, name).keys.altitude == 700e3
+
+
+def test_an_orbit_by_its_mean_motion_is_taken_too():
+    scene = load(ORBIT, ["effects.orbit.altitude=", "effects.orbit.mean_motion=1.1e-3"]).scene
+    assert finding(scene, "j2").keys.mean_motion == 1.1e-3
+    assert finding(scene, "molecular_drag").keys.altitude == pytest.approx(528.2e3, abs=200.0)
+
+
+def test_nothing_is_assumed_below_the_known_atmosphere():
+    assert finding(load(ORBIT, ["effects.orbit.altitude=100e3"]).scene, "molecular_drag").keys is None
+
+
+def test_ablation_measures_against_the_spread_of_moved_starts(monkeypatch):
+    """Nine values of each measure with nothing changed; a tenth may differ by chance, by Student's t."""
+    same = np.array([[10.0 + 0.1 * (-1.0) ** k, 1.0, 0.0, 2.0] for k in range(9)])
+    far, near = (ablation._changes(same, (value, 1.0, 0.0, 2.0), sign=1.0) for value in (10.5, 10.2))
+    # t of 8 degrees of freedom at 99.5 % is 3.355 (any table).
+    width = 3.355 * math.sqrt(1.0 + 1.0 / 9.0) * same[:, 0].std(ddof=1)
+    assert far[0].spread == pytest.approx(width, rel=1e-3)
+    assert far[0].told_apart
+    assert not near[0].told_apart
+    assert [change.value for change in ablation._changes(same, (10.5, 1.5, 0.0, 2.0), -1.0)] == pytest.approx(
+        [-(10.5 - same[:, 0].mean()), -0.5, 0.0, 0.0]
+    )
+    assert ablation._changes(None, None, 1.0) == ()
+
+
+def test_an_ablation_runs_eight_moved_starts_and_says_what_it_cannot_tell(monkeypatch):
+    begun: list[str] = []
+    case = load(CASES / "effects" / "orbit.toml", ["time.end=0.05"])
+    (found,) = ablate(case.scene, ("breaking",), lambda what, _time: begun.append(what))
+    assert {f"moved start {k}" for k in range(1, 9)} <= set(begun)
+    lines = lines_of(found)
+    assert "not told apart from moved starts" in lines[0]
+    assert any(line.endswith("not told apart") for line in lines[1:])
+
+
+def test_what_is_told_apart_is_not_said_to_be_otherwise():
+    scene = load(ORBIT).scene
+    apart, not_apart = Change("largest_area", 0.5, 0.1), Change("distance", 0.05, 0.1)
+    lines = lines_of(Toggled(finding(scene, "orbit"), 0.1, 2e-3, 1e-3, (apart, not_apart)))
+    assert "(x 2)" in lines[0]
+    assert lines[1] == "  largest area +0.5 m2, spread ± 0.1 m2"
+    assert lines[2] == "  distance +0.05 m, spread ± 0.1 m: not told apart"
+
+
+def measured(setting: Setting, seconds: float) -> Entry:
+    return Entry(setting, [seconds], None, Measures(np.array([1.0]), 0.0), 1e-6)
+
+
+def test_cost_recommends_only_what_a_case_can_ask_for():
+    solution = Converged(np.array([1.0]), 1e-9, 1e-9, None, ())
+    able = Setting("fused", "DOPRI5", tolerance=1e-7)
+    theirs = Setting("reference", "DOP853", tolerance=1e-7)
+    too_long = Setting("fused", "ExplicitEuler", step=1e-5, forced=True)
+    entries = [measured(able, 3.0), measured(theirs, 1.0), measured(too_long, 2.0)]
+    best = cheapest(Study(solution, entries), 1e-4)
+    assert best is not None
+    assert best.setting == able
+    assert cheapest(Study(solution, entries[1:]), 1e-4) is None
+    stable = {"ExplicitEuler": 1e-9, "VelocityVerlet": 1e-4, "RK44": 1e-4}
+    found = ladders(stable | dict.fromkeys(("ExplicitMidpoint", "RK33", "RK67"), 1e-4), 1.0,
+                    compiled=False, reference=("RK4",))  # fmt: skip
+    forced = {setting.method for ladder in found for setting in ladder if setting.forced}
+    assert "ExplicitEuler" in forced
+    assert not forced & {"RK44", "RK4", "VelocityVerlet", "GeneralizedAlpha"}
+
+
+def test_failed_settings_are_one_line():
+    failed = [
+        replace(
+            measured(Setting("fused", name, step=step), 1.0), measures=None, reason="words " * 50, failed=True
+        )
+        for name, step in (("RK33", 1e-3), ("RK33", 1e-4), ("RK44", 1e-3))
+    ]
+    ((name, words),) = failed_rows(Study(Converged(np.array([1.0]), 1e-9, 1e-9, None, ()), failed))
+    assert name == "failed"
+    assert words == "3 of 3 settings: RK33 (fused) 2, RK44 (fused) 1; reasons in cost.md"
+    assert failed_rows(Study(Converged(np.array([1.0]), 1e-9, 1e-9, None, ()), [])) == []
