@@ -225,7 +225,7 @@ def test_the_potential_of_kernel_terms_is_that_of_their_force() -> None:
         for axis in range(3):
             off = np.zeros_like(place)
             off[node, axis] = 1e-6
-            ends = potential(forces, np.stack([place + off, place - off]))
+            ends = potential(forces, np.stack([place + off, place - off]).reshape(2, -1))
             assert -(ends[0] - ends[1]) / 2e-6 == pytest.approx(force[node, axis], abs=1e-5)
 
 

@@ -112,7 +112,9 @@ def _fused_by_hand(start: Start, node: int | None) -> Probe:
     fused, net = Model(), start.net
     for k in range(net.n_nodes):
         fused.node(net.reference_position[k], start.position[k], start.velocity[k])
-    applied = AppliedKernel(fused, net_kernel(start.system.forces), start.state.memory)
+    applied = AppliedKernel(
+        fused, net_kernel(start.system.forces), start.state.memory, start.system.blocks, bodies=False
+    )
     fused.applied_forces(applied.evaluate, mass=net.mass)
     if node is not None:
         marker = fused._markers[node]  # what a scene with bodies will be given a verb for

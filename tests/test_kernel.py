@@ -66,7 +66,8 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
         added, nothing, every = np.zeros(x.size), np.zeros(x.size), np.arange(x.size, dtype=Index)
         kernel.module.add_forces(0.0, x, v, data, added)
         work = [np.full(x.size, np.nan) for _ in range(4)]  # x, v, forces; forces on what is free
-        place = Place(every, every, nothing, *work[:2], push=nothing, force=work[2])
+        no_body = np.zeros(0, dtype=Index)
+        place = Place(every, every, nothing, no_body, 0, 0, *work[:2], push=nothing, force=work[2])
         kernel.module.engine_forces(0.0, x, v, data, place, work[3])
         for found in (added, work[3]):
             assert found.reshape(-1, 3).tobytes() == first[name].tobytes()

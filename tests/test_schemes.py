@@ -143,7 +143,7 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
         motion, clock = at_start(), clock_at(START, 0.05)
         peaks = np.array([(0.0, np.inf, np.inf, np.inf, 0.0, 0.0, -1)], dtype=PEAKS)
         seen = Seen(peaks, 0.5 * np.ones(1), np.zeros((0, 2), dtype=int), none, none, none)
-        kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros((50, 0)), np.zeros(50))
+        kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros(50))
         run = Run(motion, clock, seen, kept)
         if equal:
             rows = many_steps.equal_steps(False, EqualSteps(START, START + H, 7, 0, 7), 0, 1, run)

@@ -156,6 +156,18 @@ def test_a_snapshot_continues_to_the_bit(form: str, cut: float, tmp_path: Path) 
     assert one.state.memory["points/awake"].tolist() == awake(0).tolist()
 
 
+@pytest.mark.parametrize("form", ["compiled", "fused"])
+def test_a_retry_begins_beyond_the_event(form: str, tmp_path: Path) -> None:
+    """From a state that was asked for at the very time of an event."""
+    sim = exunet.Simulation(made(tmp_path, form, "RK44"))
+    sim.advance_to(RELEASE[0])
+    assert sim.energy.total > 0.0  # the guards have looked
+    assert sim.monitor.safe.time == RELEASE[0]
+    assert sim.monitor.safe.memory["points/awake"].tolist() == awake(1).tolist()
+    assert sim.monitor.go_back().memory["hold/released"] == [1.0]
+    assert len(sim.monitor.events) == 1
+
+
 def test_what_cannot_sleep_is_refused(tmp_path: Path) -> None:
     with pytest.raises(exunet.CaseError, match=r"engine\.net: connectors pull points that sleep"):
         exunet.Simulation(made(tmp_path, "connectors", "RK44"))

@@ -81,7 +81,7 @@ class Segments:
             self._of_checkpoint = [_segment(one) for one in index["of_checkpoint"]]
             self._number = _count(index["written"])  # segments written so far
             named = index["checkpoint"]
-            self.checkpoint: str | None = None if named is None else _file(named, "checkpoint")
+            self.checkpoint: str | None = None if named is None else _text(named)
         self._read: dict[str, tuple[str, Floats]] = {}  # the last rows that were read of each column
 
     def __len__(self) -> int:
@@ -135,14 +135,10 @@ def _count(value: Any) -> int:
     return value
 
 
-def _file(value: Any, kind: str) -> str:
-    if re.fullmatch(kind + r"-\d{6,}\.exu", _text(value)) is None:
-        raise ValueError(f"{value!r} is no name of a {kind}")
-    return str(value)
-
-
 def _segment(one: Any) -> Segment:
-    return Segment(_file(one["file"], "segment"), _count(one["rows"]))
+    if re.fullmatch(r"segment-\d{6,}\.exu", _text(one["file"])) is None:
+        raise ValueError(f"{one['file']!r} is no name of a segment")
+    return Segment(one["file"], _count(one["rows"]))
 
 
 def _column(one: Any) -> Column:

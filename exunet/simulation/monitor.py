@@ -112,7 +112,7 @@ class Monitor:
         self.dissipated = self._base = self.safe_dissipated
         self.last_good = self.safe
         self._marks, self._drifted = [], False
-        self.events = [one for one in self.events if one["time_s"] < self.safe.time]
+        self.events = [one for one in self.events if one["time_s"] <= self.safe.time]
         self._remember(self.safe.memory)
         self.forget_after(self.safe.time)
         return self.safe
@@ -171,6 +171,11 @@ class Monitor:
         self.events = [*self.events, *told]  # snapshots hold the old list
         asleep = {} if change.awake is None else {AWAKE: change.awake}
         self._remember({**self._memory, memory: change.memory, **asleep})
+        if time == self.safe.time:  # a run that goes back there is beyond the event
+            self.safe_dissipated += change.energy_lost
+            x, v = self._system.layout.pack(self.safe.moving)
+            x, v = (x if change.x is None else change.x), (v if change.v is None else change.v)
+            self.safe = State.of(time, self._system.layout.unpack(x, v), dict(self._memory))
 
     def take(self, batch: Batch) -> None:
         """Raises RunStopped, with the `step_cause` that a smaller step may mend or not."""

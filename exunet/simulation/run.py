@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time as clock
 from collections.abc import Callable
 from contextlib import suppress
@@ -159,6 +160,8 @@ def resume(folder: str | Path, progress: Progress | None = None) -> Result:
             recorder = Recorder(start, provenance(case), store)
             simulation = Simulation(start, recorder=recorder)
         else:
+            if re.fullmatch(r"checkpoint-\d{6,}\.exu", store.checkpoint) is None:
+                raise InputError(f"{folder}: damaged: {store.checkpoint!r} is no name of a checkpoint")
             store.back_to_checkpoint()
             snapshot = Snapshot.load(store.folder / store.checkpoint)
             recorder = Recorder(start, provenance(case), store)

@@ -67,7 +67,7 @@ class CompiledIntegration:
         self._module.begin(state.time, self._verlet, self._motion)
 
     def through(self, times: Floats) -> Batch:
-        """From times[0], the state's time, through all times [s] without a look at keyboard or guards.
+        """From times[0], the state's time, through all times [s] without a look at keyboard, guards, events.
 
         The batch has fewer rows than times if the steps collapsed (see `collapse`).
         """
