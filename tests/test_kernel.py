@@ -63,13 +63,13 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
     data, before = kernel.data(), kernel.data()
     for name in reversed(tried):
         x, v = (part.ravel().copy() for part in tried[name])
-        added, nothing, every = np.zeros(x.size), np.zeros(x.size), np.arange(x.size, dtype=Index)
+        added, every = np.zeros(x.size), np.arange(x.size, dtype=Index)
         kernel.module.add_forces(0.0, x, v, data, added)
-        work = [np.full(x.size, np.nan) for _ in range(4)]  # x, v, forces; forces on what is free
-        no_body = np.zeros(0, dtype=Index)
-        place = Place(every, every, nothing, no_body, 0, 0, *work[:2], push=nothing, force=work[2])
-        kernel.module.engine_forces(0.0, x, v, data, place, work[3])
-        for found in (added, work[3]):
+        values, out = np.full((5, x.size), np.nan), np.full(x.size, np.nan)
+        values[2] = values[4] = 0.0  # no forces from outside, references at the origin
+        place = Place(np.stack([every, every]), np.zeros(0, dtype=Index), 0, 0, values)
+        kernel.module.engine_forces(0.0, x, v, data, place, out)
+        for found in (added, out):
             assert found.reshape(-1, 3).tobytes() == first[name].tobytes()
         assert x.tobytes() == tried[name][0].tobytes()
         assert v.tobytes() == tried[name][1].tobytes()

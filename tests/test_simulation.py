@@ -229,7 +229,7 @@ def test_reset_goes_back_and_builds_nothing(form: str, monkeypatch: pytest.Monke
 
     for name in (
         "exunet.simulation.simulation.integrator",
-        "exunet.simulation.simulation.prepare",
+        "exunet.simulation.preparation.prepare",
         "exunet.backends.exudyn.stepper.build",
         "exunet.codegen.kernel.module_source",
         "exunet.codegen.kernel.compiled_module",

@@ -37,7 +37,8 @@ def accelerate(t: float, x: Any, v: Any, m: Any, a: Any) -> float:
     n = m.push.size
     for c in range(n):
         a[c] = m.push[c]
-    held = add_forces(t, x, v[: m.v.size], m.data, a[:n])
+    # Slices cost, and without bodies and states all rows have one length.
+    held = add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
     if BODIES:
         add_gyroscopic(v, m.inertia, m.c.size, a)
     for c in range(n):
@@ -50,7 +51,8 @@ def accelerate_without_spin(t: float, x: Any, v: Any, m: Any, a: Any) -> float:
     n = m.push.size
     for c in range(n):
         a[c] = m.push[c]
-    held = add_forces(t, x, v[: m.v.size], m.data, a[:n])
+    # Slices cost, and without bodies and states all rows have one length.
+    held = add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
     for c in range(n):
         a[c] *= m.inverse[c]
     return held

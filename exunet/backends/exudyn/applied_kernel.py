@@ -39,17 +39,18 @@ class AppliedKernel:
         if self._place is None:
             self._place = self._where()
         if self._blocks.states:
-            self._place.x[-self._blocks.n_states :] = self._model.first_order()
+            first = self._blocks.n_x - self._blocks.n_states
+            self._place.values[0, first : self._blocks.n_x] = self._model.first_order()
         self._run(t, q, q_t, self._data, self._place, out)
         if self._awake is not None:  # what sleeps is at rest, and stays so without a force
-            free = self._place.free
+            free = self._place.where[1]
             out[: len(free)] *= self._awake[free // 3]
 
     def rates(self, t: float, q: Floats, q_t: Floats, out: Floats) -> Floats:
         """(n_states,) rates of the first-order states; out as for `evaluate`."""
         self.evaluate(t, q, q_t, out)
         assert self._place is not None
-        return self._place.force[self._blocks.n_v :]
+        return self._place.values[3, self._blocks.n_v : self._blocks.n_force]
 
     def jacobian(self, linearised: Linearised | None) -> Jacobian | None:
         """The kernel's derivatives as `Model.applied_forces` takes them."""
@@ -58,17 +59,19 @@ class AppliedKernel:
 
         def compute(t: float, q: Floats, q_t: Floats, of_position: float, of_velocity: float) -> csr_array:
             assert self._place is not None
-            place = self._place
-            place.x[place.free] = place.reference + q[place.column]
-            place.v[place.free] = q_t[place.column]
+            (column, free), values = self._place.where, self._place.values
+            values[0, free] = values[4, : len(free)] + q[column]
+            values[1, free] = q_t[column]
             points = 3 * self._blocks.n_points
-            return linearised(t, place.x[:points], place.v[:points], of_position, of_velocity)
+            return linearised(t, values[0, :points], values[1, :points], of_position, of_velocity)
 
         return compute
 
     def push(self, force: Floats) -> None:
         """Forces (n_points, 3) [N] from outside, from now on."""
         self._push[: force.size] = force.ravel()
+        if self._place is not None:
+            self._place.values[2, : len(self._push)] = self._push
 
     def remember(self, memory: Mapping[str, Floats]) -> None:
         """Take all memories as they are now."""
@@ -77,17 +80,14 @@ class AppliedKernel:
     def _where(self) -> Place:
         model, blocks = self._model, self._blocks
         free = np.flatnonzero(np.repeat(model.free, 3))
-        x = np.zeros(blocks.n_x)
-        x[: 3 * blocks.n_points] = model.reference.ravel()
+        values = np.zeros((5, max(blocks.n_x, blocks.n_force)))
+        values[0, : 3 * blocks.n_points] = model.reference.ravel()
+        values[2, : blocks.n_force] = self._push
+        values[4, : len(free)] = values[0, free]
         return Place(
-            column=model.columns().astype(Index),
-            free=free.astype(Index),
-            reference=x[free],
+            where=np.stack([model.columns(), free]).astype(Index),
             body=(model.columns_of_bodies() if self._bodies else np.zeros(0)).astype(Index),
             centre=3 * blocks.n_points,
             spin=blocks.centres,
-            x=x,
-            v=np.zeros(blocks.n_v),
-            push=self._push,
-            force=np.zeros(blocks.n_force),
+            values=values,
         )
