@@ -13,7 +13,7 @@ from commands import command
 from exunet.base.version import VERSION
 from exunet.case.casefile import load
 from exunet.forces.directions import EARTH_RADIUS
-from exunet.interfaces.commands import table
+from exunet.interfaces.commands import printing
 from exunet.interfaces.commands.effects import lines_of
 from exunet.interfaces.commands.printing import print_table
 from exunet.studies import ablation
@@ -21,7 +21,7 @@ from exunet.studies.ablation import Change, Toggled, ablate
 from exunet.studies.cost.converged import Converged
 from exunet.studies.cost.ranking import cheapest, failed_rows
 from exunet.studies.cost.runners import Entry, Measures
-from exunet.studies.cost.settings import Setting, ladders
+from exunet.studies.cost.settings import ReferenceMethod, Setting, ladders
 from exunet.studies.cost.study import Study
 from exunet.system.effect_survey import finding
 
@@ -74,7 +74,7 @@ def test_what_is_printed_fits_80_columns(tmp_path, arguments):
 def test_long_names_and_values_are_folded_and_not_cut(capsys):
     print_table("title " * 40, [("name" * 30, "value" * 60), ("b" * 20, "c")])
     shown = capsys.readouterr().out
-    assert max(len(line) for line in shown.splitlines()) <= table.WIDTH
+    assert max(len(line) for line in shown.splitlines()) <= printing.WIDTH
     assert shown.count("v") == 60
     assert shown.count("n") == 30
     assert "…" not in shown
@@ -165,7 +165,7 @@ def test_cost_recommends_only_what_a_case_can_ask_for():
     assert cheapest(Study(solution, entries[1:]), 1e-4) is None
     stable = {"ExplicitEuler": 1e-9, "VelocityVerlet": 1e-4, "RK44": 1e-4}
     found = ladders(stable | dict.fromkeys(("ExplicitMidpoint", "RK33", "RK67"), 1e-4), 1.0,
-                    compiled=False, reference=("RK4",))  # fmt: skip
+                    compiled=False, reference=(ReferenceMethod.RK4,))  # fmt: skip
     forced = {setting.method for ladder in found for setting in ladder if setting.forced}
     assert "ExplicitEuler" in forced
     assert not forced & {"RK44", "RK4", "VelocityVerlet", "GeneralizedAlpha"}

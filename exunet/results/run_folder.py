@@ -22,7 +22,10 @@ from exunet.results.segments import is_store
 
 # What stands beside a result and describes it: it goes when the result is replaced.
 SUMMARY = "summary.json"
-FIGURES = ("reference_net", "snapshots", "bullet_speeds", "energies", "area", "rotation", "agreement")
+FIGURES = (
+    *("reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "largest_tension"),
+    *("rotation", "agreement"),
+)
 DESCRIPTIONS = (SUMMARY, *(f"{figure}.png" for figure in FIGURES))
 
 COMPLETE = "complete"  # folder in the store's folder: what waits to take the place of an earlier result
