@@ -273,7 +273,7 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
                 clock[0]["tiny"] = np.inf
                 break
             continue
-        clock[0]["tiny"] = clock[0]["tiny"] + 1.0 if error > 1.0 and not across else 0.0
+        clock[0]["tiny"] = clock[0]["tiny"] + 1.0 if h <= 4.0 * least and not across else 0.0
         if TAKES_ENERGY:
             watts = work_of_step(clock[0]["time"], h, watts, s.a7, m)
         accept(m)
