@@ -274,3 +274,10 @@ def test_an_ensemble_goes_through_events_and_counts_bodies(effect: str) -> None:
         np.testing.assert_array_equal(getattr(found, name)[0], getattr(single, name))
     assert abs(single.dissipated[-1]) > 1e-3 or effect == "body"
     assert single.kinetic[0] > 2.5 or effect != "body"  # J, of the body alone
+
+
+def test_a_tolerance_that_cannot_be_met_ends():
+    """Where nothing is taut yet, steps of the least length alternate with some that have no error at all."""
+    overrides = ['engine.loop="compiled"', "solver.tolerance=1e-30"]
+    with pytest.raises(exunet.RunStopped, match="the steps collapsed to"):
+        exunet.run(exunet.load(CASES / "planar_deployment.toml", overrides))
