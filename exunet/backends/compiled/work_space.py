@@ -78,11 +78,7 @@ class Motion(NamedTuple):
 # time     : [s]
 # step     : to try next [s]
 # rejected : 1 after a rejected step, else 0
-<<<<<<< HEAD
-# tiny     : number of accepted steps in a row of about the least length, at which no error is too large
-=======
 # tiny     : number of accepted steps in a row near the least length, at which no error is too large
->>>>>>> d886a9295cd4eeb3a3281bdd1b2322c7e99e68f1
 # beyond   : step [s] to continue with beyond a jump of the forces that is approached, else 0
 # towards  : 1 if the last attempt was on the way to it
 # steps, rejections : accepted and rejected so far
