@@ -175,6 +175,7 @@ class Run:
         )
 
     def diverged(self, why: str) -> Diverged:
-        e11 = strain(self.system, self.layout.positions(self.y)[: self.layout.nodes])
+        with np.errstate(over="ignore"):
+            e11 = strain(self.system, self.layout.positions(self.y)[: self.layout.nodes])
         worst = int(np.argmax(e11)) if e11.size else -1
         return Diverged(self.t, worst, float(e11[worst]) if e11.size else 0.0, why, self.trajectory())
