@@ -8,6 +8,7 @@ mu = n^2 R^3 it becomes n^2 [P x - x/u^3 + (1 - 1/u^3) R r], where 1 - 1/u^3 = q
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from reference_impl.arrays import Floats
 from reference_impl.effects.frame import Frame, read_frame
 from reference_impl.table import Table, refusal, text
 
-_LEGENDRE = np.polynomial.legendre.leggauss(24)  # nodes and weights on [-1, 1]
+_MOST = 64  # points of Legendre's rule
 
 
 @dataclass(frozen=True)
@@ -61,18 +62,30 @@ def orbital_potential(orbit: Orbit, x: Floats) -> Floats:
     """Potential per mass (...) [m2/s2] at x (..., 3) [m], zero at the origin of the scene.
 
     Two bodies: -mu/|rho| - n^2 |P rho|^2/2 less its value at x = 0, as the work against the tidal force along
-    the ray from the origin, -int_0^1 a(s x).x ds, by Gauss and Legendre's rule of 24 points: no difference of
-    large numbers, and exact to round-off up to |x| = R/2, where the pole at Earth's centre is far enough
-    (Trefethen, Approximation Theory and Approximation Practice, theorem 19.3).
+    the ray from the origin, -int_0^1 a(s x).x ds, by Gauss and Legendre's rule: no difference of large
+    numbers, and exact to round-off up to |x| = 0.8 R.
     """
     if not orbit.two_body:
         across = x @ np.array(orbit.normal)
         inward = 1.5 * (x @ np.array(orbit.radial)) ** 2
         return np.asarray(orbit.mean_motion**2 * (0.5 * across * across - inward))
     work = np.zeros(x.shape[:-1])
-    for place, weight in zip(*_LEGENDRE, strict=True):
+    reach = math.sqrt(float(np.max(np.sum(x * x, axis=-1), initial=0.0))) / orbit.radius
+    for place, weight in zip(*np.polynomial.legendre.leggauss(_points(reach)), strict=True):
         work = work + 0.5 * weight * np.sum(_tide(orbit, 0.5 * (1.0 + place) * x) * x, axis=-1)
     return np.asarray(-(orbit.mean_motion**2) * work)
+
+
+def _points(reach: float) -> int:
+    """Points of Legendre's rule that are exact to round-off where |x| <= reach R.
+
+    The error falls as rho^(-2 n), rho the sum of half axes of the ellipse through the pole at Earth's centre,
+    seen from [-1, 1] (Trefethen, Approximation Theory and Approximation Practice, theorem 19.3).
+    """
+    pole = 2.0 / max(reach, 1e-12) - 1.0
+    if pole < 1.25:
+        return _MOST
+    return min(_MOST, 2 + math.ceil(18.5 / math.acosh(pole)))  # acosh(pole) = log(rho)
 
 
 def _tide(orbit: Orbit, x: Floats) -> Floats:

@@ -139,6 +139,20 @@ def test_two_body_acceleration_is_the_textbooks(lone, scene):
         assert np.allclose(got, expected, rtol=0, atol=1e-13)  # of terms of 8 m/s2
 
 
+@pytest.mark.parametrize("reach", [1e-3, 1.0, 1e3, 1e5, 3e6])
+def test_two_body_potential_is_the_closed_form(lone, scene, reach):
+    """n^2 [(x.h)^2/2 - R^2 q^2 (u + 2)/(2 u (1 + u)^2)], q = (|rho|/R)^2 - 1, u = sqrt(1 + q): nothing cancels."""
+    made = scene(lone([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), orbit("two_body", TURNED))
+    o = made.system.effects.orbit
+    x = reach * np.random.default_rng(7).uniform(-1.0, 1.0, (200, 1, 3))
+    q = (2.0 * (x[:, 0] @ o.radial) + np.sum(x[:, 0] ** 2, axis=1) / o.radius) / o.radius
+    u = np.sqrt(1.0 + q)
+    inward = o.radius**2 * q * q * (u + 2.0) / (2.0 * u * (1.0 + u) ** 2)
+    expected = N**2 * (0.5 * (x[:, 0] @ o.normal) ** 2 - inward)
+    got = energy.potential(made.system, x) / made.net.mass[0]
+    assert got == pytest.approx(expected, rel=0, abs=1e-14 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("model", ["linear", "two_body"])
 @pytest.mark.parametrize("axes", [AXES, TURNED])
 def test_orbital_force_is_the_slope_of_its_potential(lone, scene, model, axes):

@@ -11,7 +11,6 @@ from reference_impl import acceleration, energy, read_document
 from reference_impl.effects.earth import EARTH_J2, EARTH_MU, EARTH_RADIUS
 from reference_impl.effects.frame import Frame
 from reference_impl.effects.j2 import J2, axis, oblate_gradient
-from reference_impl.forces import motion
 
 RADIUS = EARTH_RADIUS + 700e3
 N = math.sqrt(EARTH_MU / RADIUS**3)
@@ -88,12 +87,11 @@ def test_scene_adds_the_gradient_to_the_orbit(scene):
     assert rise == pytest.approx(-0.5 * np.einsum("n,nc,cd,nd", with_j2.net.mass, x, gradient, x), rel=1e-6)
 
 
-@pytest.mark.parametrize("model", ["linear", "two_body"])
-@pytest.mark.parametrize("options", [{}, {"method": "EM", "step": 0.05}], ids=["DOP853", "EM"])
+@pytest.mark.parametrize(
+    ("model", "options"), [("linear", {}), ("two_body", {}), ("linear", {"method": "EM", "step": 0.05})]
+)
 def test_energy_balances_in_a_strong_field(document, scene, unbalanced, model, options):
     """An orbit of 0.1 rad/s would be inside the Earth: there J2 is worth seeing, and only numbers count."""
-    if options and model == "two_body":
-        pytest.skip("EM refuses two_body")
     frame = {"mean_motion": 0.1, "radial": [0.6, 0.0, 0.8], "along_track": [0.0, -1.0, 0.0]}
     made = scene(
         document("square", size=2.0),
@@ -107,8 +105,6 @@ def test_energy_balances_in_a_strong_field(document, scene, unbalanced, model, o
         },
     )
     run = made.integrate([0.0, 1.0, 2.0], **options)
-    twice = motion(made.system, 0.0, made.x0, made.v0)[0]
-    assert np.isfinite(twice).all()
     assert np.abs(energy.potential(made.system, run.x)).max() > 1e-3
     assert unbalanced(made, run) < 1e-8
 
