@@ -14,6 +14,7 @@ from reference_impl.effects.values import one_of, unit_vector
 from reference_impl.table import Table, number
 
 _ORTHOGONAL = 1e-9
+_FARTHEST, _SLOWEST = 1e50, 1e-60  # [m], [rad/s]: beyond, powers of them leave the range of numbers
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,12 @@ def read_frame(table: Table) -> Frame | None:
     mean_motion, altitude = size["mean_motion"], size["altitude"]
     radial, along = unit_vector(table, "radial"), unit_vector(table, "along_track")
     if altitude is not None:
-        mean_motion = math.sqrt(EARTH_MU / (EARTH_RADIUS + altitude) ** 3)
+        mean_motion = math.sqrt(EARTH_MU / (EARTH_RADIUS + altitude) ** 3) if altitude < _FARTHEST else 0.0
+    if mean_motion is not None and not _SLOWEST < mean_motion < 1.0 / _SLOWEST:
+        table.faults.append(
+            f"{table.path}: no orbit has this {'mean_motion' if altitude is None else 'altitude'}"
+        )
+        return None
     if radial is None or along is None or mean_motion is None:
         return None
     if not abs(math.fsum(a * b for a, b in zip(radial, along, strict=True))) <= _ORTHOGONAL:

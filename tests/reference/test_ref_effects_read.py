@@ -309,6 +309,62 @@ def test_faults_of_all_kinds_are_reported_at_once(document):
     assert len(refused.value.faults) == len(starts)
 
 
+ODD = [
+    "x",
+    "",
+    [],
+    [1.0],
+    [[1.0, 2.0]],
+    [[1.0, 2.0, 3.0]] * 2,
+    {},
+    {"x": 1.0},
+    float("nan"),
+    float("-inf"),
+    True,
+    10**400,
+    -(10**400),
+    [float("nan")] * 3,
+    ["a", "b", "c"],
+    0,
+    -1,
+    1e308,
+    5e-324,
+]
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_odd_values_are_faults_not_tracebacks(faults, name):
+    """Whatever stands behind a key, and in place of the table: a fault that names it, or it is read."""
+    names = [name, "orbit"] if name == "j2" else [name]
+    for odd in ODD:
+        for key in EFFECTS[name]:
+            found = faults(names, {f"{name}.{key}": odd})
+            assert all(name in fault or "height" in fault for fault in found), found
+        if not isinstance(odd, dict):
+            assert any(
+                fault.startswith(f"effects.{name}: must be a table") for fault in faults(names, {name: odd})
+            )
+
+
+def test_odd_bodies_are_faults_not_tracebacks(document):
+    box = {
+        "mass": 2.0,
+        "inertia": [1.0, 2.0, 2.5],
+        "position": [1.0, 2.0, 3.0],
+        "velocity": [0.5, -0.25, 0.125],
+        "attitude": [1.0, 2.0, -1.0, 0.5],
+        "angular_velocity": [0.05, 3.0, 0.02],
+    }
+    for odd in ODD:
+        for key in box:
+            found: tuple[str, ...] = ()
+            try:
+                read_document({**document(), "bodies": {"box": {**box, key: odd}}})
+            except Refused as refused:
+                found = refused.faults
+            assert all("bodies.box" in fault for fault in found)
+
+
 def test_only_the_choice_by_itself_is_refused():
     """cases/effects/: every case is read but the one that asks for a choice."""
     for path in sorted((CASES / "effects").glob("*.toml")):
