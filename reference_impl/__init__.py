@@ -5,15 +5,24 @@ trajectory = scene.integrate(method="RK4", step=1e-4)
 a = acceleration(scene.system, 0.0, scene.x0, scene.v0)
 """
 
+from reference_impl.bodies import Bodies, BodyStates
+from reference_impl.case import Case, Refused
 from reference_impl.effects import Effects, Orbit
-from reference_impl.forces import System, acceleration, assemble, damping, secant, tangent
+from reference_impl.events import Break
+from reference_impl.forces import acceleration
 from reference_impl.integration import Diverged, Interrupted, Trajectory, integrate
-from reference_impl.read import Case, Refused, parse_override, read, read_document
+from reference_impl.net import Net
+from reference_impl.read import parse_override, read, read_document
 from reference_impl.scene import Scene, load, perturbed, prepare
 from reference_impl.start import initial_state
-from reference_impl.weave import Net, weave
+from reference_impl.stiffness import damping, secant, tangent
+from reference_impl.system import System, assemble
+from reference_impl.weave import weave
 
 __all__ = [
+    "Bodies",
+    "BodyStates",
+    "Break",
     "Case",
     "Diverged",
     "Effects",

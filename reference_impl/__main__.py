@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from reference_impl.archive import contents, save
-from reference_impl.forces import System, greatest_frequency
+from reference_impl.case import Refused
+from reference_impl.forces import greatest_frequency
 from reference_impl.integration import (
     METHODS,
     STEPPED,
@@ -23,8 +24,9 @@ from reference_impl.integration import (
     integrate,
     unsupported,
 )
-from reference_impl.read import Refused, parse_override
+from reference_impl.read import parse_override
 from reference_impl.scene import load
+from reference_impl.system import System
 
 ARITHMETIC: dict[str, dict[str, bool]] = {
     "plain": {},
@@ -123,7 +125,15 @@ def _run(options: argparse.Namespace) -> int:
     trajectory: Trajectory
     try:
         trajectory = integrate(
-            system, scene.x0, scene.v0, scene.case.times, options.method, rtol, atol, options.step
+            system,
+            scene.x0,
+            scene.v0,
+            scene.case.times,
+            options.method,
+            rtol,
+            atol,
+            options.step,
+            bodies=scene.bodies0,
         )
     except Diverged as diverged:
         i, j = system.net.element_nodes[diverged.element] if diverged.element >= 0 else (-1, -1)

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import DOP853, RK45
 
+from reference_impl.arrays import Floats
+from reference_impl.mode import Mode
 from reference_impl.run import Breakdown, Run
-from reference_impl.weave import Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +49,12 @@ class _Stages:
         self.rates[-1] = run.rate(run.t, run.y)
         if not np.all(np.isfinite(self.rates[-1])):
             raise Breakdown("the initial acceleration is not finite")
+        self.stale = False  # the forces have changed since the last rate
 
     def begin(self) -> None:
         """First same as last."""
+        if self.stale:
+            self.rates[-1], self.stale = self.run.rate(self.run.t, self.run.y), False
         self.rates[0] = self.rates[-1]
 
     def attempt(self, h: float, arrival: float) -> Floats:
@@ -61,6 +65,27 @@ class _Stages:
         y = run.y + h * _combine(pair.b, rates[:-1])
         rates[-1] = run.rate(arrival, y)
         return np.asarray(y)
+
+    def finish(self, h: float, arrival: float, y: Floats) -> None:
+        """Ends the run's step of h [s] in y, just attempted, or at the first event in it."""
+        run = self.run
+        if not run.watch.any:
+            run.arrive(arrival, y)
+            return
+        repeated = False
+
+        def attempt(tau: float) -> Floats:
+            nonlocal repeated
+            repeated = True
+            return self.attempt(tau, run.t + tau)
+
+        event = run.watch.landing((run.y, y), self.rates[[0, -1]], h, run.mode, attempt)
+        if event is None:
+            run.arrive(arrival, self.attempt(h, arrival) if repeated else y)
+            return
+        run.arrive(run.t + event.after, event.y)
+        run.settle(run.watch.due(run.y, run.mode, event.margin))
+        self.stale = True
 
     def scaled_error(self, h: float, scale: Floats) -> Floats:
         """Estimated error of the step over `scale` of the first components of y."""
@@ -102,17 +127,24 @@ class Dop853:
         second = (0.01 / greatest) ** (1.0 / 6.0) if greatest > 1e-15 else max(1e-6, 1e-3 * h)
         return float(min(100.0 * h, second, span)) or span
 
-    def advance(self, end: float) -> Floats:
-        """Takes the run to t = end exactly."""
+    def renew(self, until: float) -> None:
+        """The forces changed at t; they are smooth `until` [s], where a call of `advance` ends."""
+        self.stages.stale = True
+
+    def advance(self, end: float) -> tuple[Floats, Mode]:
+        """Takes the run to t = end [s] exactly; the state and mode then."""
         run = self.run
         while run.t < end:
             left = end - run.t
+            if left <= 10.0 * math.ulp(run.t):  # an event or a knot next to a stored time
+                run.t = end
+                break
             last = self.h >= left
             shortened = left if last else 0.5 * left if 2.0 * self.h > left else self.h
             suggestion = self._step(shortened, end if last else run.t + shortened)
             # a step cut short by an output says little about how long the next may be
             self.h = max(self.h, suggestion) if shortened < self.h and suggestion >= shortened else suggestion
-        return run.y
+        return run.y, run.mode
 
     def _step(self, h: float, arrival: float) -> float:
         """Takes one step of at most h, to `arrival` if h itself will do; returns the step to try next [s]."""
@@ -130,7 +162,7 @@ class Dop853:
             run.n_rejected += 1
             h *= max(0.2, 0.9 * error ** (-1.0 / 6.0)) if math.isfinite(error) else 0.2
             arrival, most = run.t + h, 1.0
-        run.arrive(arrival, y)
+        stages.finish(h, arrival, y)
         return h * (most if error == 0.0 else min(most, max(0.2, 0.9 * error ** (-1.0 / 6.0))))
 
 
@@ -150,23 +182,27 @@ class Ode45:
         self.longest = 0.1 * (self.end - run.t)
         self.stages = _Stages(run, _pair(RK45, RK45.E))
         self.powers = np.asarray(RK45.P, dtype=float)
-        self.before: tuple[float, Floats] = (run.t, run.y)
+        self.before = (run.t, run.y, run.mode)
         scale = np.maximum(np.abs(run.y[:-1]), self.threshold)
         speed = float(np.max(np.abs(self.stages.rates[-1][:-1] / scale))) / (0.8 * self.rtol**0.2)
         h = min(self.longest, float(times[1] - times[0])) if len(times) > 1 else 0.0
         self.h = 1.0 / speed if h * speed > 1.0 else h
 
-    def advance(self, end: float) -> Floats:
-        """Takes the run to t >= end; the state at `end` by interpolation over the step that holds it."""
+    def renew(self, until: float) -> None:
+        """The forces changed at t; they are smooth `until` [s], where a step ends."""
+        self.stages.stale, self.end = True, until
+
+    def advance(self, end: float) -> tuple[Floats, Mode]:
+        """Takes the run to t >= end [s]; state and mode at `end`, interpolated over its step."""
         run = self.run
         while run.t < end:
             self._step()
-        begin, y = self.before
         if run.t == end:
-            return run.y
+            return run.y, run.mode
+        begin, y, mode = self.before
         h = run.t - begin
         weights = _combine(((end - begin) / h) ** np.arange(1.0, 5.0), self.powers.T)
-        return np.asarray(y + h * _combine(weights, self.stages.rates))
+        return np.asarray(y + h * _combine(weights, self.stages.rates)), mode
 
     def _step(self) -> None:
         run, stages, failed = self.run, self.stages, False
@@ -189,8 +225,8 @@ class Ode45:
             finite = math.isfinite(error)
             cut = 0.5 if failed else max(0.1, 0.8 * (self.rtol / error) ** 0.2) if finite else 0.1
             h, failed = max(shortest, h * cut), True
-        self.before = (run.t, run.y)
-        run.arrive(arrival, y)
+        self.before = (run.t, run.y, run.mode)
+        stages.finish(h, arrival, y)
         growth = 1.25 * (error / self.rtol) ** 0.2
         self.h = h if failed else h / growth if growth > 0.2 else 5.0 * h
 

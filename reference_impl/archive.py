@@ -14,8 +14,9 @@ import scipy
 from numpy.typing import NDArray
 
 from reference_impl import energy
-from reference_impl.forces import System, strain, tension
-from reference_impl.integration import Trajectory
+from reference_impl.elements import strain, tension
+from reference_impl.run import Trajectory
+from reference_impl.system import System
 
 FORMAT = 1
 
@@ -36,7 +37,9 @@ def contents(
         "numpy": np.__version__,
         "scipy": scipy.__version__,
     }
+    bodies, breaks = trajectory.bodies, trajectory.breaks
     with np.errstate(over="ignore", invalid="ignore"):  # the last states of a diverging run may be huge
+        books = energy.books(system, trajectory)
         return {
             "format": np.array(FORMAT),
             "complete": np.array(complete),
@@ -54,13 +57,24 @@ def contents(
             "bullet_nodes": net.bullet_nodes,
             "fixed_nodes": net.fixed_nodes,
             "strain": strain(system, x),
-            "tension": tension(system, x),
-            "kinetic": energy.kinetic(system, v),
-            "elastic": energy.elastic(system, x),
-            "potential": energy.potential(system, x),
-            "dissipated": trajectory.dissipated,
-            "momentum": energy.momentum(system, v),
-            "angular_momentum": energy.angular_momentum(system, x, v),
+            "tension": tension(system, x, trajectory.intact),
+            "kinetic": books.kinetic,
+            "elastic": books.elastic,
+            "potential": books.potential,
+            "dissipated": books.dissipated,
+            "momentum": books.momentum,
+            "angular_momentum": books.angular_momentum,
+            "body_names": np.array(system.bodies.names, dtype=str),
+            "body_mass": system.bodies.mass,
+            "body_inertia": system.bodies.inertia,
+            "body_position": bodies.position,
+            "body_velocity": bodies.velocity,
+            "body_attitude": bodies.attitude,
+            "body_angular_velocity": bodies.angular_velocity,
+            "intact": trajectory.intact,
+            "break_element": np.array([b.element for b in breaks], dtype=np.intp),
+            "break_time": np.array([b.time for b in breaks], dtype=float),
+            "break_energy": np.array([b.energy for b in breaks], dtype=float),
         }
 
 

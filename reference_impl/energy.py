@@ -1,39 +1,111 @@
-"""Energies and momenta of states x (..., n, 3) [m], v (..., n, 3) [m/s]; eqs. (18), (19)."""
+"""Energies and momenta of states x (..., n, 3) [m], v (..., n, 3) [m/s]; eqs. (18), (19).
+
+The constants: gravity, orbit, j2 and sunlight have the potential zero for a node in the origin, bending for a
+straight thread, springs and gas of a launch for a bullet that has left its barrel.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from reference_impl.forces import System, strain, stress
-from reference_impl.hill import orbital_potential
-from reference_impl.weave import Floats
+from reference_impl.arrays import Bools, Floats
+from reference_impl.bodies import BodyStates
+from reference_impl.effects.orbit import orbital_potential
+from reference_impl.elements import excess, span, strain, stress
+from reference_impl.forces import ways
+from reference_impl.run import Trajectory
+from reference_impl.system import System
 
 
-def kinetic(system: System, v: Floats) -> Floats:
-    """K = 1/2 v^T M v (...) [J], eq. (18)."""
-    return np.asarray(0.5 * np.einsum("n,...nc,...nc->...", system.net.mass, v, v))
+def kinetic(system: System, v: Floats, bodies: BodyStates | None = None) -> Floats:
+    """K = 1/2 v^T M v (...) [J], eq. (18), and that of the `bodies`, 1/2 m v^2 + 1/2 w.J w, if given."""
+    total = np.asarray(0.5 * np.einsum("n,...nc,...nc->...", system.net.mass, v, v))
+    if bodies is None:
+        return total
+    moving = np.einsum("b,...bc,...bc->...", system.bodies.mass, bodies.velocity, bodies.velocity)
+    inertia, spin = system.bodies.inertia, bodies.angular_velocity
+    return np.asarray(total + 0.5 * (moving + np.einsum("bc,...bc,...bc->...", inertia, spin, spin)))
 
 
-def elastic(system: System, x: Floats) -> Floats:
-    """U_el = 1/2 sum S11 E11 A L (...) [J], eq. (19)."""
+def elastic(system: System, x: Floats, intact: Bools | None = None) -> Floats:
+    """U_el = 1/2 sum S11 (E11 - e) A L (...) [J], eq. (19), of the elements `intact` (..., m); None: all."""
     e11 = strain(system, x)
-    return np.asarray(0.5 * (stress(system, e11) * e11) @ (system.net.area * system.net.reference_length))
+    density = stress(system, e11) * excess(system, e11)
+    if intact is not None:
+        density = np.where(intact, density, 0.0)
+    return np.asarray(0.5 * density @ (system.net.area * system.net.reference_length))
 
 
-def potential(system: System, x: Floats) -> Floats:
-    """Potential of gravity, -sum m g.x, and of the orbit (...) [J], zero at x = 0, fixed nodes included."""
+def potential(system: System, x: Floats, bodies: BodyStates | None = None) -> Floats:
+    """Potential (...) [J] of gravity, orbit, j2, sunlight, bending and launch_force, fixed nodes included.
+
+    Raises ValueError where launch_force needs the states of the `bodies`.
+    """
     mass, effects = system.net.mass, system.effects
     total = -np.einsum("n,...nc,c->...", mass, x, np.array(effects.gravity))
     if effects.orbit is not None:
         total = total + orbital_potential(effects.orbit, x) @ mass
+    if effects.j2 is not None:
+        total = total - 0.5 * np.einsum("n,...nc,cd,...nd->...", mass, x, system.oblate, x)
+    if effects.solar_pressure is not None:
+        total = total - np.einsum("nc,...nc->...", system.sunlight, x)
+    if effects.bending is not None:
+        total = total + system.hinges.energy(span(system, x))
+    if effects.launch_force is not None:
+        if bodies is None:
+            raise ValueError(
+                "launch_force stores energy: give the states of the bodies, the chaser among them"
+            )
+        particles = np.concatenate((x, bodies.position), axis=-2)
+        total = total + np.sum(effects.launch_force.held(ways(system, particles)), axis=-1)
     return np.asarray(total)
 
 
-def momentum(system: System, v: Floats) -> Floats:
-    """Linear momentum (..., 3) [kg m/s]."""
-    return np.asarray(np.einsum("n,...nc->...c", system.net.mass, v))
+def momentum(system: System, v: Floats, bodies: BodyStates | None = None) -> Floats:
+    """Linear momentum (..., 3) [kg m/s], of net and bodies."""
+    total = np.asarray(np.einsum("n,...nc->...c", system.net.mass, v))
+    if bodies is None:
+        return total
+    return np.asarray(total + np.einsum("b,...bc->...c", system.bodies.mass, bodies.velocity))
 
 
-def angular_momentum(system: System, x: Floats, v: Floats) -> Floats:
-    """Angular momentum about the origin (..., 3) [kg m2/s]."""
-    return np.asarray(np.einsum("n,...nc->...c", system.net.mass, np.cross(x, v)))
+def angular_momentum(system: System, x: Floats, v: Floats, bodies: BodyStates | None = None) -> Floats:
+    """Angular momentum about the origin (..., 3) [kg m2/s], of net and bodies."""
+    total = np.asarray(np.einsum("n,...nc->...c", system.net.mass, np.cross(x, v)))
+    if bodies is None:
+        return total
+    orbital = np.cross(bodies.position, bodies.velocity)
+    own = np.einsum("...bij,bj,...bj->...bi", bodies.attitude, system.bodies.inertia, bodies.angular_velocity)
+    return np.asarray(total + np.einsum("b,...bc->...c", system.bodies.mass, orbital) + np.sum(own, axis=-2))
+
+
+@dataclass(frozen=True, eq=False)
+class Books:
+    """Energies (nt,) [J], momentum (nt, 3) [kg m/s], angular momentum (nt, 3) [kg m2/s] of a run."""
+
+    kinetic: Floats
+    elastic: Floats
+    potential: Floats
+    dissipated: Floats  # what has left the system: to damping, drag, breaks, less what thrust put in
+    momentum: Floats
+    angular_momentum: Floats
+
+    @property
+    def total(self) -> Floats:
+        """Their sum (nt,) [J], which is constant."""
+        return self.kinetic + self.elastic + self.potential + self.dissipated
+
+
+def books(system: System, run: Trajectory) -> Books:
+    """The books of a run, bodies and broken elements included."""
+    bodies = run.bodies
+    return Books(
+        kinetic(system, run.v, bodies),
+        elastic(system, run.x, run.intact),
+        potential(system, run.x, bodies),
+        run.dissipated,
+        momentum(system, run.v, bodies),
+        angular_momentum(system, run.x, run.v, bodies),
+    )

@@ -7,29 +7,45 @@ shorter where the step does not divide the interval.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
+from reference_impl.arrays import Floats
+from reference_impl.bodies import turned, turning
+from reference_impl.mode import Mode
 from reference_impl.run import Run
-from reference_impl.weave import Floats
-
-Stepper = Callable[[float], Floats]  # takes the run to a time [s], returns the state then
 
 
-def whole_steps(run: Run, step: float, end: float, take: Callable[[float], None]) -> Floats:
-    """Calls take(arrival) for each step [s] from the present time to `end`."""
-    begin = run.t
-    whole = math.ceil((end - begin) / step * (1.0 - 1e-12))
-    for k in range(1, whole + 1):
-        take(end if k == whole else begin + k * step)
-    return run.y
+class Fixed:
+    """Steps of one length [s]; a subclass takes one of them.  What breaks does so at the end of a step."""
+
+    def __init__(self, run: Run, step: float) -> None:
+        self.run, self.step = run, step
+
+    def advance(self, end: float) -> tuple[Floats, Mode]:
+        """Takes the run to t = end [s]; the state and mode then."""
+        run = self.run
+        begin = run.t
+        whole = math.ceil((end - begin) / self.step * (1.0 - 1e-12))
+        for k in range(1, whole + 1):
+            self.take(end if k == whole else begin + k * self.step)
+            if run.break_exceeded():
+                self.renew(end)
+        return run.y, run.mode
+
+    def take(self, arrival: float) -> None:
+        """One step, to `arrival` [s]."""
+        raise NotImplementedError
+
+    def renew(self, until: float) -> None:
+        """The forces changed at t; they are smooth `until` [s]."""
 
 
-def classical(run: Run, step: float) -> Stepper:
+class Classical(Fixed):
     """Classical Runge-Kutta method of order 4 (RK4)."""
 
-    def take(arrival: float) -> None:
+    def take(self, arrival: float) -> None:
+        run = self.run
         h, t, y = arrival - run.t, run.t, run.y
         k1 = run.rate(t, y)
         k2 = run.rate(t + 0.5 * h, y + 0.5 * h * k1)
@@ -37,28 +53,40 @@ def classical(run: Run, step: float) -> Stepper:
         k4 = run.rate(arrival, y + h * k3)
         run.arrive(arrival, y + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4))
 
-    return lambda end: whole_steps(run, step, end, take)
 
-
-def verlet(run: Run, step: float) -> Stepper:
+class Verlet(Fixed):
     """Velocity Verlet: half a kick, a drift, half a kick; order 2, one right-hand side a step.
 
-    Damping and Coriolis forces at the end of a step would need the velocity that they determine; they take
-    v + h a(x, v) instead, which differs by O(h^2) and leaves the order.  Without them it is symplectic.
+    Drag, damping and Coriolis forces at the end of a step would need the velocity that they determine; they
+    take v + h a(x, v) instead, which differs by O(h^2) and leaves the order.  Without them it is symplectic.
+    Rigid bodies turn by the exponential of the angular velocity at half the step, which half a turn gives.
     """
-    n3 = run.half
-    rate = run.rate(run.t, run.y)
 
-    def take(arrival: float) -> None:
-        nonlocal rate
+    def __init__(self, run: Run, step: float) -> None:
+        super().__init__(run, step)
+        self.rate = run.rate(run.t, run.y)
+
+    def renew(self, until: float) -> None:
+        self.rate = self.run.rate(self.run.t, self.run.y)
+
+    def take(self, arrival: float) -> None:
+        run, rate, n3 = self.run, self.rate, self.run.half
         h, y = arrival - run.t, run.y
-        x, v, a = y[:n3], y[n3:-1], rate[n3:-1]
+        x, v, a = y[:n3], y[n3 : 2 * n3], rate[n3 : 2 * n3]
         half_kicked = v + 0.5 * h * a
         position = x + h * half_kicked
-        after = run.rate(arrival, np.concatenate((position, v + h * a, (0.0,))))
-        velocity = half_kicked + 0.5 * h * after[n3:-1]
+        rotation = self._turn(h)
+        after = run.rate(arrival, np.concatenate((position, v + h * a, rotation, (0.0,))))
+        velocity = half_kicked + 0.5 * h * after[n3 : 2 * n3]
         dissipated = y[-1] + 0.5 * h * (rate[-1] + after[-1])
-        run.arrive(arrival, np.concatenate((position, velocity, (dissipated,))))
-        rate = after
+        run.arrive(arrival, np.concatenate((position, velocity, rotation, (dissipated,))))
+        self.rate = after
 
-    return lambda end: whole_steps(run, step, end, take)
+    def _turn(self, h: float) -> Floats:
+        """R, h (12 r,) of the rigid bodies after h [s]."""
+        where, y, moments = self.run.layout, self.run.y, self.run.system.bodies.moments
+        if not len(moments):
+            return np.empty(0)
+        attitude, spin = where.attitudes(y), where.spins(y)
+        middle = turned(attitude, 0.5 * h * turning(attitude, spin, moments))
+        return np.concatenate((turned(attitude, h * turning(middle, spin, moments)).ravel(), spin.ravel()))

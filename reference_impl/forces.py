@@ -1,227 +1,78 @@
-"""Mechanics of the net: strain, stress, stiffness, damping, loads, acceleration.  Section 2 of the paper.
+"""Forces and accelerations of a system, eqs. (10), (16), and the power that leaves it.
 
-x is the array (n, 3) of nodal positions [m], v that of velocities [m/s]; d_e = x_j - x_i.  In matrices
-(3n, 3n) degree of freedom 3 i + c is component c of node i.
+x is the array (n, 3) of nodal positions [m], v that of velocities [m/s]; d_e = x_j - x_i.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+import math
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 
 from reference_impl import mirror
-from reference_impl.effects import Effects
-from reference_impl.hill import orbital_acceleration
-from reference_impl.read import Case
-from reference_impl.weave import Floats, Ints, Net
+from reference_impl.arrays import Bools, Floats, dot
+from reference_impl.bodies import BodyStates
+from reference_impl.effects.air_drag import bullet_drag, cable_drag
+from reference_impl.effects.molecular_drag import molecular_force
+from reference_impl.effects.orbit import orbital_acceleration
+from reference_impl.elements import excess, length, span, strain, strain_of, stress, tension
+from reference_impl.mode import BY_STATE, Mode
+from reference_impl.stiffness import damping, secant, tangent, tangent_element
+from reference_impl.system import System, assemble
 
-NOTHING = Effects()
-
-
-@dataclass(frozen=True, eq=False)
-class System:
-    """A net with what acts on it: eq. (10), and the arithmetic that evaluates it."""
-
-    net: Net
-    effects: Effects = NOTHING
-    symmetric: bool = False  # exactly mirror-symmetric arithmetic, see `mirror`
-    assembled: bool = False  # S(x) x + D v with assembled matrices, as eq. (16) is printed
-
-    def __post_init__(self) -> None:
-        if self.symmetric and self.assembled:
-            raise ValueError("the arithmetic must be symmetric or assembled, not both")
-
-    @cached_property
-    def ends(self) -> tuple[Ints, Ints]:
-        """First and second node (m,) of each element."""
-        i, j = np.ascontiguousarray(self.net.element_nodes.T)
-        return i, j
-
-    @cached_property
-    def squared_reference_length(self) -> Floats:
-        return self.net.reference_length * self.net.reference_length
-
-    @cached_property
-    def axial_stiffness(self) -> Floats:
-        """E A / L of each undeformed element (m,) [N/m]."""
-        return self.net.youngs_modulus * self.net.area / self.net.reference_length
-
-    @cached_property
-    def reference_direction(self) -> Floats:
-        """Unit vectors (m, 3) from i to j in the reference configuration."""
-        i, j = self.ends
-        position = self.net.reference_position
-        return np.asarray((position[j] - position[i]) / self.net.reference_length[:, None])
-
-    @cached_property
-    def compliance_of_inertia(self) -> Floats:
-        """1/m of each node (n, 1) [1/kg]; zero for fixed nodes, which therefore never accelerate."""
-        inverse = 1.0 / self.net.mass
-        inverse[self.net.fixed_nodes] = 0.0
-        return inverse[:, None]
-
-    @cached_property
-    def drag(self) -> Floats:
-        """Mass-proportional damping of each node (n, 1) [N s/m]: of Rayleigh's kind and mass_damping."""
-        return np.asarray(((self.effects.alpha + self.effects.mass_damping) * self.net.mass)[:, None])
-
-    @cached_property
-    def weight(self) -> Floats:
-        """Force of gravity (n, 3) [N]."""
-        return np.asarray(self.net.mass[:, None] * np.array(self.effects.gravity))
-
-    @cached_property
-    def damping(self) -> csr_array:
-        """The constant damping matrix, see the function of this name."""
-        return damping(self)
-
-    @cached_property
-    def graph(self) -> tuple[csr_array, csr_array]:
-        """Pattern (n, n) of the secant stiffness, and the map (nnz, m) from S11 A/L to its entries."""
-        i, j = self.ends
-        m, n = len(i), len(self.net.mass)
-        slot = np.concatenate((i, j, i, j)) * n + np.concatenate((i, j, j, i))
-        filled, place = np.unique(slot, return_inverse=True)
-        sign, column = np.repeat([1.0, 1.0, -1.0, -1.0], m), np.tile(np.arange(m), 4)
-        pattern = csr_array((np.ones(len(filled)), np.divmod(filled, n)), shape=(n, n))
-        return pattern, csr_array(coo_array((sign, (place, column)), shape=(len(filled), m)))
-
-    @cached_property
-    def incidence(self) -> csr_array:
-        """(n, m): +1 where an element ends, -1 where it begins; gathers element forces, eq. (12)."""
-        i, j = self.ends
-        m = len(i)
-        sign, columns = np.repeat([1.0, -1.0], m), np.tile(np.arange(m), 2)
-        return csr_array(coo_array((sign, (np.concatenate((j, i)), columns)), shape=(len(self.net.mass), m)))
-
-    @cached_property
-    def leaves(self) -> Ints:
-        """Order of additions of the symmetric arithmetic."""
-        return mirror.leaves(self.net)
-
-
-def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = False) -> System:
-    """The system of a case."""
-    return System(net, case.effects, symmetric, assembled)
-
-
-def span(system: System, x: Floats) -> Floats:
-    """d_e = x_j - x_i, (..., m, 3), of positions (or velocities) (..., n, 3)."""
-    i, j = system.ends
-    return np.asarray(x.take(j, axis=-2) - x.take(i, axis=-2))
-
-
-def dot(a: Floats, b: Floats) -> Floats:
-    """Scalar products along the last axis (3).  x + y comes first: swapping x and y changes no bit of it."""
-    c = a * b
-    return np.asarray((c[..., 0] + c[..., 1]) + c[..., 2])
-
-
-def length(system: System, x: Floats) -> Floats:
-    """Current lengths L_e (..., m) [m], eq. (7)."""
-    d = span(system, x)
-    return np.sqrt(dot(d, d))
-
-
-def _strain(system: System, d: Floats) -> Floats:
-    reference = system.squared_reference_length
-    return np.asarray(0.5 * (dot(d, d) - reference) / reference)
-
-
-def strain(system: System, x: Floats) -> Floats:
-    """Green-Lagrange strain E11 (..., m) [-], eq. (6); negative where an element is slack."""
-    return _strain(system, span(system, x))
-
-
-def stress(system: System, e11: Floats) -> Floats:
-    """Second Piola-Kirchhoff stress S11 (..., m) [Pa], eq. (8): none in compression."""
-    return np.asarray(system.net.youngs_modulus * np.maximum(e11, 0.0))
-
-
-def tension(system: System, x: Floats) -> Floats:
-    """Elastic axial force N = S11 A L / L_ref (..., m) [N]: of the deformed cable on its ends, eq. (8)."""
-    s11 = stress(system, strain(system, x))
-    return np.asarray(s11 * system.net.area * length(system, x) / system.net.reference_length)
-
-
-def secant_element(system: System, x: Floats) -> Floats:
-    """Secant stiffness S_e (m, 6, 6) [N/m], eqs. (3), (4)."""
-    s = stress(system, strain(system, x)) * system.net.area / system.net.reference_length
-    delta = np.kron(np.array([[1.0, -1.0], [-1.0, 1.0]]), np.eye(3))
-    return np.asarray(s[:, None, None] * delta)
-
-
-def tangent_element(system: System, x: Floats) -> Floats:
-    """Tangent stiffness T_e (m, 6, 6) [N/m], eq. (5)."""
-    taut = strain(system, x) >= 0.0
-    return secant_element(system, x) + _stretching(system, span(system, x), np.where(taut, 1.0, 0.0))
-
-
-def _stretching(system: System, d: Floats, taut: Floats) -> Floats:
-    """Second part of eq. (5), dS11/dE11 A / L_ref^3 (Delta x_e)(Delta x_e)^T, (m, 6, 6) [N/m]."""
-    factor = taut * system.axial_stiffness / system.squared_reference_length
-    column = np.concatenate((-d, d), axis=1)  # Delta x_e
-    return np.asarray(factor[:, None, None] * column[:, :, None] * column[:, None, :])
-
-
-def assembled(system: System, blocks: Floats) -> csr_array:
-    """Sum of A_e^T K_e A_e over the elements, (3n, 3n) sparse, of blocks K_e (m, 6, 6): eqs. (12), (14)."""
-    dofs = (3 * system.net.element_nodes[:, :, None] + np.arange(3)).reshape(-1, 6)
-    rows, columns = np.repeat(dofs, 6, axis=1).ravel(), np.tile(dofs, 6).ravel()
-    size = 3 * len(system.net.mass)
-    return csr_array(coo_array((blocks.ravel(), (rows, columns)), shape=(size, size)))
-
-
-def secant(system: System, x: Floats) -> csr_array:
-    """Secant stiffness S(x) (3n, 3n) [N/m], eq. (12)."""
-    return assembled(system, secant_element(system, x))
-
-
-def tangent(system: System, x: Floats) -> csr_array:
-    """Tangent stiffness T(x) (3n, 3n) [N/m], eq. (14)."""
-    return assembled(system, tangent_element(system, x))
-
-
-def damping(system: System, x: Floats | None = None) -> csr_array:
-    """Damping matrix (3n, 3n) [N s/m]: D = alpha M + beta T(x_ref) of eq. (13), and mass_damping's alpha M.
-
-    In the reference configuration E11 = 0 by definition, which eq. (8) counts as taut; round-off must not
-    decide it.  Given positions x (n, 3), the matrix of material_damping there, at zero velocity, is added.
-    """
-    d = system.reference_direction * system.net.reference_length[:, None]
-    blocks = system.effects.beta * _stretching(system, d, np.ones(len(d)))
-    if x is not None and system.effects.relaxation_time:
-        taut = np.where(strain(system, x) > 0.0, system.effects.relaxation_time, 0.0)
-        blocks += _stretching(system, span(system, x), taut)
-    viscous = assembled(system, blocks)
-    mass = np.repeat(system.drag[:, 0], 3)
-    diagonal = np.arange(len(mass))
-    return csr_array(viscous + coo_array((mass, (diagonal, diagonal)), shape=viscous.shape))
+__all__ = [
+    "System",
+    "acceleration",
+    "assemble",
+    "damping",
+    "dot",
+    "elastic_forces",
+    "gather",
+    "greatest_frequency",
+    "length",
+    "motion",
+    "secant",
+    "span",
+    "strain",
+    "stress",
+    "tangent",
+    "tangent_element",
+    "tension",
+    "ways",
+]
 
 
 def gather(system: System, element_force: Floats) -> Floats:
     """Nodal sums (n, 3) of element forces (m, 3) acting with + on end j, - on end i."""
     if system.symmetric:
-        return mirror.gather(element_force, system.leaves)
+        return mirror.gather(element_force, -element_force, system.leaves)
     return np.asarray(system.incidence @ element_force)
+
+
+def _share(system: System, element_force: Floats) -> Floats:
+    """Nodal sums (n, 3) of element forces (m, 3), half of each on either end."""
+    half = 0.5 * element_force
+    if system.symmetric:
+        return mirror.gather(half, half, system.leaves)
+    return np.asarray(system.touching @ half)
 
 
 def elastic_forces(system: System, x: Floats) -> Floats:
     """Nodal forces S(x) x (n, 3) [N] of eqs. (10), (12), without forming the matrix."""
     d = span(system, x)
-    per_length = system.axial_stiffness * np.maximum(_strain(system, d), 0.0)
+    per_length = system.axial_stiffness * np.maximum(excess(system, strain_of(system, d)), 0.0)
     return gather(system, per_length[:, None] * d)
 
 
-def _pull(system: System, d: Floats, v: Floats) -> tuple[Floats, float]:
+def _pull(system: System, d: Floats, v: Floats, mode: Mode) -> tuple[Floats, float]:
     """S11 A/L of eq. (3) (m,) [N/m] with the viscous part of material_damping, and the power it takes [W].
 
-    S11 = E max(E11 + tau dE11/dt, 0) where E11 > 0: a cable cannot push.
+    S11 = E max(E11 + tau dE11/dt, 0) where E11 > 0: a cable cannot push.  Broken elements carry nothing.
     """
-    e11 = _strain(system, d)
+    e11 = excess(system, strain_of(system, d))
+    if mode.intact is not None:
+        e11 = np.where(mode.intact, e11, -1.0)
     elastic = system.axial_stiffness * np.maximum(e11, 0.0)
     tau = system.effects.relaxation_time
     if not tau:
@@ -238,31 +89,95 @@ def _drag(system: System, v: Floats) -> tuple[Floats, float]:
     return np.asarray(force[:, None] * system.reference_direction), float(force @ rate)
 
 
-def acceleration(system: System, t: float, x: Floats, v: Floats) -> Floats:
-    """dv/dt (n, 3) [m/s2], eq. (16), at any finite x, v (n, 3) [m, m/s]; zero at fixed nodes."""
-    return motion(system, t, x, v)[0]
+def acceleration(
+    system: System,
+    t: float,
+    x: Floats,
+    v: Floats,
+    bodies: BodyStates | None = None,
+    intact: Bools | None = None,
+) -> Floats:
+    """dv/dt (n, 3) [m/s2], eq. (16), at any finite x, v (n, 3) [m, m/s]; zero at fixed nodes.
 
-
-def motion(system: System, t: float, x: Floats, v: Floats) -> tuple[Floats, float]:
-    """dv/dt of eq. (16) (n, 3) [m/s2], and the power v^T D v taken by damping [W].
-
-    Nothing depends on t; an absent effect takes a comparison.
+    `bodies` (b, ...) is needed where a body acts on the net (launch_force); elements that are not `intact`
+    (m,) carry no load.  Raises ValueError without the bodies that it needs.
     """
-    push, power = (_assembled_forces if system.assembled else _element_forces)(system, x, v)
+    if bodies is not None:
+        x, v = np.concatenate((x, bodies.position)), np.concatenate((v, bodies.velocity))
+    elif system.effects.launch_force is not None:
+        raise ValueError("launch_force acts between bullets and chaser: give the states of the bodies")
+    return motion(system, t, x, v, Mode(intact))[0][: len(system.net.mass)]
+
+
+def motion(system: System, t: float, x: Floats, v: Floats, mode: Mode = BY_STATE) -> tuple[Floats, float]:
+    """dv/dt of eq. (16) (N, 3) [m/s2] of nodes and bodies, and the power that leaves the system [W].
+
+    x, v (N, 3) [m, m/s] are those of the n nodes and then of the bodies; without bodies, N = n.  The power is
+    v^T D v of eq. (10), what the drags take, and, negative, what thrust puts in.  An absent effect takes a
+    comparison.
+    """
+    n = len(system.net.mass)
+    nodes, speeds = (x, v) if len(x) == n else (x[:n], v[:n])
+    push, power = (_assembled_forces if system.assembled else _element_forces)(system, nodes, speeds, mode)
     effects = system.effects
     if any(effects.gravity):
         push += system.weight
+    if effects.solar_pressure is not None:
+        push += system.sunlight
+    for force in _working(system, t, nodes, speeds, mode):
+        push += force
+        power -= float(np.vdot(force, speeds))
+    beside = np.zeros((len(x) - n, 3))
+    if effects.launch_force is not None:
+        thrown = effects.launch_force.push(ways(system, x), mode.pushed)[:, None] * system.barrels
+        push[system.net.bullet_nodes] += thrown
+        reaction = [-math.fsum(column) / effects.launch_force.chaser_mass for column in thrown.T.tolist()]
+        beside[system.chaser - n] = reaction
     result = system.compliance_of_inertia * push
     if effects.orbit is not None:
-        result += np.where(system.compliance_of_inertia > 0.0, orbital_acceleration(effects.orbit, x, v), 0.0)
-    return np.asarray(result), power
+        orbital = orbital_acceleration(effects.orbit, nodes, speeds)
+        if effects.j2 is not None:
+            orbital = orbital + nodes @ system.oblate.T
+        result += np.where(system.compliance_of_inertia > 0.0, orbital, 0.0)
+    return (np.concatenate((result, beside)) if len(beside) else np.asarray(result)), power
 
 
-def _element_forces(system: System, x: Floats, v: Floats) -> tuple[Floats, float]:
+def _working(system: System, t: float, x: Floats, v: Floats, mode: Mode) -> list[Floats]:
+    """Forces (n, 3) [N] whose work is booked as it is done: of the drags and of thrust."""
+    effects, forces = system.effects, []
+    if effects.molecular_drag is not None:
+        forces.append(molecular_force(effects.molecular_drag, system.swept, v))
+    if effects.air_drag is not None:
+        i, j = system.ends
+        mean = 0.5 * (v.take(i, axis=0) + v.take(j, axis=0))
+        force = _share(system, cable_drag(effects.air_drag, system.frontal, span(system, x), mean))
+        bullets = system.net.bullet_nodes
+        force[bullets] += bullet_drag(effects.air_drag, v[bullets])
+        forces.append(force)
+    if effects.thrust is not None:
+        force = np.zeros_like(v)
+        force[system.thrusters] = effects.thrust.at(t, mode.segment)
+        forces.append(force)
+    return forces
+
+
+def ways(system: System, x: Floats) -> Floats:
+    """Ways s (..., k) [m] of the bullets along their barrels, relative to the chaser, since the start.
+
+    x (..., N, 3) [m] are positions of nodes and bodies.
+    """
+    assert system.launch_start is not None
+    relative = x.take(system.net.bullet_nodes, axis=-2) - x[..., system.chaser, None, :]
+    return dot(relative - system.launch_start, system.barrels)
+
+
+def _element_forces(system: System, x: Floats, v: Floats, mode: Mode) -> tuple[Floats, float]:
     """-S(x) x - D v (n, 3) [N], element by element, and the power taken [W]."""
     d = span(system, x)
-    per_length, power = _pull(system, d, v)
+    per_length, power = _pull(system, d, v, mode)
     element_force = per_length[:, None] * d
+    if system.effects.bending is not None:
+        element_force += system.hinges.pull(d)
     if system.effects.beta:
         viscous, taken = _drag(system, v)
         element_force += viscous
@@ -275,12 +190,15 @@ def _element_forces(system: System, x: Floats, v: Floats) -> tuple[Floats, float
     return push, power
 
 
-def _assembled_forces(system: System, x: Floats, v: Floats) -> tuple[Floats, float]:
+def _assembled_forces(system: System, x: Floats, v: Floats, mode: Mode) -> tuple[Floats, float]:
     """The same with the matrices S(x) and D of eqs. (12), (13): other round-off, nothing else."""
-    per_length, power = _pull(system, span(system, x), v)
-    pattern, spread = system.graph
-    stiffness = csr_array((spread @ per_length, pattern.indices, pattern.indptr), shape=pattern.shape)
+    d = span(system, x)
+    per_length, power = _pull(system, d, v, mode)
+    pattern, scatter = system.graph
+    stiffness = csr_array((scatter @ per_length, pattern.indices, pattern.indptr), shape=pattern.shape)
     push = -(stiffness @ x)
+    if system.effects.bending is not None:
+        push -= gather(system, system.hinges.pull(d))
     if system.effects.alpha or system.effects.beta or system.effects.mass_damping:
         external = system.damping @ v.ravel()
         power += float(external @ v.ravel())
@@ -291,9 +209,15 @@ def _assembled_forces(system: System, x: Floats, v: Floats) -> tuple[Floats, flo
 def greatest_frequency(system: System) -> float:
     """Upper estimate of the angular frequencies of the taut, unstrained net [rad/s] (Gershgorin on M^-1 T).
 
-    Dividing 2.8 by it gives a step at which RK4 is stable while strains are small.
+    Dividing 2.8 by it gives a step at which RK4 is stable while strains are small.  The springs of bending
+    are counted at twice k/L^2 of their element, on each element that they bend.
     """
+    stiffness = system.axial_stiffness
+    if system.effects.bending is not None:
+        hinges = system.hinges
+        each = 2.0 * hinges.stiffness[:, None] * hinges.share**2
+        stiffness = stiffness + np.bincount(hinges.pairs.ravel(), each.ravel(), minlength=len(stiffness))
     around = np.bincount(
-        system.net.element_nodes.ravel(), np.repeat(system.axial_stiffness, 2), minlength=len(system.net.mass)
+        system.net.element_nodes.ravel(), np.repeat(stiffness, 2), minlength=len(system.net.mass)
     )
     return float(np.sqrt(np.max(2.0 * around * system.compliance_of_inertia[:, 0], initial=0.0)))

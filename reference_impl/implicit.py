@@ -12,6 +12,10 @@ along d_m keep both momenta; damping takes h v_m^T D v_m.
 With a = max(E0, 0), b = max(E1, 0): S = E (a + b)/2 (b - a)/(E1 - E0).  The last ratio is 1 if the element is
 taut at both ends of the step, 0 if slack at both; else E1 - E0 is a sum of like signs: no limit to take.
 material_damping adds max(E tau (b - a)/h, -S), whose product with E1 - E0 is never negative.
+
+Other potentials likewise: quadratic ones (orbit, j2, bending) by the force at the mid-point, constant forces
+as they are, launch_force by the mean force over the way of each bullet, on bullet and chaser.  A free strain
+is taken off E0 and E1.  Rigid bodies turn by Cayley's transform (`bodies.conserving_turn`).
 """
 
 from __future__ import annotations
@@ -19,14 +23,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_array
+from scipy.sparse import coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
-from reference_impl import hill
-from reference_impl.fixed import Stepper, whole_steps
-from reference_impl.forces import System, damping, dot, gather, span, strain
+from reference_impl.arrays import Floats, Ints, dot
+from reference_impl.bodies import conserving_turn
+from reference_impl.effects.orbit import coriolis, gradient
+from reference_impl.elements import excess, span, strain
+from reference_impl.fixed import Fixed
+from reference_impl.forces import gather, ways
 from reference_impl.run import Breakdown, Run
-from reference_impl.weave import Floats, Ints
+from reference_impl.stiffness import damping
+from reference_impl.system import System
 
 GOAL = 1e-14  # residual over the forces at work at which Newton's method stops
 ENOUGH = 1e-12  # the same, at which it may stop where round-off lets it come no closer
@@ -36,22 +44,38 @@ HALVINGS = 12  # of a step that fails
 
 def unsupported(system: System) -> str:
     """What the method cannot take in this system; empty if nothing."""
-    if system.effects.orbit is not None and system.effects.orbit.two_body:
-        return 'effects.orbit.model = "two_body", whose potential has no discrete gradient here'
-    return "assembled arithmetic, which it does not have" if system.assembled else ""
+    effects, reasons = system.effects, []
+    if effects.orbit is not None and effects.orbit.two_body:
+        reasons.append('effects.orbit.model = "two_body", whose potential has no discrete gradient here')
+    reasons += [
+        f"effects.{name}, a damping that is not linear in the velocity"
+        for name in ("air_drag", "molecular_drag")
+        if getattr(effects, name) is not None
+    ]
+    if effects.thrust is not None:
+        reasons.append("effects.thrust, which puts energy in")
+    if effects.breaking is not None:
+        reasons.append("effects.breaking, which ends an element's energy")
+    if system.assembled:
+        reasons.append("assembled arithmetic, which it does not have")
+    return "; ".join(reasons)
 
 
-def energy_momentum(run: Run, step: float) -> Stepper:
-    """Steps of `step` [s].  A step at which Newton's method fails is done in two halves, and counted."""
-    scheme = _Scheme(run.system)
+class EnergyMomentum(Fixed):
+    """Steps of one length [s].  A step at which Newton's method fails is done in two halves, and counted."""
 
-    def take(arrival: float, depth: int = 0) -> None:
-        n3, y, h = run.half, run.y, arrival - run.t
-        shape = (n3 // 3, 3)
-        x, v = y[:n3].reshape(shape), y[n3:-1].reshape(shape)
+    def __init__(self, run: Run, step: float) -> None:
+        super().__init__(run, step)
+        self.scheme = _Scheme(run.system)
+
+    def take(self, arrival: float, depth: int = 0) -> None:
+        """One step, to `arrival` [s], after `depth` halvings."""
+        run, scheme, y, h = self.run, self.scheme, self.run.y, arrival - self.run.t
+        x, v = run.layout.positions(y), run.layout.velocities(y)
         try:
             try:
                 u, taken, solved = scheme.solve(x, v, h)
+                rotation = _turn(run, h)
             finally:
                 run.n_rhs = scheme.evaluations
             run.n_newton += solved
@@ -63,13 +87,23 @@ def energy_momentum(run: Run, step: float) -> Stepper:
                     f" {failure.residual:.3g} of the forces at work, worst at node {failure.node},"
                 ) from None
             run.n_halvings += 1
-            take(run.t + 0.5 * h, depth + 1)
-            take(arrival, depth + 1)
+            self.take(run.t + 0.5 * h, depth + 1)
+            self.take(arrival, depth + 1)
             return
-        after = (x + u, 2.0 / h * u - v, y[-1] + taken)
-        run.arrive(arrival, np.concatenate((after[0].ravel(), after[1].ravel(), (after[2],))))
+        after = (x + u, 2.0 / h * u - v, rotation, y[-1] + taken)
+        run.arrive(arrival, np.concatenate([np.ravel(part) for part in after]))
 
-    return lambda end: whole_steps(run, step, end, take)
+
+def _turn(run: Run, h: float) -> Floats:
+    """R, h (12 r,) of the rigid bodies after h [s]."""
+    moments = run.system.bodies.moments
+    if not len(moments):
+        return np.empty(0)
+    spins = run.layout.spins(run.y)
+    attitude = conserving_turn(run.layout.attitudes(run.y), spins, moments, h)
+    if attitude is None:
+        raise _NoRoot(0, np.nan, -1)
+    return np.concatenate((attitude.ravel(), spins.ravel()))
 
 
 class _NoRoot(Exception):
@@ -82,7 +116,10 @@ class _NoRoot(Exception):
 
 @dataclass(frozen=True, eq=False)
 class _Element:
-    """Elements in a step: d_m and d1; S A/L, its derivative with respect to E1, what of it is viscous."""
+    """Elements in a step: d_m and d1; S A/L, its derivative with respect to E1, what of it is viscous.
+
+    For bullets in launch_force the mean force along the barrel and its derivative with respect to s1.
+    """
 
     mid: Floats  # (m, 3) [m]
     end: Floats  # (m, 3) [m]
@@ -90,39 +127,52 @@ class _Element:
     total: Floats  # (m,) [N/m]
     slope: Floats  # (m,) [N/m]
     viscous: Floats  # (m,) [N/m]
+    thrown: Floats  # (k,) [N]
+    easing: Floats  # (k,) [N/m]
 
 
 class _Scheme:
-    """Residual and tangent of one step of a system."""
+    """Residual and tangent of one step of a system, in the step u (N, 3) [m] of nodes and bodies."""
 
     def __init__(self, system: System) -> None:
         self.system = system
         self.evaluations = 0  # of the forces, one in each residual
         effects, net = system.effects, system.net
-        n = len(net.mass)
-        self.mass = net.mass[:, None]
-        self.free = system.compliance_of_inertia[:, 0] > 0.0
+        self.nodes = n = len(net.mass)
+        self.mass = np.concatenate((net.mass, system.bodies.mass))[:, None]
+        self.free = np.concatenate((system.compliance_of_inertia[:, 0] > 0.0, system.bodies.mass > 0.0))
         self.damping = damping(system)
-        self.touching = abs(system.incidence)
+        self.load = system.weight if effects.solar_pressure is None else system.weight + system.sunlight
         zero = np.zeros((3, 3))
-        self.gradient = hill.gradient(effects.orbit) if effects.orbit else zero
-        self.coriolis = hill.coriolis(effects.orbit) if effects.orbit else zero
-        i, j = system.ends
-        nodes = np.arange(n)
-        self.shape, self.slots, self.pattern = _pattern(
-            np.concatenate((i, j, i, j, nodes)), np.concatenate((i, j, j, i, nodes)), self.free
-        )
+        self.gradient = gradient(effects.orbit) if effects.orbit else zero
+        if effects.j2:
+            self.gradient = self.gradient + system.oblate
+        self.coriolis = coriolis(effects.orbit) if effects.orbit else zero
         direction = system.reference_direction
         self.viscous = (effects.beta * system.axial_stiffness)[:, None, None] * (
             direction[:, :, None] * direction[:, None, :]
         )
+        bent = _bending_stiffness(system)
+        self.bent = 0.5 * bent.data[:, None, None] * np.eye(3)
+        i, j = system.ends
+        all_of = np.arange(len(self.mass))
+        rows, columns = [i, j, i, j, all_of, bent.row], [i, j, j, i, all_of, bent.col]
+        if effects.launch_force is not None:
+            bullets, chaser = net.bullet_nodes, np.full(len(net.bullet_nodes), system.chaser)
+            rows += [bullets, chaser, bullets, chaser]
+            columns += [bullets, chaser, chaser, bullets]
+            self.barrel = system.barrels[:, :, None] * system.barrels[:, None, :]
+        self.shape, self.slots, self.pattern = _pattern(
+            np.concatenate(rows), np.concatenate(columns), self.free
+        )
+        self.nothing = np.zeros((len(self.mass) - n, 3))
 
     def elements(self, x: Floats, u: Floats, h: float) -> _Element:
-        """Stresses of the step u (n, 3) [m] from x."""
-        system = self.system
-        d0, du = span(system, x), span(system, u)
+        """Stresses of the step u (N, 3) [m] from x."""
+        system, n = self.system, self.nodes
+        d0, du = span(system, x[:n]), span(system, u[:n])
         mid, end = d0 + 0.5 * du, d0 + du
-        e0 = strain(system, x)
+        e0 = excess(system, strain(system, x[:n]))
         change = dot(mid, du) / system.squared_reference_length
         e1 = e0 + change
         a, b = np.maximum(e0, 0.0), np.maximum(e1, 0.0)
@@ -139,37 +189,53 @@ class _Scheme:
             slope = np.where(
                 viscous > -elastic, slope + tau / h * stiffness * np.where(e1 > 0.0, 1.0, 0.0), 0.0
             )
-        return _Element(mid, end, change, elastic + viscous, slope, viscous)
+        thrown = easing = np.zeros(0)
+        if (launch := system.effects.launch_force) is not None:
+            thrown, easing = launch.mean(ways(system, x), ways(system, x + u))
+        return _Element(mid, end, change, elastic + viscous, slope, viscous, thrown, easing)
 
     def residual(self, x: Floats, v: Floats, u: Floats, h: float, state: _Element) -> tuple[Floats, Floats]:
-        """Out-of-balance forces (n, 3) [N], zero at fixed nodes, and the sizes (n, 3) of what balances."""
+        """Out-of-balance forces (N, 3) [N], zero at fixed nodes, and the sizes (N, 3) of what balances."""
         self.evaluations += 1
-        system, mean = self.system, u / h
+        system, n, mean = self.system, self.nodes, u / h
         pull = state.total[:, None] * state.mid
-        inertia = 2.0 / h * self.mass * (mean - v)
-        drag = (self.damping @ mean.ravel()).reshape(u.shape)
-        push = system.weight + self.mass * ((x + 0.5 * u) @ self.gradient.T + mean @ self.coriolis.T)
-        at_work = 2.0 / h * self.mass * (np.abs(mean) + np.abs(v)) + np.abs(drag) + np.abs(push)
-        at_work += self.touching @ np.abs(pull)
-        result = inertia + gather(system, pull) + drag - push
+        if system.effects.bending is not None:
+            pull = pull + system.hinges.pull(state.mid)
+        result = 2.0 / h * self.mass * (mean - v)
+        drag = (self.damping @ mean[:n].ravel()).reshape(-1, 3)
+        field = (x[:n] + 0.5 * u[:n]) @ self.gradient.T + mean[:n] @ self.coriolis.T
+        push = self.load + self.mass[:n] * field
+        at_work = 2.0 / h * self.mass * (np.abs(mean) + np.abs(v))
+        at_work[:n] += np.abs(drag) + np.abs(push) + system.touching @ np.abs(pull)
+        result[:n] = result[:n] + gather(system, pull) + drag - push
+        if system.effects.launch_force is not None:
+            thrown = state.thrown[:, None] * system.barrels
+            for sums, sign, force in ((result, 1.0, thrown), (at_work, -1.0, np.abs(thrown))):
+                sums[system.net.bullet_nodes] -= sign * force
+                sums[system.chaser] += np.sum(force, axis=0)
         result[~self.free] = 0.0
         return result, at_work
 
     def tangent(self, h: float, state: _Element) -> csc_array:
-        """Derivative (3f, 3f) [N/m] of the residual at the f free nodes with respect to u."""
-        system = self.system
+        """Derivative (3f, 3f) [N/m] of the residual at the f free particles with respect to u."""
+        system, n = self.system, self.nodes
         direction = state.slope / system.squared_reference_length
         block = direction[:, None, None] * (state.mid[:, :, None] * state.end[:, None, :]) + self.viscous / h
         block += (0.5 * state.total)[:, None, None] * np.eye(3)
-        diagonal = (2.0 / h**2 * self.mass + system.drag / h)[:, :, None] * np.eye(3)
-        diagonal = diagonal - self.mass[:, :, None] * (0.5 * self.gradient + self.coriolis / h)
-        values = np.concatenate((block, block, -block, -block, diagonal)).ravel()
+        drag = np.concatenate((system.drag, np.zeros((len(self.nothing), 1))))
+        diagonal = (2.0 / h**2 * self.mass + drag / h)[:, :, None] * np.eye(3)
+        diagonal[:n] -= self.mass[:n, :, None] * (0.5 * self.gradient + self.coriolis / h)
+        parts = [block, block, -block, -block, diagonal, self.bent]
+        if system.effects.launch_force is not None:
+            eased = -state.easing[:, None, None] * self.barrel
+            parts += [eased, eased, -eased, -eased]
+        values = np.concatenate(parts).ravel()
         indices, indptr = self.pattern
         data = np.bincount(self.slots, values, minlength=len(indices) + 1)[: len(indices)]
         return csc_array((data, indices, indptr), shape=self.shape)
 
     def solve(self, x: Floats, v: Floats, h: float) -> tuple[Floats, float, int]:
-        """The step u (n, 3) [m], the energy that damping takes in it [J], linear systems solved."""
+        """The step u (N, 3) [m], the energy that damping takes in it [J], linear systems solved."""
         u = h * v
         state = self.elements(x, u, h)
         residual, at_work = self.residual(x, v, u, h, state)
@@ -200,7 +266,7 @@ class _Scheme:
                     break
                 worst = int(np.argmax(np.max(np.abs(residual), axis=1)))
                 raise _NoRoot(solved, float(size / scale), worst)
-        mean = u / h
+        mean = u[: self.nodes] / h
         taken = h * float(mean.ravel() @ (self.damping @ mean.ravel()))
         taken += float(np.sum(state.viscous * state.change * self.system.squared_reference_length))
         return u, taken, solved
@@ -212,6 +278,25 @@ class _Scheme:
         except RuntimeError:  # exactly singular: no step, which the line search reports
             step[:] = np.nan
         return step
+
+
+def _bending_stiffness(system: System) -> coo_array:
+    """Stiffness (n, n) [N/m] of the springs of `bending`, the same in each direction; empty without them."""
+    n = len(system.net.mass)
+    if system.effects.bending is None:
+        return coo_array((n, n))
+    hinges = system.hinges
+    rows = np.arange(len(hinges.pairs))
+    kinks = (
+        sum(
+            coo_array(
+                (hinges.share[:, k], (rows, hinges.pairs[:, k])), shape=(len(rows), len(system.net.area))
+            )
+            for k in (0, 1)
+        )
+        @ system.incidence.T
+    )
+    return coo_array(kinks.T @ diags_array(hinges.stiffness) @ kinks)
 
 
 def _pattern(rows: Ints, columns: Ints, free: np.ndarray) -> tuple[tuple[int, int], Ints, tuple[Ints, Ints]]:

@@ -8,25 +8,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 
 from reference_impl.adaptive import PAIRS
-from reference_impl.fixed import Stepper, classical, verlet
-from reference_impl.forces import System
-from reference_impl.implicit import energy_momentum, unsupported
+from reference_impl.arrays import Floats
+from reference_impl.bodies import BodyStates
+from reference_impl.fixed import Classical, Fixed, Verlet
+from reference_impl.implicit import EnergyMomentum, unsupported
+from reference_impl.mode import Mode
 from reference_impl.run import Breakdown, Diverged, Interrupted, Run, Trajectory
-from reference_impl.weave import Floats
+from reference_impl.state import layout
+from reference_impl.system import System
 
 TOLERANCES = {"RK45": (1e-3, 1e-6), "DOP853": (1e-10, 1e-12)}  # rtol, atol; for RK45 as in ode45
-STEPPED: dict[str, Callable[[Run, float], Stepper]] = {
-    "RK4": classical,
-    "Verlet": verlet,
-    "EM": energy_momentum,
-}
+STEPPED: dict[str, type[Fixed]] = {"RK4": Classical, "Verlet": Verlet, "EM": EnergyMomentum}
 METHODS = (*TOLERANCES, *STEPPED)
 
 Progress = Callable[[float, float], None]
+
+
+class Stepper(Protocol):
+    """What takes a run along."""
+
+    def advance(self, end: float) -> tuple[Floats, Mode]:
+        """Takes the run to t = end [s], or beyond; the state and mode at `end`."""
+
+    def renew(self, until: float) -> None:
+        """The forces changed at t; they are smooth `until` [s], where a call of `advance` ends."""
+
 
 __all__ = [
     "METHODS",
@@ -51,8 +62,9 @@ def integrate(
     atol: float | None = None,
     step: float | None = None,
     progress: Progress | None = None,
+    bodies: BodyStates | None = None,
 ) -> Trajectory:
-    """States at `times` [s] from x0, v0 (n, 3) [m, m/s] at times[0].
+    """States at `times` [s] from x0, v0 (n, 3) [m, m/s] and `bodies` (b, ...) at times[0].
 
     `rtol`, `atol` [m, m/s] are for RK45 and DOP853, `step` [s] for RK4, Verlet and EM.  `progress(t, end)` is
     called at each stored time; None is silent.  Raises ValueError for arguments out of range,
@@ -60,10 +72,12 @@ def integrate(
     """
     times = np.asarray(times, dtype=float)
     _check(system, x0, v0, times, method, rtol, atol, step)
-    run = Run(system, float(times[0]), np.concatenate((np.ravel(x0), np.ravel(v0), (0.0,))))
+    _check_bodies(system, bodies)
+    run = Run(system, float(times[0]), layout(system).pack(x0, v0, bodies))
     try:
         with np.errstate(all="ignore"):
-            run.store(run.t, run.y)
+            run.begin(located=method in PAIRS)
+            run.store(run.t, run.y, run.mode)
             advance: Stepper
             if method in STEPPED:
                 advance = STEPPED[method](run, float(step or 0.0))
@@ -73,16 +87,43 @@ def integrate(
                     defaults[0] if rtol is None else rtol,
                     defaults[1] if atol is None else atol,
                 )
-                advance = PAIRS[method](run, relative, absolute, times).advance
-            for time in times[1:].tolist():
-                run.store(time, advance(time))
-                if progress is not None:
-                    progress(time, float(times[-1]))
+                advance = PAIRS[method](run, relative, absolute, times)
+            _follow(run, advance, times, progress)
     except Breakdown as error:
         raise run.diverged(str(error)) from None
     except KeyboardInterrupt:
         raise Interrupted(run.trajectory()) from None
     return run.trajectory()
+
+
+def _follow(run: Run, stepper: Stepper, times: Floats, progress: Progress | None) -> None:
+    """Takes the run from stored time to stored time; steps end at the knots of thrust too."""
+    thrust, end = run.system.effects.thrust, float(times[-1])
+    knots = [] if thrust is None else [t for t in thrust.time if run.t < t <= end]
+    if knots:
+        stepper.renew(knots[0])
+    for time in times[1:].tolist():
+        while knots and knots[0] <= time:
+            stepper.advance(knots.pop(0))
+            run.enter_segment()
+            stepper.renew(knots[0] if knots else end)
+        run.store(time, *stepper.advance(time))
+        if progress is not None:
+            progress(time, end)
+
+
+def _check_bodies(system: System, bodies: BodyStates | None) -> None:
+    """Refuses states that are not those of the system's bodies."""
+    count = len(system.bodies.names)
+    if bodies is None:
+        if count:
+            raise ValueError(f"bodies must be given: the states of {', '.join(system.bodies.names)}")
+        return
+    shapes = {"position": (3,), "velocity": (3,), "attitude": (3, 3), "angular_velocity": (3,)}
+    for key, shape in shapes.items():
+        value = getattr(bodies, key)
+        if np.shape(value) != (count, *shape) or not np.all(np.isfinite(value)):
+            raise ValueError(f"bodies.{key} must be finite and have the shape {(count, *shape)}")
 
 
 def _check(

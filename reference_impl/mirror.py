@@ -19,7 +19,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from reference_impl.weave import Floats, Ints, Net
+from reference_impl.arrays import Floats, Ints
+from reference_impl.net import Net
 
 _EQUAL = 1e-9  # directions (unit vectors) closer than this are the same
 
@@ -52,9 +53,9 @@ def leaves(net: Net) -> Ints:
     return result
 
 
-def gather(element_force: Floats, leaf: Ints) -> Floats:
-    """Nodal sums (n, 3) of forces (m, 3) that act with + on end j and with - on end i of their elements."""
-    terms = np.concatenate((element_force, -element_force, np.zeros((1, 3))))[leaf]
+def gather(at_end: Floats, at_begin: Floats, leaf: Ints) -> Floats:
+    """Nodal sums (n, 3) of forces (m, 3) on the ends j and the ends i of the elements."""
+    terms = np.concatenate((at_end, at_begin, np.zeros((1, 3))))[leaf]
     for _ in range(3):
         terms = terms[:, ..., 0, :, :] + terms[:, ..., 1, :, :]
     total: Floats = terms[0]

@@ -9,105 +9,20 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from reference_impl.effects import Effects, Vector, read_effects
+from reference_impl.bodies import read_bodies
+from reference_impl.case import Cable, Case, Refused, Start, Strings
+from reference_impl.effects import Surroundings, read_effects
+from reference_impl.effects.launch_force import CHASER
+from reference_impl.shape import LARGEST_COUNT, Explicit, Hexagonal, bullets_of, read_shape
 from reference_impl.table import Table, count, number, numbers, refusal, text, triples
 
-LARGEST_COUNT = 10_000_000  # of cells, elements or stored times; beyond it a slip of the pen is likelier
-
-
-class Refused(ValueError):
-    """A case that this program does not run; `faults` holds one line for each reason."""
-
-    def __init__(self, faults: Sequence[str]) -> None:
-        super().__init__("\n".join(faults))
-        self.faults = tuple(faults)
-
-
-@dataclass(frozen=True)
-class Cable:
-    """What an element is made of: undeformed area [m2], density [kg/m3], Young's modulus [Pa]."""
-
-    area: float
-    density: float
-    youngs_modulus: float
-
-
-@dataclass(frozen=True)
-class Strings:
-    """The strings between bullets and net: cable, reference length of each [m], elements on each."""
-
-    cable: Cable
-    length: float
-    divisions: int
-
-
-@dataclass(frozen=True)
-class Rectangular:
-    """Grid of `cells` = (nx, ny) meshes on a rectangle of `size` = (Lx, Ly) [m]; a square net is one too."""
-
-    size: tuple[float, float]
-    cells: tuple[int, int]
-
-
-@dataclass(frozen=True)
-class Hexagonal:
-    """Honeycomb: side of a cell [m], rings of cells around the middle one."""
-
-    mesh: float
-    rings: int
-
-
-@dataclass(frozen=True)
-class Radial:
-    """Spider's web: radius [m], spokes, rings."""
-
-    radius: float
-    spokes: int
-    rings: int
-
-
-@dataclass(frozen=True)
-class Explicit:
-    """A net listed node by node: positions [m], element ends, extra masses [kg], nodes held still."""
-
-    nodes: tuple[Vector, ...]
-    elements: tuple[tuple[int, int], ...]
-    node_masses: tuple[float, ...]
-    fixed: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Start:
-    """Packing factor [-], velocity [m/s] and spin [rad/s] of all nodes, lists for explicit nets."""
-
-    packing: float
-    velocity: Vector
-    spin: Vector
-    node_positions: tuple[Vector, ...] | None
-    node_velocities: tuple[Vector, ...] | None
-
-
-@dataclass(frozen=True)
-class Case:
-    """One scene.  Absent bullets, strings, launch are None."""
-
-    title: str
-    times: tuple[float, ...]  # stored times [s], from 0 to the end
-    shape: Rectangular | Hexagonal | Radial | Explicit
-    divisions: int
-    cable: Cable
-    strings: Strings | None
-    bullet_mass: float | None
-    start: Start
-    launch: tuple[float, float] | None  # radial and axial speed [m/s]
-    effects: Effects
-    source: str = ""  # the file's text, for the record
+__all__ = ["Case", "Refused", "parse_override", "read", "read_document"]
 
 
 def read(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Case:
@@ -151,7 +66,7 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
         root.table(ignored, required=False)
     times = _times(root.table("time"))
     net = root.table("net")
-    shape = _shape(net)
+    shape = read_shape(net)
     divisions = net.get("divisions", count(1), 1)
     cable = _cable(net.table("cable"))
     strings = _strings(net.table("strings", required=False))
@@ -160,11 +75,12 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
     start = _start(root.table("initial"))
     launch_table = root.table("launch", required=False)
     launch = _launch(launch_table)
-    effects = read_effects(root.table("effects", required=False))
+    bodies = read_bodies(root.table("bodies", required=False))
+    there = 0 if not bullets else bullets_of(shape) if shape is not None else None
+    around = Surroundings(there or (None if bullets else 0), times[-1] if times else None, bool(launch_table))
+    effects = read_effects(root.table("effects", required=False), around)
     for table in (root, net, bullets, launch_table):
         table.close()
-    if faults:
-        raise Refused(faults)
     case = Case(
         title,
         times,
@@ -175,21 +91,36 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
         bullet_mass,
         start,
         launch,
+        bodies,
         effects,
     )
-    if misfits := _misfits(case):
-        raise Refused(misfits)
+    faults += _misfits(case, bool(bullets), bool(launch_table))
+    if faults:
+        raise Refused(faults)
     return case
 
 
 def _launch(table: Table) -> tuple[float, float] | None:
-    """Radial and axial speed [m/s]; None where the table is absent, or gives the throw in another way."""
-    if others := [table.name(key) for key in ("speed", "spread_angle") if key in table.values]:
-        table.ignore_rest()
-        table.faults.append(refusal(" and ".join(others), "it reads launch.radial_speed and .axial_speed"))
+    """Radial and axial speed [m/s]; None where the table is absent or cannot be read.
+
+    They may be given as one speed v and an angle from +z: radial v sin(angle), axial v cos(angle).
+    """
+    if not table:
         return None
-    speeds = table.need("radial_speed", number()), table.need("axial_speed", number())
-    return speeds if table else None
+    ways = (("radial_speed", "axial_speed"), ("speed", "spread_angle"))
+    first, second = ([key for key in way if key in table.values] for way in ways)
+    if first and second:
+        table.ignore_rest()
+        names = " and ".join(map(table.name, first)), " and ".join(map(table.name, second))
+        table.faults.append(f"launch: give either {names[0]} or {names[1]}, not both")
+        return None
+    if second:
+        speed = table.need("speed", number(0.0))
+        angle = table.need("spread_angle", number(0.0, maximum=math.pi / 2.0))
+        if speed is None or angle is None:
+            return None
+        return speed * math.sin(angle), speed * math.cos(angle)
+    return table.need("radial_speed", number()), table.need("axial_speed", number())
 
 
 def _overridden(
@@ -268,93 +199,6 @@ def _strings(table: Table) -> Strings | None:
     return strings
 
 
-def _shape(net: Table) -> Any:
-    """The topology with its keys; None with faults noted where it cannot be read."""
-    shapes: dict[str, Callable[[Table], Any]] = {
-        "square": _square,
-        "rectangular": _rectangular,
-        "hexagonal": _hexagonal,
-        "radial": _radial,
-        "explicit": _explicit,
-    }
-    topology = net.need("topology", text)
-    if topology is None:
-        net.ignore_rest()
-        return None
-    if topology not in shapes:
-        net.faults.append(refusal(f'net.topology = "{topology}"', "it knows " + ", ".join(shapes)))
-        net.ignore_rest()
-        return None
-    return shapes[topology](net)
-
-
-def _cells(size: float | None, mesh: float | None, faults: list[str]) -> int:
-    """How many meshes fit on a side: must be a whole number within 1e-9."""
-    if size is None or mesh is None:
-        return 1
-    ratio = size / mesh
-    if not 0.5 < ratio < LARGEST_COUNT or abs(ratio - round(ratio)) > 1e-9:
-        faults.append(f"net.mesh: net.size / net.mesh must be a whole number, not {ratio:.12g}")
-        return 1
-    return round(ratio)
-
-
-def _square(net: Table) -> Rectangular:
-    size, mesh = net.need("size", number(above=0.0)), net.need("mesh", number(above=0.0))
-    cells = _cells(size, mesh, net.faults)
-    return Rectangular((size, size), (cells, cells))
-
-
-def _rectangular(net: Table) -> Rectangular:
-    size = net.need("size", numbers(2, above=0.0))
-    mesh = net.need("mesh", numbers(2, above=0.0))
-    pairs = zip(size or (None, None), mesh or (None, None), strict=True)
-    cells = tuple(_cells(s, m, net.faults) for s, m in pairs)
-    return Rectangular(size, (cells[0], cells[1]))
-
-
-def _hexagonal(net: Table) -> Hexagonal:
-    return Hexagonal(net.need("mesh", number(above=0.0)), net.need("rings", count(0)))
-
-
-def _radial(net: Table) -> Radial:
-    return Radial(
-        net.need("radius", number(above=0.0)), net.need("spokes", count(3)), net.need("rings", count(1))
-    )
-
-
-def _explicit(net: Table) -> Explicit:
-    nodes = net.need("nodes", triples)
-    elements = net.need("elements", _pairs)
-    masses = net.get("node_masses", numbers(None, minimum=0.0), ())
-    fixed = net.get("fixed", _counts, ())
-    if nodes is not None:
-        if "node_masses" in net.seen and masses is not None and len(masses) != len(nodes):
-            net.faults.append(f"net.node_masses: {len(masses)} masses for {len(nodes)} nodes")
-        for key, listed in (
-            ("elements", [e for pair in elements or () for e in pair]),
-            ("fixed", fixed or ()),
-        ):
-            if outside := [i for i in listed if i >= len(nodes)]:
-                net.faults.append(f"net.{key}: there is no node {outside[0]}")
-    for i, j in elements or ():
-        if i == j or (nodes is not None and max(i, j) < len(nodes) and nodes[i] == nodes[j]):
-            net.faults.append(f"net.elements: [{i}, {j}] has no length")
-    return Explicit(nodes, elements, masses or (), fixed)
-
-
-def _pairs(value: Any) -> tuple[tuple[int, ...], ...]:
-    if not isinstance(value, list) or any(not isinstance(v, list) or len(v) != 2 for v in value):
-        raise ValueError("must be a list of [i, j]")
-    return tuple(_counts(v) for v in value)
-
-
-def _counts(value: Any) -> tuple[int, ...]:
-    if not isinstance(value, list):
-        raise ValueError("must be a list of node numbers")
-    return tuple(count(0)(v) for v in value)
-
-
 def _start(table: Table) -> Start:
     zero = (0.0, 0.0, 0.0)
     start = Start(
@@ -368,28 +212,34 @@ def _start(table: Table) -> Start:
     return start
 
 
-def _misfits(case: Case) -> list[str]:
-    """Faults between keys that are each well formed."""
+def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
+    """Faults between keys; what is faulty in itself is None here, and passed over.
+
+    `bullets`, `thrown`: whether the case has the tables `[net.bullets]` and `[launch]`.
+    """
     faults, shape, strings = [], case.shape, case.strings
     lists = {"node_positions": case.start.node_positions, "node_velocities": case.start.node_velocities}
     if isinstance(shape, Explicit):
-        for key, present in (("net.strings", strings), ("net.bullets", case.bullet_mass)):
-            if present is not None:
+        for key, present in (("net.strings", strings is not None), ("net.bullets", bullets)):
+            if present:
                 faults.append(f"{key}: an explicit net has none; list nodes and node_masses instead")
         for key, values in lists.items():
-            if values is not None and len(values) != len(shape.nodes):
+            if values is not None and shape.nodes is not None and len(values) != len(shape.nodes):
                 faults.append(f"initial.{key}: {len(values)} entries for {len(shape.nodes)} nodes")
-        if case.start.node_positions is not None and case.start.packing != 1.0:
+        if case.start.node_positions is not None and case.start.packing not in (1.0, None):
             faults.append("initial.packing: must be 1 where initial.node_positions is given")
-    else:
+    elif shape is not None:
         faults += [
             f"initial.{key}: only for an explicit net" for key, values in lists.items() if values is not None
         ]
     if isinstance(shape, Hexagonal):
-        if case.bullet_mass is not None and strings is None:
+        if bullets and strings is None:
             faults.append("net.bullets: the bullets of a hexagonal net need net.strings")
-        if strings is not None and strings.length <= shape.mesh / 2.0:
+        given = strings is not None and strings.length is not None and shape.mesh is not None
+        if strings is not None and given and strings.length <= shape.mesh / 2.0:
             faults.append("net.strings.length: must exceed half of net.mesh")
-    if case.launch is not None and case.bullet_mass is None:
+    if thrown and not bullets:
         faults.append("launch: needs net.bullets")
+    if case.effects.launch_force is not None and any(body.name == CHASER for body in case.bodies):
+        faults.append(f"bodies.{CHASER}: effects.launch_force has a body of this name; choose another")
     return faults

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from reference_impl.forces import System, motion, strain
-from reference_impl.weave import Floats
+from reference_impl.arrays import Bools, Floats
+from reference_impl.bodies import BodyStates, orthonormal
+from reference_impl.elements import strain
+from reference_impl.events import Break, Watch
+from reference_impl.forces import motion, ways
+from reference_impl.mode import Mode
+from reference_impl.state import Layout, layout
+from reference_impl.system import System
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +28,11 @@ class Trajectory:
     n_rhs: int  # evaluations of the forces; of EM its residuals
     n_steps: int
     n_rejected: int
-    n_newton: int = 0  # linear systems solved by EM
-    n_halvings: int = 0  # steps of EM that were done in two halves because Newton's method failed
+    n_newton: int  # linear systems solved by EM
+    n_halvings: int  # steps of EM that were done in two halves because Newton's method failed
+    bodies: BodyStates  # (nt, b, ...)
+    intact: Bools  # (nt, m) false from the instant an element broke
+    breaks: tuple[Break, ...]  # in order of time
 
 
 class Diverged(ArithmeticError):
@@ -49,11 +59,12 @@ class Breakdown(Exception):
 
 @dataclass
 class Run:
-    """State y = (x, v, W) flattened (6n + 1,) at time t, its cost so far, and the states stored so far."""
+    """State y (`state.Layout`) at time t, its cost so far, and the states stored so far."""
 
     system: System
     t: float
     y: Floats
+    mode: Mode = field(default_factory=Mode)
     n_rhs: int = 0
     n_steps: int = 0
     n_rejected: int = 0
@@ -61,48 +72,110 @@ class Run:
     n_halvings: int = 0
     times: list[float] = field(default_factory=list)
     stored: list[Floats] = field(default_factory=list)
+    modes: list[Mode] = field(default_factory=list)
+    breaks: list[Break] = field(default_factory=list)
 
-    @property
+    @cached_property
+    def layout(self) -> Layout:
+        return layout(self.system)
+
+    @cached_property
     def half(self) -> int:
-        """Size 3n of positions, and of velocities, in y."""
-        return self.y.size // 2
+        """Size 3N of positions, and of velocities, in y."""
+        return self.layout.half
+
+    @cached_property
+    def watch(self) -> Watch:
+        return Watch(self.system, self.layout)
+
+    def begin(self, located: bool) -> None:
+        """The mode at the start.  `located`: bullets change theirs at events; else their way s decides it."""
+        effects = self.system.effects
+        pushed = None
+        if located and effects.launch_force is not None:
+            pushed = ways(self.system, self.layout.positions(self.y)) < effects.launch_force.stroke
+        intact = np.ones(len(self.system.net.area), dtype=bool) if effects.breaking is not None else None
+        self.mode = Mode(intact, pushed)
+        self.enter_segment()
+        self.break_exceeded()
+
+    def enter_segment(self) -> bool:
+        """Takes the segment of thrust that begins, or holds, at t; whether there is any thrust."""
+        thrust = self.system.effects.thrust
+        if thrust is not None:
+            self.mode = replace(self.mode, segment=thrust.segment(self.t))
+        return thrust is not None
 
     def rate(self, t: float, y: Floats) -> Floats:
-        """dy/dt, eqs. (15), (16), and the power taken by damping."""
+        """dy/dt, eqs. (15), (16), the turning of bodies, and the power that leaves."""
         self.n_rhs += 1
-        half = y.size // 2
-        v = y[half:-1].reshape(-1, 3)
-        acceleration, power = motion(self.system, t, y[:half].reshape(-1, 3), v)
-        return np.concatenate((y[half:-1], acceleration.ravel(), (power,)))
+        half = self.half
+        velocity = y[half : 2 * half]
+        acceleration, power = motion(
+            self.system, t, y[:half].reshape(-1, 3), velocity.reshape(-1, 3), self.mode
+        )
+        if not len(self.system.bodies.rigid):
+            return np.concatenate((velocity, acceleration.ravel(), (power,)))
+        return np.concatenate((velocity, acceleration.ravel(), *self.layout.rotation_rates(y), (power,)))
 
     def arrive(self, t: float, y: Floats) -> None:
-        """Ends a step at t in y, which must be finite."""
+        """Ends a step at t in y, which must be finite; attitudes are made orthonormal."""
         if not np.all(np.isfinite(y)):
             raise Breakdown(f"the state became infinite in a step of {t - self.t:.3g} s")
+        if len(self.system.bodies.rigid):
+            y = y.copy()
+            y[2 * self.half : self.layout.turned] = orthonormal(self.layout.attitudes(y)).ravel()
         self.t, self.y = t, y
         self.n_steps += 1
 
-    def store(self, t: float, y: Floats) -> None:
+    def settle(self, reached: np.ndarray) -> None:
+        """Enters the mode after events; the elastic energy of what breaks leaves the system."""
+        self.mode, breaks = self.watch.settle(self.t, self.y, self.mode, reached)
+        if breaks:
+            self.breaks += breaks
+            self.y = self.y.copy()
+            self.y[-1] += sum(b.energy for b in breaks)
+
+    def break_exceeded(self) -> bool:
+        """Breaks what is at or beyond its limit now; whether anything did."""
+        if self.mode.intact is None:
+            return False
+        breaking = replace(self.mode, pushed=None)
+        reached = self.watch.margins(self.layout.positions(self.y), breaking) >= 0.0
+        if not reached.any():
+            return False
+        if self.mode.pushed is not None:
+            reached = np.concatenate((reached, np.zeros(len(self.mode.pushed), dtype=bool)))
+        self.settle(reached)
+        return True
+
+    def store(self, t: float, y: Floats, mode: Mode) -> None:
         self.times.append(t)
         self.stored.append(y.copy())
+        self.modes.append(mode)
 
     def trajectory(self) -> Trajectory:
         y = np.array(self.stored).reshape(len(self.times), -1)
-        half = y.shape[1] // 2
-        shape = (len(y), half // 3, 3)
+        n, m = self.layout.nodes, len(self.system.net.area)
+        whole = np.ones(m, dtype=bool)
+        intact = [whole if mode.intact is None else mode.intact for mode in self.modes]
         return Trajectory(
             np.array(self.times),
-            y[:, :half].reshape(shape),
-            y[:, half:-1].reshape(shape),
+            self.layout.positions(y)[:, :n],
+            self.layout.velocities(y)[:, :n],
             y[:, -1],
             self.n_rhs,
             self.n_steps,
             self.n_rejected,
             self.n_newton,
             self.n_halvings,
+            self.layout.body_states(y),
+            np.array(intact).reshape(len(y), m),
+            tuple(self.breaks),
         )
 
     def diverged(self, why: str) -> Diverged:
-        e11 = strain(self.system, self.y[: self.half].reshape(-1, 3))
+        with np.errstate(over="ignore"):
+            e11 = strain(self.system, self.layout.positions(self.y)[: self.layout.nodes])
         worst = int(np.argmax(e11)) if e11.size else -1
         return Diverged(self.t, worst, float(e11[worst]) if e11.size else 0.0, why, self.trajectory())

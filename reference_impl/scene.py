@@ -9,22 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from reference_impl.forces import System, assemble
+from reference_impl.arrays import Floats
+from reference_impl.bodies import BodyStates, collect
+from reference_impl.case import Case
 from reference_impl.integration import Progress, Trajectory, integrate
-from reference_impl.read import Case, read
+from reference_impl.net import Net
+from reference_impl.read import read
 from reference_impl.start import initial_state
-from reference_impl.weave import Floats, Net, weave
+from reference_impl.system import System, assemble, bodies_of
+from reference_impl.weave import weave
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A case with its net, what acts on it, and its start x0, v0 (n, 3) [m, m/s]."""
+    """A case with its net, what acts on it, and its start x0, v0 (n, 3) [m, m/s]; bodies0 (b, ...)."""
 
     case: Case
     net: Net
     system: System
     x0: Floats
     v0: Floats
+    bodies0: BodyStates
 
     def integrate(
         self,
@@ -36,6 +41,7 @@ class Scene:
         progress: Progress | None = None,
         x0: Floats | None = None,
         v0: Floats | None = None,
+        bodies0: BodyStates | None = None,
     ) -> Trajectory:
         """See `integrate`; the stored times and the start are the case's where none are given."""
         return integrate(
@@ -48,13 +54,15 @@ class Scene:
             atol,
             step,
             progress,
+            self.bodies0 if bodies0 is None else bodies0,
         )
 
 
 def prepare(case: Case, symmetric: bool = False, assembled: bool = False) -> Scene:
     """The scene of a case; the arithmetic is one of plain, `symmetric`, `assembled` (README.md)."""
     net = weave(case)
-    return Scene(case, net, assemble(case, net, symmetric, assembled), *initial_state(case, net))
+    system, (_, bodies0) = assemble(case, net, symmetric, assembled), collect(bodies_of(case))
+    return Scene(case, net, system, *initial_state(case, net), bodies0)
 
 
 def load(

@@ -78,8 +78,10 @@ def text(value: Any) -> str:
     return value
 
 
-def number(minimum: float = -math.inf, above: float = -math.inf) -> Callable[[Any], float]:
-    """Reads a finite number >= minimum and > above."""
+def number(
+    minimum: float = -math.inf, above: float = -math.inf, maximum: float = math.inf
+) -> Callable[[Any], float]:
+    """Reads a finite number >= minimum, > above and <= maximum."""
 
     def convert(value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -94,6 +96,8 @@ def number(minimum: float = -math.inf, above: float = -math.inf) -> Callable[[An
             raise ValueError(f"must be at least {minimum:g}, not {result:g}")
         if result <= above:
             raise ValueError(f"must be greater than {above:g}, not {result:g}")
+        if result > maximum:
+            raise ValueError(f"must be at most {maximum:.10g}, not {result:.10g}")
         return result
 
     return convert
@@ -130,3 +134,10 @@ def triples(value: Any) -> tuple[tuple[float, ...], ...]:
     if not isinstance(value, list):
         raise ValueError("must be a list of [x, y, z]")
     return tuple(numbers(3)(v) for v in value)
+
+
+def counts(value: Any) -> tuple[int, ...]:
+    """Reads a list of numbers of things, from 0."""
+    if not isinstance(value, list):
+        raise ValueError("must be a list of whole numbers")
+    return tuple(count(0)(v) for v in value)

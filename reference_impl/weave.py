@@ -13,37 +13,16 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from reference_impl.read import LARGEST_COUNT, Cable, Case, Explicit, Hexagonal, Radial, Rectangular, Refused
+from reference_impl.arrays import Floats, Ints
+from reference_impl.case import Cable, Case, Refused
+from reference_impl.net import Net
+from reference_impl.shape import LARGEST_COUNT, Explicit, Hexagonal, Radial, Rectangular
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-
-
-@dataclass(frozen=True, eq=False)
-class Net:
-    """n nodes, m elements, k bullets, f fixed nodes.
-
-    Bullets run anticlockwise from the smallest polar angle of their reference position in [-pi, pi), so those
-    of a square net are lower left, lower right, upper right, upper left.  Nodes: knots (and bullets) first,
-    then inner nodes of divided sides, side by side; an explicit net keeps its listed nodes first, as listed.
-    """
-
-    reference_position: Floats  # (n, 3) [m]
-    element_nodes: Ints  # (m, 2)
-    reference_length: Floats  # (m,) [m]
-    area: Floats  # (m,) [m2]
-    youngs_modulus: Floats  # (m,) [Pa]
-    density: Floats  # (m,) [kg/m3]
-    mass: Floats  # (n,) [kg] lumped, eq. (9), with bullets and node masses
-    bullet_nodes: Ints  # (k,)
-    fixed_nodes: Ints  # (f,)
-    inner_ends: Ints  # (q, 2) ends of the side on which each of the last q nodes lies
-    inner_place: Ints  # (q, 2) number on that side, elements of the side: (1, 3) is a third of the way
+__all__ = ["Net", "weave"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,24 +60,17 @@ def weave(case: Case) -> Net:
 
 def _finish(case: Case, knots: Floats, families: list[tuple[Ints, Floats, Cable, int]], bullets: Ints) -> Net:
     """Divides the sides of each family (sides, lengths, cable, divisions) and lumps the masses."""
-    elements, lengths, ends, places, kinds = [], [], [], [], []
-    n = len(knots)
-    for number, (sides, length, _, divisions) in enumerate(families):
+    for sides, _, _, divisions in families:
         if len(sides) * divisions > LARGEST_COUNT:
             raise Refused([f"net.divisions: more than {LARGEST_COUNT} elements"])
-        inner = n + np.arange(len(sides) * (divisions - 1)).reshape(len(sides), divisions - 1)
-        n += inner.size
-        chain = np.hstack((sides[:, :1], inner, sides[:, 1:]))
-        elements.append(np.stack((chain[:, :-1], chain[:, 1:]), axis=2).reshape(-1, 2))
-        lengths.append(np.repeat(length / divisions, divisions))
-        ends.append(np.repeat(sides, divisions - 1, axis=0))
-        steps = np.tile(np.arange(1, divisions), len(sides))
-        places.append(np.column_stack((steps, np.full(len(steps), divisions))))
-        kinds.append(np.full(len(sides) * divisions, number))
-    kind = np.concatenate(kinds)
+    whole = np.concatenate([np.full(len(sides), divisions) for sides, _, _, divisions in families])
+    element_nodes, parents, shares = divide(
+        len(knots), np.concatenate([sides for sides, _, _, _ in families]), whole
+    )
+    kind = np.repeat(np.arange(len(families)), [len(sides) * d for sides, _, _, d in families])
     cables = np.array([(c.area, c.youngs_modulus, c.density) for _, _, c, _ in families])[kind].reshape(-1, 3)
-    element_nodes, reference_length = np.concatenate(elements), np.concatenate(lengths)
-    inner_ends, inner_place = np.concatenate(ends), np.concatenate(places)
+    reference_length = np.concatenate([np.repeat(length / d, d) for _, length, _, d in families])
+    n = len(parents)
     extra = np.zeros(n)
     if case.bullet_mass is not None:
         extra[bullets] = case.bullet_mass
@@ -109,9 +81,8 @@ def _finish(case: Case, knots: Floats, families: list[tuple[Ints, Floats, Cable,
     mass = lump(n, element_nodes, cables[:, 2] * cables[:, 0] * reference_length, extra)
     if (bare := np.flatnonzero(~(mass > 0.0))).size:
         raise Refused([f"net: node {bare[0]} has no mass"])
-    position = np.concatenate((knots, between(knots, inner_ends, inner_place)))
     return Net(
-        position,
+        between(knots, parents, shares),
         element_nodes,
         reference_length,
         cables[:, 0],
@@ -120,8 +91,45 @@ def _finish(case: Case, knots: Floats, families: list[tuple[Ints, Floats, Cable,
         mass,
         bullets,
         fixed,
-        inner_ends,
-        inner_place,
+        kind == 1,
+        _numbered(case, knots, bullets),
+        parents,
+        shares,
+    )
+
+
+def divide(knots: int, sides: Ints, pieces: Ints) -> tuple[Ints, Ints, Floats]:
+    """Cuts sides (s, 2) into `pieces` (s,) elements each: element_nodes, parents, shares of Net.
+
+    The pieces lie loose at first, each with two ends of its own; ends at the same place of a side are glued,
+    and those at its ends to the knots.  What hangs together is one node.
+    """
+    side = np.repeat(np.arange(len(sides)), pieces)
+    place = np.concatenate([np.arange(d) for d in pieces.tolist()] or [np.empty(0)]).astype(np.intp)
+    count, whole = len(side), pieces[side]
+    tail = knots + 2 * np.arange(count)
+    head = tail + 1
+    first, last = place == 0, place + 1 == whole
+    one = np.concatenate((head[~last], tail[first], head[last]))
+    other = np.concatenate((tail[~first], sides[side[first], 0], sides[side[last], 1]))
+    size = knots + 2 * count
+    glue = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
+    label = connected_components(glue, directed=False)[1]
+    _, member, node = np.unique(label, return_index=True, return_inverse=True)
+    order = np.argsort(member)  # by their first member: knots first
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    node = rank[node]
+    parents = np.repeat(np.arange(knots)[:, None], 2, axis=1)
+    shares = np.tile([1.0, 0.0], (knots, 1))
+    inner = member[order][knots:] - knots  # every other node is first met as the head of a piece
+    piece = inner // 2
+    reached = place[piece] + 1
+    far = np.column_stack((whole[piece] - reached, reached)) / whole[piece][:, None]
+    return (
+        np.column_stack((node[tail], node[head])),
+        np.concatenate((parents, sides[side[piece]])),
+        np.concatenate((shares, far)),
     )
 
 
@@ -137,10 +145,10 @@ def lump(n: int, element_nodes: Ints, element_mass: Floats, extra: Floats) -> Fl
     return np.array([math.fsum(share) for share in shares])
 
 
-def between(values: Floats, inner_ends: Ints, inner_place: Ints) -> Floats:
-    """Values (q, 3) at the inner nodes of divided sides, evenly spaced between those of its ends (n, 3)."""
-    step, whole = inner_place[:, :1], inner_place[:, 1:]
-    return np.asarray((values[inner_ends[:, 0]] * (whole - step) + values[inner_ends[:, 1]] * step) / whole)
+def between(values: Floats, parents: Ints, shares: Floats) -> Floats:
+    """Values (n, 3) at all nodes, from those of the knots: their mean, weighted by the shares."""
+    one, two = values[parents[:, 0]], values[parents[:, 1]]
+    return np.asarray(one * shares[:, :1] + two * shares[:, 1:])
 
 
 def merge_points(points: Floats, tolerance: float) -> tuple[Floats, Ints]:
@@ -166,6 +174,19 @@ def _anticlockwise(points: Floats, nodes: Ints) -> Ints:
     angle = np.arctan2(points[nodes, 1], points[nodes, 0])
     angle[angle > math.pi - 1e-9] -= 2.0 * math.pi
     return nodes[np.argsort(angle)]
+
+
+def _numbered(case: Case, points: Floats, bullets: Ints) -> Ints:
+    """Nodes of the bullets in the order of their numbers.
+
+    The case format numbers the spokes and the rays of a honeycomb, from the x axis on; the corners of a
+    rectangle it does not, they are taken as `Net` has them, from the lower left one on.
+    """
+    if not isinstance(case.shape, Hexagonal | Radial):
+        return bullets
+    angle = np.arctan2(points[bullets, 1], points[bullets, 0])
+    angle[angle < -1e-9] += 2.0 * math.pi
+    return bullets[np.argsort(angle)]
 
 
 def _listed(shape: Explicit) -> tuple[Floats, Ints, Floats]:
@@ -222,18 +243,20 @@ def _rectangular(shape: Rectangular, reach: float) -> tuple[_Segments, Floats, F
 
 
 def _hexagonal(shape: Hexagonal, reach: float) -> tuple[_Segments, Floats, Floats, Floats]:
-    """Outlines, corners, string feet, string tips of a honeycomb of knots at multiples of (√3/2, 1/2) a."""
+    """Outlines, corners, string feet, string tips of a honeycomb, the dual of the lattice of its cells.
+
+    Each corner of a cell is the centroid of three middles next to one another.  In units of (√3/2, 1/2) a
+    middles and corners are whole numbers.
+    """
     rings, a = shape.rings, shape.mesh
     if rings > math.isqrt(LARGEST_COUNT // 3):
         raise Refused([f"net.rings: more than {LARGEST_COUNT} cells"])
-    q, r = (c.reshape(-1) for c in np.meshgrid(np.arange(-rings, rings + 1), np.arange(-rings, rings + 1)))
-    inside = np.abs(q + r) <= rings
     unit = np.array([math.sqrt(3.0) / 2.0 * a, 0.5 * a, 0.0])
-    middles = np.stack((2 * q + r, 3 * r, 0 * r), axis=1)[inside][:, None, :]
-    around = np.array(
-        [[1, 1, 0], [0, 2, 0], [-1, 1, 0], [-1, -1, 0], [0, -2, 0], [1, -1, 0]]
-    )  # at 30 + 60 k degrees
-    outlines = (middles + around) * unit
+    middles = np.array([place for ring in range(rings + 1) for place in _ring(ring)])
+    around = np.array(_ring(1))  # the six neighbours, anticlockwise
+    neighbours = middles[:, None, :] + around
+    corners = (middles[:, None, :] + neighbours + np.roll(neighbours, -1, axis=1)) // 3
+    outlines = np.concatenate((corners, np.zeros_like(corners[..., :1])), axis=-1) * unit
     feet, tips = [], []
     apothem = (rings + 0.5) * math.sqrt(3.0) * a
     for k in range(6):
@@ -243,6 +266,18 @@ def _hexagonal(shape: Hexagonal, reach: float) -> tuple[_Segments, Floats, Float
             feet.append((apothem * c - side * s, apothem * s + side * c, 0.0))
             tips.append((outer * c, outer * s, 0.0))
     return _loops(outlines, np.full(outlines.shape[:2], a)), np.array(feet), np.array(feet), np.array(tips)
+
+
+def _ring(ring: int) -> list[tuple[int, int]]:
+    """A walk round the middles of a ring of cells, anticlockwise from the x axis, `ring` steps a side."""
+    if not ring:
+        return [(0, 0)]
+    x, y, places = 2 * ring, 0, []
+    for dx, dy in ((-1, 3), (-2, 0), (-1, -3), (1, -3), (2, 0), (1, 3)):
+        for _ in range(ring):
+            places.append((x, y))
+            x, y = x + dx, y + dy
+    return places
 
 
 def _radial(shape: Radial, reach: float) -> tuple[_Segments, Floats, Floats, Floats]:

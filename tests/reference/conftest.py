@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from reference_impl import load, prepare, read_document  # noqa: E402
+from reference_impl import energy, load, prepare, read_document  # noqa: E402
 
 CABLE = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 70e9}
 STRINGS = {**CABLE, "diameter": 0.004, "length": 2**0.5}
@@ -87,5 +87,29 @@ def bullet_speeds():
     def make(made, trajectory):
         vx, vy, vz = np.moveaxis(trajectory.v[:, made.net.bullet_nodes], -1, 0)
         return np.sqrt((vx * vx + vy * vy) + vz * vz)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def loose(document):
+    """loose(**effects): four bullets of 0.5 kg on a net packed so that nothing is taut, at rest."""
+
+    def make(**effects):
+        case = document("square", size=2.0)
+        del case["launch"]
+        return {**case, "initial": {"packing": 0.2}, "effects": copy.deepcopy(effects)}
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def unbalanced():
+    """unbalanced(scene, trajectory): change of the total energy over the largest term of the books."""
+
+    def make(made, run):
+        books = energy.books(made.system, run)
+        terms = (books.kinetic, books.elastic, books.potential, books.dissipated)
+        return np.abs(books.total - books.total[0]).max() / max(np.abs(term).max() for term in terms)
 
     return make

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -59,15 +60,29 @@ def test_refuses_by_name(document, overrides, named):
     assert any(fault.startswith(named) for fault in refused.value.faults), refused.value.faults
 
 
-@pytest.mark.parametrize("also", [{}, {"radial_speed": 2.5, "axial_speed": 0.0}])
-def test_a_throw_by_spread_angle_is_unknown_not_incomplete(document, also):
-    """cases/effects/spread_launch.toml: what is missing there is not missing in the case."""
+def test_a_throw_by_spread_angle(document):
+    """cases/README.md: radial v sin(angle), axial v cos(angle); 30 degrees by hand."""
+    case = read_document(document() | {"launch": {"speed": 4.0, "spread_angle": math.pi / 6.0}})
+    assert case.launch == pytest.approx((2.0, 2.0 * 3.0**0.5))
+
+
+@pytest.mark.parametrize(
+    ("launch", "fault"),
+    [
+        (
+            {"speed": 4.0, "spread_angle": 0.2, "radial_speed": 2.5},
+            "launch: give either launch.radial_speed or launch.speed and launch.spread_angle, not both",
+        ),
+        ({"speed": 4.0}, "launch.spread_angle: missing"),
+        ({"speed": -4.0, "spread_angle": 0.1}, "launch.speed: must be at least 0, not -4"),
+        ({"speed": 4.0, "spread_angle": 1.6}, "launch.spread_angle: must be at most 1.570796327, not 1.6"),
+        ({"axial_speed": 4.0}, "launch.radial_speed: missing"),
+    ],
+)
+def test_throws_that_contradict_themselves(document, launch, fault):
     with pytest.raises(Refused) as refused:
-        read_document(document() | {"launch": {"speed": 4.0, "spread_angle": 0.2, **also}})
-    assert refused.value.faults == (
-        "reference_impl does not know launch.speed and launch.spread_angle: "
-        "it reads launch.radial_speed and .axial_speed",
-    )
+        read_document(document() | {"launch": launch})
+    assert refused.value.faults == (fault,)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,42 @@
+"""`breaking`: elements that carry no load once a limit was exceeded.
+
+A limit of the axial force N = A E (E11 - e) L/L_ref, eq. (8), is one of the strain: with L/L_ref =
+sqrt(1 + 2 E11) the force grows with the strain, so that N = F has one root.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from reference_impl.arrays import Floats
+from reference_impl.effects.values import one_of
+from reference_impl.net import Net
+from reference_impl.table import Table, number
+
+
+@dataclass(frozen=True)
+class Breaking:
+    """The limit: Green-Lagrange `strain` (free strain excluded), or elastic axial `force` [N]."""
+
+    strain: float | None
+    force: float | None
+
+
+def read_breaking(table: Table) -> Breaking:
+    """The limit; faults are noted."""
+    return Breaking(**one_of(table, {"strain": number(above=0.0), "force": number(above=0.0)}))
+
+
+def limits(breaking: Breaking, net: Net, free_strain: float) -> Floats:
+    """Total Green-Lagrange strain E11 (m,) [-], free strain included, at which each element breaks."""
+    if breaking.strain is not None:
+        return np.full(len(net.area), free_strain + breaking.strain)
+    assert breaking.force is not None
+    goal = breaking.force / (net.area * net.youngs_modulus)  # (E11 - e) sqrt(1 + 2 E11)
+    e11 = free_strain + goal / np.sqrt(1.0 + 2.0 * free_strain)
+    for _ in range(60):  # Newton's method on a convex increasing function, from above: it falls to the root
+        stretch = np.sqrt(1.0 + 2.0 * e11)
+        e11 = e11 - ((e11 - free_strain) * stretch - goal) / (stretch + (e11 - free_strain) / stretch)
+    return np.asarray(e11)

@@ -1,0 +1,170 @@
+"""Events: elements that break, bullets that leave or re-enter their barrels; where in a step they happen.
+
+An event is a margin that reaches zero from below: of an intact element E11 less its limit, of a pushed bullet
+s less the stroke, of one outside its barrel the stroke less s.  `Watch.landing` finds the first one in a step
+by repeating the step at other lengths until the instant is enclosed (Hairer, Norsett, Wanner, Solving ODEs I,
+II.6), so that the state there has the full order of the method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import brentq
+
+from reference_impl.arrays import Floats
+from reference_impl.elements import excess, strain, stress
+from reference_impl.forces import ways
+from reference_impl.mode import Mode
+from reference_impl.state import Layout
+from reference_impl.system import System
+
+INSTANT = 1e-13  # [s] how closely an event is enclosed
+TOGETHER = 1e-12  # [s] events closer than this are one: round-off does not decide which of equals comes first
+_SAMPLES = np.arange(1, 17) / 16.0  # of a step, at which its interpolant is looked at
+
+
+@dataclass(frozen=True)
+class Break:
+    """An element that broke, when [s], and the elastic energy it held [J]."""
+
+    element: int
+    time: float
+    energy: float
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """The first event in a step: `after` which time [s] of it, the state `y` then, which margin is zero."""
+
+    after: float
+    y: Floats
+    margin: int
+
+
+@dataclass(frozen=True, eq=False)
+class Watch:
+    """The events of a system."""
+
+    system: System
+    layout: Layout
+
+    @cached_property
+    def any(self) -> bool:
+        """Whether anything can happen at all."""
+        effects = self.system.effects
+        return effects.breaking is not None or effects.launch_force is not None
+
+    def margins(self, x: Floats, mode: Mode) -> Floats:
+        """Margins (..., q) at positions x (..., N, 3): m of strain where things can break, k of ways [m]."""
+        parts = []
+        if mode.intact is not None:
+            over = strain(self.system, x) - self.system.limits
+            parts.append(np.where(mode.intact, over, -np.inf))
+        if mode.pushed is not None and self.system.effects.launch_force is not None:
+            beyond = ways(self.system, x) - self.system.effects.launch_force.stroke
+            parts.append(np.where(mode.pushed, beyond, -beyond))
+        return np.concatenate(parts, axis=-1)
+
+    def due(self, y: Floats, mode: Mode, certain: int | None = None) -> np.ndarray:
+        """Which margins (q,) are reached in y within TOGETHER, the `certain` one among them.
+
+        A bullet counts only while it moves towards the event: one that has just left has not come back.
+        """
+        x, v = self.layout.positions(y), self.layout.velocities(y)
+        margin, later = self.margins(x, mode), self.margins(x + TOGETHER * v, mode)
+        reached = (margin >= 0.0) | (later >= 0.0)
+        if mode.pushed is not None:
+            bullets = slice(len(margin) - len(mode.pushed), None)
+            reached[bullets] &= later[bullets] > margin[bullets]
+        if certain is not None:
+            reached[certain] = True
+        return np.asarray(reached)
+
+    def settle(self, t: float, y: Floats, mode: Mode, reached: np.ndarray) -> tuple[Mode, list[Break]]:
+        """The mode after the events `reached` (q,) at t [s], and what broke."""
+        breaks: list[Break] = []
+        if mode.intact is not None:
+            broken = np.flatnonzero(reached[: len(mode.intact)])
+            energies = elastic_of(self.system, self.layout.positions(y)[: self.layout.nodes])
+            breaks = [Break(e, t, float(energies[e])) for e in broken.tolist()]
+            intact = mode.intact.copy()
+            intact[broken] = False
+            mode = replace(mode, intact=intact)
+        if mode.pushed is not None:
+            mode = replace(mode, pushed=mode.pushed ^ reached[len(reached) - len(mode.pushed) :])
+        return mode, breaks
+
+    def landing(
+        self,
+        ends: tuple[Floats, Floats],
+        rates: Floats,
+        h: float,
+        mode: Mode,
+        attempt: Callable[[float], Floats],
+    ) -> Event | None:
+        """The first event in a step of h [s]; None if there is none.
+
+        `ends`, `rates` are y and y' at both ends of the step; attempt(tau) repeats it with the length tau.
+        """
+        begin = self.margins(self.layout.positions(ends[0]), mode)
+        below = begin < 0.0  # what is at its limit already has been settled
+        inside = _between(self.layout, ends, rates, h)
+        looked = np.concatenate((begin[None], self.margins(inside, mode)))
+        looked[-1] = self.margins(self.layout.positions(ends[1]), mode)
+
+        def margins(y: Floats) -> Floats:
+            return np.where(below, self.margins(self.layout.positions(y), mode), -np.inf)
+
+        def greatest(tau: float) -> float:
+            return float(np.max(margins(attempt(tau) if tau else ends[0])))
+
+        for place in _suspects(looked[:, below]):
+            if greatest(place * h) >= 0.0:
+                after = float(brentq(greatest, 0.0, place * h, xtol=INSTANT))
+                y = attempt(after)
+                return Event(after, y, int(np.argmax(margins(y))))
+        return None
+
+
+def elastic_of(system: System, x: Floats) -> Floats:
+    """Elastic energy S11 (E11 - e) A L/2 (..., m) [J] of each element, were it intact."""
+    e11 = strain(system, x)
+    volume = system.net.area * system.net.reference_length
+    return np.asarray(0.5 * stress(system, e11) * excess(system, e11) * volume)
+
+
+def _suspects(looked: Floats) -> list[float]:
+    """Places in (0, 1] of a step, in order, at which a margin may be above zero.
+
+    looked (17, c) are margins at the beginning and at _SAMPLES: the first sample of each that is not below
+    zero, and the tops of parabolas through three samples.
+    """
+    if not looked.size:
+        return []
+    top = np.argmax(looked, axis=0)
+    found = {float(_SAMPLES[k - 1]) for k in np.argmax(looked >= 0.0, axis=0).tolist() if k}
+    inner = np.flatnonzero((top > 0) & (top < len(_SAMPLES)) & np.all(looked < 0.0, axis=0))
+    if inner.size:
+        before, at, after = (looked[top[inner] + k, inner] for k in (-1, 0, 1))
+        bend = np.maximum(2.0 * at - before - after, np.finfo(float).tiny)
+        height = at + (after - before) ** 2 / (8.0 * bend)
+        place = (top[inner] + 0.5 * (after - before) / bend) / len(_SAMPLES)
+        found.update(place[height >= 0.0].tolist())
+    return sorted(found)
+
+
+def _between(layout: Layout, ends: tuple[Floats, Floats], rates: Floats, h: float) -> Floats:
+    """Positions (16, N, 3) at _SAMPLES of a step: Hermite's quintic through x, v and a at both ends."""
+    s = _SAMPLES[:, None, None]
+    x0, x1 = (layout.positions(y) for y in ends)
+    v0, v1 = (h * layout.velocities(y) for y in ends)
+    a0, a1 = (h * h * layout.velocities(rate) for rate in rates)
+    gap, slope0, slope1 = x1 - x0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
+    cubic = 10.0 * gap - 4.0 * slope0 + 0.5 * slope1
+    quartic = -15.0 * gap + 7.0 * slope0 - slope1
+    quintic = 6.0 * gap - 3.0 * slope0 + 0.5 * slope1
+    return np.asarray(x0 + s * (v0 + s * (0.5 * a0 + s * (cubic + s * (quartic + s * quintic)))))

@@ -1,0 +1,22 @@
+"""What a system remembers beside its state: in which of its laws it moves until the next event.
+
+Within a step the mode is held, so that every stage sees smooth forces; it changes between steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from reference_impl.arrays import Bools
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """Which elements are intact, which bullets are pushed, which segment of the thrust holds."""
+
+    intact: Bools | None = None  # (m,); None: none is broken
+    pushed: Bools | None = None  # (k,) by launch_force; None: those with s < stroke
+    segment: int | None = None  # of thrust, see `Thrust.at`; None: the one that holds at t
+
+
+BY_STATE = Mode()  # nothing broken, everything else decided by time and state

@@ -1,0 +1,164 @@
+"""A system: a net with what acts on it and the bodies beside it, and the arithmetic that evaluates it.
+
+The N = n + b particles of a system are the net's nodes and, after them, the bodies' centres of mass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from reference_impl import mirror
+from reference_impl.arrays import Floats, Ints
+from reference_impl.bodies import Bodies, Body, collect
+from reference_impl.case import Case
+from reference_impl.effects.areas import diameter, exposed
+from reference_impl.effects.bending import Hinges, hinges
+from reference_impl.effects.breaking import limits
+from reference_impl.effects.j2 import oblate_gradient
+from reference_impl.effects.launch_force import CHASER
+from reference_impl.effects.solar_pressure import solar_force
+from reference_impl.elements import Elements
+from reference_impl.launch import spread
+from reference_impl.net import Net
+from reference_impl.start import initial_state
+from reference_impl.stiffness import damping, mass_proportional
+
+ALONE = collect(())[0]
+
+
+@dataclass(frozen=True, eq=False)
+class System(Elements):
+    """A net with what acts on it: eq. (10), and the arithmetic that evaluates it."""
+
+    symmetric: bool = False  # exactly mirror-symmetric arithmetic, see `mirror`
+    assembled: bool = False  # S(x) x + D v with assembled matrices, as eq. (16) is printed
+    bodies: Bodies = ALONE
+    launch_start: Floats | None = None  # (k, 3) [m] of the bullets, from the chaser, at t = 0
+
+    def __post_init__(self) -> None:
+        if self.symmetric and self.assembled:
+            raise ValueError("the arithmetic must be symmetric or assembled, not both")
+
+    @cached_property
+    def compliance_of_inertia(self) -> Floats:
+        """1/m of each node (n, 1) [1/kg]; zero for fixed nodes, which therefore never accelerate."""
+        inverse = 1.0 / self.net.mass
+        inverse[self.net.fixed_nodes] = 0.0
+        return inverse[:, None]
+
+    @cached_property
+    def drag(self) -> Floats:
+        """Mass-proportional damping of each node (n, 1) [N s/m]: of Rayleigh's kind and mass_damping."""
+        return mass_proportional(self)
+
+    @cached_property
+    def weight(self) -> Floats:
+        """Force of gravity (n, 3) [N]."""
+        return np.asarray(self.net.mass[:, None] * np.array(self.effects.gravity))
+
+    @cached_property
+    def sunlight(self) -> Floats:
+        """Force of solar_pressure (n, 3) [N]."""
+        light = self.effects.solar_pressure
+        assert light is not None
+        return solar_force(light, exposed(self.net, light.bullet_area))
+
+    @cached_property
+    def oblate(self) -> Floats:
+        """Gradient (3, 3) [1/s2] of the acceleration of j2."""
+        assert self.effects.j2 is not None
+        return oblate_gradient(self.effects.j2)
+
+    @cached_property
+    def frontal(self) -> Floats:
+        """Area d L (m,) [m2] of each element, across it."""
+        return diameter(self.net) * self.net.reference_length
+
+    @cached_property
+    def swept(self) -> Floats:
+        """Area (n,) [m2] of each node in molecular_drag."""
+        drag = self.effects.molecular_drag
+        assert drag is not None
+        return exposed(self.net, drag.bullet_area)
+
+    @cached_property
+    def hinges(self) -> Hinges:
+        """Rotational springs of `bending`."""
+        assert self.effects.bending is not None
+        return hinges(self.effects.bending, self.net)
+
+    @cached_property
+    def limits(self) -> Floats:
+        """Green-Lagrange strain (m,) [-] at which each element breaks."""
+        assert self.effects.breaking is not None
+        return limits(self.effects.breaking, self.net, self.free_strain)
+
+    @cached_property
+    def barrels(self) -> Floats:
+        """Unit vectors (k, 3) of the barrels of launch_force."""
+        assert self.effects.launch_force is not None
+        return spread(self.net, self.effects.launch_force.spread_angle)
+
+    @cached_property
+    def chaser(self) -> int:
+        """Which particle the chaser of launch_force is."""
+        return len(self.net.mass) + self.bodies.names.index(CHASER)
+
+    @cached_property
+    def thrusters(self) -> Ints:
+        """Nodes of the bullets that `thrust` pushes."""
+        assert self.effects.thrust is not None
+        return self.net.numbered_bullets[np.array(self.effects.thrust.bullets, dtype=np.intp)]
+
+    @cached_property
+    def damping(self) -> csr_array:
+        """The constant damping matrix, see the function of this name."""
+        return damping(self)
+
+    @cached_property
+    def graph(self) -> tuple[csr_array, csr_array]:
+        """Pattern (n, n) of the secant stiffness, and the map (nnz, m) from S11 A/L to its entries."""
+        i, j = self.ends
+        m, n = len(i), len(self.net.mass)
+        slot = np.concatenate((i, j, i, j)) * n + np.concatenate((i, j, j, i))
+        filled, place = np.unique(slot, return_inverse=True)
+        sign, column = np.repeat([1.0, 1.0, -1.0, -1.0], m), np.tile(np.arange(m), 4)
+        pattern = csr_array((np.ones(len(filled)), np.divmod(filled, n)), shape=(n, n))
+        return pattern, csr_array(coo_array((sign, (place, column)), shape=(len(filled), m)))
+
+    @cached_property
+    def incidence(self) -> csr_array:
+        """(n, m): +1 where an element ends, -1 where it begins; gathers element forces, eq. (12)."""
+        i, j = self.ends
+        m = len(i)
+        sign, columns = np.repeat([1.0, -1.0], m), np.tile(np.arange(m), 2)
+        return csr_array(coo_array((sign, (np.concatenate((j, i)), columns)), shape=(len(self.net.mass), m)))
+
+    @cached_property
+    def touching(self) -> csr_array:
+        """(n, m): 1 where an element ends or begins."""
+        return abs(self.incidence)
+
+    @cached_property
+    def leaves(self) -> Ints:
+        """Order of additions of the symmetric arithmetic."""
+        return mirror.leaves(self.net)
+
+
+def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = False) -> System:
+    """The system of a case."""
+    launched = case.effects.launch_force is not None
+    start = initial_state(case, net)[0][net.bullet_nodes] if launched else None
+    bodies, _ = collect(bodies_of(case))
+    return System(net, case.effects, symmetric, assembled, bodies, start)
+
+
+def bodies_of(case: Case) -> tuple[Body, ...]:
+    """The bodies of a case: the chaser of launch_force first, at rest in the origin, then those listed."""
+    launch = case.effects.launch_force
+    chaser = () if launch is None else (Body(CHASER, launch.chaser_mass),)
+    return (*chaser, *case.bodies)
