@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from exunet.case.casefile import load
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.terms import KernelTerm
 from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.simulation import Simulation
+from exunet.simulation.snapshot import Snapshot
 
 FORMS = {
     "compiled": "engine.loop=compiled",
@@ -51,3 +55,14 @@ def start_of(
 ) -> Start:
     """A case with terms of a test beside its own; make(blocks) gives them."""
     return prepare_case(load(path, overrides)).with_forces(make, states)
+
+
+def continue_alike(one: Simulation, other: Simulation, until: float, folder: Path) -> None:
+    """Take `other` to where `one` is, through a file, and both on to a time [s]: to the same bits."""
+    one.snapshot().save(folder / "here")
+    other.restore(Snapshot.load(folder / "here"))
+    for sim in (one, other):
+        sim.advance_to(until)
+    for name, values in one.state.arrays().items():
+        np.testing.assert_array_equal(other.state.arrays()[name], values)
+    assert one.energy == other.energy

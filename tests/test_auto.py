@@ -201,7 +201,7 @@ def test_the_estimated_error_is_the_error():
 
 def test_beyond_the_horizon_the_best_is_told(tmp_path):
     command = ["run", str(CASES / "planar_deployment.toml"), "--estimate-error", "--out", str(tmp_path)]
-    settings = ["--set", "time.output_step=0.05", "--set", "solver="]
+    settings = ["--set", "time.output_step=0.05", "--set", "solver=", "--set", "engine.loop=auto"]
     done = CliRunner().invoke(app, [*command, *settings])
     assert done.exit_code == 0, done.output
     assert "accuracy not reached" in done.output

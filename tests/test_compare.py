@@ -233,7 +233,7 @@ def spinning(name: str, *, angle: float = 0.0) -> str:
 def test_bodies_are_compared_by_name(tmp_path, monkeypatch, capsys):
     for name, body in (("a", spinning("target")), ("b", spinning("target", angle=1e-3))):
         extra = spinning(f"only_{name}")
-        exunet.save(exunet.run(exunet.load(CASE, ["time.end=0.02", "engine.loop=compiled", body, extra])),
+        exunet.save(exunet.run(exunet.load(CASE, ["time.end=0.02", body, extra])),
                     tmp_path / f"{name}.h5")  # fmt: skip
     found = compare(read_states(tmp_path / "a.h5"), read_states(tmp_path / "b.h5")).bodies
     assert (found.only_a, found.only_b) == (("only_a",), ("only_b",))

@@ -121,7 +121,7 @@ BODY = "bodies.target={mass=1.0,inertia=[1.0,2.0,2.5],angular_velocity=[1.0,2.0,
 
 @pytest.mark.parametrize(("name", "overrides", "end"), [
     ("effects/launch_force", (), 0.02),
-    ("planar_deployment", (BODY,), 0.02),
+    ("planar_undamped", (BODY,), 0.02),
     ("effects/breaking", (), 0.02),
 ], ids=("point mass", "rigid body", "broken element"))  # fmt: skip
 def test_the_energy_is_that_of_every_block(name, overrides, end):

@@ -105,14 +105,15 @@ def balanced(seed: int, form: str) -> None:
     assert energy_balance(run) < 1e-5, on
 
 
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("form", ["connectors", "fused", "compiled"])
-def test_energy_balances_with_some_effects(seed: int, form: str) -> None:
+@pytest.mark.parametrize(("form", "seed"), [
+    ("connectors", 0), ("connectors", 1), ("fused", 0), ("fused", 1), ("compiled", 0),
+])  # fmt: skip
+def test_energy_balances_with_some_effects(form: str, seed: int) -> None:
     balanced(seed, form)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2, 30))
+@pytest.mark.parametrize("seed", range(1, 30))
 @pytest.mark.parametrize("form", ["connectors", "fused", "compiled"])
 def test_energy_balances_with_any_effects(seed: int, form: str) -> None:
     balanced(seed, form)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from own_terms import BODY, FORMS, case_file, start_of
+from own_terms import BODY, FORMS, case_file, continue_alike, start_of
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -28,7 +28,10 @@ EA = 70e6 * math.pi * 0.0005**2
 
 
 class Tie(NamedTuple):
-    """Node, and body: where their entries begin; point of the body; N/m, m, N s/m."""
+    """Node, and body: where their entries begin; point of the body; N/m, m, N s/m; torque on the body [N m].
+
+    All tests use one kernel, in which some of these are zero.
+    """
 
     node: int
     centre: int
@@ -38,6 +41,7 @@ class Tie(NamedTuple):
     stiffness: float
     length: float
     damping: float
+    torque: float
 
 
 def arm(x: Any, tie: Any) -> Any:
@@ -89,7 +93,7 @@ def tie_energy(x: Any, tie: Any) -> float:
 
 
 def add_damper(t: float, x: Any, v: Any, tie: Any, force: Any) -> None:
-    """-c times the rate of the distance."""
+    """-c times the rate of the distance, and the torque."""
     d, _ = apart(x, tie)
     w, p = tie.spin, tie.point
     u = turned(
@@ -104,12 +108,16 @@ def add_damper(t: float, x: Any, v: Any, tie: Any, force: Any) -> None:
     for k in range(3):
         rate += d[k] * (v[tie.node + k] - v[tie.centre + k] - u[k])
     pull(x, tie, -tie.damping * rate, d, force)
+    force[tie.spin + 1] += tie.torque
 
 
-def terms(blocks: Blocks) -> Sequence[KernelTerm]:
+def terms(
+    blocks: Blocks, stiffness: float = STIFFNESS, damping: float = DAMPING, torque: float = 0.0
+) -> Sequence[KernelTerm]:
+    """A spring between node and body; a damper between them, with a torque about the body's second axis."""
     on = "target"
     where = (0, blocks.centre(on), blocks.attitude(on), blocks.spin(on))
-    data = Tie(*where, POINT, STIFFNESS, LENGTH, DAMPING)
+    data = Tie(*where, POINT, stiffness, LENGTH, damping, torque)
     helpers = (arm, turned, pull, apart)
     spring = KernelTerm("node and body", add_tie, data, tie_energy, (turned, arm, pull, apart), bodies=(on,))
     return spring, KernelTerm("node and body", add_damper, data, helpers=helpers, bodies=(on,))
@@ -198,7 +206,9 @@ def test_without_damping_verlet_is_of_order_2_in_the_compiled_loop(tmp_path: Pat
     results = []
     for method, step in (("RK44", 2e-4), ("VelocityVerlet", 3e-3), ("VelocityVerlet", 1.5e-3)):
         solver = f"solver={{method='{method}', step={step}, force=true}}"
-        start = start_of(case_file(tmp_path), [BODY, FORMS["compiled"], solver], lambda b: terms(b)[:1])
+        start = start_of(
+            case_file(tmp_path), [BODY, FORMS["compiled"], solver], lambda b: terms(b, damping=0.0)
+        )
         results.append(simulate(start).bodies["target"])
     off = [np.abs(one.angular_velocity - results[0].angular_velocity).max() for one in results[1:]]
     assert math.log2(off[0] / off[1]) == pytest.approx(2.0, abs=0.2), off
@@ -208,27 +218,16 @@ def test_without_damping_verlet_is_of_order_2_in_the_compiled_loop(tmp_path: Pat
 def test_a_constant_torque_turns_a_body_by_t_over_j(form: str, tmp_path: Path) -> None:
     """About the second principal axis: angular velocity T t / J, in body axes."""
     still = BODY.replace("[1.0, 2.0, -1.5]", "[0.0, 0.0, 0.0]")
-    start = start_of(case_file(tmp_path), [still, FORMS[form], "solver.method=RK44"], torque)
+    start = start_of(
+        case_file(tmp_path),
+        [still, FORMS[form], "solver.method=RK44"],
+        lambda b: terms(b, stiffness=0.0, damping=0.0, torque=1.2),
+    )
     result = simulate(start)
     speed = 1.2 * result.time / INERTIA[1]
     np.testing.assert_allclose(result.bodies["target"].angular_velocity[:, 1], speed, rtol=1e-12, atol=1e-14)
     work = 0.5 * INERTIA[1] * speed**2
     np.testing.assert_allclose(result.dissipated, -work, rtol=1e-11, atol=1e-14)  # put in
-
-
-class Torque(NamedTuple):
-    """Where, and how much [N m]."""
-
-    at: int
-    size: float
-
-
-def add_torque(t: float, x: Any, v: Any, torque: Any, force: Any) -> None:
-    force[torque.at] += torque.size
-
-
-def torque(blocks: Blocks) -> Sequence[KernelTerm]:
-    return (KernelTerm("body", add_torque, Torque(blocks.spin("target") + 1, 1.2), bodies=("target",)),)
 
 
 @pytest.mark.parametrize("form", ["fused", "connectors"])
@@ -242,10 +241,4 @@ def test_implicit_methods_refuse_forces_on_bodies(form: str, tmp_path: Path) -> 
 def test_a_snapshot_continues_to_the_bit(form: str, tmp_path: Path) -> None:
     one, other = (exunet.Simulation(made(tmp_path, form, "solver.method=DOPRI5")) for _ in range(2))
     one.advance_to(0.06)
-    one.snapshot().save(tmp_path / "here")
-    other.restore(exunet.Snapshot.load(tmp_path / "here"))
-    for sim in (one, other):
-        sim.advance_to(0.12)
-    for name, values in one.state.arrays().items():
-        np.testing.assert_array_equal(other.state.arrays()[name], values)
-    assert one.energy == other.energy
+    continue_alike(one, other, 0.12, tmp_path)

@@ -20,7 +20,7 @@ from exunet.codegen.kernel import net_kernel
 from exunet.forces.loops import Index
 from exunet.system.energy import elastic
 
-SOURCE = '"""A module."""\n\nimport numpy as np\n\n\n@compiled\ndef twice(x):\n    return {factor} * x\n'
+SOURCE = '"""A module."""\n\nimport numpy as np\n\n\n@called\ndef twice(x):\n    return {factor} * x\n'
 
 
 def test_the_forces_are_those_of_the_secant_stiffness() -> None:
@@ -49,7 +49,7 @@ def test_the_forces_tell_the_elastic_energy(on: tuple[str, ...]) -> None:
     kernel = net_kernel(start.system.forces)
     for position, velocity in states(start).values():
         x, v, force = position.ravel().copy(), velocity.ravel().copy(), np.zeros(position.size)
-        held = kernel.module.add_forces(0.0, x, v, kernel.data(), force)
+        held = kernel.module.forces(0.0, x, v, kernel.data(), force)
         expected = float(elastic(start.system.forces, position))
         assert held == pytest.approx(expected, rel=1e-11, abs=1e-300)
 
@@ -64,7 +64,7 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
     for name in reversed(tried):
         x, v = (part.ravel().copy() for part in tried[name])
         added, every = np.zeros(x.size), np.arange(x.size, dtype=Index)
-        kernel.module.add_forces(0.0, x, v, data, added)
+        kernel.module.forces(0.0, x, v, data, added)
         values, out = np.full((5, x.size), np.nan), np.full(x.size, np.nan)
         values[2] = values[4] = 0.0  # no forces from outside, references at the origin
         place = Place(np.stack([every, every]), np.zeros(0, dtype=Index), 0, 0, values)
@@ -101,8 +101,8 @@ def test_scenes_that_differ_in_numbers_share_one_compiled_kernel() -> None:
     assert len({kernel.source for kernel in kernels}) == 1
     for kernel, start in zip(kernels, scenes, strict=True):
         kernel.forces(0.0, start.position, start.velocity)
-    compiled = kernels[0].module.add_forces
-    assert all(kernel.module.add_forces is compiled for kernel in kernels)
+    compiled = kernels[0].module.forces
+    assert all(kernel.module.forces is compiled for kernel in kernels)
     assert len(compiled.signatures) == 1
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from own_terms import FORMS, case_file, start_of
+from own_terms import FORMS, case_file, continue_alike, start_of
 
 import exunet
 from exunet.forces.blocks import Blocks
@@ -145,13 +145,7 @@ def test_elements_between_sleeping_nodes_are_not_computed(tmp_path: Path) -> Non
 def test_a_snapshot_continues_to_the_bit(form: str, cut: float, tmp_path: Path) -> None:
     one, other = (exunet.Simulation(made(tmp_path, form, "DOPRI5")) for _ in range(2))
     one.advance_to(cut)
-    one.snapshot().save(tmp_path / "here")
-    other.restore(exunet.Snapshot.load(tmp_path / "here"))
-    for sim in (one, other):
-        sim.advance_to(0.18)
-    for name, values in one.state.arrays().items():
-        np.testing.assert_array_equal(other.state.arrays()[name], values)
-    assert one.energy == other.energy
+    continue_alike(one, other, 0.18, tmp_path)
     one.reset()
     assert one.state.memory["points/awake"].tolist() == awake(0).tolist()
 

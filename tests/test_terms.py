@@ -149,7 +149,8 @@ def balance(start: Start, states: Batch) -> float:
     return float(np.ptp(sum(parts)) / sum(np.ptp(part) for part in parts))
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 6))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6))
 def test_the_energy_balance_closes_for_any_subset(seed: int) -> None:
     """To 1e-5 of the energy turned over (issue 6), here through taut and slack states."""
     random = np.random.default_rng(seed)

@@ -144,6 +144,7 @@ def climbed(case):
     return holds(found)
 
 
+@pytest.mark.slow
 def test_material_damping_has_no_proportional_growth_and_says_so():
     """Its stress jumps where the thread becomes taut: two starts part by step x jump, near or far alike."""
     case = read_both(CASE_FILES / "effects" / "material_damping.toml")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
+    BODIES = True
 
     def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> float: ...
     def potential(x: Any, data: Any) -> float: ...
@@ -51,6 +52,21 @@ def engine_forces(t: float, q: Any, q_t: Any, data: Any, place: Any, out: Any) -
     for k in range(free.size):
         x[free[k]] = reference[k] + q[column[k]]
         v[free[k]] = q_t[column[k]]
+    if BODIES:
+        take_bodies(q, q_t, x, v, place)
+    for k in range(force.size):
+        force[k] = push[k]
+    add_forces(t, x, v, data, force)
+    for k in range(free.size):
+        out[k] = force[free[k]]
+    for b in range(place.body.size if BODIES else 0):
+        for k in range(3):
+            out[free.size + 6 * b + k] = force[place.centre + 3 * b + k]
+            out[free.size + 6 * b + 3 + k] = force[place.spin + 3 * b + k]
+
+
+def take_bodies(q: Any, q_t: Any, x: Any, v: Any, place: Any) -> None:
+    """States of the bodies from the engine's coordinates q, q_t into x, v."""
     for b in range(place.body.size):
         first = place.body[b]
         for k in range(3):
@@ -58,15 +74,6 @@ def engine_forces(t: float, q: Any, q_t: Any, data: Any, place: Any, out: Any) -
             v[place.centre + 3 * b + k] = q_t[first + k]
             v[place.spin + 3 * b + k] = q_t[first + 3 + k]
         quaternion(q, first + 3, x, place.spin + 4 * b)
-    for k in range(force.size):
-        force[k] = push[k]
-    add_forces(t, x, v, data, force)
-    for k in range(free.size):
-        out[k] = force[free[k]]
-    for b in range(place.body.size):
-        for k in range(3):
-            out[free.size + 6 * b + k] = force[place.centre + 3 * b + k]
-            out[free.size + 6 * b + 3 + k] = force[place.spin + 3 * b + k]
 
 
 def quaternion(q: Any, first: int, x: Any, place: int) -> None:
@@ -77,6 +84,11 @@ def quaternion(q: Any, first: int, x: Any, place: int) -> None:
     x[place] = math.cos(half)
     for k in range(3):
         x[place + 1 + k] = ratio * q[first + k]
+
+
+def forces(t: float, x: Any, v: Any, data: Any, force: Any) -> float:
+    """`add_forces`, for Python."""
+    return add_forces(t, x, v, data, force)
 
 
 def potentials(positions: Any, data: Any, out: Any) -> None:
@@ -92,4 +104,5 @@ def powers(times: Any, positions: Any, velocities: Any, data: Any, out: Any) -> 
         out[row] = power(times[row], positions[row], velocities[row], data, scratch)
 
 
-DRIVERS = (quaternion, engine_forces, potentials, powers)
+HELPERS = (quaternion, take_bodies)
+DRIVERS = (engine_forces, forces, potentials, powers)

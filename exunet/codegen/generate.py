@@ -9,12 +9,14 @@ import functools
 import inspect
 from collections.abc import Iterable, Sequence
 
+from exunet.codegen.compile import CALLED, INSIDE
 from exunet.forces.terms import Function, KernelCall
 
 
 def module_source(
     calls: Sequence[KernelCall],
     drivers: Iterable[Function] = (),
+    helpers: Iterable[Function] = (),
     *,
     bodies: bool = False,
     first_order: bool = False,
@@ -22,6 +24,7 @@ def module_source(
 ) -> str:
     """Text of the module with `add_forces`, `potential`, `power`, `extra_work` over all calls, and drivers.
 
+    drivers are called from Python; their helpers, as all else, only in the module.
     `add_forces` adds to the forces that it is given, and returns the elastic energy [J] of the calls that
     tell theirs. bodies, first_order : the module integrates rigid bodies, or anything of first order (their
     attitudes too); else that code is left out by the compiler.
@@ -43,21 +46,22 @@ def module_source(
         f"FIRST_ORDER = {bodies or first_order}",
         f"JUMPS = {any(call.jumps for call in calls)}",
         _joined(calls),
-        *(_text(driver) for driver in drivers),
+        *(_text(helper) for helper in helpers),
+        *(_text(driver, CALLED) for driver in drivers),
     ]
     return "\n\n\n".join(parts) + "\n"
 
 
 @functools.cache
-def _text(function: Function) -> str:
-    return "@compiled\n" + inspect.getsource(function).rstrip()
+def _text(function: Function, decorator: str = INSIDE) -> str:
+    return f"{decorator}\n{inspect.getsource(function).rstrip()}"
 
 
 def _joined(calls: Sequence[KernelCall]) -> str:
-    forces = ["@compiled", "def add_forces(t, x, v, data, force):"]
-    potential = ["@compiled", "def potential(x, data):", "    total = 0.0"]
-    power = ["@compiled", "def power(t, x, v, data, scratch):", "    total = 0.0"]
-    work = ["@compiled", "def extra_work(h, begin, middle, end, data):", "    total = 0.0"]
+    forces = [INSIDE, "def add_forces(t, x, v, data, force):"]
+    potential = [INSIDE, "def potential(x, data):", "    total = 0.0"]
+    power = [INSIDE, "def power(t, x, v, data, scratch):", "    total = 0.0"]
+    work = [INSIDE, "def extra_work(h, begin, middle, end, data):", "    total = 0.0"]
     forces.append("    held = 0.0")
     for k, call in enumerate(calls):
         forces.append(f"    {'held += ' * call.elastic}{call.add.__name__}(t, x, v, data[{k}], force)")

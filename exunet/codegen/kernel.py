@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 
 class Kernel:
-    """The forces of some terms; `extra` functions, which need `imports`, join those of `drivers`.
+    """The forces of some terms; `extra` functions and their `helpers`, which need `imports`, join `drivers`.
 
     The text of the module depends on the kinds of the terms only, so scenes that differ in numbers share one.
     """
@@ -29,6 +29,7 @@ class Kernel:
         self,
         terms: Iterable[Term],
         extra: tuple[Function, ...] = (),
+        helpers: tuple[Function, ...] = (),
         *,
         bodies: bool = False,
         first_order: bool = False,
@@ -36,8 +37,14 @@ class Kernel:
     ) -> None:
         self._terms = tuple(terms)
         calls = [call for term in self._terms for call in term.calls]
-        functions: tuple[Function, ...] = (*drivers.DRIVERS, *extra)
-        self.source = module_source(calls, functions, bodies=bodies, first_order=first_order, imports=imports)
+        self.source = module_source(
+            calls,
+            (*drivers.DRIVERS, *extra),
+            (*drivers.HELPERS, *helpers),
+            bodies=bodies or any(term.bodies for term in self._terms if isinstance(term, KernelTerm)),
+            first_order=first_order,
+            imports=imports,
+        )
 
     @cached_property
     def module(self) -> ModuleType:
@@ -58,7 +65,7 @@ class Kernel:
         """(n_points, 3) [N] from position and velocity (n_points, 3), of points alone."""
         force = np.zeros(position.size)
         x, v = (np.array(a, dtype=float).ravel() for a in (position, velocity))
-        self.module.add_forces(time, x, v, self.data(memory), force)
+        self.module.forces(time, x, v, self.data(memory), force)
         return force.reshape(-1, 3)
 
     def potential(self, x: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
@@ -81,7 +88,7 @@ class Kernel:
         force = np.zeros((len(time), v.shape[1] + number))
         x, v, data = np.array(x, dtype=float), np.array(v, dtype=float), self.data(memory)
         for row, t in enumerate(time.tolist()):
-            self.module.add_forces(t, x[row], v[row], data, force[row])
+            self.module.forces(t, x[row], v[row], data, force[row])
         return force[:, v.shape[1] :]
 
 

@@ -24,9 +24,9 @@ _OF_BODIES = ("position", "velocity", "attitude", "angular_velocity")
 class System:
     """What has a state and what acts on it.
 
-    points : the nodes of the net and the point masses, with their masses
-    forces : every term that acts on the points
-    bodies : the rigid bodies; no force acts on them yet
+    blocks : the nodes of the net, point masses, rigid bodies and first-order states in one numbering
+    forces : every term that acts on them
+    bodies : the rigid bodies, in the order of `blocks.rigid`
     """
 
     blocks: Blocks

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.many_steps import IMPORTS, LOOP, TINY_IN_A_ROW
+from exunet.backends.compiled.many_steps import IMPORTS, LOOP, STEPS, TINY_IN_A_ROW
 from exunet.backends.compiled.work_space import (
     CLOCK,
     PEAKS,
@@ -44,8 +44,8 @@ _THINNED = 64  # steps of which one is handed over
 def loop_kernel(system: System) -> Kernel:
     """The system's forces and the loop around them; raises MissingExtra without Numba."""
     require_numba('engine.loop = "compiled"')
-    first_order = bool(system.blocks.states)
-    return Kernel(system.forces, LOOP, bodies=bool(system.bodies), first_order=first_order, imports=IMPORTS)
+    bodies, first_order = bool(system.bodies), bool(system.blocks.states)
+    return Kernel(system.forces, LOOP, STEPS, bodies=bodies, first_order=first_order, imports=IMPORTS)
 
 
 class CompiledIntegration:

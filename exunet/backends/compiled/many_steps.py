@@ -40,7 +40,7 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
 def begin(t: float, verlet: bool, m: Any) -> None:
     """Compute the acceleration at the state, where a step before has not left it."""
     a1 = stages_of(m.work).a1
-    if verlet:
+    if BODIES and verlet:
         accelerate_without_spin(t, m.x, m.v, m, a1)
     else:
         accelerate(t, m.x, m.v, m, a1)
@@ -194,6 +194,7 @@ def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> 
 def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int:
     """Take the steps that an `EqualSteps` names."""
     m, clock, seen, kept = run
+    now = clock[0]
     start, until, number, first, limit = steps
     s = stages_of(m.work)
     h = (until - start) / number
@@ -212,8 +213,8 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
             watts = work_of_step(t, h, watts, s.a1, m)
         accept(m)
         see(end, held, m.x, m.v, seen)
-        clock[0]["steps"] += 1
-        clock[0]["time"] = end
+        now["steps"] += 1
+        now["time"] = end
         if (step + 1) % every == 0 or step + 1 == number or held > seen.peaks[0]["keep_above"]:
             row = keep(row, end, m, kept)
             if row == kept.time.size:
@@ -232,64 +233,63 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
     whatever its error estimate, and the control continues with the step that it had chosen before.
     """
     m, clock, seen, kept = run
+    now = clock[0]
     s = stages_of(m.work)
     least = control.least
     watts = 0.0
     if TAKES_ENERGY:
-        watts = power(clock[0]["time"], m.x, m.v, m.data, s.scratch)
+        watts = power(now["time"], m.x, m.v, m.data, s.scratch)
     for _ in range(limit):
-        wanted = min(clock[0]["step"], control.longest)
+        wanted = min(now["step"], control.longest)
         across = False
-        if JUMPS and clock[0]["beyond"] > 0.0:
-            after, over = jump_ahead(clock[0]["beyond"], control.tolerance, clock[0]["time"], m, seen)
+        if JUMPS and now["beyond"] > 0.0:
+            after, over = jump_ahead(now["beyond"], control.tolerance, now["time"], m, seen)
             if after == np.inf:
-                if clock[0]["rejected"] == 0.0:
-                    wanted = clock[0]["beyond"]
-                clock[0]["beyond"] = 0.0
-                clock[0]["towards"] = 0.0
-            elif not (
-                clock[0]["rejected"] == 1.0 and clock[0]["towards"] == 1.0
-            ):  # else it came sooner than foreseen
+                if now["rejected"] == 0.0:
+                    wanted = now["beyond"]
+                now["beyond"] = 0.0
+                now["towards"] = 0.0
+            elif not (now["rejected"] == 1.0 and now["towards"] == 1.0):  # else it came sooner than foreseen
                 across = after <= over
                 wanted = after + over if across else after - max(0.5 * over, 0.01 * after)
-                clock[0]["towards"] = 1.0
-        rest = until - clock[0]["time"]
+                now["towards"] = 1.0
+        rest = until - now["time"]
         h = wanted
         if rest <= 1.0000001 * wanted:
             h = rest
         elif rest < 2.0 * wanted:
             h = 0.5 * rest
-        error, held = dormand_prince_step(clock[0]["time"], h, m)
+        error, held = dormand_prince_step(now["time"], h, m)
         error /= control.tolerance
         if not (error <= 1.0 or ((h <= least or across) and error < np.inf)):
-            clock[0]["rejections"] += 1
-            if JUMPS and clock[0]["beyond"] == 0.0:
-                after, over = jump_ahead(h, control.tolerance, clock[0]["time"], m, seen)
-                clock[0]["beyond"] = h if after < np.inf else 0.0
-            clock[0]["rejected"] = 1.0
+            now["rejections"] += 1
+            if JUMPS and now["beyond"] == 0.0:
+                after, over = jump_ahead(h, control.tolerance, now["time"], m, seen)
+                now["beyond"] = h if after < np.inf else 0.0
+            now["rejected"] = 1.0
             shrink = 0.2 if error == np.inf else max(0.2, 0.9 * error**-0.2)
-            clock[0]["step"] = max(least, h * shrink)
+            now["step"] = max(least, h * shrink)
             if h <= least:
-                clock[0]["tiny"] = np.inf
+                now["tiny"] = np.inf
                 break
             continue
-        clock[0]["tiny"] = clock[0]["tiny"] + 1.0 if h <= 4.0 * least and not across else 0.0
+        now["tiny"] = now["tiny"] + 1.0 if h <= 4.0 * least and not across else 0.0
         if TAKES_ENERGY:
-            watts = work_of_step(clock[0]["time"], h, watts, s.a7, m)
+            watts = work_of_step(now["time"], h, watts, s.a7, m)
         accept(m)
-        see(clock[0]["time"] + h, held, m.x, m.v, seen)
+        see(now["time"] + h, held, m.x, m.v, seen)
         for c in range(m.push.size):
             s.a1[c] = s.a7[c]
-        clock[0]["steps"] += 1
-        clock[0]["time"] = until if h == rest else clock[0]["time"] + h
-        change = max(0.2, min(1.0 if clock[0]["rejected"] == 1.0 else 2.0, 0.9 * max(error, 1e-10) ** -0.2))
-        clock[0]["rejected"] = 0.0
-        clock[0]["step"] = max(least, h * change, wanted if h < wanted and error <= 1.0 else 0.0)
-        if clock[0]["steps"] % every == 0 or clock[0]["time"] == until or held > seen.peaks[0]["keep_above"]:
-            row = keep(row, clock[0]["time"], m, kept)
+        now["steps"] += 1
+        now["time"] = until if h == rest else now["time"] + h
+        change = max(0.2, min(1.0 if now["rejected"] == 1.0 else 2.0, 0.9 * max(error, 1e-10) ** -0.2))
+        now["rejected"] = 0.0
+        now["step"] = max(least, h * change, wanted if h < wanted and error <= 1.0 else 0.0)
+        if now["steps"] % every == 0 or now["time"] == until or held > seen.peaks[0]["keep_above"]:
+            row = keep(row, now["time"], m, kept)
             if row == kept.time.size:
                 break
-        if clock[0]["time"] == until:
+        if now["time"] == until:
             break
     return row
 
@@ -301,11 +301,14 @@ def through_chosen(times: Any, control: Any, most_tiny: float, run: Any) -> int:
     Returns the number of rows that were reached.
     """
     m, clock, _, kept = run
-    never = 2**62
-    row = keep(0, times[0], m, kept)
+    # Not literals, for each of which the called functions would be compiled anew.
+    first: Any = np.int64(0)
+    never: Any = np.int64(2**62)
+    limit: Any = np.int64(1000)
+    row = keep(first, times[0], m, kept)
     for k in range(1, times.size):
         while clock[0]["time"] < times[k] and clock[0]["tiny"] <= most_tiny:
-            row = chosen_steps(control, times[k], 1000, row, never, run)
+            row = chosen_steps(control, times[k], limit, row, never, run)
         if row == k:
             break
     return row
@@ -314,19 +317,20 @@ def through_chosen(times: Any, control: Any, most_tiny: float, run: Any) -> int:
 def through_equal(verlet: bool, times: Any, step: float, run: Any) -> int:
     """As `through_chosen`: `equal_steps`, none longer than `step` [s]."""
     m, clock, _, kept = run
-    never = 2**62
-    row = keep(0, times[0], m, kept)
+    first: Any = np.int64(0)  # not literals, as above
+    never: Any = np.int64(2**62)
+    row = keep(first, times[0], m, kept)
     for k in range(1, times.size):
         begins, ends = times[k - 1], times[k]
         number = max(1, math.ceil((ends - begins) / step * (1.0 - 1e-9)))
-        steps = EqualSteps(begins, ends, number, 0, number)
+        steps = EqualSteps(begins, ends, number, first, number)
         row = equal_steps(verlet, steps, row, never, run)
         clock[0]["time"] = ends
     return row
 
 
 IMPORTS = ("from exunet.backends.compiled.work_space import EqualSteps, Stages",)
-LOOP = (
+STEPS = (
     schemes.stages_of,
     schemes.add_gyroscopic,
     schemes.accelerate,
@@ -342,16 +346,11 @@ LOOP = (
     schemes.largest,
     schemes.largest_of_first_order,
     schemes.dormand_prince_step,
-    begin,
     work.middle_of_first_order,
     work.work_of_step,
     accept,
     see_tensions,
     see,
-    keep,
     jump_ahead,
-    equal_steps,
-    chosen_steps,
-    through_chosen,
-    through_equal,
 )
+LOOP = (begin, keep, equal_steps, chosen_steps, through_chosen, through_equal)

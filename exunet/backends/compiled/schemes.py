@@ -86,17 +86,17 @@ def first_order_rates(v: Any, z: Any, a: Any, m: Any, rate: Any) -> None:
         rate[k] = a[m.v.size + k - first]
 
 
-def stage(t: float, h: float, x: Any, v: Any, m: Any, a: Any, row: int, weights: Any) -> float:
-    """What is of first order by m.z + h (c1 k1 + ... + c6 k6), into m.z1; accelerations a there, and rates k.
+def stage(t: float, h: float, x: Any, v: Any, m: Any, a: Any, rate: Any, weights: Any) -> float:
+    """What is of first order, m.z + h (c1 k1 + ... + c6 k6), into m.z1; accelerations a there, and its rate.
 
-    row : of m.rates, for the rates
+    rate : the row of m.rates for it, not its number: of a literal number, each would be compiled anew
     Returns the elastic energy [J].
     """
     if FIRST_ORDER:
         advance_first_order(h, m, weights)
     held = accelerate(t, x, v, m, a)
     if FIRST_ORDER:
-        first_order_rates(v, m.z1, a, m, m.rates[row])
+        first_order_rates(v, m.z1, a, m, rate)
     return held
 
 
@@ -169,7 +169,10 @@ def verlet_step(t: float, h: float, m: Any) -> float:
         for k in range(states, m.z.size):
             m.rates[0, k] = s.a1[m.v.size + k - states]
             m.z1[k] = m.z[k] + h * m.rates[0, k]
-    held = accelerate_without_spin(t + h, s.x1, s.v1, m, s.a1)
+    if BODIES:
+        held = accelerate_without_spin(t + h, s.x1, s.v1, m, s.a1)
+    else:
+        held = accelerate(t + h, s.x1, s.v1, m, s.a1)
     for c in range(m.v.size):
         s.v1[c] += 0.5 * h * s.a1[c]
     if FIRST_ORDER:
@@ -193,17 +196,17 @@ def runge_kutta_4_step(t: float, h: float, m: Any) -> None:
         s.x1[c] = x[c] + 0.5 * h * v[c]
     for c in range(v.size):
         s.v2[c] = v[c] + 0.5 * h * s.a1[c]
-    stage(t + 0.5 * h, h, s.x1, s.v2, m, s.a2, 1, (0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+    stage(t + 0.5 * h, h, s.x1, s.v2, m, s.a2, m.rates[1], (0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
     for c in range(x.size):
         s.x1[c] = x[c] + 0.5 * h * s.v2[c]
     for c in range(v.size):
         s.v3[c] = v[c] + 0.5 * h * s.a2[c]
-    stage(t + 0.5 * h, h, s.x1, s.v3, m, s.a3, 2, (0.0, 0.5, 0.0, 0.0, 0.0, 0.0))
+    stage(t + 0.5 * h, h, s.x1, s.v3, m, s.a3, m.rates[2], (0.0, 0.5, 0.0, 0.0, 0.0, 0.0))
     for c in range(x.size):
         s.x1[c] = x[c] + h * s.v3[c]
     for c in range(v.size):
         s.v4[c] = v[c] + h * s.a3[c]
-    stage(t + h, h, s.x1, s.v4, m, s.a4, 3, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    stage(t + h, h, s.x1, s.v4, m, s.a4, m.rates[3], (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
     for c in range(x.size):
         s.x1[c] = x[c] + h / 6.0 * (v[c] + 2.0 * (s.v2[c] + s.v3[c]) + s.v4[c])
     for c in range(v.size):
@@ -254,17 +257,17 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
         x1[c] = x[c] + h / 5.0 * v[c]
     for c in range(n):
         v1[c] = v[c] + h / 5.0 * a1[c]
-    stage(t + 0.2 * h, h, x1, v1, m, a2, 1, (0.2, 0.0, 0.0, 0.0, 0.0, 0.0))
+    stage(t + 0.2 * h, h, x1, v1, m, a2, m.rates[1], (0.2, 0.0, 0.0, 0.0, 0.0, 0.0))
     for c in range(n_x):
         x1[c] = x[c] + 0.3 * h * v[c] + hh * (9.0 / 200.0) * a1[c]
     for c in range(n):
         v1[c] = v[c] + h * (3.0 / 40.0 * a1[c] + 9.0 / 40.0 * a2[c])
-    stage(t + 0.3 * h, h, x1, v1, m, a3, 2, (3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0))
+    stage(t + 0.3 * h, h, x1, v1, m, a3, m.rates[2], (3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0))
     for c in range(n_x):
         x1[c] = x[c] + 0.8 * h * v[c] + hh * (-12.0 / 25.0 * a1[c] + 4.0 / 5.0 * a2[c])
     for c in range(n):
         v1[c] = v[c] + h * (44.0 / 45.0 * a1[c] - 56.0 / 15.0 * a2[c] + 32.0 / 9.0 * a3[c])
-    stage(t + 0.8 * h, h, x1, v1, m, a4, 3, (44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0))
+    stage(t + 0.8 * h, h, x1, v1, m, a4, m.rates[3], (44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0))
     for c in range(n_x):
         x1[c] = (
             x[c]
@@ -286,7 +289,7 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
         v1,
         m,
         a5,
-        4,
+        m.rates[4],
         (19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, c4, 0.0, 0.0),
     )
     for c in range(n_x):
@@ -305,7 +308,14 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
         )
     c5 = -5103.0 / 18656.0
     stage(
-        t + h, h, x1, v1, m, a6, 5, (9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, c5, 0.0)
+        t + h,
+        h,
+        x1,
+        v1,
+        m,
+        a6,
+        m.rates[5],
+        (9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, c5, 0.0),
     )
     for c in range(n_x):
         x1[c] = (
@@ -324,7 +334,14 @@ def dormand_prince_step(t: float, h: float, m: Any) -> Any:
         )
     c5 = -2187.0 / 6784.0
     held = stage(
-        t + h, h, x1, v1, m, a7, 6, (35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, c5, 11.0 / 84.0)
+        t + h,
+        h,
+        x1,
+        v1,
+        m,
+        a7,
+        m.rates[6],
+        (35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, c5, 11.0 / 84.0),
     )
     for c in range(n_x):
         s.of_x[c] = hh * (
