@@ -16,7 +16,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import reference_impl as reference
 from exunet.base.errors import CaseError, Fault, InputError
 from exunet.case.casefile import MAX_BYTES, Case, load
 from exunet.case.toml_lines import key_lines
@@ -830,10 +829,3 @@ def test_faults_of_bodies_hide_no_others(case: Any) -> None:
         "bodies.box.mass",
         "bodies.target-2.inertia",
     ]
-
-
-def test_the_reference_refuses_bodies_by_name(tmp_path: Path) -> None:
-    path = tmp_path / "x.toml"
-    path.write_text(BODIES)
-    with pytest.raises(reference.Refused, match="does not know bodies"):
-        reference.read(path)

@@ -250,14 +250,16 @@ def test_a_case_beyond_the_reference_keeps_the_result(tmp_path):
 
 
 def test_a_check_that_cannot_be_made_keeps_the_result(tmp_path):
-    case = tmp_path / "thrown.toml"
-    more = "\n[effects.thermal_strain]\ntemperature_change = -50.0\nexpansion_coefficient = 1e-5\n"
-    case.write_text(PLANAR.read_text() + more)
-    done = command("run", "thrown.toml", "--check", *SHORT, "--out", "here", folder=tmp_path)
+    """A package of its name stands in for a reference that does not know an effect."""
+    (tmp_path / "reference_impl").mkdir()
+    (tmp_path / "reference_impl" / "__init__.py").touch()
+    refusal = "import sys\n\nprint('does not know effects.warp', file=sys.stderr)\nsys.exit(2)\n"
+    (tmp_path / "reference_impl" / "__main__.py").write_text(refusal)
+    done = ended(process("run", PLANAR, "--check", *SHORT, "--out", "here", folder=tmp_path))
     assert done.returncode == 4, done.stdout + done.stderr
-    assert "thermal_strain" in done.stderr
+    assert "warp" in done.stderr
     assert "refused: the reference cannot check" in done.stdout
-    assert "thermal_strain" in json.loads((tmp_path / "here/summary.json").read_text())["check"]["refused"]
+    assert "warp" in json.loads((tmp_path / "here/summary.json").read_text())["check"]["refused"]
     assert exunet.load_result(tmp_path / "here/result.h5").complete
 
 

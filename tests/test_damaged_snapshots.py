@@ -59,6 +59,8 @@ def test_every_array_must_be_there_with_its_type_and_size(
             changes["of size zero"] = values[..., :0] if values.ndim > 1 else None
         if values.dtype.kind == "f" and values.size:
             changes["NaN"] = np.full_like(values, np.nan)
+            if not name.startswith(("integrator:seen", "integrator:clock", "monitor:envelope")):
+                changes["infinite"] = np.full_like(values, np.inf)
         if name == "stops:force":
             changes["of other stops"] = values + 1000
         if name.startswith(("integrator:kept", "integrator:rows", "stops:times")):
@@ -101,17 +103,25 @@ def test_a_file_is_checked_when_it_is_read(tmp_path: Path) -> None:
                 exunet.Snapshot.load(tmp_path / "bad")
 
 
+def dies_after_a_quarter(time: float, _evaluations: int) -> None:
+    if time > 0.25:
+        os._exit(9)
+
+
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a run that was killed after checkpoints."""
     folder = tmp_path_factory.mktemp("killed")
     child = os.fork()
     if not child:
-        run._SHOWN = 0.0  # progress is called at each stored time
-        case = exunet.load(CASE, [FORMS[0], "time.end=0.4"])
-        run.run_into(folder, case, progress=lambda t: os._exit(9) if t > 0.25 else None, checkpoint_every=0.1)
-        os._exit(1)
-    os.waitpid(child, 0)
+        try:
+            run._SHOWN = 0.0  # progress is called at each stored time
+            case = exunet.load(CASE, [FORMS[0], "time.end=0.4"])
+            run.run_into(folder, case, progress=dies_after_a_quarter, checkpoint_every=0.1)
+        finally:
+            os._exit(1)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 9
     return folder
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from exunet.codegen.compile import compiled_module, require_numba
 from exunet.codegen.drivers import Place
 from exunet.codegen.kernel import net_kernel
 from exunet.forces.loops import Index
+from exunet.forces.terms import KernelCall
 from exunet.system.energy import elastic
 
 SOURCE = '"""A module."""\n\nimport numpy as np\n\n\n@called\ndef twice(x):\n    return {factor} * x\n'
@@ -166,3 +168,13 @@ def test_importing_exunet_does_not_import_numba() -> None:
         "import sys, exunet.simulation.preparation, exunet.simulation.run; sys.exit('numba' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_function_of_other_arguments_is_refused_before_it_is_compiled() -> None:
+    """A potential depends on the state alone; Numba would refuse the call in words about signatures."""
+
+    def add(t: float, x: Any, v: Any, data: Any, force: Any) -> None: ...
+    def potential(t: float, x: Any, data: Any) -> float: ...
+
+    with pytest.raises(TypeError, match=r"test_kernel.*potential: its arguments must be \(x, data\)"):
+        KernelCall(add, potential=potential)

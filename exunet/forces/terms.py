@@ -27,6 +27,13 @@ Ints = NDArray[np.int64]
 Function = Callable[..., Any]
 Memories = Mapping[str, Floats]
 
+_ARGUMENTS = {
+    "add": ("t", "x", "v", "data", "force"),
+    "potential": ("x", "data"),
+    "power": ("t", "x", "v", "data"),
+    "work": ("h", "begin", "middle", "end", "data"),
+}
+
 
 @dataclass(frozen=True, eq=False)
 class KernelCall:
@@ -42,7 +49,7 @@ class KernelCall:
     jumps   : the force jumps where an element becomes taut (see `exunet.forces.jumps`)
     elastic : `add` returns the elastic energy [J] that it finds on its way
 
-    What it takes out or stores is had from one of these; none means a force that does no work:
+    The energy that it stores or takes out comes from one of these; none means a force that does no work:
     potential : function potential(x, data) -> [J]
     power     : function power(t, x, v, data) -> [W] taken out
     work      : function work(h, begin, middle, end, data) -> [J] taken out in a step of length h, from
@@ -59,6 +66,14 @@ class KernelCall:
     works: bool = False
     jumps: bool = False
     elastic: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise TypeError for a function of other arguments, which Numba would refuse in its own words."""
+        for name, arguments in _ARGUMENTS.items():
+            function = getattr(self, name)
+            if function is not None and function.__code__.co_argcount != len(arguments):
+                words = f"{function.__module__}.{function.__qualname__}: its arguments must be"
+                raise TypeError(f"{words} ({', '.join(arguments)})")
 
 
 @dataclass(frozen=True, eq=False)

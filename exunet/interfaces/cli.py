@@ -101,7 +101,7 @@ def run_command(
     overrides: Overrides = [],  # noqa: B006 - typer reads the default and makes its own list
     check: Annotated[bool, typer.Option("--check", help="also run reference_impl and compare")] = False,
     estimate: Annotated[
-        bool, typer.Option("--estimate-error", help="also run twice more and tell the error")
+        bool, typer.Option("--estimate-error", help="also estimate the error, from two more runs")
     ] = False,
     checkpoint_every: Annotated[
         float | None,

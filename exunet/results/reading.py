@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
+from exunet.base.interrupt import postponed
 from exunet.results.columns import PATHS, Column, MassProperties, declare, state_column
 from exunet.results.from_rows import result_of_rows
 from exunet.results.net_arrays import NET_ARRAYS, from_arrays
@@ -154,9 +155,10 @@ def _text(stored: Any) -> str:
 
 @contextmanager
 def _damage(path: str | Path) -> Iterator[None]:
-    """Turns whatever HDF5 raises into an InputError."""
+    """Turns whatever HDF5 raises into an InputError; Ctrl-C waits, since h5py's destructors would lose it."""
     try:
-        yield
+        with postponed():
+            yield
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - a damaged file can make h5py raise anything

@@ -131,13 +131,13 @@ def _text(value: Any) -> str:
 
 def _count(value: Any) -> int:
     if type(value) is not int or value < 0:
-        raise TypeError(f"{value!r} is no number of rows or files")
+        raise TypeError(f"{value!r} is not a number of rows or files")
     return value
 
 
 def _segment(one: Any) -> Segment:
     if re.fullmatch(r"segment-\d{6,}\.exu", _text(one["file"])) is None:
-        raise ValueError(f"{one['file']!r} is no name of a segment")
+        raise ValueError(f"{one['file']!r} is not the name of a segment")
     return Segment(one["file"], _count(one["rows"]))
 
 

@@ -172,7 +172,7 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
             "energy balance",
             f"{energy['balance_error']:.1e} of {energy['in_deformation_J']:.6g} J in deformation",
         ),
-        ("largest tension", _peak(summary["largest_tension"])),
+        ("largest tension", _peak(summary["largest_tension"], summary)),
     ]
     if broken := summary["broken"]:
         first, worst = broken[0], max(one["energy_excess"] for one in broken)
@@ -197,9 +197,12 @@ def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return [("stored states", f"until t = {until:.6g} s; the rows below refer to them")]
 
 
-def _peak(peak: dict[str, Any]) -> str:
+def _peak(peak: dict[str, Any], summary: dict[str, Any]) -> str:
     if peak["element"] is None:
-        return "0 N: no element was ever taut"
+        until = (
+            "at any time" if summary["verdict"] == COMPLETE else f"until {summary['simulated_until_s']:.6g} s"
+        )
+        return f"0 N: no element was taut {until}"
     words = f"{peak['tension_N']:.4g} N in element {peak['element']} at t = {peak['time_s']:.6g} s"
     return words if peak["of"] == "all steps" else f"{words} (of the stored times)"
 

@@ -190,7 +190,7 @@ def _continued(folder: Path) -> tuple[Simulation, Recorder, _Checkpoints]:
             simulation = Simulation(start, recorder=recorder)
         else:
             if re.fullmatch(r"checkpoint-\d{6,}\.exu", store.checkpoint) is None:
-                raise InputError(f"{folder}: damaged: {store.checkpoint!r} is no name of a checkpoint")
+                raise InputError(f"{folder}: damaged: {store.checkpoint!r} is not the name of a checkpoint")
             store.back_to_checkpoint()
             snapshot = Snapshot.load(store.folder / store.checkpoint)
             recorder = Recorder(start, provenance(case), store)
@@ -210,7 +210,7 @@ def case_of_store(store: Segments) -> tuple[Case, float | None]:
     listed = isinstance(overrides, list) and all(isinstance(one, str) for one in overrides)
     timed = every is None or (finite_number(every) or 0.0) > 0.0
     if not (isinstance(text, str) and isinstance(name, str) and listed and timed):
-        raise InputError(f"{store.folder}: damaged: it does not tell the case of its run")
+        raise InputError(f"{store.folder}: damaged: the case of its run is missing")
     return parse_case(text, Path(name), overrides or ()), every
 
 

@@ -28,6 +28,9 @@ _GROWING = (
     ("stops:forces",),
 )
 
+# Limits and extremes, infinite where nothing limits and nothing was seen.
+_MAY_BE_INFINITE = ("integrator:seen/", "integrator:clock/", "monitor:envelope:")
+
 _TIMES = ("integrator:time", "integrator:clock/time")
 
 
@@ -35,7 +38,7 @@ def header_faults(header: Mapping[str, Any]) -> list[str]:
     """What is wrong with the header of a snapshot, in words."""
     faults = [f"it lacks {name}" for name in _HEADER if name not in header and name not in _OF_RECORD]
     return faults + [
-        f"{name} is not what it should be"
+        f"{name} has a value or type that no simulation writes"
         for name, sound in _HEADER.items()
         if name in header and not sound(header[name])
     ]
@@ -62,6 +65,8 @@ def array_faults(arrays: Arrays, like: Arrays, time: float, room: int) -> list[s
             faults.append(f"{name} has shape {found.shape}, not {wanted.shape}")
         elif found.dtype.kind == "f" and np.isnan(found).any():
             faults.append(f"{name} contains NaN")
+        elif found.dtype.kind == "f" and not name.startswith(_MAY_BE_INFINITE) and np.isinf(found).any():
+            faults.append(f"{name} contains infinity")
         elif name in _TIMES and found.item() != time:
             faults.append(f"{name} is not {time!r} s")
     return faults or _of_lengths(arrays, room)

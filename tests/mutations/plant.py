@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Callable
 
 import numpy as np
 
+import reference_impl.elements as elements
 import reference_impl.energy as reference_energy
 import reference_impl.forces as forces
+import reference_impl.stiffness as stiffness
 from exunet.backends.exudyn.model import Model
 from exunet.forces import cable
 from exunet.forces.effects import mass_damping, orbit, rayleigh_damping
 from exunet.results import measures as metrics
 from exunet.system import from_scene, initial
 from exunet.system.states import States
-
-integration = sys.modules["reference_impl.integration"]  # the package has a function of that name
+from reference_impl.fixed import Classical
 
 EXUDYN, REFERENCE = "Exudyn's net", "reference"
 
@@ -160,8 +160,8 @@ def viscous_compression(patch):
 def reference_current_tangent(patch):
     right = forces._element_forces
 
-    def wrong(system, x, v):
-        push, power = right(system, x, v)
+    def wrong(system, x, v, mode):
+        push, power = right(system, x, v, mode)
         d = forces.span(system, x)
         length = np.sqrt(forces.dot(d, d))[:, None]
         along = d / np.where(length > 0.0, length, 1.0)
@@ -176,45 +176,47 @@ def reference_current_tangent(patch):
 def reference_compression(patch):
     right = forces._pull
 
-    def wrong(system, d, v):
-        return system.axial_stiffness * forces._strain(system, d), right(system, d, v)[1]
+    def wrong(system, d, v, mode):
+        return system.axial_stiffness * forces.strain_of(system, d), right(system, d, v, mode)[1]
 
     patch.setattr(forces, "_pull", wrong)
 
 
 @planted(3, "geometric part missing in the tangent stiffness", REFERENCE)
 def reference_tangent_formula(patch):
-    right = forces.tangent_element
+    right = stiffness.tangent_element
     patch.setattr(
-        forces, "tangent_element", lambda system, x: right(system, x) - forces.secant_element(system, x)
+        stiffness, "tangent_element", lambda system, x: right(system, x) - stiffness.secant_element(system, x)
     )
 
 
 @planted(3, "sign error in one block of Delta, eq. (4)", REFERENCE)
 def reference_asymmetric_secant(patch):
-    right = forces.secant_element
+    right = stiffness.secant_element
 
     def wrong(system, x):
         blocks = right(system, x)
         blocks[:, 3:, :3] *= -1.0
         return blocks
 
-    patch.setattr(forces, "secant_element", wrong)
+    patch.setattr(stiffness, "secant_element", wrong)
 
 
 @planted(4, "weights of RK4 of the midpoint method", REFERENCE)
 def reference_rk4_weights(patch):
-    from reference_impl.fixed import whole_steps
+    def midpoint(steps, arrival):
+        run = steps.run
+        h, t, y = arrival - run.t, run.t, run.y
+        run.arrive(arrival, y + h * run.rate(t + 0.5 * h, y + 0.5 * h * run.rate(t, y)))
 
-    def midpoint(state, step):
-        def take(arrival):
-            h, t, y = arrival - state.t, state.t, state.y
-            k1 = state.rate(t, y)
-            state.arrive(arrival, y + h * state.rate(t + 0.5 * h, y + 0.5 * h * k1))
+    patch.setattr(Classical, "take", midpoint)
 
-        return lambda end: whole_steps(state, step, end, take)
 
-    patch.setitem(integration.STEPPED, "RK4", midpoint)
+@planted(2, "factor 1/2 missing in the Green-Lagrange strain", REFERENCE)
+def reference_no_half(patch):
+    right = elements.strain_of
+    for module in (elements, forces):
+        patch.setattr(module, "strain_of", lambda system, d: 2.0 * right(system, d))
 
 
 def _twice(value):
@@ -245,7 +247,6 @@ _of_result("tension_doubled", 2, TENSIONS, cable, "element_tension")
 _of_result("mouth_doubled", 6, f"{NO_HALF} area of the mouth", metrics, "mouth_area")
 _of_result("coriolis_sign", 2, CORIOLIS, orbit, "terms", _negated("gyroscopic"), "orbit")
 _of_result("mass_damping_sign", 2, PUSHES, mass_damping, "terms", _negated("damping"), "mass_damping")
-_of_result("reference_no_half", 2, f"{NO_HALF} Green-Lagrange strain", forces, "_strain")
 _of_result("reference_kinetic_doubled", 2, f"{NO_HALF} kinetic energy", reference_energy, "kinetic")
 _of_result("reference_elastic_doubled", 2, f"{NO_HALF} elastic energy", reference_energy, "elastic")
 _of_result("reference_tension_doubled", 2, TENSIONS, forces, "tension")
