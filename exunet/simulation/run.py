@@ -284,6 +284,7 @@ def _kept(store: SegmentStore, folder: Path) -> Iterator[None]:
     try:
         yield
     except UnsoundStates:  # nor would they be sound after a resume
+        remove_waiting(folder)
         store.discard()
         raise
     except BaseException as error:
