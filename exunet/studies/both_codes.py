@@ -33,7 +33,9 @@ from exunet.simulation.preparation import Start, prepare
 from exunet.studies.books import Books, Break
 from exunet.studies.neighbours import launch_speed
 from exunet.system.effect_survey import without_choice
-from exunet.system.system import Moving
+from exunet.system.system import Moving, State
+from reference_impl import forces as formulas
+from reference_impl.mode import Mode
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -143,6 +145,18 @@ class BothCodes:
         return launch_speed(self.start.velocity)
 
     @property
+    def breaks_at_once(self) -> bool:
+        """True if an element is beyond its limit at the start.
+
+        It breaks there in the reference, and at the end of the first step in exunet.
+        """
+        cable, state = self.start.system.forces.cable, self.start.state
+        if cable.switch is None:
+            return False
+        x, v = self.start.system.layout.pack(state.moving)
+        return len(cable.switch.crossed(0.0, x, v, np.ones(self.start.net.n_elements))) > 0
+
+    @property
     def size(self) -> float:
         """See `Net.size`."""
         return self.start.net.size
@@ -154,9 +168,8 @@ class BothCodes:
         return result
 
     def from_reference(self, values: Floats) -> Floats:
-        """Values (..., n + b, 3) of the reference's particles in the order of exunet's; or of nodes alone."""
-        order = self.reference_particles
-        return values[..., order if values.shape[-2] == len(order) else self.reference_nodes, :]
+        """Values (..., n, 3) of the reference's nodes in the order of exunet's."""
+        return values[..., self.reference_nodes, :]
 
     def theirs_at(self, moving: Moving) -> Theirs:
         """States of exunet as the reference has them."""
@@ -177,6 +190,25 @@ class BothCodes:
             reference.BodyStates(place, speed, attitude, turning),
         )
 
+    def intact_in_reference(self, state: State) -> NDArray[np.bool_] | None:
+        """(n_elements,) False for what has broken, in the reference's order; None: nothing can break."""
+        carrying = self.start.system.forces.cable.carrying(state.memory)
+        if carrying is None:
+            return None
+        intact = np.empty(len(carrying), dtype=bool)
+        intact[self.reference_elements] = carrying > 0.0
+        return intact
+
+    def reference_motion(self, state: State) -> tuple[Floats, float]:
+        """The reference's accelerations at a state [m/s2], and the power that it takes out [W].
+
+        (n_points + n_rigid, 3) of the points, then of the centres of rigid bodies.
+        """
+        x, v = self.theirs_at(state.moving).particles
+        mode = Mode(self.intact_in_reference(state))
+        acceleration, power = formulas.motion(self.theirs.system, state.time, x, v, mode)
+        return acceleration[self.reference_particles], power
+
     def probe(self) -> Probe:
         """The engine's equations of motion, in the form that also has derivatives."""
         implicit = Plan(Method.GENERALIZED_ALPHA, step=1e-6)
@@ -192,12 +224,14 @@ class BothCodes:
         """The form of the case for many runs: compiled, or this one where Numba is not installed."""
         return self.in_form(Form.COMPILED) if numba_installed() else self
 
-    def from_state(
-        self, position: Floats, velocity: Floats, bodies: RigidStates | None = None
-    ) -> BothCodes:
-        """The same case started from another state of the free points, and of the rigid bodies if given."""
+    def from_state(self, position: Floats, velocity: Floats, bodies: RigidStates | None = None) -> BothCodes:
+        """The same case started from another state of the free points, and of the rigid bodies if given.
+
+        position, velocity : (n_points, 3), or (n_nodes, 3): point masses then start as they do
+        """
         fixed = self.start.net.fixed_nodes
-        position, velocity = position.copy(), velocity.copy()
+        position = np.concatenate([position, self.start.position[len(position) :]])
+        velocity = np.concatenate([velocity, self.start.velocity[len(velocity) :]])
         position[fixed], velocity[fixed] = self.start.position[fixed], 0.0
         start = self.start.moved(position, velocity)
         if bodies is not None:
@@ -254,7 +288,7 @@ def _with_arms(
 ) -> tuple[Floats, Floats]:
     """Places and velocities (t, k, 3) of points, and of four points of each rigid body; see `Trajectory`.
 
-    bodies : places and velocities (t, b, 3), attitudes (t, b, 3, 3), angular velocities in body axes (t, b, 3)
+    bodies : places and velocities (t, b, 3), attitudes (t, b, 3, 3), angular velocities in body axes
     """
     place, speed, frame, turning = bodies
     if not place.shape[1]:
@@ -301,7 +335,9 @@ def both_of(case: Case) -> BothCodes:
     # The form that states the law element by element; see `BothCodes.in_form` for the others.
     start = prepare(_with_form(case.scene, Form.CONNECTORS))
     try:
-        overrides = dict(map(reference.parse_override, (*case.overrides, *without_choice(case.scene, start.scene))))
+        overrides = dict(
+            map(reference.parse_override, (*case.overrides, *without_choice(case.scene, start.scene)))
+        )
         theirs = reference.prepare(reference.read(case.path, overrides))
     except reference.Refused as refused:
         reasons = "; ".join(fault.replace("\n", " ") for fault in refused.faults[:5])

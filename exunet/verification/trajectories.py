@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +13,13 @@ from exunet.methods.keys import Solver
 from exunet.methods.plan import Plan
 from exunet.simulation.planning import make_plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
+from exunet.studies.books import Break
 from exunet.studies.neighbours import tracked_speeds
+from exunet.system.energy import kinetic
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out
 from exunet.verification.figures import curves
 from exunet.verification.growth import BOOST, Growth, at_node, boosted, distances
-from exunet.verification.tolerances import CONVERGED, LEFT_OUT, TRAJECTORY
+from exunet.verification.tolerances import CONNECTIVITY, CONVERGED, DISSIPATED, LEFT_OUT, TRAJECTORY
 
 INSTANTS = 48  # compared times, evenly spaced up to the horizon
 SHOWN_PAST = 1.2  # of the horizon
@@ -57,9 +59,12 @@ def converged(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
         theirs = [start.run_reference(times, rtol=rtol, atol=atol) for rtol, atol in THEIRS]
         forms = (start, start.fastest()) if numba_installed() and start is case else (start.fastest(),)
         for form in forms:
-            ours = [form.run_exunet(times, best_plan(start, tolerance)) for tolerance in OWN]
+            ours = [form.run_exunet(times, best_plan(start, tolerance), booked=True) for tolerance in OWN]
             own = np.array([_own(start, *ours), _own(start, *theirs)])[..., : INSTANTS + 1]
-            for check in _compared(form, own, ours[-1], theirs[-1], grown.horizon):
+            for check in (
+                *_compared(form, own, ours[-1], theirs[-1], grown.horizon),
+                *_books(form, own, ours, theirs),
+            ):
                 yield replace(check, subject=form.name)
             apart.setdefault(label, distances(ours[-1], theirs[-1]).max(axis=1))
     title = f"{case.name}: the two codes, each with its best method"
@@ -119,6 +124,42 @@ def _compared(
             a, b = (tracked_speeds(form.start.net, run.velocity)[:kept] for run in (ours, theirs))
             axes = ("instant", "bullet")
             yield difference(until, a, b, TRAJECTORY, axes, "m/s", scale=form.speed)
+
+
+def _books(
+    form: BothCodes, own: Floats, ours: Sequence[Trajectory], theirs: Sequence[Trajectory]
+) -> Iterator[Check]:
+    """What has left the system, and what broke, while both codes have converged (own as in `_compared`).
+
+    Energies are parts of the largest kinetic energy until then, or of what was dissipated if that is more.
+    """
+    apart = np.flatnonzero(~(own[:, 0].max(axis=0) <= CONVERGED.value))
+    kept = int(apart[0]) if len(apart) else own.shape[-1]
+    if kept == 0:
+        return
+    time, (a, b) = ours[-1].time[:kept], (ours[-1], theirs[-1])
+    taken = [run.dissipated[:kept] for run in (a, b) if run.dissipated is not None]
+    if len(taken) == 2 and any(energy.any() for energy in taken):
+        system = form.start.system
+        speeds = b.velocity[:kept, : system.blocks.n_points]
+        scale = max(float(kinetic(system.mass, speeds).max()), *(float(np.abs(part).max()) for part in taken))
+        name = f"dissipated energy to t = {time[-1]:.4g} s"
+        yield difference(name, *taken, DISSIPATED, ("instant",), "J", scale=scale)
+    broken = [[one for one in run.breaks if one.time <= time[-1]] for run in (a, b)]
+    if any(broken):
+        # Those that break together are told in any order.
+        numbers = [sorted(one.element for one in found) for found in broken]
+        words = " and ".join(f"{len(found)} elements: {found[:8]}" for found in numbers)
+        yield Check("what broke: lists that differ", float(numbers[0] != numbers[1]), CONNECTIVITY, words)
+        if numbers[0] == numbers[1]:
+            when = [np.array([one.time for one in sorted(found, key=_by_element)]) for found in broken]
+            yield difference(
+                "when it broke", *when, TRAJECTORY, ("break",), "s", scale=form.size / form.speed
+            )
+
+
+def _by_element(one: Break) -> int:
+    return one.element
 
 
 def _within_own(

@@ -65,7 +65,7 @@ class Probe:
         data.SetTime(time, current)
 
     def remember(self, system: System, memory: Memories) -> None:
-        """The memories of the system at which the forces are evaluated from now on; at first those of the start."""
+        """Evaluate the forces at these memories of the system from now on; at first at those of the start."""
         remember(self._model, system, memory)
 
     def accelerations(self, position: Floats, velocity: Floats, time: float = 0.0) -> Floats:
