@@ -265,17 +265,20 @@ class BothCodes:
     def run_reference(self, times: Floats, **how: Any) -> Trajectory:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.integration."""
         found = self.reference_trajectory(times, **how)
-        mass_points, rigid = self._beside
-        states = found.bodies
-        x, v = (
-            np.concatenate([self.from_reference(nodes), beside[:, mass_points]], axis=1)
-            for nodes, beside in ((found.x, states.position), (found.v, states.velocity))
-        )
+        states, (_, rigid) = found.bodies, self._beside
         parts = (states.position, states.velocity, states.attitude, states.angular_velocity)
-        arms = _with_arms((x, v), tuple(part[:, rigid] for part in parts), self.size)
+        arms = _with_arms(self.points_of(found), tuple(part[:, rigid] for part in parts), self.size)
         ours = np.argsort(self.reference_elements)  # exunet's element of each of the reference's
         breaks = tuple(Break(int(ours[one.element]), one.time) for one in found.breaks)
         return Trajectory(found.t, *arms, found.n_steps, found.dissipated, breaks)
+
+    def points_of(self, found: reference.Trajectory) -> tuple[Floats, Floats]:
+        """Positions and velocities (t, n_points, 3) of exunet's points in a trajectory of the reference."""
+        masses, bodies = self._beside[0], found.bodies
+        return (
+            np.concatenate([self.from_reference(found.x), bodies.position[:, masses]], axis=1),
+            np.concatenate([self.from_reference(found.v), bodies.velocity[:, masses]], axis=1),
+        )
 
     def reference_trajectory(self, times: Sequence[float] | Floats, **how: Any) -> reference.Trajectory:
         """The same as the reference gives it, in its own numbering and with its counts."""

@@ -41,18 +41,18 @@ runpy.run_module("reference_impl", run_name="__main__", alter_sys=True)
 class ReferenceRun:
     """The reference on one case, started at once so that it runs beside the engine.
 
-    resolved : the scene of the case with its choice of effects made
+    resolved : the scene of the case once its effects are chosen, where the case leaves that to exunet
 
     A context manager: leaving it ends the process and removes its files. The reference is never imported.
     """
 
-    def __init__(self, case: Case, resolved: Scene) -> None:
+    def __init__(self, case: Case, resolved: Scene | None = None) -> None:
         self._words = ""
         self._folder = tempfile.TemporaryDirectory(prefix="exunet-check-")
         self._output = Path(self._folder.name) / "reference.npz"
         # -P: what lies in the working directory must not stand in for a module.
         command = [sys.executable, "-P", "-c", _CHILD, str(case.path.absolute()), "-o", str(self._output)]
-        for override in (*case.overrides, *without_choice(case.scene, resolved)):
+        for override in (*case.overrides, *without_choice(case.scene, resolved or case.scene)):
             command += ["--set", override]
         self._process = subprocess.Popen(
             command,

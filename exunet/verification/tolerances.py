@@ -64,7 +64,10 @@ LEFT_OUT = Tolerance(
     "of the time to the horizon of one round-off, for positions: where the errors of all steps exceed "
     "CONVERGED there is nothing to compare, and a row says so; if that is so for more of the time, it fails",
 )
-TRAJECTORY = Tolerance(1e-5, "of the net's size and of the launch speed: ten times each code's own error")
+TRAJECTORY = Tolerance(
+    1e-5,
+    "of the net's size, of the launch speed and of the time to cross it: ten times each code's own error",
+)
 DISSIPATED = Tolerance(1e-5, "of the largest kinetic energy: what TRAJECTORY leaves of the speeds' squares")
 SNAP = Tolerance(1e-8, "of the known value, which is exact: what the tolerances of the integrators leave")
 FREQUENCY = Tolerance(1e-6, "of the known one: (w h)^4 / 120 < 1e-7 of RK4, 1e-8 of the stretch by 1e-6 m")

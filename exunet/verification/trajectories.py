@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,6 @@ from exunet.codegen.compile import numba_installed
 from exunet.methods.keys import Solver
 from exunet.methods.plan import Plan
 from exunet.simulation.planning import make_plan
-from exunet.studies.books import Break
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.neighbours import tracked_speeds
 from exunet.system.energy import kinetic
@@ -63,7 +62,7 @@ def converged(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
             own = np.array([_own(start, *ours), _own(start, *theirs)])[..., : INSTANTS + 1]
             for check in (
                 *_compared(form, own, ours[-1], theirs[-1], grown.horizon),
-                *_books(form, own, ours, theirs),
+                *_books(form, own, ours[-1], theirs[-1]),
             ):
                 yield replace(check, subject=form.name)
             apart.setdefault(label, distances(ours[-1], theirs[-1]).max(axis=1))
@@ -126,40 +125,35 @@ def _compared(
             yield difference(until, a, b, TRAJECTORY, axes, "m/s", scale=form.speed)
 
 
-def _books(
-    form: BothCodes, own: Floats, ours: Sequence[Trajectory], theirs: Sequence[Trajectory]
-) -> Iterator[Check]:
+def _books(form: BothCodes, own: Floats, ours: Trajectory, theirs: Trajectory) -> Iterator[Check]:
     """What has left the system, and what broke, while both codes have converged (own as in `_compared`).
 
     Energies are parts of the largest kinetic energy until then, or of what was dissipated if that is more.
     """
     apart = np.flatnonzero(~(own[:, 0].max(axis=0) <= CONVERGED.value))
     kept = int(apart[0]) if len(apart) else own.shape[-1]
-    if kept == 0:
+    if kept == 0 or ours.dissipated is None or theirs.dissipated is None:
         return
-    time, (a, b) = ours[-1].time[:kept], (ours[-1], theirs[-1])
-    taken = [run.dissipated[:kept] for run in (a, b) if run.dissipated is not None]
-    if len(taken) == 2 and any(energy.any() for energy in taken):
-        system = form.start.system
-        speeds = b.velocity[:kept, : system.blocks.n_points]
-        scale = max(float(kinetic(system.mass, speeds).max()), *(float(np.abs(part).max()) for part in taken))
-        name = f"dissipated energy to t = {time[-1]:.4g} s"
-        yield difference(name, *taken, DISSIPATED, ("instant",), "J", scale=scale)
-    broken = [[one for one in run.breaks if one.time <= time[-1]] for run in (a, b)]
-    if any(broken):
-        # Those that break together are told in any order.
-        numbers = [sorted(one.element for one in found) for found in broken]
-        words = " and ".join(f"{len(found)} elements: {found[:8]}" for found in numbers)
-        yield Check("what broke: lists that differ", float(numbers[0] != numbers[1]), CONNECTIVITY, words)
-        if numbers[0] == numbers[1]:
-            when = [np.array([one.time for one in sorted(found, key=_by_element)]) for found in broken]
-            yield difference(
-                "when it broke", *when, TRAJECTORY, ("break",), "s", scale=form.size / form.speed
-            )
-
-
-def _by_element(one: Break) -> int:
-    return one.element
+    end, a, b = ours.time[kept - 1], ours.dissipated[:kept], theirs.dissipated[:kept]
+    if a.any() or b.any():
+        mass = form.start.system.mass
+        moving = float(kinetic(mass, theirs.velocity[:kept, : len(mass)]).max())
+        largest = max(moving, float(np.abs(a).max()), float(np.abs(b).max()))
+        name = f"dissipated energy to t = {end:.4g} s"
+        yield difference(name, a, b, DISSIPATED, ("instant",), "J", scale=largest)
+    # Those that break together are told in any order.
+    first, second = (
+        {one.element: one.time for one in run.breaks if one.time <= end} for run in (ours, theirs)
+    )
+    if first or second:
+        words = f"{len(first)} elements: {sorted(first)[:8]} and {len(second)}: {sorted(second)[:8]}"
+        yield Check(
+            "elements that broke in one code only", len(first.keys() ^ second.keys()), CONNECTIVITY, words
+        )
+        both = sorted(first.keys() & second.keys())
+        when, other = (np.array([times[element] for element in both]) for times in (first, second))
+        crossing = form.size / form.speed
+        yield difference("when it broke", when, other, TRAJECTORY, ("break",), "s", scale=crossing)
 
 
 def _within_own(
