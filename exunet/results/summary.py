@@ -157,8 +157,8 @@ def _breaks(broken: ComparedBreaks | None) -> dict[str, Any] | None:
         return None
     return {
         "in_both": len(broken.both),
-        "only_here": list(broken.only_a),
-        "only_in_reference": list(broken.only_b),
+        "only_here": len(broken.only_a),
+        "only_in_reference": len(broken.only_b),
         "time_difference_s": broken.apart,
     }
 
@@ -279,7 +279,7 @@ def _beside_rows(check: dict[str, Any]) -> list[tuple[str, str]]:
             words += f", attitudes within {body['attitude_rad']:.1e} rad"
         table.append((f"check: body {name}", words))
     if broken := check["broken"]:
-        alone = len(broken["only_here"]) + len(broken["only_in_reference"])
+        alone = broken["only_here"] + broken["only_in_reference"]
         words = f"{broken['in_both']} in both codes, times within {broken['time_difference_s']:.1e} s"
         table.append(("check: broken", f"{words}; {alone} in one only" if alone else words))
     return table

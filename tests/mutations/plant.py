@@ -307,7 +307,8 @@ _of_text("bullet_drag_doubled", 2, "factor 1/2 missing in the drag of bullets", 
 _of_text("bullets_as_cables", 2, "bullets with the drag coefficient of cables", air_drag, "terms",
          DRAG_OF_BULLETS, DRAG_OF_BULLETS.replace("bullet_drag", "drag"), "air_drag")  # fmt: skip
 _of_text("bullet_area_dropped", 2, "no area of bullets in gas and light", surface,
-         "tumbling_areas", AREAS, "areas[net.bullet_nodes] += 0.0 *", "two_body", users=(molecular_drag, solar_pressure))  # fmt: skip
+         "tumbling_areas", AREAS, f"{AREAS} 0.0 *", "two_body",
+         users=(molecular_drag, solar_pressure))  # fmt: skip
 _of_text("one_length_in_bending", 2, "one of two lengths at a joint", bending, "springs",
          "length.mean(axis=1)", "length[:, 0]", "bending_thread")  # fmt: skip
 _of_text("strings_bend_with_cables", 2, "strings of equal section bend with cables", bending, "joints",
