@@ -275,16 +275,12 @@ def test_a_check_that_cannot_be_made_is_told_beforehand_and_keeps_the_result(tmp
     assert exunet.load_result(tmp_path / "here/result.h5").complete
 
 
-def test_a_check_covers_bodies_and_effects_that_the_case_leaves_to_exunet(tmp_path):
-    """The reference gets the effects that are chosen, and a launch with a chaser and a rigid body."""
-    cases = PLANAR.parent
-    launched = "verification/trajectories/launch_spring"
-    for name, words in (("effects/auto", "agrees until the end"), (launched, "body debris")):
-        done = command(
-            "run", cases / f"{name}.toml", "--check", "--out", "here", "--overwrite", folder=tmp_path
-        )
-        assert done.returncode == 0, done.stderr
-        assert words in " ".join(done.stdout.split())
+def test_a_check_covers_bodies(tmp_path):
+    """A launch with a chaser, and a rigid body beside the net."""
+    case = PLANAR.parent / "verification" / "trajectories" / "launch_spring.toml"
+    done = command("run", case, "--check", "--out", "here", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "body debris" in " ".join(done.stdout.split())
     check = json.loads((tmp_path / "here/summary.json").read_text())["check"]
     assert check["agrees_until_s"] is None
     # The first steps of the body's rotation are those of the net, so its errors are far below these.
