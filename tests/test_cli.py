@@ -238,36 +238,61 @@ def test_ctrl_c_at_start_up_is_clean_and_leaves_no_folder(tmp_path, module):
 
 
 def test_a_case_beyond_the_reference_keeps_the_result(tmp_path):
-    """What the reference does not know is refused by name; the engine's own result is kept."""
+    """What the reference does not know is told before the run, by name; the engine's own result is kept."""
     from exunet.verification import reference_run as crosscheck
 
     case = exunet.load(PLANAR, [SHORT[1], SHORT[3]])
     strange = tmp_path / "strange.toml"
     strange.write_text(PLANAR.read_text() + "\n[effects.warp]\nspeed = 9.0\n")
     other = dataclasses.replace(case, path=strange)
-    with crosscheck.ReferenceRun(other) as reference, pytest.raises(exunet.InputError, match="warp"):
-        reference.agreement(exunet.run(case))
+    with crosscheck.ReferenceRun(other) as reference:
+        assert "does not know effects.warp" in reference.refusal()
+        with pytest.raises(exunet.InputError, match="warp"):
+            reference.agreement(exunet.run(case))
 
 
-def test_a_check_that_cannot_be_made_keeps_the_result(tmp_path):
-    """A package of its name stands in for a reference that does not know an effect."""
+STAND_IN = """
+class Refused(Exception): pass
+def parse_override(text): return text, None
+def load(path, overrides): pass
+"""
+
+
+def test_a_check_that_cannot_be_made_is_told_beforehand_and_keeps_the_result(tmp_path):
+    """A package of its name stands in for a reference that does not know the case."""
     (tmp_path / "reference_impl").mkdir()
-    (tmp_path / "reference_impl" / "__init__.py").touch()
-    refusal = "import sys\n\nprint('does not know effects.warp', file=sys.stderr)\nsys.exit(2)\n"
-    (tmp_path / "reference_impl" / "__main__.py").write_text(refusal)
+    refusing = STAND_IN.replace("overrides): pass", "overrides): raise Refused")
+    (tmp_path / "reference_impl" / "__init__.py").write_text(refusing)
+    words = "import sys\n\nsys.exit('reference_impl does not know warp')\n"
+    (tmp_path / "reference_impl" / "__main__.py").write_text(words)
     done = ended(process("run", PLANAR, "--check", *SHORT, "--out", "here", folder=tmp_path))
     assert done.returncode == 4, done.stdout + done.stderr
-    assert "warp" in done.stderr
+    told, simulated = (done.stderr.index(word) for word in ("will not be checked: ", "simulating"))
+    assert told < simulated
+    assert "does not know warp" in done.stderr[told:simulated]
     assert "refused: the reference cannot check" in done.stdout
     assert "warp" in json.loads((tmp_path / "here/summary.json").read_text())["check"]["refused"]
     assert exunet.load_result(tmp_path / "here/result.h5").complete
+
+
+def test_a_check_covers_bodies(tmp_path):
+    """A launch with a chaser, and a rigid body beside the net."""
+    case = PLANAR.parent / "verification" / "trajectories" / "launch_spring.toml"
+    done = command("run", case, "--check", "--out", "here", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "body debris" in " ".join(done.stdout.split())
+    check = json.loads((tmp_path / "here/summary.json").read_text())["check"]
+    assert check["agrees_until_s"] is None
+    # The first steps of the body's rotation are those of the net, so its errors are far below these.
+    assert check["bodies"]["debris"]["attitude_rad"] < 1e-6
+    assert check["bodies"]["chaser"]["position_m"] < 1e-6
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
 def test_ctrl_c_while_the_reference_runs_keeps_the_result(tmp_path):
     """Pressed when the result is written; a package of its name stands in for a slow reference."""
     (tmp_path / "reference_impl").mkdir()
-    (tmp_path / "reference_impl" / "__init__.py").touch()
+    (tmp_path / "reference_impl" / "__init__.py").write_text(STAND_IN)
     (tmp_path / "reference_impl" / "__main__.py").write_text("import time\n\ntime.sleep(3600)\n")
     running = process("run", PLANAR, "--check", "--out", "here", *SHORT, folder=tmp_path)
     result = tmp_path / "here/result.h5"

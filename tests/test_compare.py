@@ -163,12 +163,13 @@ def test_the_limit_that_decides_is_printed(files, tmp_path, monkeypatch, capsys)
     assert "positions 1.980e-04 m" in rows["allowed"]
 
 
+OVER_TIME = ("body_position", "body_velocity", "body_attitude", "body_angular_velocity")
 BROKEN = {
     "no number": ({"position": lambda x: x * np.nan}, "position contains NaN or infinity"),
     "infinite": ({"velocity": lambda v: np.where(v == v, np.inf, v)}, "velocity contains NaN or infinity"),
     "no times": ({"t": lambda t: t[:0]}, "shape"),
     "no states": (
-        {"t": lambda t: t[:0], "position": lambda x: x[:0], "velocity": lambda v: v[:0]},
+        dict.fromkeys(("t", "position", "velocity", *OVER_TIME), lambda values: values[:0]),
         "at least one, and increase",
     ),
     "one time": ({"t": lambda t: t[0]}, r"t has shape \(\)"),
@@ -185,6 +186,15 @@ BROKEN = {
     "two verdicts": ({"complete": lambda c: np.array([True, False])}, "complete is not a single truth value"),
     "a later format": ({"format": lambda f: f + 98}, "its format is 99, this exunet reads format 1"),
     "other masses": ({"mass": lambda m: 3.0 * m}, "not the same net: mass of node 0"),
+    "no attitudes": ({"body_attitude": None}, "bodies or breaks, but no array body_attitude"),
+    "names that are numbers": (
+        {"body_names": lambda names: np.zeros(0)},
+        "body_names holds float64, not text",
+    ),
+    "no such element": (
+        {"break_element": lambda k: np.array([10**6]), "break_time": lambda t: np.zeros(1)},
+        "break_element refers to an element",
+    ),
     "no masses": ({"mass": None}, "not a file of reference_impl: it has no array mass"),
 }
 

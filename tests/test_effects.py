@@ -147,9 +147,8 @@ def test_two_bodies_keep_energy_and_momentum_in_the_inertial_frame(form: str) ->
         assert np.abs(conserved / conserved[0] - 1.0).max() < 1e-12
 
 
-@pytest.mark.parametrize(
-    "name", ["parabolic_flight", "orbit", "orbit_two_body", "mass_damping", "material_damping"]
-)
+# Beyond these cases, `exunet verify` compares the effects; "auto" is for exunet only.
+@pytest.mark.parametrize("name", sorted({path.stem for path in CASES.glob("*.toml")} - {"auto"}))
 def test_both_codes_agree(name: str) -> None:
     path = CASES / f"{name}.toml"
     run = simulate(prepare(load(path, ["solver.tolerance=1e-11"]).scene))
@@ -158,7 +157,8 @@ def test_both_codes_agree(name: str) -> None:
     match = cKDTree(theirs.net.reference_position).query(run.net.reference_position)[1]
     np.testing.assert_allclose(run.time, other.t, rtol=0, atol=1e-12)
     assert np.abs(run.position - other.x[:, match]).max() < 2e-8
-    assert abs(run.dissipated[-1] - other.dissipated[-1]) < 1e-7 * run.kinetic[0]
+    part = 1e-6 if name == "breaking" else 1e-7  # a break is found at the end of a step
+    assert abs(run.dissipated[-1] - other.dissipated[-1]) < part * run.kinetic.max()
 
 
 # Dampings
@@ -525,9 +525,3 @@ def test_the_cases_run_and_balance(path: Path) -> None:
     run = simulate(prepare(load(path).scene))
     assert run.complete
     assert energy_balance(run) < 1e-5
-
-
-@pytest.mark.parametrize("path", sorted(CASES.glob("*.toml")), ids=lambda path: path.stem)
-def test_the_reference_reads_every_case(path: Path) -> None:
-    if path.stem != "auto":  # whose effects exunet chooses
-        assert reference_impl.read(path)

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-import reference_impl as reference
 from exunet.studies.both_codes import BothCodes, Trajectory, read_both
 from exunet.studies.neighbours import MOVE
 from exunet.verification import horizon, topology
@@ -18,6 +17,7 @@ from exunet.verification.statistics import COMPILED, REFERENCE, Statistics
 from exunet.verification.stepping import one_step, same_scheme
 from exunet.verification.tolerances import FORCES
 from exunet.verification.trajectories import _compared
+from reference_impl import forces as formulas
 
 CASE = shipped()["planar_deployment"]
 NAN = float("nan")
@@ -50,13 +50,14 @@ def test_a_difference_with_an_entry_that_is_not_finite_fails(wrong, both):
 
 @pytest.mark.parametrize("state", [0, 4, 9])
 def test_one_state_of_many_without_accelerations_fails_rung_2(state, monkeypatch):
-    right, seen = reference.acceleration, []
+    right, seen = formulas.motion, []
 
     def wrong(*state_of_motion):
         seen.append(1)
-        return right(*state_of_motion) * (NAN if len(seen) == state + 1 else 1.0)
+        acceleration, power = right(*state_of_motion)
+        return acceleration * (NAN if len(seen) == state + 1 else 1.0), power
 
-    monkeypatch.setattr(reference, "acceleration", wrong)
+    monkeypatch.setattr(formulas, "motion", wrong)
     check = fails(forces(read_both(CASE), 10))
     assert np.isnan(check.measured)
     assert f"packed: state {state}, " in check.worst

@@ -20,7 +20,7 @@ from exunet.net.arrays import Net
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-OVERSHOOT = 5e-4  # of the strain at the limit, by which a step may go beyond it: 1e-3 of the energy lost
+OVERSHOOT = 1e-9  # of the strain at the limit, by which a step may go beyond it, unless it is a least step
 _INTACT = "cable/intact"  # name of the memory: 1.0 for an element that carries, 0.0 for one that has broken
 
 

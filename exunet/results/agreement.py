@@ -13,6 +13,24 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class ComparedBreaks:
+    """Elements that broke in two runs a and b, in a's numbers, until the last time that both have stored.
+
+    both           : element, when it broke in a, and in b [s]
+    only_a, only_b : elements that broke in one only
+    """
+
+    both: tuple[tuple[int, float, float], ...]
+    only_a: tuple[int, ...]
+    only_b: tuple[int, ...]
+
+    @property
+    def apart(self) -> float:
+        """Largest difference [s] of the times at which an element broke."""
+        return max((abs(a - b) for _, a, b in self.both), default=0.0)
+
+
+@dataclass(frozen=True)
 class Agreement:
     """Differences between a result and the reference's, at the times that both have stored.
 
@@ -27,6 +45,7 @@ class Agreement:
                           its beginning by 1e-7 s shows as 1e-4 m/s
     reference_speeds    : (n, n_bullets) speeds of the bullets in the reference [m/s]
     bodies              : those beside the net; they do not decide whether the nets agree
+    broken              : what broke, likewise; None: nothing did
     """
 
     time: Floats
@@ -38,3 +57,4 @@ class Agreement:
     apart_from: float | None
     reference_speeds: Floats
     bodies: ComparedBodies = field(default_factory=ComparedBodies)
+    broken: ComparedBreaks | None = None

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from exunet.base.errors import InputError
-from exunet.results.agreement import Agreement
+from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import compare_bodies
 from exunet.results.reading import load_result
-from exunet.results.reference_file import read_reference
+from exunet.results.reference_file import read_reference, reference_bodies
 from exunet.results.result import BodyStates, Result
 from exunet.results.rows import BLOCK_BYTES, row_ranges
 
@@ -60,7 +60,8 @@ class ComparedNet(Protocol):
 class ComparedRun:
     """What two runs are compared by; shapes as in `Result`, axial_stiffness E A (n_elements,) [N].
 
-    bodies : those beside the net, by name; reference_impl has none
+    bodies : those beside the net, by name
+    broken : elements that broke and when [s], in order of time
     """
 
     time: Floats
@@ -75,6 +76,7 @@ class ComparedRun:
     reference_length: Floats
     axial_stiffness: Floats
     bodies: Mapping[str, BodyStates] = field(default_factory=dict)
+    broken: tuple[tuple[int, float], ...] = ()
 
     @classmethod
     def of_net(
@@ -99,7 +101,8 @@ class ComparedRun:
     def of(cls, result: Result) -> ComparedRun:
         """The states of one of exunet's results."""
         net = cls.of_net(result.net, result.time, result.position, result.velocity, result.complete)
-        return replace(net, bodies=result.bodies)
+        broken = tuple((one["element"], one["time_s"]) for one in result.provenance.get("broken") or ())
+        return replace(net, bodies=result.bodies, broken=broken)
 
 
 def read_states(path: str | Path) -> ComparedRun:
@@ -119,6 +122,10 @@ def read_states(path: str | Path) -> ComparedRun:
         file["mass"],
         file["reference_length"],
         file["youngs_modulus"] * file["area"],
+        reference_bodies(file),
+        tuple(zip(file["break_element"].tolist(), file["break_time"].tolist(), strict=True))
+        if "break_time" in file
+        else (),
     )
 
 
@@ -162,8 +169,11 @@ def _undirected(elements: Ints) -> list[tuple[int, ...]]:
     return sorted(map(tuple, np.sort(elements, axis=1).tolist()))
 
 
-def _refuse_other_properties(a: ComparedRun, b: ComparedRun, match: Ints) -> None:
-    """Raises InputError if matched nodes or elements differ in what moves them."""
+def _match_elements(a: ComparedRun, b: ComparedRun, match: Ints) -> tuple[Ints, Ints]:
+    """Elements (n_elements,) of a and those of b that are the same; raises InputError if they differ.
+
+    match : of the nodes, which must not differ in what moves them either
+    """
     if set(match[a.fixed_nodes]) != set(b.fixed_nodes):
         raise InputError("not the same net: different nodes are fixed")
     of_a, of_b = _in_order(match[a.element_nodes], a), _in_order(b.element_nodes, b)
@@ -178,6 +188,7 @@ def _refuse_other_properties(a: ComparedRun, b: ComparedRun, match: Ints) -> Non
             number = k if item == "node" else int(of_a[k])
             values = f"{ours[k]:.6g} {unit} and {theirs[k]:.6g} {unit}"
             raise InputError(f"not the same net: {what} of {item} {number} is {values}")
+    return of_a, of_b
 
 
 def _in_order(nodes: Ints, states: ComparedRun) -> Ints:
@@ -195,7 +206,7 @@ def compare(a: Run, b: Run) -> Agreement:
     """
     a, b = _states(a), _states(b)
     match = match_nodes(a, b)
-    _refuse_other_properties(a, b, match)
+    elements = _match_elements(a, b, match)
     at_a, at_b = _common_times(a.time, b.time)
     if len(at_a) == 0:
         raise InputError("the two runs have no stored time in common")
@@ -222,6 +233,24 @@ def compare(a: Run, b: Run) -> Agreement:
         apart_from=float(time[last_within + 1]) if last_within + 1 < len(time) else None,
         reference_speeds=reference_speeds,
         bodies=compare_bodies(a.bodies, b.bodies, at_a, at_b),
+        broken=_compare_broken(a, b, elements, float(time[-1])),
+    )
+
+
+def _compare_broken(
+    a: ComparedRun, b: ComparedRun, elements: tuple[Ints, Ints], until: float
+) -> ComparedBreaks | None:
+    """What broke in two runs until a time [s], in a's numbers; None if nothing did."""
+    ours = {element: time for element, time in a.broken if time <= until}
+    numbers = dict(zip(elements[1].tolist(), elements[0].tolist(), strict=True))
+    theirs = {numbers[element]: time for element, time in b.broken if time <= until}
+    if not ours and not theirs:
+        return None
+    both = sorted(ours.keys() & theirs.keys())
+    return ComparedBreaks(
+        tuple((element, ours[element], theirs[element]) for element in both),
+        tuple(sorted(ours.keys() - theirs.keys())),
+        tuple(sorted(theirs.keys() - ours.keys())),
     )
 
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.files import replacing
-from exunet.results.agreement import Agreement
+from exunet.results.agreement import Agreement, ComparedBreaks
+from exunet.results.body_comparison import BodyDifferences
 from exunet.results.measures import NEARLY_OPEN, deployment, energy_balance, energy_scale, largest_tensions
 from exunet.results.result import BodyStates, Result
 
@@ -135,6 +136,30 @@ def _found(agreement: Agreement) -> dict[str, Any]:
         "position_difference": _differences(
             agreement.allowed_position, agreement.position_difference, agreeing, "m"
         ),
+        "bodies": {name: _body_differences(one) for name, one in agreement.bodies.both.items()},
+        "broken": _breaks(agreement.broken),
+    }
+
+
+def _body_differences(body: BodyDifferences) -> dict[str, float | None]:
+    return {
+        "position_m": float(body.position.max()),
+        "velocity_m_s": float(body.velocity.max()),
+        "attitude_rad": None if body.attitude is None else float(body.attitude.max()),
+        "angular_velocity_rad_s": (
+            None if body.angular_velocity is None else float(body.angular_velocity.max())
+        ),
+    }
+
+
+def _breaks(broken: ComparedBreaks | None) -> dict[str, Any] | None:
+    if broken is None:
+        return None
+    return {
+        "in_both": len(broken.both),
+        "only_here": len(broken.only_a),
+        "only_in_reference": len(broken.only_b),
+        "time_difference_s": broken.apart,
     }
 
 
@@ -244,7 +269,23 @@ def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:
             f"positions within {position['largest_while_agreeing_m']:.1e} m",
         ),
         *_apart_row(check["apart_from_s"]),
+        *_beside_rows(check),
     ]
+
+
+def _beside_rows(check: dict[str, Any]) -> list[tuple[str, str]]:
+    """Of bodies and of what broke, over the whole run."""
+    table = []
+    for name, body in check["bodies"].items():
+        words = f"positions within {body['position_m']:.1e} m"
+        if body["attitude_rad"] is not None:
+            words += f", attitudes within {body['attitude_rad']:.1e} rad"
+        table.append((f"check: body {name}", words))
+    if broken := check["broken"]:
+        alone = broken["only_here"] + broken["only_in_reference"]
+        words = f"{broken['in_both']} in both codes, times within {broken['time_difference_s']:.1e} s"
+        table.append(("check: broken", f"{words}; {alone} in one only" if alone else words))
+    return table
 
 
 def _apart_row(apart_from: float | None) -> list[tuple[str, str]]:

@@ -19,32 +19,68 @@ import reference_impl as reference
 from exunet.backends import integrator
 from exunet.backends.exudyn.build import build
 from exunet.backends.exudyn.probe import Probe
-from exunet.backends.protocol import Batch, Extremes
 from exunet.base.errors import InputError
+from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
-from exunet.forces.terms import Change
 from exunet.methods.method import Form, Method, NetForm
 from exunet.methods.plan import Plan
 from exunet.results.comparison import ComparedRun, match_nodes
 from exunet.simulation.preparation import Start, prepare
+from exunet.studies.books import Books, Break
 from exunet.studies.neighbours import launch_speed
+from exunet.system.effect_survey import without_choice
+from exunet.system.system import Moving, State
+from reference_impl import forces as formulas
+from reference_impl.mode import Mode
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+@dataclass(frozen=True, eq=False)
+class Theirs:
+    """States in the reference's numbering; leading axes are free.
+
+    x, v   : (..., n, 3) of the nodes [m], [m/s]
+    bodies : of its bodies: a chaser first, then the rigid ones
+    """
+
+    x: Floats
+    v: Floats
+    bodies: reference.BodyStates
+
+    @property
+    def particles(self) -> tuple[Floats, Floats]:
+        """Places and velocities (..., n + b, 3) of the nodes, then of the bodies' centres."""
+        return (
+            np.concatenate([self.x, self.bodies.position], axis=-2),
+            np.concatenate([self.v, self.bodies.velocity], axis=-2),
+        )
+
+
 @dataclass(frozen=True)
 class Trajectory:
-    """A trajectory in exunet's numbering: time (t,) [s], position and velocity (t, n, 3), steps taken."""
+    """A trajectory in exunet's numbering, seen by points that it moves.
+
+    time       : (t,) [s]
+    position   : (t, k, 3) [m] of the nodes, the point masses, and four points of each rigid body: its centre,
+                 and the ends of arms along its axes, as long as the net's size. So its attitude counts too
+    velocity   : (t, k, 3) of these points [m/s]
+    steps      : how many were taken
+    dissipated : (t,) energy that has left the system since the start [J]; None: it was not booked
+    breaks     : elements that broke, in order of time
+    """
 
     time: Floats
     position: Floats
     velocity: Floats
     steps: int
+    dissipated: Floats | None = None
+    breaks: tuple[Break, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -78,6 +114,26 @@ class BothCodes:
         match[np.lexsort(ours.T)] = np.lexsort(theirs.T)
         return match
 
+    @cached_property
+    def reference_bodies(self) -> Ints:
+        """(n_bodies,) for each point mass of exunet, then each rigid body, the reference's of this name."""
+        blocks, theirs = self.start.system.blocks, self.theirs.system.bodies.names
+        ours = (*blocks.body, *blocks.rigid)
+        if set(ours) != set(theirs):
+            raise InputError(f"not the same bodies: {', '.join(ours)} and {', '.join(theirs)}")
+        return np.array([theirs.index(name) for name in ours], dtype=np.int64)
+
+    @cached_property
+    def reference_particles(self) -> Ints:
+        """(n_points + n_rigid,) for each point and each rigid body of exunet the reference's particle."""
+        return np.concatenate([self.reference_nodes, self.start.net.n_nodes + self.reference_bodies])
+
+    @cached_property
+    def _beside(self) -> tuple[Ints, Ints]:
+        """Which of the reference's bodies are exunet's point masses, and which its rigid bodies."""
+        points = len(self.start.system.blocks.body)
+        return self.reference_bodies[:points], self.reference_bodies[points:]
+
     @property
     def effects(self) -> set[str]:
         """Names of the effects that the case switches on."""
@@ -87,6 +143,18 @@ class BothCodes:
     def speed(self) -> float:
         """See `launch_speed`."""
         return launch_speed(self.start.velocity)
+
+    @property
+    def breaks_at_once(self) -> bool:
+        """True if an element is beyond its limit at the start.
+
+        It breaks there in the reference, and at the end of the first step in exunet.
+        """
+        cable, state = self.start.system.forces.cable, self.start.state
+        if cable.switch is None:
+            return False
+        x, v = self.start.system.layout.pack(state.moving)
+        return len(cable.switch.crossed(0.0, x, v, np.ones(self.start.net.n_elements))) > 0
 
     @property
     def size(self) -> float:
@@ -103,6 +171,44 @@ class BothCodes:
         """Values (..., n, 3) of the reference's nodes in the order of exunet's."""
         return values[..., self.reference_nodes, :]
 
+    def theirs_at(self, moving: Moving) -> Theirs:
+        """States of exunet as the reference has them."""
+        n, bodies = self.start.net.n_nodes, moving.bodies
+        mass_points, rigid = self._beside
+        count = len(self.reference_bodies)
+        leading = moving.position.shape[:-2]
+        place, speed = np.empty((*leading, count, 3)), np.empty((*leading, count, 3))
+        attitude = np.broadcast_to(np.eye(3), (*leading, count, 3, 3)).copy()
+        turning = np.zeros((*leading, count, 3))
+        place[..., mass_points, :], place[..., rigid, :] = moving.position[..., n:, :], bodies.position
+        speed[..., mass_points, :], speed[..., rigid, :] = moving.velocity[..., n:, :], bodies.velocity
+        attitude[..., rigid, :, :] = rotation_matrix(bodies.attitude)
+        turning[..., rigid, :] = bodies.angular_velocity
+        return Theirs(
+            self.to_reference(moving.position[..., :n, :]),
+            self.to_reference(moving.velocity[..., :n, :]),
+            reference.BodyStates(place, speed, attitude, turning),
+        )
+
+    def intact_in_reference(self, state: State) -> NDArray[np.bool_] | None:
+        """(n_elements,) False for what has broken, in the reference's order; None: nothing can break."""
+        carrying = self.start.system.forces.cable.carrying(state.memory)
+        if carrying is None:
+            return None
+        intact = np.empty(len(carrying), dtype=bool)
+        intact[self.reference_elements] = carrying > 0.0
+        return intact
+
+    def reference_motion(self, state: State) -> tuple[Floats, float]:
+        """The reference's accelerations at a state [m/s2], and the power that it takes out [W].
+
+        (n_points + n_rigid, 3) of the points, then of the centres of rigid bodies.
+        """
+        x, v = self.theirs_at(state.moving).particles
+        mode = Mode(self.intact_in_reference(state))
+        acceleration, power = formulas.motion(self.theirs.system, state.time, x, v, mode)
+        return acceleration[self.reference_particles], power
+
     def probe(self) -> Probe:
         """The engine's equations of motion, in the form that also has derivatives."""
         implicit = Plan(Method.GENERALIZED_ALPHA, step=1e-6)
@@ -118,38 +224,86 @@ class BothCodes:
         """The form of the case for many runs: compiled, or this one where Numba is not installed."""
         return self.in_form(Form.COMPILED) if numba_installed() else self
 
-    def from_state(self, position: Floats, velocity: Floats) -> BothCodes:
-        """The same case started from another state of the free nodes."""
-        fixed = self.start.net.fixed_nodes
-        position, velocity = position.copy(), velocity.copy()
-        position[fixed], velocity[fixed] = self.start.position[fixed], 0.0
-        return replace(self, start=self.start.moved(position, velocity))
+    def from_state(self, position: Floats, velocity: Floats, bodies: RigidStates | None = None) -> BothCodes:
+        """The same case started from another state of the free points, and of the rigid bodies if given.
 
-    def run_exunet(self, times: Floats, plan: Plan | None = None) -> Trajectory:
+        position, velocity : (n_points, 3), or (n_nodes, 3): point masses then start as they do
+        """
+        fixed = self.start.net.fixed_nodes
+        position = np.concatenate([position, self.start.position[len(position) :]])
+        velocity = np.concatenate([velocity, self.start.velocity[len(velocity) :]])
+        position[fixed], velocity[fixed] = self.start.position[fixed], 0.0
+        start = self.start.moved(position, velocity)
+        if bodies is not None:
+            start = replace(start, state=replace(start.state, bodies=bodies))
+        return replace(self, start=start)
+
+    def run_exunet(self, times: Floats, plan: Plan | None = None, *, booked: bool = False) -> Trajectory:
         """exunet's trajectory at `times` (from 0 on), with the plan of the case or another.
 
-        By Exudyn, or by the compiled loop where the case is `compiled`. Raises IntegrationFailed where it
-        gives up.
+        By Exudyn, or by the compiled loop where the case is `compiled`. booked: with the dissipated energy.
+        Raises IntegrationFailed where it gives up.
         """
         start = replace(self.start, plan=plan or self.start.plan)
-        stepper = integrator(start.scene.engine, start.system, start.state, start.plan, _Unobserved())
-        states = [start.state]
+        books = Books(start.system, start.state, booked=booked)
+        stepper = integrator(start.scene.engine, start.system, start.state, start.plan, books)
+        states, left = [start.state.moving], [0.0]
         for until in times[1:].tolist():
             stepper.advance(until)
-            states.append(stepper.state())
+            if booked:
+                stepper.hand_over()
+                left.append(books.dissipated)
+            states.append(stepper.state().moving)
         x, v = np.array([state.position for state in states]), np.array([state.velocity for state in states])
-        return Trajectory(np.asarray(times), x, v, stepper.counts.steps)
+        parts = zip(*(state.bodies.parts() for state in states), strict=True)
+        bodies = RigidStates(*(np.array(part) for part in parts))
+        frame, turning = rotation_matrix(bodies.attitude), bodies.angular_velocity
+        arms = _with_arms((x, v), (bodies.position, bodies.velocity, frame, turning), self.size)
+        energy = np.array(left) if booked else None
+        return Trajectory(np.asarray(times), *arms, stepper.counts.steps, energy, tuple(books.breaks))
 
     def run_reference(self, times: Floats, **how: Any) -> Trajectory:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.integration."""
         found = self.reference_trajectory(times, **how)
-        x, v = (self.from_reference(values) for values in (found.x, found.v))
-        return Trajectory(found.t, x, v, found.n_steps)
+        states, (_, rigid) = found.bodies, self._beside
+        parts = (states.position, states.velocity, states.attitude, states.angular_velocity)
+        arms = _with_arms(self.points_of(found), tuple(part[:, rigid] for part in parts), self.size)
+        ours = np.argsort(self.reference_elements)  # exunet's element of each of the reference's
+        breaks = tuple(Break(int(ours[one.element]), one.time) for one in found.breaks)
+        return Trajectory(found.t, *arms, found.n_steps, found.dissipated, breaks)
+
+    def points_of(self, found: reference.Trajectory) -> tuple[Floats, Floats]:
+        """Positions and velocities (t, n_points, 3) of exunet's points in a trajectory of the reference."""
+        masses, bodies = self._beside[0], found.bodies
+        return (
+            np.concatenate([self.from_reference(found.x), bodies.position[:, masses]], axis=1),
+            np.concatenate([self.from_reference(found.v), bodies.velocity[:, masses]], axis=1),
+        )
 
     def reference_trajectory(self, times: Sequence[float] | Floats, **how: Any) -> reference.Trajectory:
         """The same as the reference gives it, in its own numbering and with its counts."""
-        x0, v0 = self.to_reference(self.start.position), self.to_reference(self.start.velocity)
-        return reference.integrate(self.theirs.system, x0, v0, times, **how)
+        start = self.theirs_at(self.start.state.moving)
+        return reference.integrate(self.theirs.system, start.x, start.v, times, **how, bodies=start.bodies)
+
+
+def _with_arms(
+    points: tuple[Floats, Floats], bodies: tuple[Floats, ...], length: float
+) -> tuple[Floats, Floats]:
+    """Places and velocities (t, k, 3) of points, and of four points of each rigid body; see `Trajectory`.
+
+    bodies : places and velocities (t, b, 3), attitudes (t, b, 3, 3), angular velocities in body axes
+    """
+    place, speed, frame, turning = bodies
+    if not place.shape[1]:
+        return points
+    arms = length * np.swapaxes(frame, -1, -2)  # (t, b, 3, 3): rows are the arms in the scene's axes
+    turn = np.einsum("tbij,tbj->tbi", frame, turning)
+    moved = np.cross(turn[:, :, None], arms)
+    found = []
+    for of_points, centre, arm in ((points[0], place, arms), (points[1], speed, moved)):
+        ends = (centre[:, :, None] + arm).reshape(len(centre), -1, 3)
+        found.append(np.concatenate([of_points, centre, ends], axis=1))
+    return found[0], found[1]
 
 
 def coordinates(nodes: Ints) -> Ints:
@@ -158,21 +312,13 @@ def coordinates(nodes: Ints) -> Ints:
 
 
 def _at_start(net: Any, position: Floats, velocity: Floats) -> ComparedRun:
-    return ComparedRun.of_net(net, np.zeros(1), position[None], velocity[None])
+    """position, velocity : of the nodes, and of whatever comes after them"""
+    n = len(net.mass)
+    return ComparedRun.of_net(net, np.zeros(1), position[None, :n], velocity[None, :n])
 
 
 def _with_form(scene: Scene, form: Form) -> Scene:
     return scene.model_copy(update={"engine": scene.engine.model_copy(update=form.engine)})
-
-
-class _Unobserved:
-    """An observer that ignores what it gets."""
-
-    def take(self, batch: Batch) -> None: ...
-
-    def between(self, until: float, extremes: Extremes) -> None: ...
-
-    def changed(self, time: float, memory: str, change: Change) -> None: ...
 
 
 def read_both(path: str | Path, overrides: Sequence[str] = ()) -> BothCodes:
@@ -189,16 +335,18 @@ def read_both(path: str | Path, overrides: Sequence[str] = ()) -> BothCodes:
 
 def both_of(case: Case) -> BothCodes:
     """As `read_both`, of a case that exunet has read."""
+    # The form that states the law element by element; see `BothCodes.in_form` for the others.
+    start = prepare(_with_form(case.scene, Form.CONNECTORS))
     try:
-        overrides = dict(map(reference.parse_override, case.overrides))
+        overrides = dict(
+            map(reference.parse_override, (*case.overrides, *without_choice(case.scene, start.scene)))
+        )
         theirs = reference.prepare(reference.read(case.path, overrides))
     except reference.Refused as refused:
         reasons = "; ".join(fault.replace("\n", " ") for fault in refused.faults[:5])
         words = f"the reference does not cover this case, so nothing is compared: {reasons}"
         raise InputError(f"{case.name}: {words}") from refused
-    # The form that states the law element by element; see `BothCodes.in_form` for the others.
-    scene = _with_form(case.scene, Form.CONNECTORS)
-    return BothCodes(case.name, case.path, prepare(scene), theirs)
+    return BothCodes(case.name, case.path, start, theirs)
 
 
 def both_of_text(name: str, text: str) -> BothCodes:

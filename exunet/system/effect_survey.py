@@ -187,3 +187,12 @@ def chosen(scene: Scene, faults: list[Fault]) -> tuple[Scene, tuple[str, ...]]:
             f"({one.estimate.source})"
         )
     return scene.model_copy(update={"effects": choice.model_copy(update=off)}), tuple(notes)
+
+
+def without_choice(asked: Scene, resolved: Scene) -> tuple[str, ...]:
+    """Overrides that switch on what `chosen` has left on, for a reader that does not choose."""
+    effects: Any = asked.effects
+    if effects.choose is None:
+        return ()
+    off = set(switched_on(effects)) - set(switched_on(resolved.effects))
+    return tuple(f"effects.{name}=" for name in ("choose", "threshold", *sorted(off)))

@@ -108,7 +108,9 @@ def boosted(case: BothCodes) -> BothCodes | None:
     """
     if len(case.start.net.fixed_nodes):
         return None
-    flying = case.from_state(case.start.position, case.start.velocity + np.array(BOOST))
+    start, boost = case.start, np.array(BOOST)
+    bodies = replace(start.state.bodies, velocity=start.state.bodies.velocity + boost)
+    flying = case.from_state(start.position, start.velocity + boost, bodies)
     return replace(flying, name=f"{case.name}, boosted")
 
 
@@ -128,7 +130,7 @@ def growth(case: BothCodes, end: float | None = None, amplitudes: tuple[float, .
     times, plan = grid(case, end)
     fast = case.fastest()
     base = fast.run_exunet(times, plan)
-    apart = np.zeros((len(amplitudes), len(times), case.start.net.n_nodes))
+    apart = np.zeros((len(amplitudes), *base.position.shape[:2]))
     for row, amplitude in zip(apart, amplitudes, strict=True):
         for seed in SEEDS if amplitude == ROUND_OFF else SEEDS[:1]:
             other = nearby(fast, amplitude, seed).run_exunet(times, plan)

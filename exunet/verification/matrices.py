@@ -9,6 +9,7 @@ import numpy as np
 import reference_impl as reference
 from exunet.methods.method import NetForm
 from exunet.studies.both_codes import BothCodes, Floats, coordinates
+from exunet.system.system import State
 from exunet.verification import tolerances as tol
 from exunet.verification.check import Check, difference, left_out, worst_of
 from exunet.verification.random_states import HALF_SLACK, NO_HALF_SLACK, smooth_states
@@ -21,6 +22,8 @@ WITH_FORMULAS = {"gravity", "rayleigh_damping", "mass_damping", "material_dampin
 # Effects with which the engine differentiates numerically by the velocities too: a tension that depends on
 # them, or a constant load beside a constant damping matrix.
 DIFFERENTIATED = {"material_damping", "gravity"}
+# Speed of the points in still air, and by how much it is differenced: its drag is quadratic [m/s].
+PACE_IN_AIR = (10.0, 3e-3)
 ENTRY = ("row", "column")  # coordinates: three a node
 MOST_NODES = 500  # the engine's matrices are dense here
 
@@ -32,7 +35,7 @@ def matrices(case: BothCodes) -> Iterator[Check]:
         yield left_out("matrices", f"dense, for up to {MOST_NODES} nodes, not {net.n_nodes}")
         return
     probe, system = case.probe(), case.theirs.system
-    masses = _ours(case, np.diag(np.repeat(case.theirs.net.mass, 3)))
+    masses = _ours(case, np.diag(_masses(case)))
     yield difference("mass matrix", probe.mass(), masses, tol.MASS, ENTRY)
     found: dict[str, list[Check]] = {}
     others = sorted(case.effects - WITH_FORMULAS)
@@ -42,25 +45,31 @@ def matrices(case: BothCodes) -> Iterator[Check]:
     exact = tol.DIFFERENCED if others else tol.EXACT_STIFFNESS
     of_stiffness = tol.STIFFNESS if numerical else exact
     of_damping = tol.STIFFNESS if viscous else tol.DIFFERENCED if others else tol.DAMPING
-    least = tol.RESOLVED.value * float((net.youngs_modulus * net.area).max()) if viscous else 0.0
+    resolved = tol.RESOLVED.value if viscous else tol.RESOLVED_BY_STEPS.value if others else 0.0
+    least = resolved * float((net.youngs_modulus * net.area).max())
     states = smooth_states(net, np.random.default_rng(SEED))
     if HALF_SLACK not in states:
         yield left_out(f"matrices, {HALF_SLACK}", NO_HALF_SLACK)
-    at_rest = np.zeros_like(net.reference_position)
+    # The drag of still air has no slope at rest.
+    speed = PACE_IN_AIR[0] if "air_drag" in case.effects else 0.0
+    velocity = speed * np.random.default_rng(SEED).normal(size=case.start.position.shape)
+    velocity[net.fixed_nodes] = 0.0
     held = coordinates(case.reference_nodes[net.fixed_nodes])
     for kind, position in states.items():
         position[net.fixed_nodes] = case.start.position[net.fixed_nodes]
         there = case.to_reference(position)
-        tangent, damping = _differences(case, there) if others else _formulas(case, there)
+        state = case.from_state(position, velocity).start.state
+        position = state.position
+        tangent, damping = _differences(case, state) if others else _formulas(case, there)
         secant = formulas.secant(system, there).toarray()
         compared = [
-            (f"tangent stiffness{how}", probe.stiffness(position, at_rest), tangent, of_stiffness, 0.0),
-            (f"damping matrix{how}", probe.damping(position, at_rest), damping, of_damping, least),
+            (f"tangent stiffness{how}", probe.stiffness(position, velocity), tangent, of_stiffness, 0.0),
+            (f"damping matrix{how}", probe.damping(position, velocity), damping, of_damping, least),
             ("secant stiffness, S - S^T", secant, secant.T, tol.SECANT_SYMMETRY, 0.0),
         ]
         if not others:
             pull = secant @ there.ravel()
-            felt = case.to_reference(probe.accelerations(position, at_rest) - _gravity(case)).ravel()
+            felt = case.to_reference(probe.accelerations(position, velocity) - _gravity(case)).ravel()
             force = -np.repeat(case.theirs.net.mass, 3) * felt
             force[held] = pull[held]  # the engine's fixed points feel nothing
             compared.append(("forces against S(x) x", force, pull, tol.SECANT_FORCE, 0.0))
@@ -76,22 +85,28 @@ def _formulas(case: BothCodes, there: Floats) -> tuple[Floats, Floats]:
     return _ours(case, tangent.toarray()), _ours(case, damping.toarray())
 
 
-def _differences(case: BothCodes, there: Floats) -> tuple[Floats, Floats]:
-    """The same from central differences of the reference's accelerations at rest."""
-    mass = np.repeat(case.theirs.net.mass, 3)
-    still = np.zeros_like(there)
+def _masses(case: BothCodes) -> Floats:
+    """(3N,) of the reference's nodes, then of its bodies."""
+    return np.repeat(np.append(case.theirs.net.mass, case.theirs.system.bodies.mass), 3)
+
+
+def _differences(case: BothCodes, state: State) -> tuple[Floats, Floats]:
+    """The same from central differences of the reference's accelerations at a state."""
+    mass, (there, speeds) = _masses(case), case.theirs_at(state.moving).particles
     # A step that changes the sign of no strain of `smooth_states`.
     step = 1e-6 * float(case.theirs.net.reference_length.min())
-    pace = 1e-3 if "material_damping" in case.effects else 1.0  # [m/s]; all else is linear in the velocity
+    pace = 1e-3 if "material_damping" in case.effects else 1.0  # [m/s]; all else is linear in the velocity,
+    pace = PACE_IN_AIR[1] if "air_drag" in case.effects else pace  # or a slow motion in a fast flow
 
     def change(x: Floats, v: Floats) -> Floats:
         forth, back = (
-            reference.acceleration(case.theirs.system, 0.0, there + sign * x, still + sign * v)
+            formulas.motion(case.theirs.system, 0.0, there + sign * x, speeds + sign * v)[0]
             for sign in (1.0, -1.0)
         )
         return -0.5 * mass * (forth - back).ravel()
 
     each = np.eye(there.size).reshape(there.size, *there.shape)
+    still = np.zeros_like(there)
     stiffness = np.array([change(step * unit, still) for unit in each]).T / step
     damping = np.array([change(still, pace * unit) for unit in each]).T / pace
     return _ours(case, stiffness), _ours(case, damping)
@@ -104,8 +119,9 @@ def _gravity(case: BothCodes) -> Floats:
 
 
 def _ours(case: BothCodes, matrix: Floats) -> Floats:
-    """A matrix of the reference (3n, 3n) in exunet's order, with zero rows and columns for fixed nodes."""
-    place, fixed = coordinates(case.reference_nodes), coordinates(case.start.net.fixed_nodes)
+    """A matrix of the reference (3N, 3N) for exunet's points, with zero rows and columns for fixed nodes."""
+    points = case.reference_particles[: case.start.system.blocks.n_points]
+    place, fixed = coordinates(points), coordinates(case.start.net.fixed_nodes)
     result = matrix[np.ix_(place, place)]
     result[fixed], result[:, fixed] = 0.0, 0.0
     return result

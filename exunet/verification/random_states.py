@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
+from exunet.bodies.rigid import RigidStates
 from exunet.forces import cable
 from exunet.net.arrays import Net
+from exunet.simulation.preparation import Start
+from exunet.system.system import State
 from exunet.verification.check import Floats
 
 KINDS = ("packed", "slack", "taut", "overstretched", "coincident", "crumpled")
 HALF_SLACK = "half slack"
 NO_HALF_SLACK = "no stretch of this net makes some elements taut and others slack, clear of the kink"
+INTACT = 0.9  # of the elements, where some have broken
 CLEAR_OF_THE_KINK = 1e-4  # strains below this are in neither state for a numerical derivative
 
 
@@ -51,6 +56,37 @@ def random_states(
         yield position @ turn.T, random.normal(size=(n, 3)) * random.choice([0.0, 0.1, 10.0])
 
 
+def random_instants(start: Start, kind: str, count: int, random: np.random.Generator) -> Iterator[State]:
+    """`random_states` of a whole system: point masses anywhere among the nodes, rigid bodies anywhere.
+
+    Where elements may break, a tenth has broken in every other state; where forces depend on the time, it is
+    any time of the scene. Fixed nodes are where they start.
+    """
+    system, net = start.system, start.net
+    cable, fixed = system.forces.cable, net.fixed_nodes
+    beside, bodies = system.blocks.n_points - net.n_nodes, len(system.bodies)
+    timed = [(term.memory, switch) for term, switch in system.forces.switches if switch.times and term.memory]
+    for number, (position, velocity) in enumerate(random_states(net, kind, count, random)):
+        position[fixed], velocity[fixed] = start.position[fixed], 0.0
+        places = np.concatenate([position, _ball(random, beside, net.size)])
+        speeds = np.concatenate([velocity, random.normal(size=(beside, 3))])
+        state = replace(start.state, position=places, velocity=speeds)
+        memory = dict(state.memory)
+        if bodies:
+            turned = np.array([_quaternion(random) for _ in range(bodies)])
+            centres, moving, turning = random.normal(size=(3, bodies, 3))
+            state = replace(state, bodies=RigidStates(centres, moving, turned, turning))
+        if cable.memory is not None and number % 2:
+            memory[cable.memory.name] = (random.random(net.n_elements) < INTACT).astype(float)
+        if timed:
+            state = replace(state, time=random.uniform(0.0, start.scene.time.end))
+        for held, switch in timed:
+            x, v = system.layout.pack(state.moving)
+            passed = switch.change(state.time, x, v, held.initial, np.zeros(1, dtype=np.int64))
+            memory[held.name] = passed.memory
+        yield replace(state, memory=memory)
+
+
 def smooth_states(net: Net, random: np.random.Generator) -> dict[str, Floats]:
     """A taut and a half-slack position (n, 3) [m] with every strain well away from zero.
 
@@ -76,6 +112,12 @@ def _ball(random: np.random.Generator, count: int, radius: float) -> Floats:
     direction = random.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return direction * radius * random.random((count, 1)) ** (1 / 3)
+
+
+def _quaternion(random: np.random.Generator) -> Floats:
+    """A unit quaternion, all attitudes alike."""
+    drawn = random.normal(size=4)
+    return np.asarray(drawn / np.linalg.norm(drawn))
 
 
 def _rotation(random: np.random.Generator) -> Floats:

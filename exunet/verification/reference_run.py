@@ -13,17 +13,27 @@ from typing import Self
 
 from exunet.base.errors import InputError
 from exunet.case.casefile import Case
+from exunet.case.scene import Scene
 from exunet.results.agreement import Agreement
 from exunet.results.comparison import ComparedRun, compare, read_states
 from exunet.results.result import Result
+from exunet.system.effect_survey import without_choice
 
-# Ends the reference with the process that started it, however that died: its end of the pipe closes then.
+# Tells beforehand whether the reference knows the case. Ends the reference with the process that started it,
+# however that died: its end of the pipe closes then.
 _CHILD = """
-import os, runpy, threading
+import os, runpy, sys, threading
 def end_with_parent():
     os.read(0, 1)
     os._exit(1)
 threading.Thread(target=end_with_parent, daemon=True).start()
+import reference_impl
+overrides = dict(map(reference_impl.parse_override, sys.argv[5::2]))
+try:
+    reference_impl.load(sys.argv[1], overrides)
+    print("known", flush=True)
+except reference_impl.Refused:
+    pass  # it says so itself
 runpy.run_module("reference_impl", run_name="__main__", alter_sys=True)
 """
 
@@ -31,20 +41,23 @@ runpy.run_module("reference_impl", run_name="__main__", alter_sys=True)
 class ReferenceRun:
     """The reference on one case, started at once so that it runs beside the engine.
 
+    resolved : the scene of the case once its effects are chosen, where the case leaves that to exunet
+
     A context manager: leaving it ends the process and removes its files. The reference is never imported.
     """
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: Case, resolved: Scene | None = None) -> None:
+        self._words = ""
         self._folder = tempfile.TemporaryDirectory(prefix="exunet-check-")
         self._output = Path(self._folder.name) / "reference.npz"
         # -P: what lies in the working directory must not stand in for a module.
         command = [sys.executable, "-P", "-c", _CHILD, str(case.path.absolute()), "-o", str(self._output)]
-        for override in case.overrides:
+        for override in (*case.overrides, *without_choice(case.scene, resolved or case.scene)):
             command += ["--set", override]
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
@@ -60,15 +73,26 @@ class ReferenceRun:
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
-        for pipe in (self._process.stdin, self._process.stderr):
+        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
             if pipe:
                 pipe.close()
         self._folder.cleanup()
 
+    def refusal(self) -> str:
+        """What it says of a case that it cannot check, as soon as it has read it; empty: it can."""
+        assert self._process.stdout is not None
+        assert self._process.stderr is not None
+        if self._process.stdout.readline():
+            return ""
+        self._words = self._process.stderr.read()
+        return _brief(self._words)
+
     def agreement(self, result: Result) -> Agreement:
         """Wait for the reference and compare; raises InputError with its words if it refused or failed."""
         assert self._process.stderr is not None
-        words = self._process.stderr.read()  # to its end; `communicate` would close stdin, and end it
+        words = (
+            self._words + self._process.stderr.read()
+        )  # to its end; `communicate` would close stdin, and end it
         if self._process.wait() not in (0, 3):
             raise InputError(f"the reference cannot check this case: {_brief(words)}")
         states = read_states(self._output)

@@ -87,7 +87,7 @@ def _one(case: BothCodes, code: str, times: Floats, place: Floats) -> tuple[Floa
         motion = other.run_reference(times, method="RK45", rtol=TOLERANCE, atol=TOLERANCE)
     return (
         mouth_area(net, motion.position),
-        energy.kinetic(net.mass, motion.velocity),
+        energy.kinetic(net.mass, motion.velocity[:, : net.n_nodes]),
         energy.elastic(case.start.system.forces, motion.position),
         tracked_speeds(net, motion.velocity),
     )

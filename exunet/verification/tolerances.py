@@ -42,6 +42,12 @@ RESOLVED = Tolerance(
     "in steps of 1e-8 m/s have a round-off of 1e-8 s/m x E A",
     "s/m x E A",
 )
+RESOLVED_BY_STEPS = Tolerance(
+    1e-7,
+    "likewise of the reference's forces differenced in steps of 3e-3 m/s and more: 2e-16 x E A of a tension "
+    "near 0.02 E A over the step, 1e-15 s/m x E A, is 1e-8 of this",
+    "s/m x E A",
+)
 SECANT_SYMMETRY = Tolerance(0.0, "eq. (3) is symmetric term by term, so its sum is so to the last bit")
 SECANT_FORCE = Tolerance(1e-12, "S(x) x of the reference against the engine's forces; as for the forces")
 ONE_STEP = Tolerance(1e-13, "of the largest coordinate and speed: round-off of 1e-14 in each of 4 stages")
@@ -58,7 +64,11 @@ LEFT_OUT = Tolerance(
     "of the time to the horizon of one round-off, for positions: where the errors of all steps exceed "
     "CONVERGED there is nothing to compare, and a row says so; if that is so for more of the time, it fails",
 )
-TRAJECTORY = Tolerance(1e-5, "of the net's size and of the launch speed: ten times each code's own error")
+TRAJECTORY = Tolerance(
+    1e-5,
+    "of the net's size, of the launch speed and of the time to cross it: ten times each code's own error",
+)
+DISSIPATED = Tolerance(1e-5, "of the largest kinetic energy: what TRAJECTORY leaves of the speeds' squares")
 SNAP = Tolerance(1e-8, "of the known value, which is exact: what the tolerances of the integrators leave")
 FREQUENCY = Tolerance(1e-6, "of the known one: (w h)^4 / 120 < 1e-7 of RK4, 1e-8 of the stretch by 1e-6 m")
 AREA = Tolerance(1e-14, "of the known area: a few last bits, as round-off of a dozen triangles leaves")

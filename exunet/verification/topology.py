@@ -17,9 +17,9 @@ SEED = 20210613
 
 
 def topology(case: BothCodes) -> Iterator[Check]:
-    """Connectivity, geometry, masses and initial state of one case."""
+    """Connectivity, geometry, masses and initial state of one case, bodies included."""
     fault = _mismatch(case)
-    yield Check("nodes, elements, bullets, fixed nodes", bool(fault), CONNECTIVITY, fault)
+    yield Check("nodes, elements, bullets, fixed nodes, bodies", bool(fault), CONNECTIVITY, fault)
     if not fault:
         yield worst_of("geometry, masses, start", _differences(case))
 
@@ -43,7 +43,7 @@ def random_topologies(count: int) -> Iterator[Check]:
 def _mismatch(case: BothCodes) -> str:
     """What makes the two nets differ in kind; empty if nothing does."""
     try:
-        match = case.reference_nodes
+        match, _ = case.reference_nodes, case.reference_bodies
     except InputError as error:
         return str(error)
     if set(match[case.start.net.fixed_nodes]) != set(case.theirs.net.fixed_nodes.tolist()):
@@ -60,6 +60,17 @@ def _differences(case: BothCodes) -> Iterator[Check]:
         for name in names:
             a, b = getattr(case.start.net, name), getattr(case.theirs.net, name)[match]
             yield difference(name.replace("_", " "), a, b, TOPOLOGY, (axis, "xyz")[: a.ndim])
-    start, theirs = case.start, case.theirs
-    for name, a, b in (("position", start.position, theirs.x0), ("velocity", start.velocity, theirs.v0)):
-        yield difference(f"initial {name}", a, b[case.reference_nodes], TOPOLOGY, ("node", "xyz"))
+    system, theirs = case.start.system, case.theirs
+    order, beside = case.reference_bodies, theirs.system.bodies
+    masses = np.append(system.mass[system.net.n_nodes :], system.body_mass)
+    rigid = order[len(system.blocks.body) :]
+    yield difference("mass of bodies", masses, beside.mass[order], TOPOLOGY, ("body",))
+    yield difference("inertia", system.body_inertia, beside.inertia[rigid], TOPOLOGY, ("body", "xyz"))
+    ours = case.theirs_at(case.start.state.moving)
+    for name, a, b in (("position", ours.x, theirs.x0), ("velocity", ours.v, theirs.v0)):
+        a, b = a[case.reference_nodes], b[case.reference_nodes]
+        yield difference(f"initial {name}", a, b, TOPOLOGY, ("node", "xyz"))
+    for name in ("position", "velocity", "attitude", "angular_velocity"):
+        a, b = getattr(ours.bodies, name)[order], getattr(theirs.bodies0, name)[order]
+        axes = ("body", "xyz", "axis")[: a.ndim]
+        yield difference(f"initial {name.replace('_', ' ')} of bodies", a, b, TOPOLOGY, axes)

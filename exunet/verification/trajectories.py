@@ -14,10 +14,11 @@ from exunet.methods.plan import Plan
 from exunet.simulation.planning import make_plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.neighbours import tracked_speeds
+from exunet.system.energy import kinetic
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out
 from exunet.verification.figures import curves
 from exunet.verification.growth import BOOST, Growth, at_node, boosted, distances
-from exunet.verification.tolerances import CONVERGED, LEFT_OUT, TRAJECTORY
+from exunet.verification.tolerances import CONNECTIVITY, CONVERGED, DISSIPATED, LEFT_OUT, TRAJECTORY
 
 INSTANTS = 48  # compared times, evenly spaced up to the horizon
 SHOWN_PAST = 1.2  # of the horizon
@@ -57,9 +58,12 @@ def converged(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
         theirs = [start.run_reference(times, rtol=rtol, atol=atol) for rtol, atol in THEIRS]
         forms = (start, start.fastest()) if numba_installed() and start is case else (start.fastest(),)
         for form in forms:
-            ours = [form.run_exunet(times, best_plan(start, tolerance)) for tolerance in OWN]
+            ours = [form.run_exunet(times, best_plan(start, tolerance), booked=True) for tolerance in OWN]
             own = np.array([_own(start, *ours), _own(start, *theirs)])[..., : INSTANTS + 1]
-            for check in _compared(form, own, ours[-1], theirs[-1], grown.horizon):
+            for check in (
+                *_compared(form, own, ours[-1], theirs[-1], grown.horizon),
+                *_books(form, own, ours[-1], theirs[-1]),
+            ):
                 yield replace(check, subject=form.name)
             apart.setdefault(label, distances(ours[-1], theirs[-1]).max(axis=1))
     title = f"{case.name}: the two codes, each with its best method"
@@ -119,6 +123,37 @@ def _compared(
             a, b = (tracked_speeds(form.start.net, run.velocity)[:kept] for run in (ours, theirs))
             axes = ("instant", "bullet")
             yield difference(until, a, b, TRAJECTORY, axes, "m/s", scale=form.speed)
+
+
+def _books(form: BothCodes, own: Floats, ours: Trajectory, theirs: Trajectory) -> Iterator[Check]:
+    """What has left the system, and what broke, while both codes have converged (own as in `_compared`).
+
+    Energies are parts of the largest kinetic energy until then, or of what was dissipated if that is more.
+    """
+    apart = np.flatnonzero(~(own[:, 0].max(axis=0) <= CONVERGED.value))
+    kept = int(apart[0]) if len(apart) else own.shape[-1]
+    if kept == 0 or ours.dissipated is None or theirs.dissipated is None:
+        return
+    end, a, b = ours.time[kept - 1], ours.dissipated[:kept], theirs.dissipated[:kept]
+    if a.any() or b.any():
+        mass = form.start.system.mass
+        moving = float(kinetic(mass, theirs.velocity[:kept, : len(mass)]).max())
+        largest = max(moving, float(np.abs(a).max()), float(np.abs(b).max()))
+        name = f"dissipated energy to t = {end:.4g} s"
+        yield difference(name, a, b, DISSIPATED, ("instant",), "J", scale=largest)
+    # Those that break together are told in any order.
+    first, second = (
+        {one.element: one.time for one in run.breaks if one.time <= end} for run in (ours, theirs)
+    )
+    if first or second:
+        words = f"{len(first)} elements: {sorted(first)[:8]} and {len(second)}: {sorted(second)[:8]}"
+        yield Check(
+            "elements that broke in one code only", len(first.keys() ^ second.keys()), CONNECTIVITY, words
+        )
+        both = sorted(first.keys() & second.keys())
+        when, other = (np.array([times[element] for element in both]) for times in (first, second))
+        crossing = form.size / form.speed
+        yield difference("when it broke", when, other, TRAJECTORY, ("break",), "s", scale=crossing)
 
 
 def _within_own(

@@ -1,36 +1,57 @@
-"""Errors that the quick ladder must catch; each is planted with pytest's monkeypatch."""
+"""Errors that the quick ladder, or a quick test, must catch; each is planted with pytest's monkeypatch."""
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import linecache
+import sys
+import textwrap
 from collections.abc import Callable
 
 import numpy as np
 
-import reference_impl.elements as elements
 import reference_impl.energy as reference_energy
 import reference_impl.forces as forces
 import reference_impl.stiffness as stiffness
+from exunet.backends.compiled import loop, schemes
 from exunet.backends.exudyn.model import Model
-from exunet.forces import cable
-from exunet.forces.effects import mass_damping, orbit, rayleigh_damping
+from exunet.forces import cable, cable_term, surface
+from exunet.forces.effects import (
+    air_drag,
+    bending,
+    launch_force,
+    mass_damping,
+    molecular_drag,
+    orbit,
+    rayleigh_damping,
+    solar_pressure,
+)
 from exunet.results import measures as metrics
+from exunet.simulation.peaks import Peaks
 from exunet.system import from_scene, initial
+from exunet.system.energy_scale import EnergyScale
 from exunet.system.states import States
 from reference_impl.fixed import Classical
+
+integration = sys.modules["reference_impl.integration"]  # the package has a function of that name
 
 EXUDYN, REFERENCE = "Exudyn's net", "reference"
 
 
 @dataclasses.dataclass(frozen=True)
 class Planted:
-    """An error: what is wrong, in which code, the rung that fails first, and the case that shows it."""
+    """An error: what is wrong, in which code, the rung that fails first, and the case that shows it.
+
+    Without a rung a test fails: `case` is module:function, which is called with `arguments`.
+    """
 
     what: str
     code: str
-    rung: int
+    rung: int | None
     case: str
     plant: Callable
+    arguments: tuple = ()
 
 
 PLANTED: dict[str, Planted] = {}
@@ -204,19 +225,14 @@ def reference_asymmetric_secant(patch):
 
 @planted(4, "weights of RK4 of the midpoint method", REFERENCE)
 def reference_rk4_weights(patch):
-    def midpoint(steps, arrival):
-        run = steps.run
-        h, t, y = arrival - run.t, run.t, run.y
-        run.arrive(arrival, y + h * run.rate(t + 0.5 * h, y + 0.5 * h * run.rate(t, y)))
+    class Midpoint(Classical):
+        def take(self, arrival):
+            run = self.run
+            h, t, y = arrival - run.t, run.t, run.y
+            k1 = run.rate(t, y)
+            run.arrive(arrival, y + h * run.rate(t + 0.5 * h, y + 0.5 * h * k1))
 
-    patch.setattr(Classical, "take", midpoint)
-
-
-@planted(2, "factor 1/2 missing in the Green-Lagrange strain", REFERENCE)
-def reference_no_half(patch):
-    right = elements.strain_of
-    for module in (elements, forces):
-        patch.setattr(module, "strain_of", lambda system, d: 2.0 * right(system, d))
+    patch.setitem(integration.STEPPED, "RK4", Midpoint)
 
 
 def _twice(value):
@@ -247,8 +263,90 @@ _of_result("tension_doubled", 2, TENSIONS, cable, "element_tension")
 _of_result("mouth_doubled", 6, f"{NO_HALF} area of the mouth", metrics, "mouth_area")
 _of_result("coriolis_sign", 2, CORIOLIS, orbit, "terms", _negated("gyroscopic"), "orbit")
 _of_result("mass_damping_sign", 2, PUSHES, mass_damping, "terms", _negated("damping"), "mass_damping")
+_of_result("reference_no_half", 2, f"{NO_HALF} Green-Lagrange strain", forces, "strain_of")
 _of_result("reference_kinetic_doubled", 2, f"{NO_HALF} kinetic energy", reference_energy, "kinetic")
 _of_result("reference_elastic_doubled", 2, f"{NO_HALF} elastic energy", reference_energy, "elastic")
 _of_result("reference_tension_doubled", 2, TENSIONS, forces, "tension")
 _of_result("reference_strain_sign", 2, POSITIVE, forces, "strain", np.abs)
 _of_result("reference_potential_sign", 2, OTHER_SIGN, reference_energy, "potential", np.negative, "orbit")
+
+
+def _other_text(owner, name, old, new):
+    """The function of a module or class with a piece of its text replaced; kernels are made from texts."""
+    module = sys.modules[getattr(owner, "__module__", owner.__name__)]
+    text = textwrap.dedent(inspect.getsource(getattr(owner, name)))
+    assert text.count(old) == 1
+    wrong = text.replace(old, new)
+    path = f"<{name} with an error>"
+    linecache.cache[path] = (len(wrong), None, wrong.splitlines(keepends=True), path)
+    space = dict(vars(module))
+    exec(compile(wrong, path, "exec"), space)
+    return space[name]
+
+
+def _of_text(name, rung, what, owner, function, old, new, case, *, users=(), arguments=()):
+    """Enters an error in the text of a function, which `users` have imported."""
+
+    def plant(patch):
+        wrong = _other_text(owner, function, old, new)
+        for one in (owner, *users):
+            patch.setattr(one, function, wrong)
+
+    PLANTED[name] = Planted(what, EXUDYN, rung, case, plant, arguments)
+
+
+SINE, COSINE = "math.sin(keys.spread_angle)", "math.cos(keys.spread_angle)"
+SWAPPED = f"{COSINE} * outward + {SINE} * np.array"
+DRAG_OF_BULLETS, AREAS = "0.5 * keys.density * keys.bullet_drag_coefficient", "areas[net.bullet_nodes] +="
+_of_text("barrels_swapped", 2, "sine and cosine of the barrels swapped", launch_force, "barrels",
+         f"{SINE} * outward + {COSINE} * np.array", SWAPPED, "launch_spring")  # fmt: skip
+_of_text("air_drag_sign", 2, "air drag across the axis with the wrong sign", air_drag, "add_cross_flow",
+         "force[i + 1] -= factor * uy", "force[i + 1] += factor * uy", "air_drag")  # fmt: skip
+_of_text("bullet_drag_doubled", 2, "factor 1/2 missing in the drag of bullets", air_drag, "terms",
+         DRAG_OF_BULLETS, DRAG_OF_BULLETS.replace("0.5 * ", ""), "air_drag")  # fmt: skip
+_of_text("bullets_as_cables", 2, "bullets with the drag coefficient of cables", air_drag, "terms",
+         DRAG_OF_BULLETS, DRAG_OF_BULLETS.replace("bullet_drag", "drag"), "air_drag")  # fmt: skip
+_of_text("bullet_area_dropped", 2, "no area of bullets in gas and light", surface,
+         "tumbling_areas", AREAS, f"{AREAS} 0.0 *", "two_body",
+         users=(molecular_drag, solar_pressure))  # fmt: skip
+_of_text("one_length_in_bending", 2, "one of two lengths at a joint", bending, "springs",
+         "length.mean(axis=1)", "length[:, 0]", "bending_thread")  # fmt: skip
+_of_text("strings_bend_with_cables", 2, "strings of equal section bend with cables", bending, "joints",
+         "net.is_string[e] == net.is_string[f] and ", "", "bending")  # fmt: skip
+_of_text("break_at_whole_strain", 4, "free strain ignored at a break", cable_term, "breaking_lengths",
+         "free = 0.0 if changes.free_strain is None else changes.free_strain", "free = 0.0",
+         "breaking")  # fmt: skip
+_of_text("peak_one_step_off", None, "the largest tension at the time of the state before", Peaks, "look",
+         "float(time[state])", "float(time[state - 1])",
+         "test_peaks:test_keeps_the_largest_and_forgets_the_later_ones")  # fmt: skip
+_of_text("potential_from_zero", None, "a potential at the start counts as gained", EnergyScale, "gained",
+         "states.potential - self._potential", "states.potential",
+         "test_guards:test_a_potential_at_the_start_does_not_count_in_the_energy_scale")  # fmt: skip
+
+
+@planted(4, "a stage of the compiled loop at the time of the step's start", case="launch_gas")
+def stage_time(patch):
+    right = schemes.runge_kutta_4_step
+    old = "stage(t + 0.5 * h, h, s.x1, s.v3"
+    wrong = _other_text(schemes, right.__name__, old, old.replace("t + 0.5 * h", "t", 1))
+    patch.setattr(loop, "STEPS", tuple(wrong if one is right else one for one in loop.STEPS))
+
+
+def _with_bodies(patch):
+    right = metrics.centre_of_mass
+
+    def wrong(result):
+        mass = result.net.mass.sum()
+        total = mass + sum(body.mass for body in result.bodies.values())
+        beside = sum(body.mass * body.position for body in result.bodies.values())
+        return (mass * right(result) + beside) / total
+
+    patch.setattr(metrics, "centre_of_mass", wrong)
+    patch.setattr(sys.modules["test_effects"], "centre_of_mass", wrong)
+
+
+OF_LAUNCH = "test_effects:test_a_launch_by_force_keeps_momentum_and_does_its_work"
+PLANTED["chaser_in_the_centre"] = Planted(
+    "the chaser counts in the net's centre of mass", EXUDYN, None, OF_LAUNCH, _with_bodies,
+    ({"kind": "spring", "force": 9.0, "stroke": 0.05, "spread_angle": 0.2, "chaser_mass": 5.0}, "connectors"),
+)  # fmt: skip

@@ -170,3 +170,15 @@ def test_symmetric_arithmetic_keeps_mirrors(loose, scene):
         image = [row[tuple(p)] for p in (mirror(made.net.reference_position) + 0.0).tolist()]
         assert np.array_equal(run.x[:, image], mirror(run.x))
     assert not run.bodies.position[:, 0, :2].any()
+
+
+def test_a_launch_is_the_same_from_a_moving_frame(loose, scene):
+    """Galilei: with a velocity given to all, the chaser flies along, and all are where they were plus v t."""
+    v = np.array([0.3, -0.2, 0.5])
+    case = loose(launch_force=SPRING)
+    runs = [
+        scene(one).integrate([0.0, 0.1])
+        for one in (case, {**case, "initial": {**case["initial"], "velocity": v.tolist()}})
+    ]
+    assert runs[1].x[-1] == pytest.approx(runs[0].x[-1] + 0.1 * v, abs=1e-11)
+    assert runs[1].bodies.position[-1] == pytest.approx(runs[0].bodies.position[-1] + 0.1 * v, abs=1e-11)

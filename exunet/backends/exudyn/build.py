@@ -7,6 +7,7 @@ from exunet.backends.exudyn.model import Model
 from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel, net_kernel, term_kernel
 from exunet.codegen.linearised import Linearised
+from exunet.forces.terms import Memories
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.system.system import State, System
@@ -30,6 +31,15 @@ def build(system: System, state: State, plan: Plan, *, fused: bool, pushed: bool
         _connectors(model, system, state, implicit=implicit, pushed=pushed)
     model.assemble()
     return model
+
+
+def remember(model: Model, system: System, memory: Memories) -> None:
+    """Let a model's forces take all memories as they are now."""
+    if model.applied is not None:
+        model.applied.remember(memory)
+    carrying = system.forces.cable.carrying(memory)
+    if carrying is not None and not model.elements_applied:
+        model.carry(carrying)
 
 
 def expected_items(system: System, *, fused: bool) -> dict[str, int]:

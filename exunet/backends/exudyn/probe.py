@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
+from exunet.backends.exudyn.build import remember
 from exunet.backends.exudyn.loading import exudyn
 from exunet.backends.exudyn.model import Model
+from exunet.forces.terms import Memories
+from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
@@ -18,15 +21,16 @@ Floats = NDArray[np.float64]
 class Probe:
     """Evaluates an assembled model at states of the caller's choice, without a step in time.
 
-    All states are position, velocity (n, 3) [m], [m/s] of all points; fixed points keep their place.
-    Matrices are (3n, 3n) over all points, with zero rows and columns for fixed points.
+    All states are position, velocity (n, 3) [m], [m/s] of all points; fixed points keep their place, and
+    rigid bodies the state that the model was built with. Matrices are (3n, 3n) over all points, with zero
+    rows and columns for fixed points.
     """
 
     def __init__(self, model: Model) -> None:
         self._engine = exudyn()
         self._model = model
         self._system = model.system
-        self._reference, self._free = model.reference, model.free
+        self._reference, self._free, self._columns = model.reference, model.free, model.columns()
         self._solver = self._initialised(0.01)  # [m, m/s], the engine's own choice
         # Coordinates below this change by 1e-7 of it where positions are differentiated: 1e-2 m in the
         # paper's net of 7 m. Much smaller parts of a net drown in round-off, much larger ones bend the law.
@@ -49,20 +53,28 @@ class Probe:
         solver.InitializeSolver(self._system, settings)
         return solver
 
-    def _set(self, position: Floats, velocity: Floats) -> None:
+    def _set(self, position: Floats, velocity: Floats, time: float = 0.0) -> None:
         self._model.look_again()
         current = self._engine.ConfigurationType.Current
         data = self._system.systemData
-        data.SetODE2Coordinates((position - self._reference)[self._free].ravel(), current)
-        data.SetODE2Coordinates_t(velocity[self._free].ravel(), current)
+        q, v = data.GetODE2Coordinates(current), data.GetODE2Coordinates_t(current)
+        q[self._columns] = (position - self._reference)[self._free].ravel()
+        v[self._columns] = velocity[self._free].ravel()
+        data.SetODE2Coordinates(q, current)
+        data.SetODE2Coordinates_t(v, current)
+        data.SetTime(time, current)
 
-    def accelerations(self, position: Floats, velocity: Floats) -> Floats:
-        """(n, 3) [m/s2], eq. (16); zero for fixed points."""
-        self._set(position, velocity)
+    def remember(self, system: System, memory: Memories) -> None:
+        """Evaluate the forces at these memories of the system from now on; at first at those of the start."""
+        remember(self._model, system, memory)
+
+    def accelerations(self, position: Floats, velocity: Floats, time: float = 0.0) -> Floats:
+        """(n, 3) [m/s2], eq. (16), at a time [s]; zero for fixed points."""
+        self._set(position, velocity, time)
         self._solver.ComputeODE2RHS(self._system)
         force = np.array(self._solver.GetSystemResidual())[: len(self._mass)]
         result = np.zeros_like(self._reference)
-        result[self._free] = self._divide_by_mass(force).reshape(-1, 3)
+        result[self._free] = self._divide_by_mass(force)[self._columns].reshape(-1, 3)
         return result
 
     def mass(self) -> Floats:
@@ -91,5 +103,5 @@ class Probe:
     def _of_all_points(self, matrix: Floats) -> Floats:
         keep = np.repeat(self._free, 3)
         whole = np.zeros((len(keep), len(keep)))
-        whole[np.ix_(keep, keep)] = matrix
+        whole[np.ix_(keep, keep)] = matrix[np.ix_(self._columns, self._columns)]
         return whole

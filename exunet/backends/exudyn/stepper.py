@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from exunet.backends.events import Events
 from exunet.backends.exudyn.accepted import Accepted
-from exunet.backends.exudyn.build import build
+from exunet.backends.exudyn.build import build, remember
 from exunet.backends.exudyn.coordinates import Coordinates
 from exunet.backends.exudyn.loading import exudyn
 from exunet.backends.exudyn.settings import ends_at, longest_of, settings_for
@@ -268,11 +268,7 @@ class Stepper:
         self._newton_before = newton
 
     def _remember(self, memory: Arrays) -> None:
-        if self._model.applied is not None:
-            self._model.applied.remember(memory)
-        carrying = self._system.forces.cable.carrying(memory)
-        if carrying is not None and not self._model.elements_applied:
-            self._model.carry(carrying)
+        remember(self._model, self._system, memory)
 
     def _append(self, time: float) -> None:
         if self._accepted.append(time, self._model.coordinates()):

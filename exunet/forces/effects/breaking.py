@@ -1,7 +1,7 @@
 """Breaking: an element whose strain or force exceeds a limit at the end of a step carries no load afterwards.
 
 Its elastic energy counts as dissipated; its mass remains lumped at its nodes. Adaptive methods shorten their
-steps near a limit, so that this energy is accurate to about 1e-3; with equal steps the summary says by how
+steps near a limit, so that this energy is accurate to about 1e-6; with equal steps the summary says by how
 much it was too large.
 """
 

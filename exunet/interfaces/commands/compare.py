@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.interfaces.commands.printing import print_table
+from exunet.results.agreement import ComparedBreaks
 from exunet.results.body_comparison import ComparedBodies
 from exunet.results.comparison import compare, read_states
 
@@ -40,6 +41,7 @@ def compare_runs(a: Path, b: Path) -> None:
         *_bodies(found.bodies, found.time),
         *[(f"body {name}", f"only in {a}") for name in found.bodies.only_a],
         *[(f"body {name}", f"only in {b}") for name in found.bodies.only_b],
+        *_broken(found.broken, a, b),
     ]
     print_table(f"{b} against {a}", rows)
 
@@ -52,6 +54,16 @@ def _bodies(found: ComparedBodies, time: Floats) -> Iterator[tuple[str, str]]:
         if body.attitude is not None and body.angular_velocity is not None:
             yield "", f"attitude {_largest(body.attitude, time, 'rad')}"
             yield "", f"angular velocity {_largest(body.angular_velocity, time, 'rad/s')}"
+
+
+def _broken(found: ComparedBreaks | None, a: Path, b: Path) -> Iterator[tuple[str, str]]:
+    """What broke."""
+    if found is None:
+        return
+    yield "broken in both", f"{len(found.both)} element(s), times within {found.apart:.3e} s"
+    for elements, where in ((found.only_a, a), (found.only_b, b)):
+        if elements:
+            yield "broken", f"only in {where}: {', '.join(map(str, elements))} (numbers of {a})"
 
 
 def _largest(difference: Floats, time: Floats, unit: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -13,6 +13,7 @@ from typing import Any
 from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.files import cannot_write, sweep
 from exunet.case.casefile import Case
+from exunet.case.scene import Scene
 from exunet.interfaces.commands.estimates import estimated, refuse_beyond
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table
@@ -104,7 +105,7 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
                 folder, case, start, progress, asked.checkpoint_every, describe, overwrite=asked.overwrite
             )
 
-        return _run(case, simulate, folder, asked, cost.run.known)
+        return _run(case, simulate, folder, asked, start.scene, cost.run.known)
 
 
 def resume_run(folder: Path, *, quiet: bool = False) -> ExunetError | None:
@@ -121,11 +122,17 @@ def resume_run(folder: Path, *, quiet: bool = False) -> ExunetError | None:
 
 
 def _run(
-    case: Case, simulate: Simulate, folder: Path, asked: Asked, expected: float | None = None
+    case: Case,
+    simulate: Simulate,
+    folder: Path,
+    asked: Asked,
+    scene: Scene | None = None,
+    expected: float | None = None,
 ) -> ExunetError | None:
+    """scene : with its choice of effects made, for a check"""
     story, stopped = _Story(), None
     with (
-        ReferenceRun(case) if asked.check else nullcontext() as reference,
+        _beside(case, scene if asked.check else None, quiet=asked.quiet) as reference,
         told_progress(case.scene.time.end, expected, quiet=asked.quiet) as progress,
     ):
 
@@ -143,6 +150,18 @@ def _run(
         where = [] if stopped else [("written to", f"{folder}/")]
         print_table(story.title, [*story.table, *where])
     return stopped or story.failed or story.unchecked
+
+
+@contextmanager
+def _beside(case: Case, scene: Scene | None, *, quiet: bool) -> Iterator[ReferenceRun | None]:
+    """The reference at work, None without a scene; what it cannot check is told before the run begins."""
+    if scene is None:
+        yield None
+        return
+    with ReferenceRun(case, scene) as reference:
+        if (refusal := reference.refusal()) and not quiet:
+            _to_stderr(f"check   the result will not be checked: {refusal}")
+        yield reference
 
 
 def _describe(

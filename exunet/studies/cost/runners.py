@@ -12,6 +12,7 @@ import numpy as np
 import reference_impl as reference
 from exunet.backends.protocol import StepCounts
 from exunet.base.errors import Interrupted, RunStopped
+from exunet.bodies.rigid import RigidStates
 from exunet.case.scene import Engine, Scene, Time
 from exunet.forces.terms import LinearTerm
 from exunet.methods.keys import Solver
@@ -23,6 +24,7 @@ from exunet.studies.cost.settings import Setting
 from exunet.studies.neighbours import launch_speed, tracked_speeds
 from exunet.system.energy_scale import EnergyScale
 from exunet.system.states import States
+from reference_impl import energy
 
 # The four measures of deployment with their units.
 FOUR = {
@@ -201,12 +203,14 @@ def _by_reference(subject: Subject, setting: Setting) -> TimedTrajectory:
     began = clock.perf_counter()
     found = both.reference_trajectory(subject.times, method=setting.method, **how)
     seconds = clock.perf_counter() - began
-    x, v = both.from_reference(found.x), both.from_reference(found.v)
     work = StepCounts(found.n_steps, found.n_rejected, found.n_newton, found.n_rhs)
-    # The reference knows neither rigid bodies nor memories, and refuses cases that have them.
-    states = States.of_points(both.start.system, found.t, x, v)
-    total = states.kinetic + states.elastic + (states.potential - states.potential[0]) + found.dissipated
+    books = energy.books(both.theirs.system, found)
+    x, v = both.points_of(found)
+    # No term of a case acts on rigid bodies, so the scale of energies does not depend on where they are.
+    resting = [np.repeat(part[None], len(found.t), axis=0) for part in both.start.state.bodies.parts()]
+    states = States(both.start.system, found.t, x, v, RigidStates(*resting), both.start.state.memory)
     scales = EnergyScale(both.start.system, both.start.state)
     scale = scales.start + float(scales.gained(states, found.dissipated)[0].max())
-    error = float(np.abs(total - total[0]).max()) / (scale or float(states.kinetic.max()) or 1.0)
-    return TimedTrajectory(found.t, x, v, states.momentum, error, work, seconds)
+    error = float(np.abs(books.total - books.total[0]).max()) / (scale or float(books.kinetic.max()) or 1.0)
+    n = both.start.net.n_nodes
+    return TimedTrajectory(found.t, x[:, :n], v[:, :n], books.momentum, error, work, seconds)
