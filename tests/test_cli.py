@@ -30,7 +30,14 @@ def test_run_writes_result_summary_and_figures_only(tmp_path):
     done = ended(process("run", PLANAR, *SHORT, folder=tmp_path))
     assert done.returncode == 0, done.stderr
     lines = done.stderr.splitlines()  # plain ones where there is no terminal
-    assert [line.split()[0] for line in lines] == ["time", "memory", "disk", "simulating", "simulated"]
+    assert [line.split()[0] for line in lines] == [
+        "time",
+        "memory",
+        "disk",
+        "spread",
+        "simulating",
+        "simulated",
+    ]
     names = {"result.h5", "summary.json"} | FIGURES
     folder = tmp_path / "results/planar_deployment--time.end=0.02--time.output_step=0.01"
     assert written(folder) == names

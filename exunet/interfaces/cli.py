@@ -42,6 +42,16 @@ Overrides = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the case (empty: remove it)"),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
+Moved = Annotated[
+    int | None,
+    typer.Option(
+        "--spread",
+        metavar="N",
+        min=0,
+        help="number of moved starts that show how far each number is known (32, or what takes as long as "
+        "the run, at least 8); 0: none",
+    ),
+]
 Folder = Annotated[Path | None, typer.Option(help="folder for what is written", metavar="DIR", parser=_path)]
 
 
@@ -107,6 +117,7 @@ def run_command(
         float | None,
         typer.Option(help="simulated time between two checkpoints [s]", metavar="SECONDS"),
     ] = None,
+    spread: Moved = None,
     quiet: Quiet = False,
 ) -> None:
     """Simulate a case; write result.h5, figures and summary.json into results/CASE/.
@@ -116,7 +127,7 @@ def run_command(
     from exunet.case.casefile import load
     from exunet.interfaces.commands.run import Asked, run_case
 
-    asked = Asked(out, overwrite, check, estimate, checkpoint_every, quiet)
+    asked = Asked(out, overwrite, check, estimate, checkpoint_every, quiet, spread)
     if stopped := run_case(load(case, overrides), asked):
         raise stopped
 
@@ -126,12 +137,13 @@ def resume_command(
     folder: Annotated[
         Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=_path)
     ],
+    spread: Moved = None,
     quiet: Quiet = False,
 ) -> None:
     """Continue a run that was killed, from its last checkpoint; the result is the same to the last bit."""
     from exunet.interfaces.commands.run import resume_run
 
-    if stopped := resume_run(folder, quiet=quiet):
+    if stopped := resume_run(folder, quiet=quiet, spread=spread):
         raise stopped
 
 

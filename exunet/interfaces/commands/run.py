@@ -13,9 +13,9 @@ from typing import Any
 from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
 from exunet.base.files import cannot_write, sweep
 from exunet.case.casefile import Case
-from exunet.interfaces.commands.estimates import estimated, refuse_beyond
+from exunet.interfaces.commands.estimates import ExpectedSpread, estimated, expected_spread, refuse_beyond
 from exunet.interfaces.commands.naming import folder_of
-from exunet.interfaces.commands.printing import print_table
+from exunet.interfaces.commands.printing import print_table, status
 from exunet.interfaces.commands.progress import told_progress
 from exunet.interfaces.commands.waiting import waiting
 from exunet.results.agreement import Agreement
@@ -30,10 +30,13 @@ from exunet.results.run_folder import (
     refuse_taken,
 )
 from exunet.results.segments import Segments
+from exunet.results.spread import Spread
 from exunet.results.summary import rows, summarise, write_summary
+from exunet.simulation.expected_cost import expected_cost
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.run import Describe, Progress, case_of_store, refuse_checkpoints, resume, run_into
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
+from exunet.studies.spread import BESIDE, spread_of
 from exunet.verification.reference_run import ReferenceRun
 
 Simulate = Callable[[Progress | None, Describe], Result]
@@ -57,6 +60,7 @@ class Asked:
     estimate: bool = False
     checkpoint_every: float | None = None
     quiet: bool = False
+    spread: int | None = None
 
 
 @dataclass
@@ -94,7 +98,7 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
             say(f"{folder}: the unfinished run there is put aside, into a folder beside that `resume` takes")
         if folder != wanted:
             say(_elsewhere(wanted, folder))
-        cost = estimated(start)
+        cost = estimated(start, spread=asked.spread)
         refuse_beyond(cost, start, folder)
         for name, words in cost.rows():
             say(f"{name:8s}{words}")
@@ -104,10 +108,10 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
                 folder, case, start, progress, asked.checkpoint_every, describe, overwrite=asked.overwrite
             )
 
-        return _run(case, simulate, folder, asked, cost.run.known)
+        return _run(case, simulate, folder, asked, cost.spread, cost.run.known)
 
 
-def resume_run(folder: Path, *, quiet: bool = False) -> ExunetError | None:
+def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) -> ExunetError | None:
     """Go on with an unfinished run in a folder, and describe it as `run_case` does."""
     if not has_unfinished(folder):
         raise InputError(f"{folder}: there is no unfinished run in this folder")
@@ -117,11 +121,18 @@ def resume_run(folder: Path, *, quiet: bool = False) -> ExunetError | None:
     def simulate(progress: Progress | None, describe: Describe) -> Result:
         return resume(folder, progress, describe)
 
-    return _run(case, simulate, folder, Asked(quiet=quiet))
+    start = prepare_case(case)
+    moved = expected_spread(start, expected_cost(start), None, spread)
+    return _run(case, simulate, folder, Asked(quiet=quiet, spread=spread), moved)
 
 
 def _run(
-    case: Case, simulate: Simulate, folder: Path, asked: Asked, expected: float | None = None
+    case: Case,
+    simulate: Simulate,
+    folder: Path,
+    asked: Asked,
+    moved: ExpectedSpread,
+    expected: float | None = None,
 ) -> ExunetError | None:
     story, stopped = _Story(), None
     with (
@@ -131,7 +142,7 @@ def _run(
 
         def describe(result: Result, place: Path) -> None:
             progress.end()
-            _describe(case, result, place, story, reference, estimate=asked.estimate)
+            _describe(case, result, place, story, reference, asked, moved)
 
         try:
             simulate(progress, describe)
@@ -151,10 +162,10 @@ def _describe(
     folder: Path,
     story: _Story,
     reference: ReferenceRun | None,
-    *,
-    estimate: bool,
+    asked: Asked,
+    moved: ExpectedSpread,
 ) -> None:
-    """Write summary and figures, and fill the story, with what reference and error estimate say."""
+    """Write summary and figures, and fill the story, with what moved starts and the reference say."""
     from exunet.figures import save_figures
 
     agreement: Agreement | None = None
@@ -163,16 +174,39 @@ def _describe(
         agreement, story.unchecked, no_check = _agreement(reference, result)
     elif reference:
         no_check = "the run stopped before its end"
-    summary: dict[str, Any] = summarise(result, agreement or no_check)
-    table = rows(summary)
-    if estimate and result.complete:
-        error_estimate, story.failed = _estimate(case, result)
+    spread = _spread(case, result, story, moved)
+    summary: dict[str, Any] = summarise(result, agreement or no_check, spread)
+    table = rows(summary, spread)
+    if asked.estimate and result.complete:
+        error_estimate, failed = _estimate(case, result)
+        story.failed = story.failed or failed
         if error_estimate is not None:
             summary["error_estimate"] = error_estimate.numbers()
             table += error_estimate.rows()
     write_summary(summary, folder / SUMMARY)
     save_figures(result, folder, agreement)
     story.title, story.table = summary["title"], table
+
+
+def _spread(case: Case, result: Result, story: _Story, moved: ExpectedSpread) -> Spread | str | None:
+    """The spread, or why there is none, which must not cost the result; None if none was asked for."""
+    if not moved.runs:
+        return moved.refused or None
+    if not result.complete:
+        return "none: the run stopped before its end"
+    try:
+        with status() as say:
+            return spread_of(
+                prepare_case(case),
+                moved.runs,
+                progress=lambda done: say(f"moved starts: {done} of {moved.runs + BESIDE} runs"),
+            )
+    except KeyboardInterrupt:
+        words = "interrupted during the runs of moved starts"
+        story.failed = Interrupted(f"{words}; the result is written", result)
+        return words
+    except ExunetError as error:
+        return f"not known: {error}"
 
 
 def _estimate(case: Case, result: Result) -> tuple[ErrorEstimate | None, RunStopped | None]:
