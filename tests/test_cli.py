@@ -27,7 +27,7 @@ def written(folder: Path) -> set[str]:
 
 
 def test_run_writes_result_summary_and_figures_only(tmp_path):
-    done = ended(process("run", PLANAR, *SHORT, folder=tmp_path))
+    done = ended(process("run", PLANAR, *SHORT, "--spread", 8, folder=tmp_path))
     assert done.returncode == 0, done.stderr
     lines = done.stderr.splitlines()  # plain ones where there is no terminal
     assert [line.split()[0] for line in lines] == [

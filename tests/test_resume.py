@@ -9,10 +9,10 @@ from pathlib import Path
 import h5py
 import pytest
 from commands import command
+from exunet.interfaces.commands.earlier import set_aside
 
 import exunet
 from exunet.base.errors import InputError, UnsoundStates
-from exunet.interfaces.commands.earlier import set_aside
 from exunet.simulation import run as runs
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"

@@ -27,12 +27,8 @@ SECTION = (
 TABLE = [
     key for row in re.findall(r"^\| (`.*?) \| ", SECTION, re.MULTILINE) for key in re.findall("`(.*?)`", row)
 ]
-NAMED = (
-    "bodies.",
-    "headlines.",
-    "method.items.",
-    "versions.",
-)  # followed by names of the user's or of the engine's choice
+GROUPS = ("bodies", "headlines", "method.items", "versions")
+NAMED = tuple(f"{group}." for group in GROUPS)  # followed by names of the user's or of the engine's choice
 UNITS = ("_s", "_m", "_m2", "_m_s", "_kg", "_N", "_J")
 WITHOUT = {  # numbers that have no unit
     "nodes", "elements", "element", "balance_error", "relative_area", "energy_excess", "tolerance", "steps",
@@ -43,9 +39,7 @@ WITHOUT = {  # numbers that have no unit
 
 def keys(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Paths of all leaves, with names replaced by * and items of lists by []."""
-    if isinstance(value, dict) and (
-        value or path.rstrip(".") in ("", "bodies", "headlines", "method.items", "versions")
-    ):
+    if isinstance(value, dict) and (value or path.rstrip(".") in ("", *GROUPS)):
         for name, part in value.items():
             yield from keys(part, f"{path}{'*' if path in NAMED else name}.")
     elif isinstance(value, list):

@@ -132,6 +132,33 @@ def run_command(
         raise stopped
 
 
+@app.command("ensemble")
+def ensemble_command(
+    case: CasePath,
+    runs: Annotated[int, typer.Option("-n", "--runs", help="number of runs", metavar="N")] = 1000,
+    perturb: Annotated[
+        float, typer.Option(help="by up to which each coordinate of the start is moved [m]", metavar="M")
+    ] = 1e-9,
+    seed: Annotated[int, typer.Option(help="of the moves", metavar="S")] = 0,
+    out: Folder = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace the ensemble in the folder, once it is complete")
+    ] = False,
+    overrides: Overrides = [],  # noqa: B006
+    quiet: Quiet = False,
+) -> None:
+    """Run a case from many moved starts; write ensemble.h5 and figures into results/CASE--ensemble/."""
+    from exunet.case.casefile import load
+    from exunet.case.fault_location import located_faults
+    from exunet.interfaces.commands.ensemble import AskedEnsemble, run_ensemble_case
+
+    loaded = load(case, overrides)
+    with located_faults(loaded):
+        stopped = run_ensemble_case(loaded, AskedEnsemble(runs, perturb, seed, out, overwrite, quiet))
+    if stopped:
+        raise stopped
+
+
 @app.command("resume")
 def resume_command(
     folder: Annotated[

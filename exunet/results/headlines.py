@@ -110,11 +110,6 @@ class Headline:
         """Its key in summary.json: name and unit."""
         return f"{self.name}_{self.unit.replace('/', '_')}"
 
-    @property
-    def shown_unit(self) -> str:
-        """The unit as figures have it."""
-        return self.unit.replace("2", "²")
-
 
 def _time_of_peak(course: Course) -> float | None:
     return course.peak.time if course.peak.element >= 0 else None
@@ -167,6 +162,37 @@ HEADLINES = (
     Headline(f"time_above_{NEARLY_OPEN:.0%}".replace("%", "_percent"), "area above 80 %", "s", _time_open),
     Headline("bullet_speed_at_end", "bullet speed at the end", "m/s", _mean_bullet_speed, remark="mean"),
     Headline("dissipated_energy", "energy dissipated", "J", lambda course: float(course.dissipated[-1])),
+)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One quantity over time, of which an ensemble has quantiles: name, words, unit, (t,) values of a course.
+
+    value : None where it is not defined
+    """
+
+    name: str
+    words: str
+    unit: str
+    value: Callable[[Course], Floats | None]
+
+
+def _mouth_area(course: Course) -> Floats | None:
+    return course.area if 0.0 < course.achievable_area < math.inf else None
+
+
+def _bullet_speeds(course: Course) -> Floats | None:
+    return course.bullet_speed.mean(axis=1) if course.bullet_speed.shape[1] else None
+
+
+CURVES = (
+    Curve("area", "mouth area", "m2", _mouth_area),
+    Curve("bullet_speed", "mean speed of the bullets", "m/s", _bullet_speeds),
+    Curve("tension", "largest tension", "N", lambda course: course.tension),
+    Curve("kinetic", "kinetic energy", "J", lambda course: course.kinetic),
+    Curve("elastic", "elastic energy", "J", lambda course: course.elastic),
+    Curve("dissipated", "energy dissipated", "J", lambda course: course.dissipated),
 )
 
 

@@ -83,9 +83,10 @@ class Ensemble:
         )
 
 
-def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int) -> Floats:
+def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int, *, first: int = 0) -> Floats:
     """(runs, n_nodes, 3) initial positions, each coordinate of free nodes moved by up to +-amplitude [m].
 
+    first : number of the first of the runs
     Run k gets the same perturbation however many runs there are. Raises InputError for a number of runs, a
     seed or an amplitude that is out of range.
     """
@@ -93,7 +94,9 @@ def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int) ->
     whole_number("seed", seed, at_least=0)
     if not (isinstance(amplitude, Real) and 0.0 <= float(amplitude) < float("inf")):
         raise InputError(f"amplitude: must be a finite number of metres, 0 or more, got {amplitude!r}")
-    found = [perturbed(start.net, start.position, amplitude, (seed, run)) for run in range(runs)]
+    found = [
+        perturbed(start.net, start.position, amplitude, (seed, run)) for run in range(first, first + runs)
+    ]
     return np.array(found).reshape(-1, *start.position.shape)
 
 
@@ -105,6 +108,7 @@ def run_ensemble(
     *,
     retries: int = 0,
     progress: Callable[[int], None] | None = None,
+    first: int = 0,
 ) -> Ensemble:
     """Run `start` once from each initial state; the result does not depend on the number of workers.
 
@@ -112,6 +116,7 @@ def run_ensemble(
     workers            : threads (compiled code runs beside each other); None: one a core
     retries            : how often a run that fails because of its steps begins anew with finer ones
     progress           : called with the number of runs that are done, after each of them
+    first              : number of the first run in the words of errors
     Raises RunStopped, naming the run, if one diverges or its steps collapse; MissingExtra without Numba;
     InputError for a method that the compiled loop does not have, states of another shape or that are not
     finite numbers, or a number of workers below 1; KeyboardInterrupt on Ctrl-C.
@@ -140,7 +145,7 @@ def run_ensemble(
             except RunStopped as found:
                 plan = finer(moved.plan) if found.step_cause and left else None
                 if plan is None:
-                    raise RunStopped(f"run {run} of the ensemble {found}") from found
+                    raise RunStopped(f"run {first + run} of the ensemble {found}") from found
                 moved = replace(moved, plan=plan)
         raise AssertionError("the last attempt returns or raises")
 
@@ -162,6 +167,12 @@ def whole_number(name: str, given: object, at_least: int) -> None:
     """Raise InputError for an argument that is no whole number, or too small a one."""
     if isinstance(given, bool) or not isinstance(given, Integral) or given < at_least:
         raise InputError(f"{name}: must be a whole number, {at_least} or more, got {given!r}")
+
+
+def metres(name: str, given: object) -> None:
+    """Raise InputError for an argument that is no length, or a negative one."""
+    if isinstance(given, bool) or not (isinstance(given, Real) and 0.0 <= float(given) < float("inf")):
+        raise InputError(f"{name}: must be a finite number of metres, 0 or more, got {given!r}")
 
 
 def _states(name: str, given: object, n_points: int, runs: int | None) -> Floats:

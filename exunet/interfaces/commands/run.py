@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any
 
 from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
-from exunet.base.files import cannot_write, sweep
 from exunet.case.casefile import Case
 from exunet.interfaces.commands.estimates import ExpectedSpread, estimated, expected_spread, refuse_beyond
+from exunet.interfaces.commands.folders import opened, ready, silent, to_stderr
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.interfaces.commands.progress import told_progress
@@ -26,7 +24,6 @@ from exunet.results.run_folder import (
     SUMMARY,
     has_result,
     has_unfinished,
-    new_folder,
     refuse_taken,
 )
 from exunet.results.segments import Segments
@@ -89,9 +86,9 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
     start = prepare_case(case)  # whose faults come before any folder is made
     refuse_checkpoints(start, asked.checkpoint_every)
     wanted = asked.out or folder_of(case)
-    say = _silent if asked.quiet else _to_stderr
-    with _opened(wanted, own=asked.out is None and not asked.overwrite) as folder:
-        _ready(folder)
+    say = silent if asked.quiet else to_stderr
+    with opened(wanted, own=asked.out is None and not asked.overwrite) as folder:
+        ready(folder, (RESULT_FILE, *DESCRIPTIONS))
         if not asked.overwrite:
             refuse_taken(folder)
         elif has_unfinished(folder):
@@ -116,7 +113,7 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
     if not has_unfinished(folder):
         raise InputError(f"{folder}: there is no unfinished run in this folder")
     case, _ = case_of_store(Segments(folder / STORE_FOLDER))
-    _ready(folder)
+    ready(folder, (RESULT_FILE, *DESCRIPTIONS))
 
     def simulate(progress: Progress | None, describe: Describe) -> Result:
         return resume(folder, progress, describe)
@@ -231,53 +228,9 @@ def _agreement(
         return None, Interrupted(f"{words}; the result is written", result), words
 
 
-@contextmanager
-def _opened(wanted: Path, *, own: bool) -> Iterator[Path]:
-    """The folder of a run, made if need be: `wanted`, or if it is its `own` one the next that is free.
-
-    Folders that were made are taken away again if the run ended with nothing in them.
-    """
-    try:
-        missing = [one for one in wanted.parents if not one.exists()]
-        folder, made = wanted, own or not wanted.exists()
-        if own:
-            folder = new_folder(wanted)
-        else:
-            folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        raise cannot_write(wanted, error) from error
-    try:
-        yield folder
-    finally:
-        for one in (folder, *missing) if made else ():
-            with suppress(OSError):  # not empty: a part of the run is kept
-                one.rmdir()
-
-
-def _ready(folder: Path) -> None:
-    """Prove that the folder can be written; what an earlier run left there stays as it is."""
-    try:
-        sweep(folder)
-        with TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise cannot_write(folder, error) from error
-    for name in (RESULT_FILE, *DESCRIPTIONS):
-        if (folder / name).exists() and not (folder / name).is_file():
-            raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
-
-
 def _elsewhere(wanted: Path, folder: Path) -> str:
     """Why a run does not go to the first folder of its name."""
     if has_unfinished(wanted):
         return f"{wanted} has an unfinished run (exunet resume {wanted}); this run goes to {folder}"
     there = "has a result" if has_result(wanted) else "is there already"
     return f"{wanted} {there}; this run goes to {folder} (--overwrite replaces it)"
-
-
-def _to_stderr(words: str) -> None:
-    sys.stderr.write(f"{words}\n")
-
-
-def _silent(_words: str) -> None:
-    """Nothing is said."""
