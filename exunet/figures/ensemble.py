@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from exunet.base.errors import InputError
 from exunet.base.files import replacing
 from exunet.figures.page import FORMATS, INCH, Page, legend_above, write
-from exunet.figures.style import BLACK, BLUE, SMALL, blank, drawing
+from exunet.figures.style import BLACK, SMALL, blank, drawing
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.headlines import CURVES, HEADLINES
 
@@ -20,7 +20,7 @@ FIGURES = {
     "bands": "median and quantiles of quantities over time",
 }
 COLUMNS, WIDTH, ROW = 2, 170.0, 48.0  # panels side by side; [mm] of the figure and of a row
-TRANSLUCENT = ((0.0, 1.0, 0.2), (0.05, 0.95, 0.3), (0.25, 0.75, 0.45))  # levels of a band, and its opacity
+BANDS = ((0.0, 1.0, "#d3dde8"), (0.05, 0.95, "#94adc9"), (0.25, 0.75, "#4d77a6"))  # levels, tint of BLUE
 
 
 def ensemble_figure(result: EnsembleResult, name: str, *, title: bool = False) -> Figure:
@@ -73,7 +73,7 @@ def histograms(result: EnsembleResult, page: Page) -> Figure | None:
     figure, panels = _panels(result, page, len(shown), f"Headlines of {result.runs} runs")
     for axes, (one, values) in zip(panels, shown, strict=True):
         bins = int(np.clip(np.sqrt(len(values)), 5, 40))
-        axes.hist(values, bins=bins, color=BLUE, edgecolor="white", linewidth=0.3)
+        axes.hist(values, bins=bins, color=BANDS[1][2], edgecolor="white", linewidth=0.3)
         axes.axvline(float(np.median(values)), color=BLACK, linewidth=1.0, label="median")
         for level in (0.05, 0.95):
             label = "5 % and 95 %" if level < 0.5 else None
@@ -85,17 +85,22 @@ def histograms(result: EnsembleResult, page: Page) -> Figure | None:
     return figure
 
 
-def bands(result: EnsembleResult, page: Page) -> Figure:
-    """One panel for each quantity: median, and bands from the least to the largest, 5-95 %, 25-75 %."""
-    shown = [curve for curve in CURVES if curve.name in result.quantiles]
+def bands(result: EnsembleResult, page: Page) -> Figure | None:
+    """One panel for each quantity: median, and bands from the least to the largest, 5-95 %, 25-75 %.
+
+    None where all are zero all the time.
+    """
+    shown = [curve for curve in CURVES if np.any(result.quantiles.get(curve.name, 0.0))]
+    if not shown:
+        return None
     figure, panels = _panels(result, page, len(shown), f"Quantiles of {result.runs} runs")
     level = {float(value): k for k, value in enumerate(result.levels)}
     for axes, curve in zip(panels, shown, strict=True):
         values = result.quantiles[curve.name]
-        for low, high, opacity in TRANSLUCENT:
+        for low, high, tint in BANDS:
             label = "all runs" if low == 0.0 else f"{low:.0%} to {high:.0%}".replace("%", " %")
             ends = values[level[low]], values[level[high]]
-            axes.fill_between(result.time, *ends, color=BLUE, alpha=opacity, linewidth=0, label=label)
+            axes.fill_between(result.time, *ends, color=tint, linewidth=0, label=label)
         axes.plot(result.time, values[level[0.5]], color=BLACK, linewidth=0.9, label="median")
         axes.set_xlabel("time [s]")
         axes.set_ylabel(f"{curve.words} [{_unit(curve.unit)}]")

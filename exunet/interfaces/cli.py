@@ -299,13 +299,19 @@ def plot_command(
     ] = None,
     title: Annotated[bool, typer.Option("--title", help="with a title above each figure")] = False,
 ) -> None:
-    """Draw the figures of a result, beside it or into --out."""
+    """Draw the figures of a result, with the spread beside it, into its folder or into --out."""
     from exunet.figures import save_figures
+    from exunet.results.ensemble_result import load_ensemble
     from exunet.results.reading import load_result
+    from exunet.results.run_folder import SPREAD
 
-    folder = out or (result if result.is_dir() else result.parent)
+    own = result if result.is_dir() else result.parent
+    folder = out or own
+    spread = load_ensemble(own / SPREAD) if (own / SPREAD).is_file() else None
     sides = None if size is None else _sides(size)
-    for path in save_figures(load_result(result), folder, format=kind, size=sides, title=title):
+    for path in save_figures(
+        load_result(result), folder, spread=spread, format=kind, size=sides, title=title
+    ):
         typer.echo(path)
 
 

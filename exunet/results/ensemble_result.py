@@ -65,6 +65,11 @@ class EnsembleResult:
         values = self.headlines[key]
         return np.quantile(values[~np.isnan(values)], level)
 
+    def band(self, name: str) -> tuple[Floats, Floats]:
+        """Least and largest (t,) of a quantity over the runs."""
+        values = self.quantiles[name]
+        return values[0], values[-1]
+
     def to_frame(self) -> DataFrame:
         """The headlines as a pandas table: one row for each run, its number as the index.
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,13 +183,15 @@ def _mouth_area(course: Course) -> Floats | None:
     return course.area if 0.0 < course.achievable_area < math.inf else None
 
 
-def _bullet_speeds(course: Course) -> Floats | None:
-    return course.bullet_speed.mean(axis=1) if course.bullet_speed.shape[1] else None
+def _of_bullets(course: Course, number: Callable[..., Any]) -> Floats | None:
+    return np.asarray(number(course.bullet_speed, axis=1)) if course.bullet_speed.shape[1] else None
 
 
 CURVES = (
     Curve("area", "mouth area", "m2", _mouth_area),
-    Curve("bullet_speed", "mean speed of the bullets", "m/s", _bullet_speeds),
+    Curve("bullet_speed", "mean speed of bullets", "m/s", lambda course: _of_bullets(course, np.mean)),
+    Curve("slowest_bullet", "speed of the slowest", "m/s", lambda course: _of_bullets(course, np.min)),
+    Curve("fastest_bullet", "speed of the fastest", "m/s", lambda course: _of_bullets(course, np.max)),
     Curve("tension", "largest tension", "N", lambda course: course.tension),
     Curve("kinetic", "kinetic energy", "J", lambda course: course.kinetic),
     Curve("elastic", "elastic energy", "J", lambda course: course.elastic),

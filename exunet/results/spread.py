@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.results.headlines import HEADLINES, Course, Headline, printed, shown, unit_of_last_digit
 
 Floats = NDArray[np.float64]
@@ -121,10 +122,11 @@ class Spread:
         """True if no headline is beyond the horizon of predictability."""
         return all(one.predictable for one in self.judged.values())
 
-    def band(self, name: str) -> tuple[Floats, Floats, Floats]:
-        """Least, median and largest (t, ...) over the runs of a field of `Course`."""
-        values = np.array([getattr(one, name) for one in self.courses])
-        return values.min(axis=0), np.median(values, axis=0), values.max(axis=0)
+    def as_ensemble(self) -> EnsembleResult:
+        """What is kept of it in a file, and drawn."""
+        names = ("seed", "move", "method", "tolerance", "step")
+        story = {"move_m" if name == "move" else name: getattr(self, name) for name in names}
+        return ensemble_result(self.courses, complete=True, verdict="ok", provenance=story)
 
     def words(self) -> str:
         """Which runs these are."""

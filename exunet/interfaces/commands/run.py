@@ -17,10 +17,12 @@ from exunet.interfaces.commands.printing import print_table, status
 from exunet.interfaces.commands.progress import told_progress
 from exunet.interfaces.commands.waiting import waiting
 from exunet.results.agreement import Agreement
+from exunet.results.ensemble_result import save_ensemble
 from exunet.results.reading import RESULT_FILE, STORE_FOLDER
 from exunet.results.result import Result
 from exunet.results.run_folder import (
     DESCRIPTIONS,
+    SPREAD,
     SUMMARY,
     has_result,
     has_unfinished,
@@ -181,7 +183,11 @@ def _describe(
             summary["error_estimate"] = error_estimate.numbers()
             table += error_estimate.rows()
     write_summary(summary, folder / SUMMARY)
-    save_figures(result, folder, agreement)
+    shown = None
+    if isinstance(spread, Spread):
+        shown = spread.as_ensemble()
+        save_ensemble(shown, folder / SPREAD, overwrite=True)
+    save_figures(result, folder, agreement, shown)
     story.title, story.table = summary["title"], table
 
 
