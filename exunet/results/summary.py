@@ -206,9 +206,22 @@ def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list
     if summary["deployment"] is None:
         found.append(("deployment", "no mouth: not defined for this topology"))
     if isinstance(spread, Spread):
-        return [*found, ("spread", spread.words()), ("spread", spread.verdict())]
+        told = [("spread", spread.words()), ("spread", spread.verdict())]
+        return [*found, *told, *_outside_row(summary["headlines"], spread)]
     why = "not asked for" if spread is None else spread
     return [*found, ("spread", f"{why}: these are the numbers of one run of a chaotic net")]
+
+
+def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, str]]:
+    """What of the run itself lies outside the ranges: its start may be special, as a symmetric one is."""
+    found = []
+    for key, judged in spread.judged.items():
+        value = headlines[key]["this_run"]
+        if not judged.predictable and value is not None and not judged.least <= value <= judged.largest:
+            found.append(f"{judged.headline.words} {shown(judged.headline, value)}")
+    if not found:
+        return []
+    return [("this run", f"outside of the range, so that its exact start is not typical: {', '.join(found)}")]
 
 
 def _where(judged: Judged) -> str:
