@@ -38,7 +38,7 @@ def test_run_writes_result_summary_and_figures_only(tmp_path):
         "simulating",
         "simulated",
     ]
-    names = {"result.h5", "summary.json"} | FIGURES
+    names = {"result.h5", "summary.json", "spread.h5"} | FIGURES
     folder = tmp_path / "results/planar_deployment--time.end=0.02--time.output_step=0.01"
     assert written(folder) == names
     assert {path.name for path in tmp_path.rglob("*")} == names | {"results", folder.name}
