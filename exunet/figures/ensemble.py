@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from exunet.base.errors import InputError
 from exunet.base.files import replacing
@@ -81,6 +82,7 @@ def histograms(result: EnsembleResult, page: Page) -> Figure | None:
             axes.axvline(at, color=BLACK, linewidth=0.8, linestyle=":", label=label)
         axes.set_xlabel(f"{one.words} [{_unit(one.unit)}]")
         axes.set_ylabel("runs")
+        axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     legend_above(figure, *panels[0].get_legend_handles_labels())
     return figure
 

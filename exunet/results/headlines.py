@@ -190,9 +190,9 @@ def _of_bullets(course: Course, number: Callable[..., Any]) -> Floats | None:
 CURVES = (
     Curve("area", "mouth area", "m2", _mouth_area),
     Curve("bullet_speed", "mean speed of bullets", "m/s", lambda course: _of_bullets(course, np.mean)),
-    Curve("slowest_bullet", "speed of the slowest", "m/s", lambda course: _of_bullets(course, np.min)),
-    Curve("fastest_bullet", "speed of the fastest", "m/s", lambda course: _of_bullets(course, np.max)),
-    Curve("tension", "largest tension", "N", lambda course: course.tension),
+    Curve("slowest_bullet", "slowest bullet", "m/s", lambda course: _of_bullets(course, np.min)),
+    Curve("fastest_bullet", "fastest bullet", "m/s", lambda course: _of_bullets(course, np.max)),
+    Curve("tension", "largest tension then", "N", lambda course: course.tension),
     Curve("kinetic", "kinetic energy", "J", lambda course: course.kinetic),
     Curve("elastic", "elastic energy", "J", lambda course: course.elastic),
     Curve("dissipated", "energy dissipated", "J", lambda course: course.dissipated),

@@ -68,11 +68,6 @@ class ExpectedCost:
     states: int
 
     @property
-    def stepping(self) -> float:
-        """Wall time without starting and drawing [s]."""
-        return self.seconds - _REST
-
-    @property
     def known(self) -> float | None:
         """The number of right-hand sides, where it was counted."""
         return self.right_hand_sides if self.factor <= COUNTED else None

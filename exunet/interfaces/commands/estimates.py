@@ -106,7 +106,7 @@ def expected_spread(
         return ExpectedSpread(0, refused=NO_NUMBA)
     cores = os.cpu_count() or 1
     each = seconds_of_a_course(start, trial)
-    runs = runs_within(run.stepping, each, cores) if asked is None else asked
+    runs = runs_within(run.seconds, each, cores) if asked is None else asked
     seconds = each * (-(-(runs + 1) // cores) + FINER_RUN)
     return ExpectedSpread(runs, seconds, compiles=not is_compiled(start))
 
