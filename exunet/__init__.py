@@ -24,8 +24,12 @@ if TYPE_CHECKING:
     from exunet.case.casefile import load as load
     from exunet.figures import figure as figure
     from exunet.figures import save_figures as save_figures
+    from exunet.figures.ensemble import ensemble_figure as ensemble_figure
     from exunet.results.agreement import Agreement as Agreement
     from exunet.results.comparison import compare as compare
+    from exunet.results.ensemble_result import EnsembleResult as EnsembleResult
+    from exunet.results.ensemble_result import load_ensemble as load_ensemble
+    from exunet.results.ensemble_result import save_ensemble as save_ensemble
     from exunet.results.measures import Deployment as Deployment
     from exunet.results.measures import achievable_area as achievable_area
     from exunet.results.measures import bullet_speeds as bullet_speeds
@@ -50,6 +54,7 @@ if TYPE_CHECKING:
     from exunet.studies.ensemble import Ensemble as Ensemble
     from exunet.studies.ensemble import perturbed_positions as perturbed_positions
     from exunet.studies.ensemble import run_ensemble as run_ensemble
+    from exunet.studies.moved_starts import ensemble as ensemble
 
 # Groups of public names, in the order of docs/api.md: name -> the module it lives in.
 API = {
@@ -86,6 +91,11 @@ API = {
         "Agreement": "exunet.results.agreement",
     },
     "Ensembles": {
+        "ensemble": "exunet.studies.moved_starts",
+        "EnsembleResult": "exunet.results.ensemble_result",
+        "save_ensemble": "exunet.results.ensemble_result",
+        "load_ensemble": "exunet.results.ensemble_result",
+        "ensemble_figure": "exunet.figures.ensemble",
         "prepare": "exunet.simulation.preparation",
         "Start": "exunet.simulation.preparation",
         "perturbed_positions": "exunet.studies.ensemble",

@@ -38,6 +38,13 @@ class Ended:
     stderr: str
 
 
+def without_spread(arguments: tuple[object, ...]) -> list[str]:
+    """The arguments; a run has no moved starts, which take time, unless it asks for them."""
+    given = [str(one) for one in arguments]
+    adds = given[:1] in (["run"], ["resume"]) and "--spread" not in given
+    return [*given, "--spread", "0"] if adds else given
+
+
 def command(*arguments: object, folder: Path) -> Ended:
     """`exunet ...` with `folder` as the working directory; a warning of the arithmetic is an error."""
     out, err = StringIO(), StringIO()
@@ -49,7 +56,7 @@ def command(*arguments: object, folder: Path) -> Ended:
     ):
         warnings.simplefilter("error", RuntimeWarning)
         patch.chdir(folder)
-        patch.setattr(sys, "argv", ["exunet", *map(str, arguments)])
+        patch.setattr(sys, "argv", ["exunet", *without_spread(arguments)])
         with pytest.raises(SystemExit) as end:
             main()
     code = end.value.code
@@ -61,7 +68,7 @@ def process(*arguments: object, folder: Path, program: str = "") -> subprocess.P
     """The same in a process of its own; program : what starts the command there, if not `-m exunet`."""
     start = ["-c", program] if program else ["-m", "exunet"]
     return subprocess.Popen(
-        [sys.executable, *start, *map(str, arguments)],
+        [sys.executable, *start, *without_spread(arguments)],
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

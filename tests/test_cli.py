@@ -27,11 +27,18 @@ def written(folder: Path) -> set[str]:
 
 
 def test_run_writes_result_summary_and_figures_only(tmp_path):
-    done = ended(process("run", PLANAR, *SHORT, folder=tmp_path))
+    done = ended(process("run", PLANAR, *SHORT, "--spread", 8, folder=tmp_path))
     assert done.returncode == 0, done.stderr
     lines = done.stderr.splitlines()  # plain ones where there is no terminal
-    assert [line.split()[0] for line in lines] == ["time", "memory", "disk", "simulating", "simulated"]
-    names = {"result.h5", "summary.json"} | FIGURES
+    assert [line.split()[0] for line in lines] == [
+        "time",
+        "memory",
+        "disk",
+        "spread",
+        "simulating",
+        "simulated",
+    ]
+    names = {"result.h5", "summary.json", "spread.h5"} | FIGURES
     folder = tmp_path / "results/planar_deployment--time.end=0.02--time.output_step=0.01"
     assert written(folder) == names
     assert {path.name for path in tmp_path.rglob("*")} == names | {"results", folder.name}

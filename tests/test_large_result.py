@@ -73,7 +73,7 @@ result = load_result(folder)
 reached("read")
 summary = summarise(result)
 rows(summary)
-assert summary["largest_tension"]["tension_N"] == 1000.0
+assert summary["headlines"]["largest_tension_N"]["this_run"] == 1000.0
 assert bullet_speeds(result)[:, 1].max() == 50.0
 assert energy_balance(result) < 1e-12
 reached("summarised")

@@ -29,7 +29,7 @@ CASES = Path(__file__).parent.parent / "cases"
 PLANAR = CASES / "planar_deployment.toml"
 ORBIT = CASES / "effects" / "orbit.toml"
 SHORT = ("--set", "time.end=0.02", "--set", "time.output_step=0.01")
-COMMANDS = ("run", "resume", "check", "effects", "schema", "verify", "cost", "compare", "plot")
+COMMANDS = ("run", "ensemble", "resume", "check", "effects", "schema", "verify", "cost", "compare", "plot")
 
 
 @pytest.mark.parametrize("name", ["", *COMMANDS])

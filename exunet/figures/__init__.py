@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from exunet.base.errors import InputError
 from exunet.base.files import cannot_write, replacing
 from exunet.results.agreement import Agreement
+from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.result import Result
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def figure(
     name: str,
     *,
     agreement: Agreement | None = None,
+    spread: EnsembleResult | None = None,
     size: Size | None = None,
     title: bool = False,
 ) -> Figure:
@@ -45,6 +47,8 @@ def figure(
 
     name      : one of `FIGURES`
     agreement : with another run, from `compare`; adds the other run's speeds to "bullet_speeds"
+    spread    : of moved starts, from `load_ensemble` or `ensemble`; adds bands, least to largest of its runs,
+                to "area", "bullet_speeds", "energies" and "largest_tension"
     size      : (width, height) [mm], 40 to 1000; None: 170 mm wide (the nets less), as high as it needs
     title     : with a title above it
     Raises InputError for a name that is not known, a size out of range, or a result that has not what the
@@ -52,23 +56,29 @@ def figure(
     """
     if name not in FIGURES:
         raise InputError(f"figure: {name!r} is not one of {', '.join(FIGURES)}")
-    made = _drawn((name,), result, agreement, size, title)
+    made = _drawn((name,), result, agreement, spread, size, title)
     if name not in made:
         raise InputError(f"figure: this result cannot have {name!r}: {FIGURES[name]}")
     return made[name]
 
 
 def figures(
-    result: Result, agreement: Agreement | None = None, *, size: Size | None = None, title: bool = False
+    result: Result,
+    agreement: Agreement | None = None,
+    spread: EnsembleResult | None = None,
+    *,
+    size: Size | None = None,
+    title: bool = False,
 ) -> dict[str, Figure]:
     """All figures that a result can have, by name; arguments and errors as of `figure`."""
-    return _drawn(tuple(FIGURES), result, agreement, size, title)
+    return _drawn(tuple(FIGURES), result, agreement, spread, size, title)
 
 
 def save_figures(
     result: Result,
     folder: str | Path,
     agreement: Agreement | None = None,
+    spread: EnsembleResult | None = None,
     *,
     format: str = "png",  # noqa: A002 - as Matplotlib calls it
     size: Size | None = None,
@@ -77,7 +87,7 @@ def save_figures(
     """Write each figure as NAME.FORMAT in `folder`, which is made if it is not there; the paths of the files.
 
     format : "png" (300 dots per inch), "pdf" or "svg" (text stays text)
-    agreement, size, title : as of `figure`
+    agreement, spread, size, title : as of `figure`
 
     Each file appears whole or not at all, and the same result gives the same bytes. Raises InputError for a
     format or a size that is not known, or if the folder or a file cannot be written.
@@ -87,7 +97,7 @@ def save_figures(
     if format not in FORMATS:
         raise InputError(f"format: must be one of {', '.join(FORMATS)}, got {format!r}")
     folder = Path(folder)
-    made = figures(result, agreement, size=size, title=title)
+    made = figures(result, agreement, spread, size=size, title=title)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
@@ -105,6 +115,7 @@ def _drawn(
     names: tuple[str, ...],
     result: Result,
     agreement: Agreement | None,
+    spread: EnsembleResult | None,
     size: Size | None,
     title: bool,
 ) -> dict[str, Figure]:
@@ -112,7 +123,7 @@ def _drawn(
     from exunet.figures.style import drawing
 
     page = Page(None if size is None else _checked(size), title)
-    drawers = _drawers(agreement)
+    drawers = _drawers(agreement, spread)
     with drawing():
         made = {name: drawers[name](result, page) for name in names}
     return {name: one for name, one in made.items() if one is not None}
@@ -129,18 +140,20 @@ def _checked(size: Size) -> Size:
     return width, height
 
 
-def _drawers(agreement: Agreement | None) -> dict[str, Callable[[Result, Page], Figure | None]]:
+def _drawers(
+    agreement: Agreement | None, spread: EnsembleResult | None
+) -> dict[str, Callable[[Result, Page], Figure | None]]:
     """What makes each figure; it returns None for a result that has not what it shows."""
     from exunet.figures import curves, nets, tensions
 
     return {
         "reference_net": nets.reference_net,
         "snapshots": nets.snapshots,
-        "bullet_speeds": lambda result, page: curves.bullet_speeds(result, page, agreement),
-        "energies": curves.energies,
-        "area": curves.area,
+        "bullet_speeds": lambda result, page: curves.bullet_speeds(result, page, agreement, spread),
+        "energies": lambda result, page: curves.energies(result, page, spread),
+        "area": lambda result, page: curves.area(result, page, spread),
         "tensions": tensions.tensions,
-        "largest_tension": curves.largest_tension,
+        "largest_tension": lambda result, page: curves.largest_tension(result, page, spread),
         "rotation": curves.rotation,
         "agreement": lambda result, page: (
             None if agreement is None else curves.agreement(result, page, agreement)

@@ -15,14 +15,20 @@ from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_st
 from exunet.figures.thinning import thinned, thinned_band
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
+from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.result import Result
 from exunet.results.rows import over_blocks
 
 Floats = NDArray[np.float64]
 
 
-def bullet_speeds(result: Result, page: Page, agreement: Agreement | None = None) -> Figure | None:
-    """Speed of each bullet over time, with the other run's if given; None without bullets."""
+def bullet_speeds(
+    result: Result, page: Page, agreement: Agreement | None = None, spread: EnsembleResult | None = None
+) -> Figure | None:
+    """Speed of each bullet over time, with the other run's if given; None without bullets.
+
+    The band of moved starts is from the slowest to the fastest of all their bullets.
+    """
     speeds = metrics.bullet_speeds(result)
     count = speeds.shape[1]
     if count == 0:
@@ -52,12 +58,16 @@ def bullet_speeds(result: Result, page: Page, agreement: Agreement | None = None
             label = "reference" if k == 0 else None
             _curve(axes, agreement.time, column, label=label, **grey)
         _mark_horizon(axes, agreement)
+    if spread is not None and "slowest_bullet" in spread.quantiles:
+        ends = spread.band("slowest_bullet")[0], spread.band("fastest_bullet")[1]
+        _spread_band(axes, spread, ends, BLACK)
+        top = max(top, float(ends[1].max()))
     axes.set_ylim(0, 1.05 * top or 1.0)
     _legend(figure, axes)
     return figure
 
 
-def energies(result: Result, page: Page) -> Figure:
+def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure:
     """Kinetic and elastic energy, their sum and the dissipated work, relative to the total at the start.
 
     In joule if the net starts with (almost) no energy of its own, as one that falls from rest. Where known,
@@ -87,11 +97,17 @@ def energies(result: Result, page: Page) -> Figure:
     ):
         if extremes is not None:
             _band(axes, result.time, parts[name][0] / unit, extremes / unit, color, words)
+    if spread is not None:
+        for name, (_, style) in parts.items():
+            if name in spread.quantiles:
+                least, largest = spread.band(name)
+                words = f"{name}, {spread.runs} moved starts"
+                _spread_band(axes, spread, (least / unit, largest / unit), style["color"], words)
     _legend(figure, axes)
     return figure
 
 
-def area(result: Result, page: Page) -> Figure | None:
+def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Mouth area over the achievable one, mesh area over that of the reference; None without either."""
     net = result.net
     measures = metrics.deployment(result)
@@ -105,6 +121,10 @@ def area(result: Result, page: Page) -> Figure | None:
         label = f"mouth / achievable area ({number(measures.achievable_area)} m²)"
         _curve(axes, result.time, values, label=label, color=BLUE, linewidth=1.8)
         top = max(top, float(values.max()))
+    if spread is not None and measures is not None and "area" in spread.quantiles:
+        least, largest = (side / measures.achievable_area for side in spread.band("area"))
+        _spread_band(axes, spread, (least, largest), BLUE, f"mouth, {spread.runs} moved starts")
+        top = max(top, float(largest.max()))
     if meshes:
         values = over_blocks(partial(metrics.mesh_area, net), result.position) / meshes
         label = "meshes / reference configuration (folds count twice)"
@@ -121,7 +141,7 @@ def area(result: Result, page: Page) -> Figure | None:
     return figure
 
 
-def largest_tension(result: Result, page: Page) -> Figure | None:
+def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Largest tension of all elements over time, and that of all steps if known; None without elements.
 
     The curve has the stored times only: a snap between two of them does not show in it, but the mark does.
@@ -138,6 +158,15 @@ def largest_tension(result: Result, page: Page) -> Figure | None:
         words = f"largest of all steps: {number(peak['tension_N'])} N, element {peak['element']}"
         style: dict[str, Any] = {"color": RED, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
         axes.plot(peak["time_s"], peak["tension_N"], "o", label=words, **style)
+    if spread is not None:
+        _spread_band(axes, spread, spread.band("tension"), BLACK)
+        peaks = spread.headlines["largest_tension_N"]
+        times = spread.headlines.get("time_of_largest_tension_s")
+        if times is not None:
+            dots: dict[str, Any] = {"color": BLACK, "markersize": 2.5, "markeredgewidth": 0.6, "zorder": 3}
+            words = f"largest of all steps, {spread.runs} moved starts"
+            axes.plot(times, peaks, "x", label=words, **dots)
+        top = max(top, float(peaks.max()))
     axes.set_ylim(0, 1.05 * top or 1.0)
     _legend(figure, axes)
     return figure
@@ -211,6 +240,16 @@ def _band(axes: Axes, time: Floats, values: Floats, extremes: Floats, color: str
     """From a curve to the extreme value of each interval, which ends with one of its times."""
     style: dict[str, Any] = {"color": color, "alpha": 0.5, "linewidth": 0.7, "zorder": 1.5}
     axes.fill_between(*thinned_band(time, values, extremes), step="pre", label=label, **style)
+
+
+def _spread_band(
+    axes: Axes, spread: EnsembleResult, ends: tuple[Floats, Floats], color: str, label: str = ""
+) -> None:
+    """From the least to the largest of moved starts, pale and behind all curves."""
+    words = label or f"{spread.runs} moved starts"
+    axes.fill_between(
+        spread.time, *ends, color=color, alpha=0.22, linewidth=0, zorder=1, label=f"{words}, least to largest"
+    )
 
 
 def _many(axes: Axes, time: Floats, values: Floats, label: str) -> None:

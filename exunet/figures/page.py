@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,9 +16,18 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 from exunet.figures.style import SMALL, blank, drawing
-from exunet.results.result import Result
 
 INCH = 25.4  # mm
+
+
+class Judged(Protocol):
+    """What a head says of a result, or of an ensemble: whether it is complete, else why not."""
+
+    @property
+    def complete(self) -> bool: ...
+
+    @property
+    def verdict(self) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -32,7 +41,7 @@ class Page:
     size: tuple[float, float] | None = None
     title: bool = False
 
-    def curve_axes(self, result: Result, title: str) -> tuple[Figure, Axes]:
+    def curve_axes(self, result: Judged, title: str) -> tuple[Figure, Axes]:
         """A figure with one pair of axes that fills it."""
         width, height = self.size or (170.0, 95.0)
         figure = blank(width / INCH, height / INCH)
@@ -40,18 +49,18 @@ class Page:
         self.head(figure, result, title)
         return figure, figure.subplots()
 
-    def head(self, figure: Figure, result: Result, title: str) -> None:
+    def head(self, figure: Figure, result: Judged, title: str) -> None:
         """The title, if wanted, and the verdict of an incomplete result."""
         lines = self.head_lines(result, title, 72 * figure.get_figwidth())
         if lines:
             top = 1 - 0.02 / figure.get_figheight()
             figure.suptitle("\n".join(lines), y=top, va="top", fontsize=8, parse_math=False)
 
-    def head_height(self, result: Result) -> float:
+    def head_height(self, result: Judged) -> float:
         """Height of the head [inch]."""
         return 0.135 * (self.title + (not result.complete)) + 0.02
 
-    def head_lines(self, result: Result, title: str, width: float) -> list[str]:
+    def head_lines(self, result: Judged, title: str, width: float) -> list[str]:
         """Lines of at most `width` [points]."""
         lines = [title] if self.title else []
         lines += [] if result.complete else ["INCOMPLETE: " + result.verdict]

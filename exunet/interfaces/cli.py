@@ -42,6 +42,16 @@ Overrides = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the case (empty: remove it)"),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
+Moved = Annotated[
+    int | None,
+    typer.Option(
+        "--spread",
+        metavar="N",
+        min=0,
+        help="number of moved starts that show how far each number is known (32, or what takes as long as "
+        "the run, at least 8); 0: none",
+    ),
+]
 Folder = Annotated[Path | None, typer.Option(help="folder for what is written", metavar="DIR", parser=_path)]
 
 
@@ -107,6 +117,7 @@ def run_command(
         float | None,
         typer.Option(help="simulated time between two checkpoints [s]", metavar="SECONDS"),
     ] = None,
+    spread: Moved = None,
     quiet: Quiet = False,
 ) -> None:
     """Simulate a case; write result.h5, figures and summary.json into results/CASE/.
@@ -116,8 +127,35 @@ def run_command(
     from exunet.case.casefile import load
     from exunet.interfaces.commands.run import Asked, run_case
 
-    asked = Asked(out, overwrite, check, estimate, checkpoint_every, quiet)
+    asked = Asked(out, overwrite, check, estimate, checkpoint_every, quiet, spread)
     if stopped := run_case(load(case, overrides), asked):
+        raise stopped
+
+
+@app.command("ensemble")
+def ensemble_command(
+    case: CasePath,
+    runs: Annotated[int, typer.Option("-n", "--runs", help="number of runs", metavar="N")] = 1000,
+    perturb: Annotated[
+        float, typer.Option(help="by up to which each coordinate of the start is moved [m]", metavar="M")
+    ] = 1e-9,
+    seed: Annotated[int, typer.Option(help="of the moves", metavar="S")] = 0,
+    out: Folder = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace the ensemble in the folder, once it is complete")
+    ] = False,
+    overrides: Overrides = [],  # noqa: B006
+    quiet: Quiet = False,
+) -> None:
+    """Run a case from many moved starts; write ensemble.h5 and figures into results/CASE--ensemble/."""
+    from exunet.case.casefile import load
+    from exunet.case.fault_location import located_faults
+    from exunet.interfaces.commands.ensemble import AskedEnsemble, run_ensemble_case
+
+    loaded = load(case, overrides)
+    with located_faults(loaded):
+        stopped = run_ensemble_case(loaded, AskedEnsemble(runs, perturb, seed, out, overwrite, quiet))
+    if stopped:
         raise stopped
 
 
@@ -126,12 +164,13 @@ def resume_command(
     folder: Annotated[
         Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=_path)
     ],
+    spread: Moved = None,
     quiet: Quiet = False,
 ) -> None:
     """Continue a run that was killed, from its last checkpoint; the result is the same to the last bit."""
     from exunet.interfaces.commands.run import resume_run
 
-    if stopped := resume_run(folder, quiet=quiet):
+    if stopped := resume_run(folder, quiet=quiet, spread=spread):
         raise stopped
 
 
@@ -260,13 +299,19 @@ def plot_command(
     ] = None,
     title: Annotated[bool, typer.Option("--title", help="with a title above each figure")] = False,
 ) -> None:
-    """Draw the figures of a result, beside it or into --out."""
+    """Draw the figures of a result, with the spread beside it, into its folder or into --out."""
     from exunet.figures import save_figures
+    from exunet.results.ensemble_result import load_ensemble
     from exunet.results.reading import load_result
+    from exunet.results.run_folder import SPREAD
 
-    folder = out or (result if result.is_dir() else result.parent)
+    own = result if result.is_dir() else result.parent
+    folder = out or own
+    spread = load_ensemble(own / SPREAD) if (own / SPREAD).is_file() else None
     sides = None if size is None else _sides(size)
-    for path in save_figures(load_result(result), folder, format=kind, size=sides, title=title):
+    for path in save_figures(
+        load_result(result), folder, spread=spread, format=kind, size=sides, title=title
+    ):
         typer.echo(path)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,13 @@ def frame(time: Floats, columns: Mapping[str, Floats]) -> DataFrame:
 
     Raises MissingExtra without pandas.
     """
+    return table("time [s]", time, columns)
+
+
+def table(name: str, index: NDArray[Any], columns: Mapping[str, NDArray[Any]]) -> DataFrame:
+    """A table with a named index (n,) and named columns (n,); raises MissingExtra without pandas."""
     try:
         from pandas import DataFrame, Index
     except ImportError:
         raise MissingExtra("a table of a result needs pandas: pip install 'exunet[pandas]'") from None
-    return DataFrame(dict(columns), index=Index(time, name="time [s]"))
+    return DataFrame(dict(columns), index=Index(index, name=name))

@@ -47,10 +47,16 @@ class Deployment:
 
 def centre_of_mass(result: Result) -> Floats:
     """Centre of mass of net, strings and bullets, without other bodies: (n_times, 3) [m]."""
-    return over_blocks(partial(_centre, result.net), result.position)
+    return over_blocks(partial(net_centre, result.net), result.position)
 
 
-def _centre(net: Net, position: Floats) -> Floats:
+def mouth_areas(result: Result) -> Floats:
+    """Area of the mouth at each stored time: (n_times,) [m2]; zeros for a net without one."""
+    return over_blocks(partial(mouth_area, result.net), result.position)
+
+
+def net_centre(net: Net, position: Floats) -> Floats:
+    """Centre of mass of net, strings and bullets in each state: (t, 3) [m]; position (t, n_nodes, 3) [m]."""
     # By an element: in files of format 1 a chaser is the last node of the net, which no element holds.
     held = np.zeros(net.n_nodes, dtype=bool)
     held[net.element_nodes] = True
@@ -74,16 +80,23 @@ def deployment(result: Result) -> Deployment | None:
 
 def deployment_of(net: Net, time: Floats, position: Floats) -> Deployment | None:
     """`deployment` of a trajectory of either code; time (t,) [s], position (t, n_nodes, 3) [m]."""
-    achievable = achievable_area(net)
+    area = over_blocks(partial(mouth_area, net), position)
+    centre = over_blocks(partial(net_centre, net), position)
+    return deployment_of_course(time, area, centre, achievable_area(net))
+
+
+def deployment_of_course(time: Floats, area: Floats, centre: Floats, achievable: float) -> Deployment | None:
+    """`deployment` from the mouth area (t,) [m2] and the centre of mass (t, 3) [m] at times (t,) [s].
+
+    achievable : the largest area that the mouth can have [m2]
+    """
     if not 0.0 < achievable < np.inf:
         return None
-    area = over_blocks(partial(mouth_area, net), position)
     at = int(np.argmax(area))
-    centre = _centre(net, position[np.array([0, at])])
     return Deployment(
         largest_area=float(area[at]),
         time_of_largest=float(time[at]),
-        distance=float(np.linalg.norm(centre[1] - centre[0])),
+        distance=float(np.linalg.norm(centre[at] - centre[0])),
         time_open=time_above(time, area, NEARLY_OPEN * achievable),
         achievable_area=achievable,
         relative_area=float(area[at]) / achievable,

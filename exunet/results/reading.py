@@ -43,8 +43,8 @@ def load_result(path: str | Path) -> Result:
     if path.is_dir():
         whole = path / RESULT_FILE
         return load_result(whole) if whole.is_file() else open_unfinished(path)
-    _refuse_unreadable(path)
-    with _damage(path):
+    refuse_unreadable(path)
+    with damage(path):
         import h5py
 
         file = h5py.File(path, "r", rdcc_nbytes=CHUNK_BYTES)
@@ -102,7 +102,7 @@ class _FileRows:
         return self._count
 
     def read(self, path: str, start: int, stop: int) -> Floats:
-        with _damage(self._path):
+        with damage(self._path):
             return np.asarray(self._file[self._names[path]][start:stop], dtype=np.float64)
 
 
@@ -154,7 +154,7 @@ def _text(stored: Any) -> str:
 
 
 @contextmanager
-def _damage(path: str | Path) -> Iterator[None]:
+def damage(path: str | Path) -> Iterator[None]:
     """Turns whatever HDF5 raises into an InputError; Ctrl-C waits, since h5py's destructors would lose it."""
     try:
         with postponed():
@@ -165,7 +165,7 @@ def _damage(path: str | Path) -> Iterator[None]:
         _refuse(path, f"damaged or cut short ({' '.join(str(error).split())})", error)
 
 
-def _refuse_unreadable(path: str | Path) -> None:
+def refuse_unreadable(path: str | Path) -> None:
     try:
         with Path(path).open("rb") as stream:
             start = stream.read(8)

@@ -22,11 +22,12 @@ from exunet.results.segments import is_store
 
 # What stands beside a result and describes it: it goes when the result is replaced.
 SUMMARY = "summary.json"
+SPREAD = "spread.h5"
 FIGURES = (
     *("reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "largest_tension"),
     *("rotation", "agreement"),
 )
-DESCRIPTIONS = (SUMMARY, *(f"{figure}.png" for figure in FIGURES))
+DESCRIPTIONS = (SUMMARY, SPREAD, *(f"{figure}.png" for figure in FIGURES))
 
 COMPLETE = "complete"  # folder in the store's folder: what waits to take the place of an earlier result
 

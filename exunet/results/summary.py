@@ -6,6 +6,7 @@ Numbers with a unit have it at the end of their name (_s, _m, _m2, _m_s, _kg, _N
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +16,26 @@ from numpy.typing import NDArray
 from exunet.base.files import replacing
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
-from exunet.results.measures import NEARLY_OPEN, deployment, energy_balance, energy_scale, largest_tensions
+from exunet.results.headlines import HEADLINES, Course, Headline, course_of, headlines_of, shown
+from exunet.results.measures import NEARLY_OPEN, energy_balance, energy_scale
 from exunet.results.result import BodyStates, Result
+from exunet.results.spread import Judged, Spread, description, numbers
 
 Floats = NDArray[np.float64]
 
 COMPLETE = "ok"  # the verdict of a run that reached its end
 
 
-def summarise(result: Result, check: Agreement | str | None = None) -> dict[str, Any]:
+def summarise(
+    result: Result, check: Agreement | str | None = None, spread: Spread | str | None = None
+) -> dict[str, Any]:
     """Numbers of a result, ready for JSON; docs/results.md has the meaning and the unit of each key.
 
-    check : outcome of the comparison with the reference, or why there is none
+    check  : outcome of the comparison with the reference, or why there is none
+    spread : of moved starts, or why there is none
     """
     story = result.provenance
+    course = course_of(result)
     engine = story.get("engine", {})
     return {
         "title": story.get("title", ""),
@@ -44,12 +51,13 @@ def summarise(result: Result, check: Agreement | str | None = None) -> dict[str,
         "effects": story.get("effects", []),
         "energy": {
             "initial_J": float(result.kinetic[0] + result.elastic[0] + result.potential[0]),
-            "dissipated_J": float(result.dissipated[-1]),
             "in_deformation_J": energy_scale(result),
             "balance_error": energy_balance(result),
         },
-        "largest_tension": _largest_tension(result),
-        "deployment": _deployment(result),
+        "headlines": numbers(spread, headlines_of(course)),
+        "spread": description(spread),
+        "largest_tension": _largest_tension(result, course),
+        "deployment": _deployment(course),
         "broken": story.get("broken"),
         "method": {
             "name": story.get("method"),
@@ -76,35 +84,19 @@ def summarise(result: Result, check: Agreement | str | None = None) -> dict[str,
     }
 
 
-def _largest_tension(result: Result) -> dict[str, Any]:
-    """Of all steps, where the run tells it; else at the stored times."""
-    known = result.provenance.get("largest_tension")
-    found = dict(known) if known else _largest_stored_tension(result)
-    if found["element"] < 0:  # no element was ever taut
-        found |= {"time_s": None, "element": None}
-    return found | {"of": "all steps" if known else "stored times"}
+def _largest_tension(result: Result, course: Course) -> dict[str, Any]:
+    """Where it was; of all steps, where the run tells it, else of the stored times."""
+    element = course.peak.element
+    known = "largest_tension" in result.provenance
+    return {"element": element if element >= 0 else None, "of": "all steps" if known else "stored times"}
 
 
-def _largest_stored_tension(result: Result) -> dict[str, Any]:
-    largest = largest_tensions(result)
-    at = int(np.argmax(largest))
-    element = int(np.argmax(result.tension[at])) if largest[at] > 0.0 else -1
-    return {"tension_N": float(largest[at]), "time_s": float(result.time[at]), "element": element}
-
-
-def _deployment(result: Result) -> dict[str, Any] | None:
-    measures = deployment(result)
-    if measures is None:
+def _deployment(course: Course) -> dict[str, Any] | None:
+    """What a net with a mouth has beside its headlines."""
+    if not 0.0 < course.achievable_area < math.inf:
         return None
-    return {
-        "achievable_area_m2": measures.achievable_area,
-        "largest_area_m2": measures.largest_area,
-        "relative_area": measures.relative_area,
-        "time_of_largest_area_s": measures.time_of_largest,
-        "largest_area_at_end": measures.at_end,
-        "distance_m": measures.distance,
-        "time_above_80_percent_s": measures.time_open,
-    }
+    at_end = int(np.argmax(course.area)) == len(course.area) - 1
+    return {"achievable_area_m2": course.achievable_area, "largest_area_at_end": at_end}
 
 
 def _retry(story: dict[str, Any]) -> dict[str, Any]:
@@ -177,8 +169,8 @@ def write_summary(summary: dict[str, Any], path: Path) -> None:
         part.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """Rows (name, value with unit) of the table at the end of a run."""
+def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tuple[str, str]]:
+    """Rows (name, value with unit) of the table at the end of a run; spread: that of the summary."""
     method, cost, energy = summary["method"], summary["cost"], summary["energy"]
     setting = (
         f"tolerance {method['tolerance']:.3g}" if method["tolerance"] else f"step {method['step_s']:.4g} s"
@@ -197,14 +189,13 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
             "energy balance",
             f"{energy['balance_error']:.1e} of {energy['in_deformation_J']:.6g} J in deformation",
         ),
-        ("largest tension", _peak(summary["largest_tension"], summary)),
     ]
     if broken := summary["broken"]:
         first, worst = broken[0], max(one["energy_excess"] for one in broken)
         words = f"{len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
         table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
     table += [("note", note) for note in summary["notes"]]
-    return table + _deployment_rows(summary["deployment"]) + _check_rows(summary["check"])
+    return table + _headline_rows(summary, spread) + _check_rows(summary["check"])
 
 
 def _body_rows(bodies: dict[str, dict[str, float]]) -> list[tuple[str, str]]:
@@ -222,31 +213,74 @@ def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return [("stored states", f"until t = {until:.6g} s; the rows below refer to them")]
 
 
-def _peak(peak: dict[str, Any], summary: dict[str, Any]) -> str:
+def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list[tuple[str, str]]:
+    judged = spread.judged if isinstance(spread, Spread) else {}
+    found = []
+    for one in HEADLINES:
+        if one.key not in summary["headlines"]:
+            continue
+        value = summary["headlines"][one.key]["this_run"]
+        if one.key in judged:
+            words = judged[one.key].words() + _where(judged[one.key])
+        else:
+            words = shown(one, value) + _where_in_run(one, summary)
+        relative_to = judged[one.key].median if one.key in judged else value
+        remarks = [one.remark] if one.remark else []
+        remarks += _remarks(one, relative_to, summary["deployment"])
+        found.append((one.words, f"{words} ({'; '.join(remarks)})" if remarks else words))
+    if summary["deployment"] is None:
+        found.append(("deployment", "no mouth: not defined for this topology"))
+    if isinstance(spread, Spread):
+        told = [("spread", spread.words()), ("spread", spread.verdict())]
+        return [*found, *told, *_outside_row(summary["headlines"], spread)]
+    why = "not asked for" if spread is None else spread
+    return [*found, ("spread", f"{why}: these are the numbers of one run of a chaotic net")]
+
+
+def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, str]]:
+    """What of the run itself lies outside the ranges: its start may be special, as a symmetric one is."""
+    found = []
+    for key, judged in spread.judged.items():
+        value = headlines[key]["this_run"]
+        if not judged.predictable and value is not None and not judged.least <= value <= judged.largest:
+            found.append(f"{judged.headline.words} {shown(judged.headline, value)}")
+    if not found:
+        return []
+    return [("this run", f"outside of the range, so that its exact start is not typical: {', '.join(found)}")]
+
+
+def _where(judged: Judged) -> str:
+    """In which places, of runs that have some."""
+    if not judged.places:
+        return ": no element was ever taut" if judged.headline.place is not None else ""
+    (place, runs), *others = judged.places
+    if not others:
+        return f" in {judged.headline.place_is} {place}"
+    return f", in {judged.headline.place_is} {place} in {runs} of {judged.runs} runs"
+
+
+def _where_in_run(one: Headline, summary: dict[str, Any]) -> str:
+    if one.place is None:
+        return ""
+    peak = summary["largest_tension"]
+    if peak["element"] is None and summary["verdict"] != COMPLETE:
+        return f": no element was taut until {summary['simulated_until_s']:.6g} s"
     if peak["element"] is None:
-        until = (
-            "at any time" if summary["verdict"] == COMPLETE else f"until {summary['simulated_until_s']:.6g} s"
-        )
-        return f"0 N: no element was taut {until}"
-    words = f"{peak['tension_N']:.4g} N in element {peak['element']} at t = {peak['time_s']:.6g} s"
+        return ": no element was ever taut"
+    words = f" in {one.place_is} {peak['element']}"
     return words if peak["of"] == "all steps" else f"{words} (of the stored times)"
 
 
-def _deployment_rows(measures: dict[str, Any] | None) -> list[tuple[str, str]]:
-    if not measures:
-        return [("deployment", "no mouth: not defined for this topology")]
-    end = "; at the end of the run: still growing?" if measures["largest_area_at_end"] else ""
-    most = measures["achievable_area_m2"]
-    area = f"{measures['largest_area_m2']:.3f} m2, {measures['relative_area']:.1%} of the achievable"
-    return [
-        ("largest area", f"{area} {most:.3f} m2{end}"),
-        ("time of largest area", f"{measures['time_of_largest_area_s']:.3f} s"),
-        ("distance travelled", f"{measures['distance_m']:.4g} m (centre of mass, until then)"),
-        (
-            "area above 80 %",
-            f"during {measures['time_above_80_percent_s']:.3f} s ({NEARLY_OPEN * most:.3f} m2)",
-        ),
-    ]
+def _remarks(one: Headline, value: float, deployment: dict[str, Any] | None) -> list[str]:
+    """What the table says of areas: relative to which, and whether they may still grow."""
+    if deployment is None:
+        return []
+    most = deployment["achievable_area_m2"]
+    if one.key == "largest_area_m2":
+        return [f"{value / most:.1%} of the achievable {most:.3f} m2"]
+    if one.key == "time_of_largest_area_s" and deployment["largest_area_at_end"]:
+        return ["at the end of the run: still growing?"]
+    return [f"{NEARLY_OPEN * most:.3f} m2"] if one.key == "time_above_80_percent_s" else []
 
 
 def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:

@@ -83,19 +83,19 @@ def join(
         raise InputError(f"{where}: provenance cannot be written as JSON: {error}") from error
     arrays = to_arrays(net, where)
     check_times(source.read("time", 0, len(source)), where)
-    with _new_file(path) as (file, sink):
-        _put_text(file, "kind", FILE_KIND)
+    with new_file(path) as (file, sink):
+        put_text(file, "kind", FILE_KIND)
         file.attrs["format"] = FILE_FORMAT
         file.attrs["complete"] = bool(complete)
-        _put_text(file, "verdict", verdict)
-        _put_text(file, "provenance", story)
+        put_text(file, "verdict", verdict)
+        put_text(file, "provenance", story)
         for name, kind in NET_ARRAYS.items():
-            _put(file, f"{NET_GROUP}/{name}", arrays[name], kind.units, kind.description)
+            put(file, f"{NET_GROUP}/{name}", arrays[name], kind.units, kind.description)
         for name, body in bodies.items():
-            _put(file, body_path(name, "mass"), np.array([body.mass], dtype="<f8"), "kg", "mass")
+            put(file, body_path(name, "mass"), np.array([body.mass], dtype="<f8"), "kg", "mass")
             if body.inertia is not None:
                 words = "inertia about the centre of mass, in body axes"
-                _put(file, body_path(name, "inertia"), np.asarray(body.inertia, "<f8"), "kg m2", words)
+                put(file, body_path(name, "inertia"), np.asarray(body.inertia, "<f8"), "kg m2", words)
         for column in sorted(source.columns, key=lambda column: column.path):
             _put_rows(file, sink, source, column, where)
 
@@ -147,7 +147,7 @@ def _put_rows(file: h5py.File, sink: _Sink, source: RowSource, column: Column, w
     _describe(dataset, column.units, column.description)
 
 
-def _put(file: h5py.File, path: str, values: NDArray[Any], units: str, description: str) -> None:
+def put(file: h5py.File, path: str, values: NDArray[Any], units: str, description: str) -> None:
     """A dataset that is no larger than a state or two, in one chunk."""
     dataset = _create(file, path, values.shape, values.dtype, values.shape)
     if values.size:
@@ -169,11 +169,11 @@ def _create(
 
 
 def _describe(dataset: h5py.Dataset, units: str, description: str) -> None:
-    _put_text(dataset, "units", units)
-    _put_text(dataset, "description", description)
+    put_text(dataset, "units", units)
+    put_text(dataset, "description", description)
 
 
-def _put_text(owner: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
+def put_text(owner: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
     """An attribute of fixed length: kept with the others under a checksum, unlike text of variable length."""
     import h5py
 
@@ -234,7 +234,7 @@ class _Sink(io.RawIOBase):
 
 
 @contextmanager
-def _new_file(path: str | Path) -> Iterator[tuple[h5py.File, _Sink]]:
+def new_file(path: str | Path) -> Iterator[tuple[h5py.File, _Sink]]:
     """An HDF5 file that takes the place of `path` at the end; a failure to write is an InputError."""
     import h5py
 

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 import time as clock
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from exunet.backends.compiled.loop import loop_kernel
 from exunet.base.errors import ExunetError, Interrupted
 from exunet.case.stored_times import stored_times
-from exunet.codegen.compile import kept_before, numba_installed
+from exunet.codegen.compile import kept_before, numba_installed, require_numba
 from exunet.methods.keys import AUTO
 from exunet.methods.method import METHODS, Kind, TimeLoop
 from exunet.simulation.pace import Pace
@@ -57,7 +57,7 @@ def try_out(start: Start, budget: float) -> Trial | None:
     if METHODS[start.plan.method].kind != Kind.ADAPTIVE or not numba_installed():
         return None
     try:
-        there = _in_the_loop(start)
+        there = in_the_compiled_loop(start)
         return _tried(there, budget)
     except Interrupted:
         raise KeyboardInterrupt from None
@@ -65,14 +65,21 @@ def try_out(start: Start, budget: float) -> Trial | None:
         return None
 
 
-def _in_the_loop(start: Start) -> Start:
+def in_the_compiled_loop(start: Start) -> Start:
+    """The same in the compiled loop: its method where that has it, else the one of `engine.loop = "auto"`.
+
+    Forces and states that a script may have changed stay as they are. Raises MissingExtra without Numba,
+    CaseError where the compiled loop cannot have the scene.
+    """
+    require_numba('engine.loop = "compiled"')
     scene = start.scene
     engine = scene.engine.model_copy(update={"loop": TimeLoop.COMPILED})
     solver = scene.solver
     if not METHODS[start.plan.method].compiled:
         solver = solver.model_copy(update={"method": AUTO})
     effects = scene.effects.model_copy(update={"choose": None, "threshold": None})  # chosen already
-    return prepare(scene.model_copy(update={"engine": engine, "solver": solver, "effects": effects}))
+    made = prepare(scene.model_copy(update={"engine": engine, "solver": solver, "effects": effects}))
+    return replace(start, scene=made.scene, plan=made.plan)
 
 
 def _tried(start: Start, budget: float) -> Trial | None:

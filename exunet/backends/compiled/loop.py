@@ -66,6 +66,16 @@ class CompiledIntegration:
         self._control = Control(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
         self._module.begin(state.time, self._verlet, self._motion)
 
+    def look_at_tensions(self) -> None:
+        """Look for the largest tension in the steps to come, each of them."""
+        self._seen.peaks["look_above"][0] = 0.0
+
+    @property
+    def largest_tension(self) -> tuple[float, float, int]:
+        """Of the steps looked at: tension [N], when [s], in which element (-1: none pulled)."""
+        peaks = self._seen.peaks[0]
+        return float(peaks["tension"]), float(peaks["time"]), int(peaks["element"])
+
     def through(self, times: Floats) -> Batch:
         """From times[0], the state's time, through all times [s] without a look at keyboard, guards, events.
 
@@ -124,10 +134,8 @@ class CompiledLoop(CompiledIntegration):
         self._events = Events(system.forces, state.memory, observer)
         in_steps = self._events.in_steps
         self._limit, self._every = (1, 1) if in_steps else (_ATTEMPTS, _THINNED)
-        self._seen.peaks["keep_above"][0], self._seen.peaks["look_above"][0] = (
-            least_energy_beyond(system),
-            0.0,
-        )
+        self._seen.peaks["keep_above"][0] = least_energy_beyond(system)
+        self.look_at_tensions()
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
         self._run = Run(self._motion, self._clock, self._seen, self._kept)
@@ -169,9 +177,8 @@ class CompiledLoop(CompiledIntegration):
                     self._kept.taken[self._row - 1] = self._motion.taken[0]
                 self._look_for_events()
         peaks = self._seen.peaks[0]
-        last = (float(peaks["tension"]), float(peaks["time"]), int(peaks["element"]))
         largest = float(peaks["elastic"]) + self._asleep
-        self._observer.between(until, Extremes(largest, float(peaks["kinetic"]), *last))
+        self._observer.between(until, Extremes(largest, float(peaks["kinetic"]), *self.largest_tension))
         if not np.isfinite(self._motion.x).all():
             self.hand_over()
 

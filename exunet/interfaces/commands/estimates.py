@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
+from exunet.codegen.compile import numba_installed
 from exunet.interfaces.commands.waiting import waiting
-from exunet.simulation.expected_cost import GUESSED, ExpectedCost, expected_cost, in_the_compiled_loop
+from exunet.simulation.expected_cost import (
+    GUESSED,
+    ExpectedCost,
+    expected_cost,
+    in_the_compiled_loop,
+    seconds_of_a_course,
+)
 from exunet.simulation.preparation import Start
-from exunet.simulation.trial import is_compiled, try_out
+from exunet.simulation.trial import Trial, is_compiled, try_out
+from exunet.studies.spread import FINER_RUN, NO_NUMBA, runs_within
 
 LONG = 10.0  # [s] from which on a run says what would be cheaper
 _BUDGET = 1.0  # [s] of a trial
@@ -20,11 +29,37 @@ _SHORT = (
 
 
 @dataclass(frozen=True)
+class ExpectedSpread:
+    """How many moved starts a run is followed by, and what they are expected to take.
+
+    runs     : their number
+    seconds  : wall time on all cores [s]
+    compiles : their forces are to be compiled first, which takes some seconds more
+    refused  : why there are none; "" if there are some, or none was asked for
+    """
+
+    runs: int
+    seconds: float = 0.0
+    compiles: bool = False
+    refused: str = ""
+
+    def words(self) -> str:
+        """For the table of estimates."""
+        if self.refused:
+            return f"none: {self.refused}"
+        if not self.runs:
+            return "none asked for: the numbers will be those of one run"
+        more = ", and some seconds to compile the scene's forces, once" if self.compiles else ""
+        return f"{self.runs} moved starts in the compiled loop after it, about {duration(self.seconds)}{more}"
+
+
+@dataclass(frozen=True)
 class Expected:
-    """The cost of a run, and with `engine.loop = "auto"` where that can be told and is less."""
+    """The cost of a run with its spread, and with `engine.loop = "auto"` where that is known to be less."""
 
     run: ExpectedCost
     other: ExpectedCost | None = None
+    spread: ExpectedSpread = ExpectedSpread(0)
 
     def rows(self) -> list[tuple[str, str]]:
         """Rows (name, value): time, memory, disk, and for a long run what would be faster."""
@@ -35,16 +70,19 @@ class Expected:
             ("memory", f"up to {size(run.memory)}"),
             ("disk", f"up to {size(run.disk)}, of which {size(run.kept)} stay; {run.states} stored states"),
         ]
+        if self.spread.runs or self.spread.refused:
+            found.append(("spread", self.spread.words()))
         if self.other is not None:
             words = f"about {duration(self.other.seconds)} with --set 'engine.loop=\"auto\"'"
             found.append(("faster", words))
         return found
 
 
-def estimated(start: Start, *, thorough: bool = False) -> Expected:
+def estimated(start: Start, *, thorough: bool = False, spread: int | None = None) -> Expected:
     """The cost of a run, from a trial where it is likely to be long enough for one.
 
     thorough : make a trial also where the compiled loop must be compiled for it first
+    spread   : number of moved starts; None: what the run's own time allows
     """
     guess = expected_cost(start)
     trial = None
@@ -54,7 +92,23 @@ def estimated(start: Start, *, thorough: bool = False) -> Expected:
             trial = try_out(start, _BUDGET)
     run = guess if trial is None else expected_cost(start, trial)
     other = in_the_compiled_loop(start, trial) if run.seconds > LONG else None
-    return Expected(run, other if other is not None and other.seconds < run.seconds else None)
+    cheaper = other if other is not None and other.seconds < run.seconds else None
+    return Expected(run, cheaper, expected_spread(start, run, trial, spread))
+
+
+def expected_spread(
+    start: Start, run: ExpectedCost, trial: Trial | None, asked: int | None
+) -> ExpectedSpread:
+    """Number and cost of the moved starts of a run that costs `run`; asked: their number, or None."""
+    if asked == 0:
+        return ExpectedSpread(0)
+    if not numba_installed():
+        return ExpectedSpread(0, refused=NO_NUMBA)
+    cores = os.cpu_count() or 1
+    each = seconds_of_a_course(start, trial)
+    runs = runs_within(run.seconds, each, cores) if asked is None else asked
+    seconds = each * (-(-(runs + 1) // cores) + FINER_RUN)
+    return ExpectedSpread(runs, seconds, compiles=not is_compiled(start))
 
 
 def refuse_beyond(cost: Expected, start: Start, folder: Path) -> None:

@@ -2,39 +2,41 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any
 
 from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
-from exunet.base.files import cannot_write, sweep
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
-from exunet.interfaces.commands.estimates import estimated, refuse_beyond
+from exunet.interfaces.commands.estimates import ExpectedSpread, estimated, expected_spread, refuse_beyond
+from exunet.interfaces.commands.folders import opened, ready, silent, to_stderr
 from exunet.interfaces.commands.naming import folder_of
-from exunet.interfaces.commands.printing import print_table
+from exunet.interfaces.commands.printing import print_table, status
 from exunet.interfaces.commands.progress import told_progress
 from exunet.interfaces.commands.waiting import waiting
 from exunet.results.agreement import Agreement
+from exunet.results.ensemble_result import save_ensemble
 from exunet.results.reading import RESULT_FILE, STORE_FOLDER
 from exunet.results.result import Result
 from exunet.results.run_folder import (
     DESCRIPTIONS,
+    SPREAD,
     SUMMARY,
     has_result,
     has_unfinished,
-    new_folder,
     refuse_taken,
 )
 from exunet.results.segments import Segments
+from exunet.results.spread import Spread
 from exunet.results.summary import rows, summarise, write_summary
+from exunet.simulation.expected_cost import expected_cost
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.run import Describe, Progress, case_of_store, refuse_checkpoints, resume, run_into
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
+from exunet.studies.spread import BESIDE, spread_of
 from exunet.verification.reference_run import ReferenceRun
 
 Simulate = Callable[[Progress | None, Describe], Result]
@@ -58,6 +60,7 @@ class Asked:
     estimate: bool = False
     checkpoint_every: float | None = None
     quiet: bool = False
+    spread: int | None = None
 
 
 @dataclass
@@ -86,16 +89,16 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
     start = prepare_case(case)  # whose faults come before any folder is made
     refuse_checkpoints(start, asked.checkpoint_every)
     wanted = asked.out or folder_of(case)
-    say = _silent if asked.quiet else _to_stderr
-    with _opened(wanted, own=asked.out is None and not asked.overwrite) as folder:
-        _ready(folder)
+    say = silent if asked.quiet else to_stderr
+    with opened(wanted, own=asked.out is None and not asked.overwrite) as folder:
+        ready(folder, (RESULT_FILE, *DESCRIPTIONS))
         if not asked.overwrite:
             refuse_taken(folder)
         elif has_unfinished(folder):
             say(f"{folder}: the unfinished run there is put aside, into a folder beside that `resume` takes")
         if folder != wanted:
             say(_elsewhere(wanted, folder))
-        cost = estimated(start)
+        cost = estimated(start, spread=asked.spread)
         refuse_beyond(cost, start, folder)
         for name, words in cost.rows():
             say(f"{name:8s}{words}")
@@ -105,20 +108,22 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
                 folder, case, start, progress, asked.checkpoint_every, describe, overwrite=asked.overwrite
             )
 
-        return _run(case, simulate, folder, asked, start.scene, cost.run.known)
+        return _run(case, simulate, folder, asked, cost.spread, cost.run.known, start.scene)
 
 
-def resume_run(folder: Path, *, quiet: bool = False) -> ExunetError | None:
+def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) -> ExunetError | None:
     """Go on with an unfinished run in a folder, and describe it as `run_case` does."""
     if not has_unfinished(folder):
         raise InputError(f"{folder}: there is no unfinished run in this folder")
     case, _ = case_of_store(Segments(folder / STORE_FOLDER))
-    _ready(folder)
+    ready(folder, (RESULT_FILE, *DESCRIPTIONS))
 
     def simulate(progress: Progress | None, describe: Describe) -> Result:
         return resume(folder, progress, describe)
 
-    return _run(case, simulate, folder, Asked(quiet=quiet))
+    start = prepare_case(case)
+    moved = expected_spread(start, expected_cost(start), None, spread)
+    return _run(case, simulate, folder, Asked(quiet=quiet, spread=spread), moved)
 
 
 def _run(
@@ -126,8 +131,9 @@ def _run(
     simulate: Simulate,
     folder: Path,
     asked: Asked,
-    scene: Scene | None = None,
+    moved: ExpectedSpread,
     expected: float | None = None,
+    scene: Scene | None = None,
 ) -> ExunetError | None:
     """scene : with its choice of effects made, for a check"""
     story, stopped = _Story(), None
@@ -138,7 +144,7 @@ def _run(
 
         def describe(result: Result, place: Path) -> None:
             progress.end()
-            _describe(case, result, place, story, reference, estimate=asked.estimate)
+            _describe(case, result, place, story, reference, asked, moved)
 
         try:
             simulate(progress, describe)
@@ -160,7 +166,7 @@ def _beside(case: Case, scene: Scene | None, *, quiet: bool) -> Iterator[Referen
         return
     with ReferenceRun(case, scene) as reference:
         if (refusal := reference.refusal()) and not quiet:
-            _to_stderr(f"check   the result will not be checked: {refusal}")
+            to_stderr(f"check   the result will not be checked: {refusal}")
         yield reference
 
 
@@ -170,10 +176,10 @@ def _describe(
     folder: Path,
     story: _Story,
     reference: ReferenceRun | None,
-    *,
-    estimate: bool,
+    asked: Asked,
+    moved: ExpectedSpread,
 ) -> None:
-    """Write summary and figures, and fill the story, with what reference and error estimate say."""
+    """Write summary and figures, and fill the story, with what moved starts and the reference say."""
     from exunet.figures import save_figures
 
     agreement: Agreement | None = None
@@ -182,16 +188,43 @@ def _describe(
         agreement, story.unchecked, no_check = _agreement(reference, result)
     elif reference:
         no_check = "the run stopped before its end"
-    summary: dict[str, Any] = summarise(result, agreement or no_check)
-    table = rows(summary)
-    if estimate and result.complete:
-        error_estimate, story.failed = _estimate(case, result)
+    spread = _spread(case, result, story, moved)
+    summary: dict[str, Any] = summarise(result, agreement or no_check, spread)
+    table = rows(summary, spread)
+    if asked.estimate and result.complete:
+        error_estimate, failed = _estimate(case, result)
+        story.failed = story.failed or failed
         if error_estimate is not None:
             summary["error_estimate"] = error_estimate.numbers()
             table += error_estimate.rows()
     write_summary(summary, folder / SUMMARY)
-    save_figures(result, folder, agreement)
+    shown = None
+    if isinstance(spread, Spread):
+        shown = spread.as_ensemble()
+        save_ensemble(shown, folder / SPREAD, overwrite=True)
+    save_figures(result, folder, agreement, shown)
     story.title, story.table = summary["title"], table
+
+
+def _spread(case: Case, result: Result, story: _Story, moved: ExpectedSpread) -> Spread | str | None:
+    """The spread, or why there is none, which must not cost the result; None if none was asked for."""
+    if not moved.runs:
+        return moved.refused or None
+    if not result.complete:
+        return "none: the run stopped before its end"
+    try:
+        with status() as say:
+            return spread_of(
+                prepare_case(case),
+                moved.runs,
+                progress=lambda done: say(f"moved starts: {done} of {moved.runs + BESIDE} runs"),
+            )
+    except KeyboardInterrupt:
+        words = "interrupted during the runs of moved starts"
+        story.failed = Interrupted(f"{words}; the result is written", result)
+        return words
+    except ExunetError as error:
+        return f"not known: {error}"
 
 
 def _estimate(case: Case, result: Result) -> tuple[ErrorEstimate | None, RunStopped | None]:
@@ -216,53 +249,9 @@ def _agreement(
         return None, Interrupted(f"{words}; the result is written", result), words
 
 
-@contextmanager
-def _opened(wanted: Path, *, own: bool) -> Iterator[Path]:
-    """The folder of a run, made if need be: `wanted`, or if it is its `own` one the next that is free.
-
-    Folders that were made are taken away again if the run ended with nothing in them.
-    """
-    try:
-        missing = [one for one in wanted.parents if not one.exists()]
-        folder, made = wanted, own or not wanted.exists()
-        if own:
-            folder = new_folder(wanted)
-        else:
-            folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        raise cannot_write(wanted, error) from error
-    try:
-        yield folder
-    finally:
-        for one in (folder, *missing) if made else ():
-            with suppress(OSError):  # not empty: a part of the run is kept
-                one.rmdir()
-
-
-def _ready(folder: Path) -> None:
-    """Prove that the folder can be written; what an earlier run left there stays as it is."""
-    try:
-        sweep(folder)
-        with TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise cannot_write(folder, error) from error
-    for name in (RESULT_FILE, *DESCRIPTIONS):
-        if (folder / name).exists() and not (folder / name).is_file():
-            raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
-
-
 def _elsewhere(wanted: Path, folder: Path) -> str:
     """Why a run does not go to the first folder of its name."""
     if has_unfinished(wanted):
         return f"{wanted} has an unfinished run (exunet resume {wanted}); this run goes to {folder}"
     there = "has a result" if has_result(wanted) else "is there already"
     return f"{wanted} {there}; this run goes to {folder} (--overwrite replaces it)"
-
-
-def _to_stderr(words: str) -> None:
-    sys.stderr.write(f"{words}\n")
-
-
-def _silent(_words: str) -> None:
-    """Nothing is said."""

@@ -1,0 +1,132 @@
+"""Figures of an ensemble: histograms of its headlines, and bands of quantities over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from exunet.base.errors import InputError
+from exunet.base.files import replacing
+from exunet.figures.page import FORMATS, INCH, Page, legend_above, write
+from exunet.figures.style import BLACK, SMALL, blank, drawing
+from exunet.results.ensemble_result import EnsembleResult
+from exunet.results.headlines import CURVES, HEADLINES
+
+FIGURES = {
+    "histograms": "how often each value of each headline occurs; needs a headline that differs between runs",
+    "bands": "median and quantiles of quantities over time",
+}
+COLUMNS, WIDTH, ROW = 2, 170.0, 48.0  # panels side by side; [mm] of the figure and of a row
+BANDS = ((0.0, 1.0, "#d3dde8"), (0.05, 0.95, "#94adc9"), (0.25, 0.75, "#4d77a6"))  # levels, tint of BLUE
+
+
+def ensemble_figure(result: EnsembleResult, name: str, *, title: bool = False) -> Figure:
+    """One figure of an ensemble, "histograms" or "bands", as a Matplotlib figure that belongs to the caller.
+
+    Raises InputError for a name that is not known, or an ensemble that has not what the figure shows.
+    """
+    if name not in FIGURES:
+        raise InputError(f"figure: {name!r} is not one of {', '.join(FIGURES)}")
+    page = Page(None, title)
+    with drawing():
+        made = histograms(result, page) if name == "histograms" else bands(result, page)
+    if made is None:
+        raise InputError(f"figure: this ensemble cannot have {name!r}: {FIGURES[name]}")
+    return made
+
+
+def save_ensemble_figures(
+    result: EnsembleResult,
+    folder: str | Path,
+    *,
+    format: str = "png",  # noqa: A002 - as Matplotlib calls it
+    title: bool = False,
+) -> list[Path]:
+    """Write each figure as NAME.FORMAT ("png", "pdf" or "svg") into a folder; the paths of the files."""
+    if format not in FORMATS:
+        raise InputError(f"format: must be one of {', '.join(FORMATS)}, got {format!r}")
+    page, paths = Page(None, title), []
+    with drawing():
+        made = {"histograms": histograms(result, page), "bands": bands(result, page)}
+    for name, figure in made.items():
+        if figure is not None:
+            path = Path(folder) / f"{name}.{format}"
+            with replacing(path) as part:
+                write(figure, part, format)
+            paths.append(path)
+    return paths
+
+
+def histograms(result: EnsembleResult, page: Page) -> Figure | None:
+    """One panel for each headline that is not the same in all runs; None if there is none."""
+    shown = [
+        (one, values[~np.isnan(values)])
+        for one in HEADLINES
+        if (values := result.headlines.get(one.key)) is not None
+        and np.nanmax(values) - np.nanmin(values) > one.least
+    ]
+    if not shown:
+        return None
+    figure, panels = _panels(result, page, len(shown), f"Headlines of {result.runs} runs")
+    for axes, (one, values) in zip(panels, shown, strict=True):
+        bins = int(np.clip(np.sqrt(len(values)), 5, 40))
+        axes.hist(values, bins=bins, color=BANDS[1][2], edgecolor="white", linewidth=0.3)
+        axes.axvline(float(np.median(values)), color=BLACK, linewidth=1.0, label="median")
+        for level in (0.05, 0.95):
+            label = "5 % and 95 %" if level < 0.5 else None
+            at = float(np.quantile(values, level))
+            axes.axvline(at, color=BLACK, linewidth=0.8, linestyle=":", label=label)
+        axes.set_xlabel(f"{one.words} [{_unit(one.unit)}]")
+        axes.set_ylabel("runs")
+        axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+    legend_above(figure, *panels[0].get_legend_handles_labels())
+    return figure
+
+
+def bands(result: EnsembleResult, page: Page) -> Figure | None:
+    """One panel for each quantity: median, and bands from the least to the largest, 5-95 %, 25-75 %.
+
+    None where all are zero all the time.
+    """
+    shown = [curve for curve in CURVES if np.any(result.quantiles.get(curve.name, 0.0))]
+    if not shown:
+        return None
+    figure, panels = _panels(result, page, len(shown), f"Quantiles of {result.runs} runs")
+    level = {float(value): k for k, value in enumerate(result.levels)}
+    for axes, curve in zip(panels, shown, strict=True):
+        values = result.quantiles[curve.name]
+        for low, high, tint in BANDS:
+            label = "all runs" if low == 0.0 else f"{low:.0%} to {high:.0%}".replace("%", " %")
+            ends = values[level[low]], values[level[high]]
+            axes.fill_between(result.time, *ends, color=tint, linewidth=0, label=label)
+        axes.plot(result.time, values[level[0.5]], color=BLACK, linewidth=0.9, label="median")
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel(f"{curve.words} [{_unit(curve.unit)}]")
+        axes.set_xlim(float(result.time[0]), float(result.time[-1]))
+        axes.set_ylim(bottom=min(0.0, float(values.min())))
+    legend_above(figure, *panels[0].get_legend_handles_labels())
+    return figure
+
+
+def _unit(unit: str) -> str:
+    return unit.replace("2", "²")
+
+
+def _panels(result: EnsembleResult, page: Page, count: int, title: str) -> tuple[Figure, list[Axes]]:
+    rows = -(-count // COLUMNS)
+    columns = min(count, COLUMNS)
+    figure = blank(WIDTH / INCH, (12.0 + ROW * rows) / INCH)
+    figure.set_layout_engine("constrained")
+    page.head(figure, result, title)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    panels = list(grid.ravel())
+    for axes in panels[count:]:
+        axes.remove()
+    for axes in panels[:count]:
+        axes.xaxis.label.set_size(SMALL)
+        axes.yaxis.label.set_size(SMALL)
+    return figure, panels[:count]

@@ -1,0 +1,154 @@
+"""`exunet ensemble`: many runs from moved starts; their file, a table of quantiles, figures."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time as clock
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from exunet.base.errors import ExunetError, InputError, RunStopped
+from exunet.case.casefile import Case
+from exunet.codegen.compile import require_numba
+from exunet.figures.ensemble import FIGURES, save_ensemble_figures
+from exunet.interfaces.commands.estimates import duration, size
+from exunet.interfaces.commands.folders import opened, ready, silent, to_stderr
+from exunet.interfaces.commands.naming import folder_of
+from exunet.interfaces.commands.printing import print_table, status
+from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_ensemble
+from exunet.results.headlines import HEADLINES, Headline, printed, unit_of_last_digit
+from exunet.results.run_folder import held
+from exunet.simulation.expected_cost import seconds_of_a_course
+from exunet.simulation.preparation import prepare_case
+from exunet.simulation.trial import is_compiled, try_out
+from exunet.studies.moved_starts import ensemble, refuse_other_methods, refuse_too_many, refuse_wrong
+
+OFTEN = 10.0  # [s] between two lines of progress
+_BUDGET = 0.5  # [s] of a trial
+_FILES = tuple(f"{name}.png" for name in FIGURES)
+
+
+@dataclass(frozen=True)
+class AskedEnsemble:
+    """What the user asked of an ensemble beside the case: see `exunet ensemble -h`."""
+
+    runs: int
+    perturb: float
+    seed: int
+    out: Path | None = None
+    overwrite: bool = False
+    quiet: bool = False
+
+
+def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
+    """Run, write ensemble.h5 and figures, print the table.
+
+    Returns the error of an ensemble that stopped, of which complete runs are kept, else None. Raises
+    InputError, before any run, for what cannot be meant, or a folder that cannot be written or has an
+    ensemble.
+    """
+    refuse_wrong(asked.runs, asked.perturb, asked.seed)
+    start = prepare_case(case)
+    refuse_other_methods(start)
+    require_numba("an ensemble")
+    refuse_too_many(asked.runs)
+    wanted = asked.out or folder_of(case, "ensemble")
+    say = silent if asked.quiet else to_stderr
+    with opened(wanted, own=asked.out is None and not asked.overwrite) as folder, held(folder):
+        ready(folder, (ENSEMBLE_FILE, *_FILES))
+        file = folder / ENSEMBLE_FILE
+        if file.exists() and not asked.overwrite:
+            words = "there is an ensemble in this folder: replace it (--overwrite), or give another --out"
+            raise InputError(f"{folder}: {words}")
+        compiles = not is_compiled(start)
+        seconds = seconds_of_a_course(start, try_out(start, _BUDGET)) * asked.runs / (os.cpu_count() or 1)
+        more = ", and some seconds to compile the scene's forces, once" if compiles else ""
+        say(f"time    about {duration(seconds)}{more}")
+        say(f"disk    about {size(8 * (len(HEADLINES) + 1) * asked.runs + 500_000)}")
+        stopped: RunStopped | None = None
+        with told(asked.runs, say if not sys.stderr.isatty() else silent, quiet=asked.quiet) as progress:
+            try:
+                found = ensemble(case, asked.runs, asked.perturb, asked.seed, progress=progress)
+            except RunStopped as error:
+                if not isinstance(error.result, EnsembleResult) or file.exists():
+                    raise
+                found, stopped = error.result, error
+        save_ensemble(found, file, overwrite=asked.overwrite)
+        save_ensemble_figures(found, folder)
+        if not asked.quiet:
+            print_table(case.scene.title, [*rows(found), ("written to", f"{folder}/")])
+        return stopped
+
+
+def told(
+    runs: int, say: Callable[[str], None], *, quiet: bool
+) -> AbstractContextManager[Callable[[int], None]]:
+    """A function that is told how many runs are done and tells it: a line on a terminal, lines elsewhere."""
+    if quiet:
+        return nullcontext(lambda done: None)
+    return _Told(runs, say)
+
+
+class _Told:
+    def __init__(self, runs: int, say: Callable[[str], None]) -> None:
+        self._runs, self._say, self._status = runs, say, status()
+
+    def __enter__(self) -> Callable[[int], None]:
+        self._began = self._last = clock.monotonic()
+        self._show = self._status.__enter__()
+        return self._tell
+
+    def __exit__(self, *error: object) -> None:
+        self._status.__exit__(None, None, None)
+
+    def _tell(self, done: int) -> None:
+        now = clock.monotonic()
+        left = (now - self._began) / done * (self._runs - done)
+        words = f"{done} of {self._runs} runs, about {duration(left)} left"
+        self._show(words)
+        if now - self._last >= OFTEN:
+            self._last = now
+            self._say(words)
+
+
+def rows(found: EnsembleResult) -> list[tuple[str, str]]:
+    """Rows of the table: which runs, and quantiles of each headline."""
+    story = found.provenance
+    setting = f"tolerance {story['tolerance']:.3g}" if story["tolerance"] else f"step {story['step']:.4g} s"
+    runs = f"{found.runs} from starts moved by up to {story['move_m']:g} m (seed {story['seed']})"
+    table = [
+        ("verdict", found.verdict),
+        ("runs", runs),
+        ("method", f"{story['method']}, {setting}, compiled loop"),
+        ("wall time", f"{story['seconds']:.2f} s, {found.runs / story['seconds']:.3g} runs a second"),
+    ]
+    table += [(one.words, _quantiles(one, found)) for one in HEADLINES if one.key in found.headlines]
+    return [*table, *_elements(found)]
+
+
+def _quantiles(one: Headline, found: EnsembleResult) -> str:
+    least, low, middle, high, largest = found.quantile(one.key, (0.0, 0.05, 0.5, 0.95, 1.0))
+    last = max(unit_of_last_digit(max(abs(least), abs(largest)), one.digits), one.least)
+    words = [printed(float(value), last) for value in (middle, low, high, least, largest)]
+    missing = int(np.isnan(found.headlines[one.key]).sum())
+    some = f"; not in {missing} of the runs" if missing else ""
+    if words[3] == words[4]:
+        return f"{words[0]} {one.unit} in all runs{some}"
+    return (
+        f"median {words[0]} {one.unit}, 5 % to 95 %: {words[1]} to {words[2]} {one.unit}, all: {words[3]} to "
+        f"{words[4]} {one.unit}{some}"
+    )
+
+
+def _elements(found: EnsembleResult) -> list[tuple[str, str]]:
+    elements, counts = np.unique(found.elements[found.elements >= 0], return_counts=True)
+    if not len(elements):
+        return []
+    order = np.argsort(-counts, kind="stable")[:5]
+    words = ", ".join(f"{elements[k]} in {counts[k] / found.runs:.0%}" for k in order)
+    return [("elements", f"largest tension in {words} of the runs")]

@@ -1,0 +1,167 @@
+"""What an ensemble leaves: headlines of each run, quantiles over time, and how they were found."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import InputError
+from exunet.base.files import path_of
+from exunet.results.frame import table
+from exunet.results.headlines import CURVES, HEADLINES, Course
+from exunet.results.reading import damage, refuse_unreadable
+from exunet.results.writing import new_file, put, put_text
+
+if TYPE_CHECKING:
+    import h5py
+    from pandas import DataFrame
+
+Floats = NDArray[np.float64]
+
+ENSEMBLE_FILE = "ensemble.h5"
+KIND = "exunet ensemble"
+FORMAT = 1
+LEVELS = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)  # of the quantiles; 0 and 1 are the least and the largest
+
+
+@dataclass(frozen=True, eq=False)
+class EnsembleResult:
+    """Headlines of many runs of a case from moved starts, and quantiles of quantities over time.
+
+    headlines : (runs,) by key, such as "largest_tension_N"; a NaN where a run has no such quantity
+    elements  : (runs,) element with the largest tension of each run; -1: none was ever taut
+    time      : (t,) instants [s]
+    levels    : (q,) levels of the quantiles, from 0 (the least) to 1 (the largest)
+    quantiles : (q, t) by name of the quantity, such as "area" [m2]; SI units
+    complete  : False if the ensemble was stopped before its last run
+    verdict   : "ok", or why it stopped
+    provenance : case text, seed, move_m, versions, method, counts (JSON-like)
+    """
+
+    headlines: Mapping[str, Floats]
+    elements: NDArray[np.int64]
+    time: Floats
+    levels: Floats
+    quantiles: Mapping[str, Floats]
+    complete: bool = True
+    verdict: str = "ok"
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return len(self.elements)
+
+    def quantile(self, key: str, level: float | Sequence[float]) -> Any:
+        """Quantiles of a headline over the runs that have it, as `numpy.quantile`."""
+        if key not in self.headlines:
+            raise InputError(f"quantile: {key!r} is not one of {', '.join(self.headlines)}")
+        values = self.headlines[key]
+        return np.quantile(values[~np.isnan(values)], level)
+
+    def band(self, name: str) -> tuple[Floats, Floats]:
+        """Least and largest (t,) of a quantity over the runs."""
+        values = self.quantiles[name]
+        return values[0], values[-1]
+
+    def to_frame(self) -> DataFrame:
+        """The headlines as a pandas table: one row for each run, its number as the index.
+
+        Columns are the headlines, with units at the end of their names, and "element" with the largest
+        tension. Raises MissingExtra without pandas (pip install 'exunet[pandas]').
+        """
+        return table("run", np.arange(self.runs), {**self.headlines, "element": self.elements})
+
+
+def ensemble_result(
+    courses: Sequence[Course], *, complete: bool, verdict: str, provenance: Mapping[str, Any]
+) -> EnsembleResult:
+    """The result of at least one course."""
+    found = {
+        one.key: np.array([np.nan if (value := one.value(course)) is None else value for course in courses])
+        for one in HEADLINES
+    }
+    curves = {
+        curve.name: np.quantile([curve.value(course) for course in courses], LEVELS, axis=0)
+        for curve in CURVES
+        if curve.value(courses[0]) is not None
+    }
+    return EnsembleResult(
+        headlines={key: values for key, values in found.items() if not np.isnan(values).all()},
+        elements=np.array([course.peak.element for course in courses]),
+        time=courses[0].time,
+        levels=np.array(LEVELS),
+        quantiles=curves,
+        complete=complete,
+        verdict=verdict,
+        provenance=provenance,
+    )
+
+
+def save_ensemble(result: EnsembleResult, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write an ensemble to an HDF5 file, which appears whole or not at all.
+
+    overwrite : replace an older file of that name, which stays as it is until the new one is whole
+    Raises InputError, and writes nothing, if there is a file of that name and `overwrite` is False, or if the
+    file cannot be written.
+    """
+    path = path_of(path, "save_ensemble")
+    if not overwrite and path.exists():
+        raise InputError(f"{path}: there is a file of that name: give another, or overwrite=True")
+    units = {one.key: one.unit for one in HEADLINES}
+    words = {one.key: one.words for one in HEADLINES}
+    with new_file(path) as (file, _):
+        put_text(file, "kind", KIND)
+        file.attrs["format"] = FORMAT
+        file.attrs["complete"] = bool(result.complete)
+        put_text(file, "verdict", result.verdict)
+        put_text(file, "provenance", json.dumps(dict(result.provenance), sort_keys=True, allow_nan=False))
+        for key, values in result.headlines.items():
+            put(file, f"headlines/{key}", values, units.get(key, "1"), words.get(key, key))
+        put(file, "elements", result.elements, "1", "element with the largest tension of each run")
+        put(file, "time", result.time, "s", "instants")
+        put(file, "quantiles/levels", result.levels, "1", "levels of the quantiles over the runs")
+        for curve in CURVES:
+            if curve.name in result.quantiles:
+                words_of = f"{curve.words}: quantiles over the runs"
+                put(file, f"quantiles/{curve.name}", result.quantiles[curve.name], curve.unit, words_of)
+
+
+def load_ensemble(path: str | Path) -> EnsembleResult:
+    """Read what `save_ensemble` or `exunet ensemble` wrote; path: the file, or its folder.
+
+    Raises InputError if there is none, or if it is damaged or of another kind.
+    """
+    path = path_of(path, "load_ensemble")
+    path = path / ENSEMBLE_FILE if path.is_dir() else path
+    refuse_unreadable(path)
+    with damage(path):
+        import h5py
+
+        with h5py.File(path, "r") as file:
+            return _read(file, path)
+
+
+def _read(file: h5py.File, path: Path) -> EnsembleResult:
+    if file.attrs.get("kind") not in (KIND, KIND.encode()):
+        raise InputError(f"{path}: is no file of an ensemble")
+    if int(file.attrs.get("format", 0)) != FORMAT:
+        raise InputError(f"{path}: has a format that this version does not read")
+    story = file.attrs["provenance"]
+    verdict = file.attrs["verdict"]
+    return EnsembleResult(
+        headlines={key: values[...] for key, values in file["headlines"].items()},
+        elements=file["elements"][...],
+        time=file["time"][...],
+        levels=file["quantiles/levels"][...],
+        quantiles={key: values[...] for key, values in file["quantiles"].items() if key != "levels"},
+        complete=bool(file.attrs["complete"]),
+        verdict=verdict.decode() if isinstance(verdict, bytes) else str(verdict),
+        provenance=json.loads(story),
+    )

@@ -1,0 +1,252 @@
+"""The headline quantities of a run: one registry, of which table, summary, spread and ensembles are made.
+
+A headline is a function of a run's `Course`: a few quantities over time, and what was seen of all steps. The
+courses of a spread and of an ensemble have instants of their own (`instants`), so that their headlines do not
+depend on which states a case stores.
+
+To add one, add a line to `HEADLINES`; what it needs and no course has yet is a field of `Course`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.results.areas import achievable_area
+from exunet.results.measures import (
+    NEARLY_OPEN,
+    bullet_speeds,
+    centre_of_mass,
+    deployment_of_course,
+    largest_tensions,
+    mouth_areas,
+)
+from exunet.results.result import Result
+
+Floats = NDArray[np.float64]
+
+INTERVALS = 400  # between the instants of a course
+
+
+def instants(end: float) -> Floats:
+    """(401,) times [s] from 0 to `end`, at which the courses of a spread and of an ensemble are taken."""
+    return np.linspace(0.0, end, INTERVALS + 1)
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The largest tension of all steps [N], when [s], and in which element (-1: none was ever taut)."""
+
+    tension: float
+    time: float
+    element: int
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What headlines are computed from: one run, over its times.
+
+    time            : (t,) [s]
+    area            : (t,) of the mouth [m2]; zeros without one
+    achievable_area : the largest that the mouth can have [m2]; 0 or infinite: there is no mouth to speak of
+    centre          : (t, 3) centre of mass of the net [m]
+    bullet_speed    : (t, n_bullets) [m/s]
+    kinetic, elastic, dissipated : (t,) [J]
+    tension         : (t,) largest tension of all elements at each time [N]
+    peak            : the largest of all steps
+    """
+
+    time: Floats
+    area: Floats
+    achievable_area: float
+    centre: Floats
+    bullet_speed: Floats
+    kinetic: Floats
+    elastic: Floats
+    dissipated: Floats
+    tension: Floats
+    peak: Peak
+
+    def at_every_second(self) -> Course:
+        """The same at half as many times, the last one included."""
+        rows = np.arange(len(self.time) - 1, -1, -2)[::-1]
+        names = ("time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+
+@dataclass(frozen=True)
+class Headline:
+    """One quantity that stands in the summary and in the table.
+
+    name     : its key in summary.json, without the unit
+    words    : its name in tables and figures
+    unit     : "N", "m2", ...
+    value    : from a course; None where it is not defined
+    digits   : significant ones that are printed
+    least    : differences up to this [unit] are those of round-off, or of the moves themselves
+    place    : where a value was found, as the element of a tension; None: nowhere in particular
+    place_is : what `place` numbers, in a word
+    at_a_time : it is one of the course's times, known no better than to half of their spacing
+    remark   : what the table says after the value
+    """
+
+    name: str
+    words: str
+    unit: str
+    value: Callable[[Course], float | None]
+    digits: int = 4
+    least: float = 1e-12
+    place: Callable[[Course], int] | None = None
+    place_is: str = ""
+    at_a_time: bool = False
+    remark: str = ""
+
+    @property
+    def key(self) -> str:
+        """Its key in summary.json: name and unit."""
+        return f"{self.name}_{self.unit.replace('/', '_')}"
+
+
+def _time_of_peak(course: Course) -> float | None:
+    return course.peak.time if course.peak.element >= 0 else None
+
+
+def _largest_area(course: Course) -> float | None:
+    found = deployment_of_course(course.time, course.area, course.centre, course.achievable_area)
+    return None if found is None else found.largest_area
+
+
+def _time_of_largest_area(course: Course) -> float | None:
+    found = deployment_of_course(course.time, course.area, course.centre, course.achievable_area)
+    return None if found is None else found.time_of_largest
+
+
+def _distance(course: Course) -> float | None:
+    found = deployment_of_course(course.time, course.area, course.centre, course.achievable_area)
+    return None if found is None else found.distance
+
+
+def _time_open(course: Course) -> float | None:
+    found = deployment_of_course(course.time, course.area, course.centre, course.achievable_area)
+    return None if found is None else found.time_open
+
+
+def _mean_bullet_speed(course: Course) -> float | None:
+    return float(course.bullet_speed[-1].mean()) if course.bullet_speed.shape[1] else None
+
+
+HEADLINES = (
+    Headline(
+        "largest_tension",
+        "largest tension",
+        "N",
+        lambda course: course.peak.tension,
+        place=lambda course: course.peak.element,
+        place_is="element",
+    ),
+    Headline("time_of_largest_tension", "time of largest tension", "s", _time_of_peak),
+    Headline("largest_area", "largest area", "m2", _largest_area),
+    Headline("time_of_largest_area", "time of largest area", "s", _time_of_largest_area, at_a_time=True),
+    Headline(
+        "distance",
+        "distance travelled",
+        "m",
+        _distance,
+        least=1e-8,
+        remark="centre of mass, until the largest area",
+    ),
+    Headline(f"time_above_{NEARLY_OPEN:.0%}".replace("%", "_percent"), "area above 80 %", "s", _time_open),
+    Headline("bullet_speed_at_end", "bullet speed at the end", "m/s", _mean_bullet_speed, remark="mean"),
+    Headline("dissipated_energy", "energy dissipated", "J", lambda course: float(course.dissipated[-1])),
+)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One quantity over time, of which an ensemble has quantiles: name, words, unit, (t,) values of a course.
+
+    value : None where it is not defined
+    """
+
+    name: str
+    words: str
+    unit: str
+    value: Callable[[Course], Floats | None]
+
+
+def _mouth_area(course: Course) -> Floats | None:
+    return course.area if 0.0 < course.achievable_area < math.inf else None
+
+
+def _of_bullets(course: Course, number: Callable[..., Any]) -> Floats | None:
+    return np.asarray(number(course.bullet_speed, axis=1)) if course.bullet_speed.shape[1] else None
+
+
+CURVES = (
+    Curve("area", "mouth area", "m2", _mouth_area),
+    Curve("bullet_speed", "mean speed of bullets", "m/s", lambda course: _of_bullets(course, np.mean)),
+    Curve("slowest_bullet", "slowest bullet", "m/s", lambda course: _of_bullets(course, np.min)),
+    Curve("fastest_bullet", "fastest bullet", "m/s", lambda course: _of_bullets(course, np.max)),
+    Curve("tension", "largest tension then", "N", lambda course: course.tension),
+    Curve("kinetic", "kinetic energy", "J", lambda course: course.kinetic),
+    Curve("elastic", "elastic energy", "J", lambda course: course.elastic),
+    Curve("dissipated", "energy dissipated", "J", lambda course: course.dissipated),
+)
+
+
+def headlines_of(course: Course) -> dict[str, float | None]:
+    """All headlines of a course, by key."""
+    return {one.key: one.value(course) for one in HEADLINES}
+
+
+def course_of(result: Result) -> Course:
+    """The course of a result over its stored times; the peak is that of all steps, where the run tells it."""
+    tension = largest_tensions(result)
+    return Course(
+        time=result.time,
+        area=mouth_areas(result),
+        achievable_area=achievable_area(result.net),
+        centre=centre_of_mass(result),
+        bullet_speed=bullet_speeds(result),
+        kinetic=result.kinetic,
+        elastic=result.elastic,
+        dissipated=result.dissipated,
+        tension=tension,
+        peak=_peak(result, tension),
+    )
+
+
+def _peak(result: Result, tension: Floats) -> Peak:
+    if known := result.provenance.get("largest_tension"):
+        return Peak(known["tension_N"], known["time_s"], known["element"])
+    at = int(np.argmax(tension))
+    element = int(np.argmax(result.tension[at])) if tension[at] > 0.0 else -1
+    return Peak(float(tension[at]), float(result.time[at]), element)
+
+
+def shown(one: Headline, value: float) -> str:
+    """A value to the digits that a headline has, with its unit."""
+    return f"{printed(value, max(unit_of_last_digit(value, one.digits), one.least))} {one.unit}"
+
+
+def unit_of_last_digit(value: float, digits: int) -> float:
+    """What the last of so many significant digits of a value counts; 0 for 0."""
+    return 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1) if value else 0.0
+
+
+def printed(value: float, unit_of_last: float) -> str:
+    """A value down to a digit: 1234.6 with 0.1, 1200 with 100; without rounding where that is 0."""
+    if unit_of_last <= 0.0 or not math.isfinite(unit_of_last):
+        return f"{value:.4g}"
+    if abs(value) < 0.5 * unit_of_last:
+        return "0"
+    decimals = -math.floor(math.log10(unit_of_last) + 1e-9)
+    if abs(value) >= 1e7 or decimals > 7:
+        digits = max(0, math.floor(math.log10(max(abs(value), unit_of_last))) + decimals)
+        return f"{value:.{digits}e}"
+    return f"{round(value, decimals):.{max(0, decimals)}f}"

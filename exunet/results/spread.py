@@ -1,0 +1,224 @@
+"""The spread of a run: the headlines of moved starts beside those of a converged run, judged one by one.
+
+A start that is moved by much less than anyone can place a net gives another run. Where the headlines of such
+runs differ by no more than the digits that are printed, a headline is a value with an error. Where they
+differ by more, the horizon of predictability is passed before the quantity is known: it is then a median with
+a range, from the least to the largest of the runs.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.results.ensemble_result import EnsembleResult, ensemble_result
+from exunet.results.headlines import HEADLINES, Course, Headline, printed, shown, unit_of_last_digit
+
+Floats = NDArray[np.float64]
+
+COVERING = 32  # runs from which on the range covers most of what other starts give
+FEWEST = 8  # runs of which a range is told at all
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One headline of a spread.
+
+    headline : which
+    runs     : how many of the runs have it
+    median, least, largest : over them
+    value, error : of the converged run, where the range is small against the printed digits; else None
+    places   : (place, number of runs) of a headline that has places, the most frequent first
+    """
+
+    headline: Headline
+    runs: int
+    median: float
+    least: float
+    largest: float
+    value: float | None = None
+    error: float | None = None
+    places: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def predictable(self) -> bool:
+        """True if it is a value with an error, False if it is a range."""
+        return self.value is not None
+
+    def words(self) -> str:
+        """The value with its error, or the median with the range; units included."""
+        one = self.headline
+        if self.value is not None and self.error is not None:
+            if self.error == 0.0:
+                return shown(one, self.value)
+            last = max(_last_digit(one, self.value), _digit_above(self.error))
+            return f"{printed(self.value, last)} ± {_rounded_up(self.error):g} {one.unit}"
+        last = max(_last_digit(one, self.least), _last_digit(one, self.largest))
+        low, middle, high = (printed(each, last) for each in (self.least, self.median, self.largest))
+        return f"median {middle} {one.unit}, {low} to {high} {one.unit}"
+
+
+def _last_digit(one: Headline, value: float) -> float:
+    """What the last digit of a value counts that is printed."""
+    return max(unit_of_last_digit(value, one.digits), one.least)
+
+
+def _rounded_up(error: float) -> float:
+    """An error to one digit, not less than it is."""
+    last = unit_of_last_digit(error, 1)
+    return float(np.ceil(error / last * (1.0 - 1e-9)) * last)
+
+
+def _digit_above(error: float) -> float:
+    """The power of ten whose half is not less than an error."""
+    return 10.0 ** np.ceil(np.log10(2.0 * error)) if error > 0.0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """The courses of moved starts, of the unmoved one, and of that with a finer setting.
+
+    courses : of the moved starts
+    plain   : of the start as it is
+    finer   : the same with a finer setting: the converged run
+    seed    : of the moves
+    move    : by up to which each coordinate is moved [m]
+    method, tolerance, step : of the runs, in the compiled loop [m, m/s], [s]; the one that is not so is None
+    """
+
+    courses: tuple[Course, ...]
+    plain: Course
+    finer: Course
+    seed: int
+    move: float
+    method: str
+    tolerance: float | None
+    step: float | None
+
+    @property
+    def runs(self) -> int:
+        """Number of moved starts."""
+        return len(self.courses)
+
+    @property
+    def time(self) -> Floats:
+        """(t,) instants of the courses [s]."""
+        return self.plain.time
+
+    @cached_property
+    def judged(self) -> dict[str, Judged]:
+        """The headlines that the runs have, by key."""
+        found = (_judge(one, self.courses, self.plain, self.finer) for one in HEADLINES)
+        return {one.headline.key: one for one in found if one is not None}
+
+    @property
+    def predictable(self) -> bool:
+        """True if no headline is beyond the horizon of predictability."""
+        return all(one.predictable for one in self.judged.values())
+
+    def as_ensemble(self) -> EnsembleResult:
+        """What is kept of it in a file, and drawn."""
+        names = ("seed", "move", "method", "tolerance", "step")
+        story = {"move_m" if name == "move" else name: getattr(self, name) for name in names}
+        return ensemble_result(self.courses, complete=True, verdict="ok", provenance=story)
+
+    def words(self) -> str:
+        """Which runs these are."""
+        setting = f"tolerance {self.tolerance:.3g}" if self.tolerance else f"step {self.step:.4g} s"
+        return (
+            f"{self.runs} starts moved by up to {self.move:g} m (seed {self.seed}), {self.method} with "
+            f"{setting} in the compiled loop"
+        )
+
+    def verdict(self) -> str:
+        """What is beyond the horizon of predictability, and what the ranges are worth."""
+        beyond = [one.headline.words for one in self.judged.values() if not one.predictable]
+        if not beyond:
+            return "no headline is beyond the horizon of predictability: values with their errors"
+        least = (
+            f"a range of {self.runs} runs, least to largest" if self.runs < COVERING else "least to largest"
+        )
+        return f"beyond the horizon of predictability, given as median and range ({least}): " + ", ".join(
+            beyond
+        )
+
+
+def _judge(one: Headline, courses: Sequence[Course], plain: Course, finer: Course) -> Judged | None:
+    values = np.array([value for course in courses if (value := one.value(course)) is not None])
+    if not len(values):
+        return None
+    least, middle, largest = float(values.min()), float(np.median(values)), float(values.max())
+    places: tuple[tuple[int, int], ...] = ()
+    if one.place is not None:
+        counted = Counter(place for course in courses if (place := one.place(course)) >= 0)
+        places = tuple(sorted(counted.items(), key=lambda pair: (-pair[1], pair[0])))
+    converged = one.value(finer)
+    last = max(_last_digit(one, least), _last_digit(one, largest))
+    judged = Judged(one, len(values), middle, least, largest, places=places)
+    if converged is None or len(values) < len(courses) or largest - least > last:
+        return judged
+    error = max(abs(float(value) - converged) for value in (least, largest))
+    return Judged(
+        one, len(values), middle, least, largest, converged, _error(one, error, plain, finer), places
+    )
+
+
+def _error(one: Headline, error: float, plain: Course, finer: Course) -> float:
+    """`error` of moved starts, or what the setting or the spacing of the instants does, if that is more."""
+    fine, coarse, seldom = (one.value(course) for course in (finer, plain, finer.at_every_second()))
+    assert fine is not None
+    for other in (coarse, seldom):
+        if other is not None:
+            error = max(error, abs(other - fine))
+    if one.at_a_time:
+        error = max(error, 0.5 * float(finer.time[1] - finer.time[0]))
+    return error
+
+
+def numbers(spread: Spread | str | None, this_run: dict[str, float | None]) -> dict[str, Any]:
+    """The headlines for summary.json, by key.
+
+    spread   : a reason in words, or None, where there is none
+    this_run : of the run itself, over its stored times
+    """
+    judged = spread.judged if isinstance(spread, Spread) else {}
+    return {
+        key: {"this_run": value, **_numbers(judged.get(key))}
+        for key, value in this_run.items()
+        if value is not None or key in judged
+    }
+
+
+def _numbers(one: Judged | None) -> dict[str, float | None]:
+    """Of a headline: value and error, or median and range; nothing said twice."""
+    if one is None:
+        return dict.fromkeys(("value", "error", "median", "least", "largest"))
+    if one.predictable:
+        return {"value": one.value, "error": one.error, "median": None, "least": None, "largest": None}
+    ranged = {"median": one.median, "least": one.least, "largest": one.largest}
+    return {"value": None, "error": None, **ranged}
+
+
+def description(spread: Spread | str | None) -> dict[str, Any] | None:
+    """The spread for summary.json: which runs, or why there is none; None if none was asked for."""
+    if not isinstance(spread, Spread):
+        return None if spread is None else {"refused": spread}
+    peak = spread.judged.get("largest_tension_N")
+    return {
+        "runs": spread.runs,
+        "move_m": spread.move,
+        "seed": spread.seed,
+        "method": spread.method,
+        "tolerance": spread.tolerance,
+        "step_s": spread.step,
+        "predictable": spread.predictable,
+        "elements_of_largest_tension": [
+            {"element": place, "runs": runs} for place, runs in (peak.places if peak else ())
+        ],
+    }

@@ -1,0 +1,110 @@
+"""An ensemble of a case: many runs from moved starts, in portions, so that what is done survives Ctrl-C."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from pathlib import Path
+
+from exunet.base.errors import InputError, Interrupted, RunStopped
+from exunet.base.machine import memory_left
+from exunet.case.casefile import Case
+from exunet.case.scene import Scene
+from exunet.methods.keys import AUTO
+from exunet.methods.method import COMPILED_METHODS, METHODS
+from exunet.results.areas import achievable_area
+from exunet.results.ensemble_result import EnsembleResult, ensemble_result
+from exunet.results.headlines import INTERVALS, Course
+from exunet.simulation.preparation import Start, start_of
+from exunet.simulation.recorder import first_story
+from exunet.simulation.run import provenance
+from exunet.studies.ensemble import metres, perturbed_positions, run_ensemble, whole_number
+from exunet.studies.spread import MOVE, SEED, start_of_runs
+
+PORTION = 64  # runs that are lost if the ensemble is interrupted
+_COURSE = 3 * 8 * 16 * (INTERVALS + 1)  # bytes of a run in memory, its quantiles included
+
+
+def ensemble(
+    case: str | Path | Case | Scene | Start,
+    runs: int = 1000,
+    perturb: float = MOVE,
+    seed: int = SEED,
+    *,
+    progress: Callable[[int], None] | None = None,
+) -> EnsembleResult:
+    """Run a case from moved starts, in the compiled loop on all cores; the same arguments give the same bits.
+
+    runs     : how many
+    perturb  : by up to which each coordinate of the free nodes is moved [m]; 1e-9 is far below what anyone
+               can place, and far above round-off
+    seed     : of the moves; run k is moved in the same way however many runs there are
+    progress : called with the number of runs that are done
+
+    A run that fails because of its steps begins anew with finer ones, `solver.retry` times. Raises InputError
+    for a number, a perturbation or a seed out of range, for a method that the compiled loop does not have, or
+    for more runs than there is memory; MissingExtra without Numba; RunStopped if a run stops, and Interrupted
+    on Ctrl-C, both with the runs that were complete before as their `result`.
+    """
+    refuse_wrong(runs, perturb, seed)
+    start = start_of(case)
+    refuse_other_methods(start)
+    refuse_too_many(runs)
+    there = start_of_runs(start)
+    story = provenance(case) if isinstance(case, Case) else {}
+    story |= {
+        name: value
+        for name, value in first_story(there).items()
+        if name in ("title", "versions", "platform", "method", "tolerance", "step", "end", "effects")
+    }
+    story |= {"seed": int(seed), "move_m": float(perturb), "runs_asked": int(runs)}
+    began, courses = clock.perf_counter(), list[Course]()
+    achievable, retries = achievable_area(there.net), there.scene.solver.retry
+    evaluations = 0
+
+    def made(verdict: str) -> EnsembleResult | None:
+        if not courses:
+            return None
+        seconds = {"seconds": clock.perf_counter() - began, "right_hand_sides": evaluations}
+        return ensemble_result(courses, complete=verdict == "ok", verdict=verdict, provenance=story | seconds)
+
+    try:
+        while (done := len(courses)) < runs:
+            number = min(PORTION, runs - done)
+            places = perturbed_positions(there, number, perturb, seed, first=done)
+            told = None if progress is None else lambda more, done=done: progress(done + more)
+            found = run_ensemble(there, places, retries=retries, progress=told, first=done)
+            courses += [found.course(k, achievable) for k in range(number)]
+            evaluations += int(found.right_hand_sides.sum())
+    except KeyboardInterrupt:
+        words = f"interrupted after {len(courses)} of {runs} runs"
+        raise Interrupted(words, made(words)) from None
+    except RunStopped as stop:
+        words = f"{stop}; {len(courses)} of {runs} runs were complete before"
+        raise RunStopped(words, made(words), stop.step_cause) from stop
+    whole = made("ok")
+    assert whole is not None
+    return whole
+
+
+def refuse_wrong(runs: object, perturb: object, seed: object) -> None:
+    """Raise InputError for arguments of `ensemble` that cannot be meant."""
+    whole_number("runs", runs, at_least=1)
+    whole_number("seed", seed, at_least=0)
+    metres("perturb", perturb)
+
+
+def refuse_other_methods(start: Start) -> None:
+    """Raise InputError for a method that was asked for and that the compiled loop does not have."""
+    asked = start.scene.solver.method
+    if asked != AUTO and not METHODS[start.plan.method].compiled:
+        able = ", ".join(COMPILED_METHODS)
+        raise InputError(f"solver.method: an ensemble runs by {able}, or auto, not by {asked}")
+
+
+def refuse_too_many(runs: int) -> None:
+    """Raise InputError for more runs than the machine has memory for."""
+    left = memory_left()
+    if left is not None and runs * _COURSE > left:
+        most = left // _COURSE
+        raise InputError(f"runs: there is memory for some {most} of them, got {runs}")

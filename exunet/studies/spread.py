@@ -1,0 +1,82 @@
+"""The spread of a run: the case from moved starts in the compiled loop, and once with a finer setting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from exunet.results.areas import achievable_area
+from exunet.results.headlines import Course, instants
+from exunet.results.spread import COVERING, FEWEST, Spread
+from exunet.simulation.preparation import Start
+from exunet.simulation.trial import in_the_compiled_loop
+from exunet.studies.ensemble import perturbed_positions, run_ensemble, whole_number
+from exunet.studies.neighbours import of_other_accuracy
+
+MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
+SEED = 0
+FINER_RUN = 1.6  # times the cost of a run: that with a tenth of the tolerance
+NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install 'exunet[fast]')"
+BESIDE = 2  # runs beside those of the moved starts: the unmoved one, and that with a finer setting
+
+
+def start_of_runs(start: Start) -> Start:
+    """The start in the compiled loop, at the instants of courses, whatever times the case stores.
+
+    Its method and setting are the run's where the compiled loop has the method, else DOPRI5 at the case's
+    accuracy. Raises CaseError where the compiled loop cannot have the scene, MissingExtra without Numba.
+    """
+    times = tuple(instants(start.scene.time.end).tolist())
+    time = start.scene.time.model_copy(update={"output_step": None, "output_times": times})
+    return in_the_compiled_loop(replace(start, scene=start.scene.model_copy(update={"time": time})))
+
+
+def runs_within(run: float, member: float, cores: int) -> int:
+    """How many moved starts cost no more than the run itself: 32 at most, 8 at least.
+
+    run, member : wall times of the run and of one of the moved starts [s]
+    """
+    affordable = cores * run / member - BESIDE if member > 0.0 else COVERING
+    return int(min(max(affordable, FEWEST), COVERING))
+
+
+def spread_of(
+    start: Start,
+    runs: int = COVERING,
+    *,
+    move: float = MOVE,
+    seed: int = SEED,
+    progress: Callable[[int], None] | None = None,
+) -> Spread:
+    """Run a case from moved starts on all cores; the same whatever times the case stores.
+
+    runs     : number of moved starts
+    move     : by up to which each coordinate is moved [m]
+    progress : called with the number of runs that are done, of `runs` + 2
+    Raises RunStopped if one of the runs stops although it was tried with finer steps, and as `start_of_runs`.
+    """
+    whole_number("runs", runs, at_least=1)
+    there = start_of_runs(start)
+    moved = perturbed_positions(there, runs, move, seed)
+    achievable, retries = achievable_area(there.net), there.scene.solver.retry
+
+    def courses_of(of: Start, position: np.ndarray, before: int) -> tuple[Course, ...]:
+        told = None if progress is None else lambda done: progress(before + done)
+        found = run_ensemble(of, position, retries=retries, progress=told)
+        return tuple(found.course(k, achievable) for k in range(len(found)))
+
+    plain, *others = courses_of(there, np.concatenate([there.position[None], moved]), 0)
+    finer = replace(there, plan=of_other_accuracy(there.plan))
+    (converged,) = courses_of(finer, there.position[None], runs + 1)
+    return Spread(
+        courses=tuple(others),
+        plain=plain,
+        finer=converged,
+        seed=seed,
+        move=move,
+        method=there.plan.method.value,
+        tolerance=there.plan.tolerance,
+        step=there.plan.step,
+    )

@@ -1,0 +1,145 @@
+"""`exunet ensemble` and `exunet.ensemble`: many runs from moved starts, their file, table and figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import command
+
+import exunet
+from exunet.figures.ensemble import FIGURES
+from exunet.results.ensemble_result import LEVELS, EnsembleResult
+from exunet.results.headlines import INTERVALS
+from exunet.studies import moved_starts
+
+PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
+SHORT = ("solver={tolerance=1e-5, method='DOPRI5'}", "time.end=0.7")  # snaps from 0.5 s on
+SET = tuple(word for one in SHORT for word in ("--set", one))
+
+
+def made(runs: int = 5, **arguments: Any) -> EnsembleResult:
+    return exunet.ensemble(exunet.load(PLANAR, SHORT), runs, **arguments)
+
+
+def test_an_ensemble_has_headlines_and_quantiles() -> None:
+    found = made(5, perturb=1e-6)
+    peaks = found.headlines["largest_tension_N"]
+    assert (found.runs, len(peaks), found.complete, found.verdict) == (5, 5, True, "ok")
+    assert len(set(peaks.tolist())) == 5
+    assert found.quantile("largest_tension_N", 0.5) == np.median(peaks)
+    assert found.quantiles["area"].shape == (len(LEVELS), INTERVALS + 1)
+    assert (np.diff(found.quantiles["area"], axis=0) >= 0.0).all()
+    assert found.provenance["seed"] == 0
+    assert found.provenance["move_m"] == 1e-6
+    frame = found.to_frame()
+    assert frame["largest_tension_N"].tolist() == peaks.tolist()
+    assert frame["element"].tolist() == found.elements.tolist()
+    with pytest.raises(exunet.InputError, match="largest_tension_N"):
+        found.quantile("tension", 0.5)
+
+
+def test_the_same_seed_gives_the_same_bits(monkeypatch: Any) -> None:
+    """In whatever portions the runs are made; and the first runs are the same, however many follow."""
+    one = made(5)
+    monkeypatch.setattr(moved_starts, "PORTION", 2)
+    again, more, other = made(5), made(7), made(5, seed=1)
+    for key, values in one.headlines.items():
+        assert np.array_equal(values, again.headlines[key]), key
+        assert np.array_equal(values, more.headlines[key][:5]), key
+    assert not np.array_equal(one.headlines["largest_tension_N"], other.headlines["largest_tension_N"])
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"runs": 0}, "runs: must be a whole number, 1 or more"),
+        ({"runs": 2.5}, "runs: must be a whole number"),
+        ({"runs": 10**12}, "runs: there is memory for"),
+        ({"perturb": -1e-9}, "perturb: must be a finite number of metres"),
+        ({"perturb": float("nan")}, "perturb: must be a finite number of metres"),
+        ({"perturb": "1e-9"}, "perturb: must be a finite number of metres"),
+        ({"seed": -1}, "seed: must be a whole number, 0 or more"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(exunet.InputError, match=words):
+        made(**given)
+
+
+def test_a_method_that_the_compiled_loop_has_not_is_refused() -> None:
+    case = exunet.load(PLANAR, ["solver={method='RK67', step=1e-4}"])
+    with pytest.raises(exunet.InputError, match="runs by DOPRI5, RK44, VelocityVerlet, or auto, not by RK67"):
+        exunet.ensemble(case, 2)
+
+
+def test_an_ensemble_is_the_same_after_a_file(tmp_path: Path) -> None:
+    found = made(3)
+    exunet.save_ensemble(found, tmp_path / "ensemble.h5")
+    with pytest.raises(exunet.InputError, match="there is a file of that name"):
+        exunet.save_ensemble(found, tmp_path / "ensemble.h5")
+    read = exunet.load_ensemble(tmp_path)
+    for name in ("headlines", "quantiles"):
+        for key, values in getattr(found, name).items():
+            assert np.array_equal(values, getattr(read, name)[key]), key
+    assert np.array_equal(found.elements, read.elements)
+    assert read.provenance == found.provenance
+    with pytest.raises(exunet.InputError, match="not a result file of exunet"):
+        exunet.load_result(tmp_path / "ensemble.h5")
+    (tmp_path / "other.h5").write_bytes((tmp_path / "ensemble.h5").read_bytes()[:3000])
+    with pytest.raises(exunet.InputError, match=r"other\.h5"):
+        exunet.load_ensemble(tmp_path / "other.h5")
+
+
+def test_an_interrupt_keeps_the_portions_that_are_complete(monkeypatch: Any) -> None:
+    monkeypatch.setattr(moved_starts, "PORTION", 2)
+
+    def press_ctrl_c(done: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(exunet.Interrupted, match="after 2 of 6 runs") as stop:
+        made(6, progress=press_ctrl_c)
+    assert stop.value.result.runs == 2
+    assert not stop.value.result.complete
+
+
+def test_the_command_writes_file_and_figures_and_overwrites_nothing(tmp_path: Path) -> None:
+    """The default folder, then the next free one; in a given one only with --overwrite."""
+    arguments = ("ensemble", PLANAR, "-n", 8, "--perturb", 1e-6, *SET)
+    done = command(*arguments, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (folder,) = (tmp_path / "results").iterdir()
+    assert folder.name.endswith("--ensemble")
+    assert {path.name for path in folder.iterdir()} == {"ensemble.h5", *(f"{name}.png" for name in FIGURES)}
+    assert "8 from starts moved by up to 1e-06 m (seed 0)" in " ".join(done.stdout.split())
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert done.stderr.startswith("time    about")
+    first = (folder / "ensemble.h5").read_bytes()
+    refused = command(*arguments, "--out", folder, folder=tmp_path)
+    assert refused.returncode == 2
+    assert "there is an ensemble in this folder" in refused.stderr
+    assert (folder / "ensemble.h5").read_bytes() == first
+    done = command(*arguments, "--out", folder, "--overwrite", "--seed", 1, "--quiet", folder=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert exunet.load_ensemble(folder).provenance["seed"] == 1
+
+
+@pytest.mark.parametrize(
+    "given", [("-n", 0), ("-n", "x"), ("--perturb=-1",), ("--perturb", "nan"), ("--seed=-1",)]
+)
+def test_bad_options_end_with_2_and_write_nothing(tmp_path: Path, given: tuple[object, ...]) -> None:
+    done = command("ensemble", PLANAR, *SET, *given, folder=tmp_path)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_one_figure_belongs_to_its_caller() -> None:
+    found = made(4, perturb=1e-6)
+    assert len(exunet.ensemble_figure(found, "bands").axes) >= 5
+    assert len(exunet.ensemble_figure(found, "histograms", title=True).axes) >= 2
+    with pytest.raises(exunet.InputError, match="is not one of histograms, bands"):
+        exunet.ensemble_figure(found, "area")

@@ -1,0 +1,255 @@
+"""Headlines and their spread over moved starts: in the table, in the summary, in figures, from Python."""
+
+from __future__ import annotations
+
+import json
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import command
+from small_nets import thrown
+
+import exunet
+from exunet.codegen import compile as compiling
+from exunet.figures import FIGURES, figures
+from exunet.interfaces.commands import estimates
+from exunet.interfaces.commands import run as run_command
+from exunet.results import run_folder
+from exunet.results.headlines import HEADLINES, INTERVALS, Course, Peak, course_of, headlines_of, printed
+from exunet.results.spread import Spread
+from exunet.results.summary import rows, summarise
+from exunet.simulation.preparation import prepare
+from exunet.studies.spread import runs_within, spread_of, start_of_runs
+
+CASES = Path(__file__).parent.parent / "cases"
+PLANAR = CASES / "planar_undamped.toml"
+COMPILED = {"engine": {"loop": "compiled"}}
+
+
+def planar(*overrides: str) -> exunet.Start:
+    """The paper's undamped net, at a tolerance of 1e-5: 7 ms a run to 0.7 s."""
+    return prepare(exunet.load(PLANAR, ["solver={tolerance=1e-5, method='DOPRI5'}", *overrides]).scene)
+
+
+def course(peak: float = 100.0, area: float = 4.0, element: int = 3) -> Course:
+    """A mouth of 5 m2 that opens to `area` m2 at 1 s, half way; speeds 2 and 4 m/s at the end."""
+    time = np.linspace(0.0, 2.0, 5)
+    zeros = np.zeros(5)
+    return Course(
+        time=time,
+        area=area * np.array([0.0, 0.5, 1.0, 0.5, 0.0]),
+        achievable_area=5.0,
+        centre=np.outer(time, [0.0, 0.0, 3.0]),
+        bullet_speed=np.tile([2.0, 4.0], (5, 1)),
+        kinetic=zeros,
+        elastic=zeros,
+        dissipated=np.linspace(0.0, 0.5, 5),
+        tension=zeros,
+        peak=Peak(peak, 0.7, element),
+    )
+
+
+def spread(courses: list[Course], plain: Course | None = None, finer: Course | None = None) -> Spread:
+    same = course()
+    return Spread(tuple(courses), plain or same, finer or same, 0, 1e-9, "DOPRI5", 1e-6, None)
+
+
+def test_headlines_of_a_course_by_hand() -> None:
+    """4 m2 at 1 s, after 3 m; above 80 % of 5 m2 only at its top: for no time."""
+    found = headlines_of(course())
+    assert found == {
+        "largest_tension_N": 100.0,
+        "time_of_largest_tension_s": 0.7,
+        "largest_area_m2": 4.0,
+        "time_of_largest_area_s": 1.0,
+        "distance_m": 3.0,
+        "time_above_80_percent_s": 0.0,
+        "bullet_speed_at_end_m_s": 3.0,
+        "dissipated_energy_J": 0.5,
+    }
+    # 4.5 m2 at the top of straight sides of 4.5 m2/s: above 4 m2 for 2 x 0.5 / 4.5 s.
+    assert headlines_of(course(area=4.5))["time_above_80_percent_s"] == pytest.approx(1.0 / 4.5)
+
+
+def test_headlines_of_a_result_are_its_measures() -> None:
+    result = exunet.run(thrown({}, end=0.4, **COMPILED))
+    measures, found = exunet.deployment(result), headlines_of(course_of(result))
+    assert measures is not None
+    assert found["largest_area_m2"] == measures.largest_area
+    assert found["distance_m"] == measures.distance
+    assert found["time_above_80_percent_s"] == measures.time_open
+    assert found["largest_tension_N"] == result.provenance["largest_tension"]["tension_N"]
+
+
+def test_a_range_brackets_its_runs() -> None:
+    judged = spread([course(peak) for peak in (90.0, 130.0, 100.0, 95.0)]).judged["largest_tension_N"]
+    assert not judged.predictable
+    assert (judged.least, judged.median, judged.largest) == (90.0, 97.5, 130.0)
+    assert judged.words() == "median 97.5 N, 90.0 to 130.0 N"
+
+
+@pytest.mark.parametrize(
+    ("peaks", "finer", "words"),
+    [
+        ((100.0, 100.0), 100.0, "100.0 N"),
+        ((100.01, 100.02), 100.015, "100.0 ± 0.02 N"),  # of the unmoved start, 100.0
+        ((100.01, 100.02), 101.2, "100 ± 2 N"),  # the setting errs by 1.2: its digits are not known
+        ((100.0, 100.11), 100.0, "median 100.1 N, 100.0 to 100.1 N"),  # more than 0.1, the last digit
+    ],
+)
+def test_a_value_has_the_digits_on_which_the_converged_run_agrees(
+    peaks: tuple[float, ...], finer: float, words: str
+) -> None:
+    found = spread([course(peak) for peak in peaks], finer=course(finer)).judged["largest_tension_N"]
+    assert found.words() == words
+
+
+def test_places_are_counted() -> None:
+    found = spread([course(element=k) for k in (5, 7, 7)])
+    assert found.judged["largest_tension_N"].places == ((7, 2), (5, 1))
+
+
+def test_eight_runs_are_called_a_range_of_eight() -> None:
+    few = [course(float(peak)) for peak in range(90, 98)]
+    assert "a range of 8 runs" in spread(few).verdict()
+    assert "a range of" not in spread(few * 4).verdict()
+
+
+@pytest.mark.parametrize(
+    ("value", "last", "words"),
+    [(1234.56, 0.1, "1234.6"), (1234.56, 100.0, "1200"), (1e-17, 1e-9, "0"), (2.5e-9, 1e-11, "2.50e-09")],
+)
+def test_numbers_are_printed_down_to_a_digit(value: float, last: float, words: str) -> None:
+    assert printed(value, last) == words
+
+
+def test_headlines_do_not_depend_on_the_output_step() -> None:
+    """Nor on the loop that runs the case: the moved starts have instants of their own."""
+    one, other = (
+        spread_of(planar("time.end=0.7", f"time.output_step={step}", f"engine.loop={loop}"), 3)
+        for step, loop in ((0.1, "exudyn"), (0.033, "compiled"))
+    )
+    assert len(one.time) == INTERVALS + 1
+    for mine, theirs in zip((*one.courses, one.finer), (*other.courses, other.finer), strict=True):
+        assert headlines_of(mine) == headlines_of(theirs)
+    assert one.judged["largest_tension_N"].value == other.judged["largest_tension_N"].value
+    assert (one.judged["largest_tension_N"].value or 0.0) > 100.0  # snaps from 0.5 s on
+
+
+def test_a_spread_is_that_of_its_seed() -> None:
+    start = planar("time.end=0.6")
+    first, again, other = (spread_of(start, 2, seed=seed) for seed in (0, 0, 1))
+    assert np.array_equal(first.courses[1].tension, again.courses[1].tension)
+    assert headlines_of(first.courses[0]) != headlines_of(other.courses[0])
+    assert headlines_of(first.plain) == headlines_of(other.plain)
+
+
+def test_a_method_that_the_compiled_loop_has_not_becomes_dopri5() -> None:
+    explicit = start_of_runs(planar("solver={method='RK67', step=1e-4}"))
+    assert (explicit.plan.method.value, explicit.plan.step) == ("DOPRI5", None)
+    same = start_of_runs(planar("solver={method='RK44', step=1e-4}"))
+    assert (same.plan.method.value, same.plan.step) == ("RK44", 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("run", "member", "cores", "runs"),
+    [(1.0, 0.001, 2, 32), (1.0, 1.0, 2, 8), (10.0, 1.0, 2, 18), (0, 0, 1, 32)],
+)
+def test_moved_starts_cost_no_more_than_the_run_or_eight(run: float, member: float, cores: int, runs: int):
+    """2 cores do 20 runs of 1 s in 10 s, two of which are those beside the moved starts."""
+    assert runs_within(run, member, cores) == runs
+
+
+def test_a_run_tells_its_spread_and_keeps_it(tmp_path: Path) -> None:
+    """To 0.02 s nothing is taut: all is predictable. Then one without, in its place."""
+    case = (CASES / "planar_deployment.toml", "--set", "time.end=0.02", "--out", "here", "--overwrite")
+    done = command("run", *case, "--spread", 3, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "3 moved starts in the compiled loop after it" in done.stderr
+    summary = json.loads((tmp_path / "here/summary.json").read_text())
+    assert summary["spread"]["runs"] == 3
+    assert summary["spread"]["predictable"] is True
+    assert summary["headlines"]["bullet_speed_at_end_m_s"]["value"] == pytest.approx(2.499, abs=1e-3)
+    assert "3 starts moved by up to 1e-09 m (seed 0)" in done.stdout
+    assert exunet.load_ensemble(tmp_path / "here" / run_folder.SPREAD).runs == 3
+    plotted = command("plot", "here", "--out", "there", folder=tmp_path)
+    assert plotted.returncode == 0, plotted.stderr
+    assert (tmp_path / "here/area.png").read_bytes() == (tmp_path / "there/area.png").read_bytes()
+    done = command("run", *case, "--spread", 0, folder=tmp_path)
+    assert "one run of a chaotic net" in " ".join(done.stdout.split())
+    assert not (tmp_path / "here" / run_folder.SPREAD).exists()
+    assert command("run", *case, "--spread", -1, folder=tmp_path).returncode == 2
+
+
+def test_ctrl_c_during_the_moved_starts_keeps_the_result(tmp_path: Path, monkeypatch: Any) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run_command, "spread_of", interrupt)
+    case = (CASES / "planar_deployment.toml", "--set", "time.end=0.02", "--out", "here", "--spread", 3)
+    done = command("run", *case, folder=tmp_path)
+    assert done.returncode == 130
+    assert "interrupted during the runs of moved starts; the result is written" in done.stderr
+    assert exunet.load_result(tmp_path / "here").complete
+    summary = json.loads((tmp_path / "here/summary.json").read_text())
+    assert "interrupted" in summary["spread"]["refused"]
+
+
+def test_an_ensemble_is_left_soon_after_ctrl_c() -> None:
+    """What the main thread raises ends the runs of the others."""
+    running = threading.active_count()
+
+    def interrupt(_done: int) -> None:
+        raise KeyboardInterrupt
+
+    start = planar("time.end=0.5")
+    with pytest.raises(KeyboardInterrupt):
+        exunet.run_ensemble(start, np.stack([start.position] * 50), progress=interrupt)
+    assert threading.active_count() == running
+
+
+def test_without_numba_the_run_says_why_it_has_no_spread(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(estimates, "numba_installed", lambda: False)
+    case = (CASES / "planar_deployment.toml", "--set", "time.end=0.02", "--out", "here", "--spread", 3)
+    done = command("run", *case, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "needs Numba, which is not installed" in " ".join(done.stdout.split())
+    assert compiling.numba_installed()
+
+
+def test_a_run_that_fails_because_of_its_steps_begins_anew() -> None:
+    """RK44 at four times the stable step 2.5e-4 s of the case; half of it gives 2.34 m/s within 1 %."""
+    start = planar("solver={method='RK44', step=1e-3, force=true}", "time.end=0.7")
+    with pytest.raises(exunet.RunStopped, match="run 0 of the ensemble"):
+        exunet.run_ensemble(start, start.position[None])
+    found = exunet.run_ensemble(start, start.position[None], retries=3)
+    assert found.bullet_speed[0, -1] == pytest.approx(2.3422, rel=0.02)  # at a step of 1e-4 s
+
+
+def test_the_table_never_has_a_lone_number_beyond_the_horizon() -> None:
+    result = exunet.run(thrown({}, end=0.4, **COMPILED))
+    chaotic = spread([course(float(peak), area, k) for k, (peak, area) in enumerate(((90, 4.2), (99, 4.0)))])
+    summary = summarise(result, spread=chaotic)
+    table = dict(rows(summary, chaotic))
+    assert table["largest tension"].startswith(
+        "median 94.50 N, 90.00 to 99.00 N, in element 0 in 1 of 2 runs"
+    )
+    assert table["largest area"].startswith("median 4.100 m2, 4.000 to 4.200 m2 (")
+    for one in summary["headlines"].values():
+        assert (one["value"] is None) != (one["median"] is None)
+    assert summary["spread"]["elements_of_largest_tension"][0] == {"element": 0, "runs": 1}
+
+
+def test_figures_show_the_moved_starts_as_bands() -> None:
+    result = exunet.run(thrown({}, end=0.4, **COMPILED))
+    of = spread([course(), replace(course(), area=np.ones(5))]).as_ensemble()
+    plain, banded = figures(result), figures(result, spread=of)
+    for name in plain:
+        more = len(banded[name].axes[0].collections) - len(plain[name].axes[0].collections)
+        assert (more > 0) == (name in ("area", "bullet_speeds", "energies", "largest_tension")), name
+    assert tuple(FIGURES) == run_folder.FIGURES
+    assert {one.key for one in HEADLINES} == set(headlines_of(course()))
