@@ -265,14 +265,16 @@ def load(path, overrides): pass
 """
 
 
-def test_a_check_that_cannot_be_made_is_told_beforehand_and_keeps_the_result(tmp_path):
+def test_a_check_that_cannot_be_made_is_told_beforehand_and_keeps_the_result(tmp_path, monkeypatch):
     """A package of its name stands in for a reference that does not know the case."""
     (tmp_path / "reference_impl").mkdir()
     refusing = STAND_IN.replace("overrides): pass", "overrides): raise Refused")
     (tmp_path / "reference_impl" / "__init__.py").write_text(refusing)
     words = "import sys\n\nsys.exit('reference_impl does not know warp')\n"
     (tmp_path / "reference_impl" / "__main__.py").write_text(words)
-    done = ended(process("run", PLANAR, "--check", *SHORT, "--out", "here", folder=tmp_path))
+    monkeypatch.setattr("exunet.verification.reference_run._home", lambda: str(tmp_path))
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    done = command("run", PLANAR, "--check", *SHORT, "--out", "here", folder=tmp_path)
     assert done.returncode == 4, done.stdout + done.stderr
     told, simulated = (done.stderr.index(word) for word in ("will not be checked: ", "simulating"))
     assert told < simulated
