@@ -76,6 +76,7 @@ def words(made):
     return [text for text in found if text.get_visible() and text.get_text().strip()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["pdf", "svg", "png"])
 def test_files_have_the_size_asked_for(kind, tmp_path):
     for path in save_figures(WHOLE, tmp_path, agreement_with(WHOLE), format=kind, size=(85, 60)):
@@ -92,6 +93,7 @@ def test_files_have_the_size_asked_for(kind, tmp_path):
         assert sides == pytest.approx([85.0, 60.0], abs=0.1), path.name
 
 
+@pytest.mark.slow
 def test_text_stays_text(tmp_path):
     """In a PDF as an embedded TrueType font, in an SVG as text."""
     save_figures(WHOLE, tmp_path, format="pdf")
@@ -108,6 +110,7 @@ def test_text_stays_text(tmp_path):
     assert "<dc:date>" not in svg
 
 
+@pytest.mark.slow
 def test_the_same_bytes_in_every_process(tmp_path):
     """Under different seeds of Python's hashes, and at another time."""
     exunet.save(WHOLE, tmp_path / "result.h5")

@@ -111,6 +111,7 @@ def test_overwrite_replaces_result_and_what_described_it(first):
     assert not (first / "here" / "unfinished").exists()
 
 
+@pytest.mark.slow
 def test_overwrite_without_out_replaces_the_first_of_its_name(tmp_path):
     name = folder_of(load(PLANAR, VALUES))
     for _ in range(2):
@@ -218,6 +219,7 @@ def test_a_killed_second_run_leaves_the_first_and_can_be_resumed(first):
     assert "exunet resume here" in refused.stderr
 
 
+@pytest.mark.slow
 def test_an_unfinished_run_is_put_aside_where_it_can_be_resumed(tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     unfinished(tmp_path / "here", monkeypatch)
