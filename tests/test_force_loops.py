@@ -176,16 +176,16 @@ def test_a_broken_element_loses_what_it_held() -> None:
 
 
 def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
-    """Halved until the straight way ends within a strain of 0.02 (1 + 5e-4), and left alone elsewhere."""
+    """Halved until the straight way ends within a strain of 0.02 (1 + 1e-9), and left alone elsewhere."""
     breaking, limit = breaking_pair()
-    least, far = 1e-9, 0.5 * math.sqrt(1.0 + 2.0 * 0.02 * 1.0005)
+    least, far = 1e-13, 0.5 * math.sqrt(1.0 + 2.0 * 0.02 * (1.0 + 1e-9))
     parting = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])  # 1 m/s
 
     def step(length: float, step: float, memory: float = 1.0, least: float = least) -> float:
         return breaking.step_within(step, least, places(length), parting, np.array([memory]))
 
     whole, gap = 1e-3, far - limit  # [s], which is as long [m] at 1 m/s
-    assert gap == pytest.approx(0.5 * 0.02 * 5e-4 / math.sqrt(1.04), rel=1e-3)
+    assert gap == pytest.approx(0.5 * 0.02 * 1e-9 / math.sqrt(1.04), rel=1e-3)
     assert step(limit - 2e-3, whole) == whole  # does not get there
     assert step(limit - whole + 0.9 * gap, whole) == whole  # beyond the limit, but not far
     assert step(limit - whole + 1.1 * gap, whole) == whole / 2
