@@ -129,7 +129,9 @@ def test_the_same_bytes_in_every_process(tmp_path):
         assert path.read_bytes() == (tmp_path / "2" / path.name).read_bytes(), path.name
 
 
-@pytest.mark.parametrize(("size", "complete"), zip(SIZES, (True, False, True, False), strict=True), ids=str)
+@pytest.mark.parametrize(
+    ("size", "complete"), list(zip(SIZES, (True, False, True, False), strict=True)), ids=str
+)
 def test_pages_are_legible(size, complete):
     """At a column's width and at a page's: words inside the figure, clear of each other, large enough."""
     of = replace(

@@ -176,7 +176,7 @@ def test_a_broken_element_loses_what_it_held() -> None:
 
 
 def test_steps_shorten_where_an_element_would_go_far_beyond_its_limit() -> None:
-    """Halved until the straight way ends within a strain of 0.02 (1 + OVERSHOOT), and left alone elsewhere."""
+    """Halved until the straight way ends within a strain of 0.02 (1 + OVERSHOOT), else left alone."""
     breaking, limit = breaking_pair()
     least, far = 1e-15, 0.5 * math.sqrt(1.0 + 2.0 * 0.02 * (1.0 + OVERSHOOT))
     parting = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])  # 1 m/s
