@@ -199,6 +199,7 @@ def test_the_estimated_error_is_the_error():
     assert true / 10.0 < found.at_end < 10.0 * true  # the other run errs too, by a tenth or so
 
 
+@pytest.mark.slow
 def test_beyond_the_horizon_the_best_is_told(tmp_path):
     command = ["run", str(CASES / "planar_deployment.toml"), "--estimate-error", "--out", str(tmp_path)]
     settings = ["--set", "time.output_step=0.05", "--set", "solver=", "--set", "engine.loop=auto"]

@@ -52,7 +52,7 @@ def known():
 ALLOWED = {"DOPRI5": 1e-8, "RK44": 1e-9, "VelocityVerlet": 1e-9, "GeneralizedAlpha": 1e-5}
 PAIRS = [
     ("compiled", "DOPRI5"), ("compiled", "RK44"), ("compiled", "VelocityVerlet"),
-    ("fused", "DOPRI5"), ("fused", "RK44"),
+    ("fused", "DOPRI5"), pytest.param("fused", "RK44", marks=pytest.mark.slow),
     pytest.param("fused", "GeneralizedAlpha", marks=pytest.mark.slow),
     ("connectors", "DOPRI5"), ("connectors", "RK44"), ("connectors", "GeneralizedAlpha"),
 ]  # fmt: skip

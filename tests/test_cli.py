@@ -65,6 +65,7 @@ def test_check_adds_the_reference(tmp_path):
     assert (tmp_path / "here/agreement.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_plot_draws_the_figures_again(tmp_path):
     command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
     done = command("plot", "here/result.h5", "--out", "again", folder=tmp_path)
@@ -232,6 +233,7 @@ def test_ctrl_c_keeps_the_part_done(tmp_path):
     assert len(result.time) > 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ["typer", "h5py", "exudyn"])
 def test_ctrl_c_at_start_up_is_clean_and_leaves_no_folder(tmp_path, module):
     """Ctrl-C while the command, or what it needs, is being imported."""

@@ -106,7 +106,8 @@ def balanced(seed: int, form: str) -> None:
 
 
 @pytest.mark.parametrize(("form", "seed"), [
-    ("connectors", 0), ("connectors", 1), ("fused", 0), ("fused", 1), ("compiled", 0),
+    ("connectors", 0), ("connectors", 1), ("fused", 0), ("fused", 1),
+    pytest.param("compiled", 0, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_energy_balances_with_some_effects(form: str, seed: int) -> None:
     balanced(seed, form)

@@ -69,7 +69,9 @@ def test_the_first_snap_of_the_net_is_seen_whatever_is_stored(form: str) -> None
     assert coarse.time[np.argmax(largest)] == pytest.approx(0.55)
 
 
-@pytest.mark.parametrize("engine", [{"net": "connectors"}, {"net": "fused"}, {"loop": "compiled"}], ids=str)
+@pytest.mark.parametrize("engine", [
+    {"net": "connectors"}, {"net": "fused"}, pytest.param({"loop": "compiled"}, marks=pytest.mark.slow),
+], ids=str)  # fmt: skip
 def test_it_is_the_energy_of_the_steps_with_material_damping_and_thermal_strain(
     engine: dict[str, str],
 ) -> None:

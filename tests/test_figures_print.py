@@ -272,6 +272,7 @@ def test_a_format_that_is_not_known_makes_no_folder(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 def test_the_command_draws_what_is_asked(tmp_path):
     exunet.save(WHOLE, tmp_path / "result.h5")
     options = ["--format", "pdf", "--size", "90x60", "--title", "--out", str(tmp_path / "new")]

@@ -160,7 +160,7 @@ def add_push(t: float, x: Any, v: Any, push: Any, force: Any) -> None:
     force[push.node] += push.u[0]
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", ["fused", "connectors", pytest.param("compiled", marks=pytest.mark.slow)])
 def test_a_retry_goes_the_way_of_the_inputs(form: str) -> None:
     """As in test_restart: steps fail at 0.23 s, and a retry goes back to 0.1 s; the impulse is F t anyway."""
     planar = Path(__file__).parents[1] / "cases" / "planar_undamped.toml"

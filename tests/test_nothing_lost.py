@@ -119,6 +119,7 @@ def test_overwrite_without_out_replaces_the_first_of_its_name(tmp_path):
     assert [path.name for path in (tmp_path / "results").iterdir()] == [name.name]
 
 
+@pytest.mark.slow
 def test_a_second_run_that_stops_leaves_the_first_and_says_where_its_part_is(first):
     before = content(first / "here")
     done = command("run", PLANAR, *STOPS, "--out", "here", "--overwrite", folder=first)
@@ -231,6 +232,7 @@ def test_an_unfinished_run_is_put_aside_where_it_can_be_resumed(tmp_path, monkey
     assert exunet.load_result(tmp_path / "here-2").complete
 
 
+@pytest.mark.slow
 def test_what_waited_when_a_process_died_is_not_taken_for_the_result(first, monkeypatch):
     """Killed between the new result and its place: resumed, it takes the place of the first."""
     unfinished(first / "here", monkeypatch, overwrite=True)

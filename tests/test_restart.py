@@ -110,6 +110,7 @@ def test_halves_are_bitwise_the_whole(tmp_path: Path) -> None:
     same({f"{form}, {name}": one for form in FORMS for name, one in by_method(form)}, tmp_path)
 
 
+@pytest.mark.slow
 def test_halves_cut_at_odd_moments_are_bitwise_the_whole(tmp_path: Path) -> None:
     found = same({f"{form}, {name}": one for form in FORMS for name, one in at_odd_moments(form)}, tmp_path)
     for form in FORMS:

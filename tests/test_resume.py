@@ -146,6 +146,7 @@ def test_a_killed_run_keeps_the_earlier_result_until_it_is_resumed(tmp_path, mon
     assert not (tmp_path / "unfinished").exists()
 
 
+@pytest.mark.slow
 def test_what_is_in_the_way_of_a_runs_files_is_named_before_anything_is_removed(tmp_path, monkeypatch):
     cut_short(tmp_path, 0.2, monkeypatch)
     way = tmp_path / "unfinished" / "segment-000099.exu"

@@ -86,6 +86,7 @@ def test_perturbed_start_keeps_velocities_and_is_repeatable():
     assert np.array_equal(near.start.position, nearby(case, 1e-8 / PAPER_SIZE, seed=3).start.position)
 
 
+@pytest.mark.slow
 def test_short_runs_agree():
     """Up to 0.8 s, past the first snaps at about 0.57 s."""
     case = read_both(CASES["planar_deployment"])

@@ -46,7 +46,8 @@ def test_matrices_and_one_step(scale):
     hold([*matrices(case), *one_step(case)])
 
 
-@pytest.mark.parametrize("scale", [SCALES[0], pytest.param(SCALES[1], marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", SCALES)
 def test_growth_and_trajectories(scale):
     """To 1 s, times the scale; the paper's net itself grows at 19.3/s and has no horizon there."""
     case = scaled(scale)

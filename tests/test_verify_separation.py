@@ -59,6 +59,7 @@ def in_the_papers_setting(case: BothCodes, states: int = 400) -> Trajectory:
     return replace(case, theirs=theirs).run_reference(times, method="RK45", rtol=1e-3, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_papers_own_setting_separates_at_the_papers_instant():
     """reference_impl/README.md: 1.75 s (0.05 m/s apart), with the last bits moved 1.56 s and more."""
     case = read_both(CASES["planar_deployment"])

@@ -98,6 +98,7 @@ def test_default_arithmetic_lets_the_curves_separate(scene, bullet_speeds):
     assert np.ptp(speeds[2]) > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arithmetic", "ulps"), [({"assembled": True}, 0), ({}, 1)], ids=["assembled", "last bit of the start"]
 )

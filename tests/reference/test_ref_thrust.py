@@ -59,6 +59,7 @@ def test_free_bullets_follow_the_integrals(loose, scene, options, bound):
     assert not energy.elastic(made.system, run.x).any()
 
 
+@pytest.mark.slow
 def test_impulse_of_the_whole(document, scene):
     """Momentum of a snapping net = twice the trapezoids of the force, whatever the net does."""
     made = scene(document("square", size=2.0), {"effects.thrust": THRUST, "initial.packing": 0.9})
