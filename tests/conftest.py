@@ -28,3 +28,22 @@ def outside_of_the_project(tmp_path_factory: pytest.TempPathFactory) -> Iterator
         patch.chdir(folder)
         yield
     assert list(folder.iterdir()) == []
+
+
+# What compiles kernels of its own for the compiled loop, 3 to 10 s each where no cache has them: by file, or
+# by file and test. They are slow tests that .ci/run runs; the quick ones try the same in Exudyn's loop.
+COMPILES_ITS_OWN = (
+    "test_bounce.py", "test_forces_on_bodies.py", "test_inputs_and_states.py", "test_sleeping.py",
+    "test_thrust.py", "test_effects.py::test_a_snap_that_breaks", "test_simulation.py::test_a_body_is_read",
+    "test_simulation.py::test_a_force_on_a_node_that_is_held", "test_simulation.py::test_reset_forgets",
+    "test_simulation.py::test_a_force_changes",
+)  # fmt: skip
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        name = item.nodeid.removeprefix("tests/")
+        if "compiled" in name.partition("[")[2] and name.startswith(COMPILES_ITS_OWN):
+            item.add_marker(pytest.mark.slow)
+            item.add_marker(pytest.mark.ci)

@@ -87,6 +87,8 @@ def test_check_command_says_what_would_be_simulated(tmp_path):
     assert written(tmp_path) == set()
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_check_command_names_bodies_and_point_masses(tmp_path):
     """Also with the compiled loop, whose engine items are none."""
     body = (
@@ -286,6 +288,8 @@ def test_a_check_that_cannot_be_made_is_told_beforehand_and_keeps_the_result(tmp
     assert exunet.load_result(tmp_path / "here/result.h5").complete
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_check_covers_bodies(tmp_path):
     """A launch with a chaser, and a rigid body beside the net."""
     case = PLANAR.parent / "verification" / "trajectories" / "launch_spring.toml"

@@ -201,6 +201,8 @@ def test_methods_have_their_orders(form: str, method: str, order: int, tmp_path:
     assert math.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.3), errors
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_without_damping_verlet_is_of_order_2_in_the_compiled_loop(tmp_path: Path) -> None:
     """Against RK44 at a step of 2e-4 s, which is right to 1e-10."""
     results = []

@@ -257,7 +257,9 @@ def test_the_largest_tension_is_that_of_all_steps(accuracy: str, allowed: float)
     assert seen[1]["tension_N"] == pytest.approx(seen[0]["tension_N"], rel=allowed)
 
 
-@pytest.mark.parametrize("effect", [pytest.param("thrust", marks=pytest.mark.slow), "breaking", "body"])
+@pytest.mark.parametrize("effect", [
+    pytest.param("thrust", marks=pytest.mark.slow), "breaking", pytest.param("body", marks=pytest.mark.slow),
+])  # fmt: skip
 def test_an_ensemble_goes_through_events_and_counts_bodies(effect: str) -> None:
     """As a run alone, whose books they are: knots of a thrust, a cable that breaks, a body that spins."""
     push = "effects.thrust={bullets=[0],time=[0.02,0.05],force=[[0,0,5.0],[0,0,1.0]]}"

@@ -106,6 +106,8 @@ def same(jobs: dict[str, Job], folder: Path) -> dict[str, dict[str, Any]]:
     return first
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_halves_are_bitwise_the_whole(tmp_path: Path) -> None:
     same({f"{form}, {name}": one for form in FORMS for name, one in by_method(form)}, tmp_path)
 

@@ -55,7 +55,9 @@ def datasets(path: Path) -> dict[str, bytes]:
     return found
 
 
-@pytest.mark.parametrize("at", [0.04, 0.2], ids=["before the first checkpoint", "after two"])
+@pytest.mark.parametrize("at", [
+    pytest.param(0.04, id="before the first checkpoint", marks=pytest.mark.slow), pytest.param(0.2, id="after two"),
+])  # fmt: skip
 def test_the_command_finishes_what_was_cut_short(tmp_path, monkeypatch, at):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     assert command("run", PLANAR, *SHORT, *CHECKPOINTS, "--out", whole, folder=tmp_path).returncode == 0

@@ -74,6 +74,8 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
     return found
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_every_key_is_in_the_table_and_every_row_in_a_file(summaries):
     seen = {path for summary in summaries for path, _ in keys(summary)}
     assert sorted(seen - set(TABLE)) == []
@@ -82,6 +84,8 @@ def test_every_key_is_in_the_table_and_every_row_in_a_file(summaries):
     assert len(TABLE) == len(set(TABLE))
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_names_have_the_units_of_their_numbers(summaries):
     for summary in summaries:
         assert all(name.endswith(UNITS) for name in summary["headlines"])

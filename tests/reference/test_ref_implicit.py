@@ -62,7 +62,8 @@ EFFECTS = {
 DAMPINGS = ("effects.rayleigh_damping", "effects.mass_damping", "effects.material_damping")
 
 
-@pytest.mark.parametrize("field", ["effects.gravity", "effects.orbit"])  # they contradict each other
+# Gravity and orbit contradict each other.
+@pytest.mark.parametrize("field", ["effects.gravity", pytest.param("effects.orbit", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("left_out", [None, *DAMPINGS])
 def test_energy_balances_with_effects(document, scene, field, left_out):
     overrides = {key: EFFECTS[key] for key in (field, *DAMPINGS) if key != left_out}
