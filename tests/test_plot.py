@@ -383,6 +383,8 @@ def test_rotation_is_drawn_for_rigid_bodies():
     np.testing.assert_array_equal(drawn["b, y"].get_ydata(), turning[:, 1])
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_snapshots_show_the_bodies_where_they_are(tmp_path):
     case = exunet.load(
         Path(__file__).parents[1] / "cases" / "verification" / "snap.toml",

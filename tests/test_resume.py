@@ -56,7 +56,8 @@ def datasets(path: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("at", [
-    pytest.param(0.04, id="before the first checkpoint", marks=pytest.mark.slow), pytest.param(0.2, id="after two"),
+    pytest.param(0.04, id="before the first checkpoint", marks=pytest.mark.slow),
+    pytest.param(0.2, id="after two"),
 ])  # fmt: skip
 def test_the_command_finishes_what_was_cut_short(tmp_path, monkeypatch, at):
     whole, cut = tmp_path / "whole", tmp_path / "cut"

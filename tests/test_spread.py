@@ -164,6 +164,8 @@ def test_moved_starts_cost_no_more_than_the_run_or_eight(run: float, member: flo
     assert runs_within(run, member, cores) == runs
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_run_tells_its_spread_and_keeps_it(tmp_path: Path) -> None:
     """To 0.02 s nothing is taut: all is predictable. Then one without, in its place."""
     case = (CASES / "planar_deployment.toml", "--set", "time.end=0.02", "--out", "here", "--overwrite")
