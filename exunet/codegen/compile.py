@@ -47,7 +47,7 @@ def require_numba(purpose: str) -> None:
     """Raise MissingExtra, naming what needs it, if Numba is not installed."""
     if not numba_installed():
         raise MissingExtra(
-            f"{purpose} needs Numba, which is not installed: pip install 'exunet[fast]' "
+            f"{purpose} needs Numba, which is not installed: pip install numba "
             '(or use engine.net = "connectors", engine.loop = "exudyn")'
         )
 

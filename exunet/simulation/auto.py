@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 # Packing from which on a start counts as nearly deployed: all threads snap soon and together, after which the
 # same tolerance leaves far larger errors. Between the packings 0.7 and 0.9 of the measured scenes.
 NEARLY_DEPLOYED = 0.8
-_NO_NUMBA = "since Numba is not installed (pip install 'exunet[fast]')"
+_NO_NUMBA = "since Numba is not installed (pip install numba)"
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def choose_net(n_elements: int, *, implicit: bool) -> tuple[NetForm, str]:
     if not numba_installed():
         return (
             NetForm.CONNECTORS,
-            "auto: connectors, since Numba is not installed (pip install 'exunet[fast]')",
+            "auto: connectors, since Numba is not installed (pip install numba)",
         )
     if implicit:
         return NetForm.FUSED, "auto: fused net, whose derivatives are exact"
@@ -135,7 +135,7 @@ def choose_loop(method: Method) -> tuple[TimeLoop, str]:
     if not numba_installed():
         return (
             TimeLoop.EXUDYN,
-            "auto: Exudyn steps, since Numba is not installed (pip install 'exunet[fast]')",
+            "auto: Exudyn steps, since Numba is not installed (pip install numba)",
         )
     if not METHODS[method].compiled:
         return TimeLoop.EXUDYN, f"auto: Exudyn steps, since the compiled loop has no {method}"

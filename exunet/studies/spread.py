@@ -18,7 +18,7 @@ from exunet.studies.neighbours import of_other_accuracy
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
 SEED = 0
 FINER_RUN = 1.6  # times the cost of a run: that with a tenth of the tolerance
-NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install 'exunet[fast]')"
+NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install numba)"
 BESIDE = 2  # runs beside those of the moved starts: the unmoved one, and that with a finer setting
 
 

@@ -60,9 +60,7 @@ def cost(case: Case, out: Path | None, until: float | None, budget: float) -> in
     _write(study, folder)
     notes = [("note", refusal)] if refusal else []
     if not compiled:
-        notes.append(
-            ("note", "without Numba (pip install 'exunet[fast]') there is no fused net, no compiled loop")
-        )
+        notes.append(("note", "without Numba (pip install numba) there is no fused net, no compiled loop"))
     rows = [*_head(converged, subject), *answer_rows(study)]
     if not converged.predicts:
         rows += measure_rows(study)
