@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,13 +21,14 @@ from numpy.typing import NDArray
 from exunet.results.areas import achievable_area
 from exunet.results.measures import (
     NEARLY_OPEN,
-    bullet_speeds,
-    centre_of_mass,
     deployment_of_course,
     largest_tensions,
     mouth_areas,
+    net_centre,
+    speeds_of,
 )
 from exunet.results.result import Result
+from exunet.results.rows import StoredRows
 
 Floats = NDArray[np.float64]
 
@@ -206,19 +208,26 @@ def headlines_of(course: Course) -> dict[str, float | None]:
 
 def course_of(result: Result) -> Course:
     """The course of a result over its stored times; the peak is that of all steps, where the run tells it."""
-    tension = largest_tensions(result)
+    tension, bullets = largest_tensions(result), result.net.bullet_nodes
     return Course(
         time=result.time,
         area=mouth_areas(result),
         achievable_area=achievable_area(result.net),
-        centre=centre_of_mass(result),
-        bullet_speed=bullet_speeds(result),
+        centre=_of_rows(partial(net_centre, result.net), result.position, 3),
+        bullet_speed=_of_rows(partial(speeds_of, bullets), result.velocity, len(bullets)),
         kinetic=result.kinetic,
         elastic=result.elastic,
         dissipated=result.dissipated,
         tension=tension,
         peak=_peak(result, tension),
     )
+
+
+def _of_rows(measure: Callable[[Floats], Floats], values: Any, width: int) -> Any:
+    """What `measure` makes of each row; of rows that stay in a file, when it is asked for."""
+    if isinstance(values, StoredRows):
+        return StoredRows(lambda start, stop: measure(values[start:stop]), (len(values), width))
+    return measure(values)
 
 
 def _peak(result: Result, tension: Floats) -> Peak:

@@ -66,8 +66,12 @@ def net_centre(net: Net, position: Floats) -> Floats:
 
 def bullet_speeds(result: Result) -> Floats:
     """Speeds of the bullets, in the order of `net.bullet_nodes`: (n_times, n_bullets) [m/s]."""
-    bullets = result.net.bullet_nodes
-    return over_blocks(lambda velocity: np.linalg.norm(velocity[:, bullets], axis=-1), result.velocity)
+    return over_blocks(partial(speeds_of, result.net.bullet_nodes), result.velocity)
+
+
+def speeds_of(nodes: NDArray[np.int64], velocity: Floats) -> Floats:
+    """Speeds of some nodes (k,) with velocities (t, n, 3) [m/s]: (t, k) [m/s]."""
+    return np.asarray(np.linalg.norm(velocity[:, nodes], axis=-1))
 
 
 def deployment(result: Result) -> Deployment | None:
