@@ -435,10 +435,10 @@ def test_a_snap_that_breaks_loses_what_the_cable_held(form: str, stepping: list[
     (broken,) = run.provenance["broken"]
     assert broken["element"] == 0
     # EA E11^2 L / 2 at the limit, 70e9 Pa, d = 1 mm; the break comes at the end of the step that passed it,
-    # by 1e-9 of the strain with steps that are chosen, by what 2e-6 s stretch with equal ones.
+    # by 1e-6 of the energy with steps that are chosen (`breaking`), by a stretch of 2e-6 s with equal ones.
     stiffness = 70e9 * math.pi / 4 * 1e-6
     excess = broken["energy_J"] / (0.5 * stiffness * 0.004**2) - 1.0
-    assert 0.0 <= excess < 1.1e-3
+    assert 0.0 <= excess < (1e-6 if stepping == ["solver.method=DOPRI5"] else 1.1e-3)
     assert broken["energy_excess"] == pytest.approx(excess, abs=1e-9)
     assert run.dissipated[-1] == pytest.approx(broken["energy_J"], rel=1e-12)
     assert energy_balance(run) < 1e-7

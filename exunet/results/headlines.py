@@ -118,24 +118,14 @@ def _time_of_peak(course: Course) -> float | None:
     return course.peak.time if course.peak.element >= 0 else None
 
 
-def _largest_area(course: Course) -> float | None:
-    found = deployment_of_course(course.time, course.area, course.centre, course.achievable_area)
-    return None if found is None else found.largest_area
+def _of_deployment(measure: str) -> Callable[[Course], float | None]:
+    """One of the four measures of `Deployment`."""
 
+    def value(course: Course) -> float | None:
+        found = deployment_of_course(course.time, course.area, course.centre, course.achievable_area)
+        return None if found is None else float(getattr(found, measure))
 
-def _time_of_largest_area(course: Course) -> float | None:
-    found = deployment_of_course(course.time, course.area, course.centre, course.achievable_area)
-    return None if found is None else found.time_of_largest
-
-
-def _distance(course: Course) -> float | None:
-    found = deployment_of_course(course.time, course.area, course.centre, course.achievable_area)
-    return None if found is None else found.distance
-
-
-def _time_open(course: Course) -> float | None:
-    found = deployment_of_course(course.time, course.area, course.centre, course.achievable_area)
-    return None if found is None else found.time_open
+    return value
 
 
 def _mean_bullet_speed(course: Course) -> float | None:
@@ -152,17 +142,24 @@ HEADLINES = (
         place_is="element",
     ),
     Headline("time_of_largest_tension", "time of largest tension", "s", _time_of_peak),
-    Headline("largest_area", "largest area", "m2", _largest_area),
-    Headline("time_of_largest_area", "time of largest area", "s", _time_of_largest_area, at_a_time=True),
+    Headline("largest_area", "largest area", "m2", _of_deployment("largest_area")),
+    Headline(
+        "time_of_largest_area", "time of largest area", "s", _of_deployment("time_of_largest"), at_a_time=True
+    ),
     Headline(
         "distance",
         "distance travelled",
         "m",
-        _distance,
+        _of_deployment("distance"),
         least=1e-8,
         remark="centre of mass, until the largest area",
     ),
-    Headline(f"time_above_{NEARLY_OPEN:.0%}".replace("%", "_percent"), "area above 80 %", "s", _time_open),
+    Headline(
+        f"time_above_{NEARLY_OPEN:.0%}".replace("%", "_percent"),
+        "area above 80 %",
+        "s",
+        _of_deployment("time_open"),
+    ),
     Headline("bullet_speed_at_end", "bullet speed at the end", "m/s", _mean_bullet_speed, remark="mean"),
     Headline("dissipated_energy", "energy dissipated", "J", lambda course: float(course.dissipated[-1])),
 )
