@@ -109,7 +109,7 @@ def main() -> None:
         "",
         f"`python benchmarks/ensemble.py --repeats {asked.repeats} --runs {asked.runs}`, "
         f"{time.strftime('%Y-%m-%d')}, {platform.platform()}, {cores} cores, Python "
-        f"{platform.python_version()}; mean load before {load_before:.1f} (above 0.5, other programs had part "
+        f"{platform.python_version()}; mean load before {load_before:.1f} (above 0.5, others had part "
         "of the cores: processor time then tells more than wall time, but shares its caches with them). The "
         "paper's net, VelocityVerlet with steps of 5e-5 s to 1.75 s, 401 instants, guards and measures "
         "included. Medians and quartiles.",
