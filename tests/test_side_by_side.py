@@ -107,6 +107,20 @@ def test_an_interrupt_ends_runs_side_by_side() -> None:
         run_ensemble(begin, moved(begin, 5 * WIDTH), together=True, progress=press_ctrl_c)
 
 
+@compiles
+def test_an_ensemble_of_a_case_is_the_same_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    begin = start(end=0.2, **DAMPED)
+    found = []
+    for pays in (0.0, np.inf):
+        monkeypatch.setattr(ensemble, "kept_before", lambda source: False)
+        monkeypatch.setattr(ensemble, "_PAYS", pays)
+        found.append(exunet.ensemble(begin, 10, perturb=1e-6))
+    for key, values in found[0].headlines.items():
+        assert values.tobytes() == found[1].headlines[key].tobytes(), key
+    for key, values in found[0].quantiles.items():
+        assert values.tobytes() == found[1].quantiles[key].tobytes(), key
+
+
 @pytest.mark.parametrize(
     ("method", "tables"),
     [
