@@ -70,8 +70,8 @@ def same_distribution(runs: int) -> list[str]:
         "",
         f"Medians of {runs} throws from starts moved by up to {MOVE:g} m, by the case's own method "
         f"({own.plan.method}, tolerance {own.plan.tolerance:.2g}) and by equal steps, and the probability of "
-        "a larger difference of the samples if they had one distribution. Moves of 1e-9 m are smaller than the "
-        "errors of either method, which all throws share: at 1.75 s such throws are still near to one "
+        "a larger difference of the samples if they had one distribution. Moves of 1e-9 m are smaller than "
+        "the errors of either method, which all throws share: at 1.75 s such throws are still near to one "
         "another, and near to another throw by another method.",
         "",
         "| headline | own method | equal steps | p |",
