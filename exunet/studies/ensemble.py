@@ -28,6 +28,7 @@ from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.simulation.refinement import finer
+from exunet.simulation.trial import is_compiled
 from exunet.studies.neighbours import perturbed
 from exunet.system.states import States
 
@@ -337,7 +338,7 @@ def _leave_if(stop: Event) -> None:
         raise KeyboardInterrupt
 
 
-GAIN = 6.0  # times as fast as one by one, where runs go side by side
+_GAIN = 6.0  # times as fast as one by one, where runs go side by side
 _PAYS = 5.0  # [s] of runs one by one, below which side by side is not worth its compilation
 
 
@@ -350,3 +351,11 @@ def kernel_of_many(start: Start, runs: int, together: bool | None = None) -> Ker
     if kernel is None or together or kept_before(kernel.source):
         return kernel
     return kernel if runs * seconds_of_a_course(start, None) / (os.cpu_count() or 1) > _PAYS else None
+
+
+def way_of(start: Start, runs: int) -> tuple[float, bool]:
+    """How many times as fast as one by one so many runs go, and whether that way is to be compiled first."""
+    kernel = kernel_of_many(start, runs)
+    if kernel is None:
+        return 1.0, not is_compiled(start)
+    return _GAIN, not kept_before(kernel.source)

@@ -14,7 +14,7 @@ import numpy as np
 
 from exunet.base.errors import ExunetError, InputError, RunStopped
 from exunet.case.casefile import Case
-from exunet.codegen.compile import kept_before, require_numba
+from exunet.codegen.compile import require_numba
 from exunet.figures.ensemble import FIGURES, save_ensemble_figures
 from exunet.interfaces.commands.estimates import duration, size
 from exunet.interfaces.commands.folders import opened, ready, silent, to_stderr
@@ -25,8 +25,8 @@ from exunet.results.headlines import HEADLINES, Headline, printed, unit_of_last_
 from exunet.results.run_folder import held
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.preparation import prepare_case
-from exunet.simulation.trial import is_compiled, try_out
-from exunet.studies.ensemble import GAIN, kernel_of_many
+from exunet.simulation.trial import try_out
+from exunet.studies.ensemble import way_of
 from exunet.studies.moved_starts import ensemble, refuse_other_methods, refuse_too_many, refuse_wrong
 
 OFTEN = 10.0  # [s] between two lines of progress
@@ -66,10 +66,9 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
         if file.exists() and not asked.overwrite:
             words = "there is an ensemble in this folder: replace it (--overwrite), or give another --out"
             raise InputError(f"{folder}: {words}")
-        kernel = kernel_of_many(start, asked.runs)
-        compiles = not (kept_before(kernel.source) if kernel else is_compiled(start))
-        seconds = seconds_of_a_course(start, try_out(start, _BUDGET)) * asked.runs / (os.cpu_count() or 1)
-        seconds /= GAIN if kernel else 1.0
+        gain, compiles = way_of(start, asked.runs)
+        each = seconds_of_a_course(start, try_out(start, _BUDGET)) / gain
+        seconds = each * asked.runs / (os.cpu_count() or 1)
         more = ", and some seconds to compile the scene's forces, once" if compiles else ""
         say(f"time    about {duration(seconds)}{more}")
         say(f"disk    about {size(8 * (len(HEADLINES) + 1) * asked.runs + 500_000)}")
