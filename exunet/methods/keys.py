@@ -69,8 +69,8 @@ class Solver(Table):
     )
     accuracy_of: Literal["trajectory", "measures"] = Field(
         "trajectory",
-        description="what is to be accurate: the trajectory, to `accuracy`; or only the measures of deployment, "
-        "whose shift stays below a third of their spread, at less cost",
+        description="what is to be accurate: the trajectory, to `accuracy`; or the measures of deployment "
+        "only, whose medians are shifted by less than a third of their spread, at less cost",
     )
     tolerance: Positive | None = Field(
         None,
@@ -116,12 +116,12 @@ def _measures_checks(keys: Solver) -> Iterator[Fault]:
     method = keys.method
     if method != AUTO and method not in FOR_MEASURES:
         able = ", ".join((AUTO, *FOR_MEASURES))
-        yield Fault("accuracy_of", f"no step or tolerance of {method} was measured for measures: take {able}")
-    for name, what in (
-        ("accuracy", "is that of the trajectory"),
-        ("tolerance", "follows"),
-        ("step", "follows"),
-    ):
+        yield Fault("accuracy_of", f"no setting of {method} was measured for measures: take {able}")
+    reasons = {
+        "accuracy": "is that of the trajectory",
+        "tolerance": 'follows from accuracy_of = "measures"',
+        "step": 'follows from accuracy_of = "measures"',
+    }
+    for name, why in reasons.items():
         if keys.is_given(name):
-            words = f'{what} with accuracy_of = "measures"' if what == "follows" else what
-            yield Fault(name, f'{words}: leave it out, or accuracy_of = "trajectory"')
+            yield Fault(name, f'{why}: leave it out, or take accuracy_of = "trajectory"')
