@@ -3,8 +3,8 @@
 Where all threads snap one after the other, errors grow by a factor of 1e8 within a tenth of a second, sooner
 or later by the packing and the length of the strings, and inside a snap they are a hundred times those after
 it: with a tolerance of 3e-10 the paper's net has errors of 1e-9 at 0.08 s and 1e-2 at 0.15 s (packing 0.95,
-strings of 1.4 m). No tolerance that other starts had needed says anything there. So a ladder of tolerances is run
-in the compiled loop, through the run's own stored times, to the run's own end.
+strings of 1.4 m). No tolerance that other starts had needed says anything there. So a ladder of tolerances
+is run in the compiled loop, through the run's own stored times, to the run's own end.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ Floats = NDArray[np.float64]
 TOLERANCES = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 TIGHT = 1e-13
 # The error of a run over that of the pilot. In the compiled loop the run is the pilot's: the comparison errs
-# by a tenth, and what round-off adds is not the same. Exudyn does not step to where a thread goes taut, and its
-# errors there scatter by two decades (benchmarks/nearly_deployed.md).
-MARGIN_COMPILED, MARGIN_EXUDYN = 3.0, 100.0
+# by a tenth, and what round-off adds is not the same. Exudyn does not step to where a thread goes taut, and
+# its errors there scatter by two decades: 212 times the pilot's was the most in runs of 73 starts.
+MARGIN_COMPILED, MARGIN_EXUDYN = 3.0, 300.0
 # Evaluations of elements that a pilot may take, some seconds; and those of an element in a radian of the
 # highest frequency, of all tolerances together: 180 were seen.
-MOST = 3e8
+MOST = 2e8
 PER_RADIAN = 200.0
 _ROUND_OFF = 1e-15  # of the net's size: by which the start is moved
 _CHUNK = 64  # stored times that are kept at once

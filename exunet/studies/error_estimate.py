@@ -1,4 +1,4 @@
-"""The error of a run, estimated from a second run with a much finer setting and a third from a moved start."""
+"""The error of a run, estimated from a much finer run, and from a third one from a moved start."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def of_other_accuracy(plan: Plan) -> Plan:
 def of_much_other_accuracy(plan: Plan) -> Plan:
     """Two steps finer, or coarser where round-off leaves nothing to gain.
 
-    Errors at kinks of the forces scatter by two decades at one tolerance (benchmarks/nearly_deployed.md), so
+    Errors at kinks of the forces scatter by two decades at one tolerance, so
     that a run with a tenth of it often errs as much, and nothing follows from the difference of the two.
     """
     other = of_other_accuracy(plan)
