@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import Fault
-from exunet.case.scene import Scene
+from exunet.case.scene import Engine, Scene
 from exunet.case.stored_times import stored_times
+from exunet.codegen.compile import numba_installed
 from exunet.methods.keys import AUTO
-from exunet.methods.method import COMPILED_METHODS, METHODS, Kind, Method, TimeLoop
+from exunet.methods.method import COMPILED_METHODS, METHODS, Form, Kind, Method, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.simulation import auto, measures, pilot
 from exunet.system.stability import (
@@ -66,8 +67,10 @@ def _chosen(scene: Scene, system: System, state: State) -> Plan:
     """
     solver = scene.solver
     measured = auto.table().at(scene.initial.packing)
-    able = tuple(measured.adaptive) if scene.engine.loop == TimeLoop.EXUDYN else COMPILED_METHODS
-    method, why = auto.choose_method(solver.accuracy, able, measured)
+    able, forms = _open_to(scene.engine)
+    if _is_measured_on_the_start(scene, system):
+        able = COMPILED_METHODS
+    method, why = auto.choose_method(solver.accuracy, able, measured, system.net.n_elements, forms)
     if measured is auto.table().nearly_deployed:
         why += " on nearly deployed starts"
     if solver.tolerance is not None:
@@ -87,24 +90,38 @@ def _chosen(scene: Scene, system: System, state: State) -> Plan:
     return replace(plan, notes=(*notes, *plan.notes))
 
 
+def _open_to(engine: Engine) -> tuple[tuple[Method, ...], tuple[Form, ...]]:
+    """The methods and forms that the case leaves to "auto"."""
+    if engine.loop != TimeLoop.EXUDYN:
+        return COMPILED_METHODS, (Form.COMPILED,)
+    if engine.net != "auto":
+        return tuple(METHODS), (Form(engine.net),)
+    return tuple(METHODS), (Form.CONNECTORS, Form.FUSED) if numba_installed() else (Form.CONNECTORS,)
+
+
+def _is_measured_on_the_start(scene: Scene, system: System) -> bool:
+    """Nearly deployed, with bullets by whose speeds errors are judged."""
+    return scene.initial.packing >= auto.NEARLY_DEPLOYED and len(system.net.bullet_nodes) > 0
+
+
 def _for_measures(scene: Scene, system: System, state: State) -> Plan:
     """VelocityVerlet where it was measured, else DOPRI5; or the one of the two that the case names."""
     why = measures.why_not_verlet(system)
     method = Method(scene.solver.method) if scene.solver.method != AUTO else None
     if method is None:
         method = Method.DOPRI5 if why else Method.VELOCITY_VERLET
+    promise = measures.promise(method)
     if method == Method.VELOCITY_VERLET:
-        step = measures.verlet_step(system)
-        words = f"step = {measures.settings().step:g} x the stable step"
         spacing = float(np.diff(stored_times(scene.time)).max())
-        notes = (f"measures: {method}, {words}", measures.promise())
+        words = f"measures: {method}, {measures.settings().step:g} x its stable step"
         if why:
-            notes = (notes[0], f"no promise for the measures: {why}, which DOPRI5 is taken for")
-        return _fixed(method, step, spacing, *notes)
+            promise = f"nothing is promised for the measures: {why}; auto takes DOPRI5"
+        return _fixed(method, measures.verlet_step(system), spacing, words, promise)
     relative = measures.settings().tolerance
     reason = f" ({why})" if why else ""
     words = f"measures: {method}, tolerance {relative:.2g} x the launch speed{reason}"
-    return _with_tolerance(method, relative * _speed(state.velocity), scene, system, words, measures.promise())
+    tolerance = relative * _speed(state.velocity)
+    return _with_tolerance(method, tolerance, scene, system, words, promise)
 
 
 def with_forms(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]:
@@ -162,19 +179,18 @@ def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Pla
         return _with_tolerance(method, solver.tolerance, scene, system)
     known = auto.table().at(scene.initial.packing).adaptive[method]
     relative = known.tolerance_for(solver.accuracy)
-    tolerance, notes = relative * _speed(state.velocity), ()
+    tolerance = relative * _speed(state.velocity)
+    notes: tuple[str, ...] = ()
     if solver.accuracy < known.best:
         notes = (
             f"accuracy {solver.accuracy:g} is beyond double precision here: "
             f"ran at the best, {known.best:.1g}, tolerance {tolerance:.2g}",
         )
     plan = _with_tolerance(method, tolerance, scene, system, *notes)
-    if scene.initial.packing >= auto.NEARLY_DEPLOYED and len(system.net.bullet_nodes):
+    if _is_measured_on_the_start(scene, system):
         loop = auto.choose_loop(method)[0] if scene.engine.loop == "auto" else scene.engine.loop
         times = stored_times(scene.time)
-        return pilot.settled(
-            plan, solver.accuracy, loop, system, state, times, _speed(state.velocity)
-        )
+        return pilot.settled(plan, solver.accuracy, loop, system, state, times, _speed(state.velocity))
     return replace(plan, expected_error=known.expected_error(relative))
 
 
