@@ -80,7 +80,7 @@ def test_a_named_method_gets_its_setting_and_no_promise_where_it_has_none() -> N
 def test_check_tells_method_setting_reason_and_promise(change: tuple[str, ...]) -> None:
     rows = describe(exunet.load(PLANAR, ["engine=", ASKED, *change]))
     told = " ".join(words for name, words in rows if name in ("method", "note"))
-    for words in ("measures:", "within a third of their spread", "not the trajectory", "before the horizon"):
+    for words in ("measures:", "within a third of their spread", "not the trajectory", "beyond the horizon"):
         assert words in told
 
 

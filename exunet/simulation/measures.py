@@ -74,8 +74,8 @@ def promise(method: Method) -> str:
     """What is promised, in words."""
     words = (
         "promised, as measured (benchmarks/measures.md): beyond the horizon of predictability medians of the "
-        "measures of deployment within a third of their spread; not the trajectory"
+        "measures of deployment within a third of their spread"
     )
     if method == Method.DOPRI5:
-        return f"{words}; before the horizon measures to 1e-3"
-    return f'{words}; before the horizon nothing: take accuracy_of = "trajectory"'
+        return f"{words}; before it measures to 1e-3; not the trajectory"
+    return f"{words}, or 1 % of their value; nothing before the horizon, and not the trajectory"
