@@ -79,8 +79,6 @@ SCENES: dict[str, tuple[str, tuple[str, ...]]] = {
     "hexagonal, 318": (DAMPED, (_hexagonal(0.4, 5), "launch.radial_speed=8.0", "time.end=0.8")),
 }
 RUNS, RUNS_OF_LARGE, LARGE = 64, 12, 300  # elements from which a net is large
-RUNS_OF_TWO_MODES = 192  # where a measure has two modes, with the median between them
-TWO_MODES = ("paper's net",)
 MEASURES = ("largest_area", "time_of_largest_area", "distance", "time_above_80_percent")
 PART = 1.0 / 3.0  # of the range of the tight runs
 RESAMPLES, LEVEL = 2000, 0.05
@@ -181,7 +179,7 @@ def study(name: str, runs: int | None = None) -> Found:
     """Run a scene in both ways; the cheap runs are moved otherwise than the tight ones."""
     tight, cheap = starts_of(name)
     large = tight.net.n_elements >= LARGE
-    number = runs or (RUNS_OF_LARGE if large else RUNS_OF_TWO_MODES if name in TWO_MODES else RUNS)
+    number = runs or (RUNS_OF_LARGE if large else RUNS)
     ours, theirs = measures_of(tight, number), measures_of(cheap, max(number, RUNS), first=number)
     least = {one.name: one.least for one in HEADLINES}
     shifts = {key: shift_of(ours[key], theirs[key], max(least[key], 1e-8)) for key in MEASURES}
