@@ -25,7 +25,7 @@ from exunet.results.areas import achievable_area
 from exunet.results.headlines import HEADLINES, headlines_of
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
-from exunet.studies.spread import MOVE, SEED, start_of_runs
+from exunet.studies.spread import MOVE, start_of_runs
 
 Floats = NDArray[np.float64]
 
@@ -80,6 +80,7 @@ SCENES: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 RUNS, RUNS_OF_LARGE, LARGE = 64, 12, 300  # elements from which a net is large
 MEASURES = ("largest_area", "time_of_largest_area", "distance", "time_above_80_percent")
+SEED = 0  # of the moves, and of the bootstrap
 PART = 1.0 / 3.0  # of the range of the tight runs
 RESAMPLES, LEVEL = 2000, 0.05
 REPEATS = 3  # of runs that are timed

@@ -82,7 +82,7 @@ def test_output_times_are_hit_and_do_not_change_the_result() -> None:
                 "initial.packing = 0.99",
                 "time.end = 0.01",
                 f"time.output_step = {step}",
-                "solver.accuracy = 1e-8",
+                "solver.tolerance = 5e-11",
                 COMPILED,
             )
         )
@@ -218,8 +218,8 @@ def test_states_as_lists_or_single_precision_run() -> None:
     np.testing.assert_allclose(run_ensemble(start, single).bullet_speed, wanted, rtol=1e-4)
 
 
-def test_the_default_case_says_what_an_ensemble_needs() -> None:
-    start = prepare(load(CASES / "planar_undamped.toml", ["solver=", "engine="]).scene)
+def test_a_method_of_exudyn_alone_says_what_an_ensemble_needs() -> None:
+    start = prepare(load(CASES / "planar_undamped.toml", ["solver={accuracy=1e-3}", "engine="]).scene)
     with pytest.raises(
         InputError, match=r"not by ODE23, which auto chose for Exudyn: set engine.loop = \"auto\""
     ):

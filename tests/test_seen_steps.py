@@ -174,7 +174,7 @@ def test_chosen_and_equal_steps_pass_through_given_times() -> None:
             assert clock["steps"][0] == 5 + 23 + 33  # no step longer than 0.02 s
         else:
             control = Control(tolerance=1e-9, longest=0.05, least=1e-9)
-            reached = many_steps.through_chosen(times, control, 10.0, run)
+            reached = many_steps.through_chosen(times, control, 10.0, 10**6, run)
             assert clock["time"][0] == LAST
         assert reached == 4
         np.testing.assert_array_equal(rows.time, times)

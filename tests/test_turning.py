@@ -29,9 +29,9 @@ def torque(t: float) -> np.ndarray:
 def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
     """The names that a generated module has: bodies, and a torque that changes with time."""
 
-    def add_forces(t: float, x: Any, v: Any, data: Any, out: Any) -> float:
+    def add_forces(t: float, x: Any, v: Any, data: Any, out: Any) -> tuple[float, float]:
         out[CENTRES:] += torque(t).ravel()
-        return 0.0
+        return 0.0, 0.0
 
     monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
     for module in (schemes, many_steps):

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.codegen.compile import numba_installed
-from exunet.codegen.kernel import Kernel
-from exunet.methods.method import Method, TimeLoop
+from exunet.methods.method import METHODS, Method, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.system.stability import largest_frequency
 from exunet.system.system import State, System
@@ -118,15 +117,21 @@ def why_none(plan: Plan, system: System, end: float) -> str:
 
 
 def try_tolerances(system: System, state: State, plan: Plan, times: Floats, speed: float) -> Pilot | None:
-    """Run all tolerances from a state through the stored `times`; None if one of them fails.
+    """Run all tolerances from a state through the stored `times`; None if one fails or all take too long.
 
     plan  : of the run, for the lengths of its steps
     speed : the launch speed [m/s]
     """
     kernel = loop_kernel(system)
 
+    left = int(MOST / (METHODS[Method.DOPRI5].stages * system.net.n_elements))
+
     def run(tolerance: float, start: State) -> Floats | None:
-        return _velocities(system, start, _plan(plan, tolerance * speed), times, kernel)
+        nonlocal left
+        loop = CompiledIntegration(system, start, _plan(plan, tolerance * speed), kernel)
+        found = _velocities(loop, system.net.bullet_nodes, times, left)
+        left -= loop.counts.steps + loop.counts.rejected
+        return found
 
     shift = np.random.default_rng(0).uniform(-_ROUND_OFF, _ROUND_OFF, state.position.shape)
     shift[system.net.fixed_nodes] = 0.0
@@ -152,14 +157,15 @@ def _plan(plan: Plan, tolerance: float) -> Plan:
     )
 
 
-def _velocities(system: System, state: State, plan: Plan, times: Floats, kernel: Kernel) -> Floats | None:
-    """(t, bullets, 3) at the times [m/s]; None if the steps collapse or the numbers overflow."""
-    loop, bullets = CompiledIntegration(system, state, plan, kernel), system.net.bullet_nodes
-    found = [np.asarray(state.velocity)[None, bullets]]
+def _velocities(
+    loop: CompiledIntegration, bullets: NDArray[np.int64], times: Floats, most: int
+) -> Floats | None:
+    """(t, bullets, 3) at the times [m/s]; None if steps collapse, are more than `most`, or overflow."""
+    found: list[Floats] = []
     for first in range(0, len(times) - 1, _CHUNK):
         chunk = times[first : first + _CHUNK + 1]
-        batch = loop.through(chunk)
+        batch = loop.through(chunk, most)
         if len(batch.time) < len(chunk) or not np.isfinite(batch.velocity[-1]).all():
             return None
-        found.append(batch.velocity[1:, bullets])
+        found.append(batch.velocity[1 if first else 0 :, bullets])
     return np.concatenate(found)

@@ -181,13 +181,14 @@ def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Pla
     relative = known.tolerance_for(solver.accuracy)
     tolerance = relative * _speed(state.velocity)
     notes: tuple[str, ...] = ()
-    if solver.accuracy < known.best:
+    on_the_start = _is_measured_on_the_start(scene, system)
+    if solver.accuracy < known.best and not on_the_start:
         notes = (
             f"accuracy {solver.accuracy:g} is beyond double precision here: "
             f"ran at the best, {known.best:.1g}, tolerance {tolerance:.2g}",
         )
     plan = _with_tolerance(method, tolerance, scene, system, *notes)
-    if _is_measured_on_the_start(scene, system):
+    if on_the_start:
         loop = auto.choose_loop(method)[0] if scene.engine.loop == "auto" else scene.engine.loop
         times = stored_times(scene.time)
         return pilot.settled(plan, solver.accuracy, loop, system, state, times, _speed(state.velocity))

@@ -48,6 +48,9 @@ def loop_kernel(system: System) -> Kernel:
     return Kernel(system.forces, LOOP, STEPS, bodies=bodies, first_order=first_order, imports=IMPORTS)
 
 
+WITHOUT_LIMIT = 2**62
+
+
 class CompiledIntegration:
     """The state of one system and how far it has got.
 
@@ -76,15 +79,16 @@ class CompiledIntegration:
         peaks = self._seen.peaks[0]
         return float(peaks["tension"]), float(peaks["time"]), int(peaks["element"])
 
-    def through(self, times: Floats) -> Batch:
+    def through(self, times: Floats, most: int = WITHOUT_LIMIT) -> Batch:
         """From times[0], the state's time, through all times [s] without a look at keyboard, guards, events.
 
-        The batch has fewer rows than times if the steps collapsed (see `collapse`).
+        most : attempts of steps whose size is chosen, about, from the state's first on
+        The batch has fewer rows than times if the steps collapsed (see `collapse`), or were more.
         """
         kept, at = empty_rows(len(times), self._system), np.array(times, dtype=float)
         run = Run(self._motion, self._clock, self._seen, kept)
         if self._chosen:
-            rows = self._module.through_chosen(at, self._control, TINY_IN_A_ROW, run)
+            rows = self._module.through_chosen(at, self._control, TINY_IN_A_ROW, np.int64(most), run)
         else:
             rows = self._module.through_equal(self._verlet, at, self._plan.step, run)
         return self._batch(kept, rows)

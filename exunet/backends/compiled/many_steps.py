@@ -299,10 +299,11 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
     return row
 
 
-def through_chosen(times: Any, control: Any, most_tiny: float, run: Any) -> int:
+def through_chosen(times: Any, control: Any, most_tiny: float, most: int, run: Any) -> int:
     """`chosen_steps` from times[0] through all `times` [s], the state at each in its row of `kept`.
 
     most_tiny : steps of the least length, one after the other, before this gives up
+    most      : attempted steps, about, before this gives up
     Returns the number of rows that were reached.
     """
     m, clock, _, kept = run
@@ -313,6 +314,8 @@ def through_chosen(times: Any, control: Any, most_tiny: float, run: Any) -> int:
     row = keep(first, times[0], m, kept)
     for k in range(1, times.size):
         while clock[0]["time"] < times[k] and clock[0]["tiny"] <= most_tiny:
+            if clock[0]["steps"] + clock[0]["rejections"] > most:
+                break
             row = chosen_steps(control, times[k], limit, row, never, run)
         if row == k:
             break
