@@ -31,8 +31,15 @@ COMMON = """format title time.end time.output_step time.output_times net.topolog
     net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
     initial.packing initial.velocity initial.spin initial.node_positions initial.node_velocities
     launch.radial_speed launch.axial_speed launch.speed launch.spread_angle
-    bodies.NAME.mass bodies.NAME.inertia bodies.NAME.position bodies.NAME.velocity
-    bodies.NAME.attitude bodies.NAME.angular_velocity effects.choose effects.threshold"""
+    bodies.NAME.mass bodies.NAME.density bodies.NAME.inertia bodies.NAME.products_of_inertia
+    bodies.NAME.centre_of_mass bodies.NAME.shape bodies.NAME.size bodies.NAME.radius bodies.NAME.length
+    bodies.NAME.radii bodies.NAME.file bodies.NAME.unit bodies.NAME.edge_radius bodies.NAME.position
+    bodies.NAME.velocity bodies.NAME.attitude bodies.NAME.axis bodies.NAME.angle
+    bodies.NAME.angular_velocity bodies.NAME.angular_velocity_frame
+    bodies.NAME.parts.NAME.shape bodies.NAME.parts.NAME.size bodies.NAME.parts.NAME.radius
+    bodies.NAME.parts.NAME.length bodies.NAME.parts.NAME.radii bodies.NAME.parts.NAME.position
+    bodies.NAME.parts.NAME.attitude bodies.NAME.parts.NAME.axis bodies.NAME.parts.NAME.angle
+    effects.choose effects.threshold"""
 THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
     net.strings.length net.strings.divisions net.bullets.mass"""
 

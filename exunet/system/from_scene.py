@@ -25,7 +25,7 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     blocks = Blocks.of(net, position, point_masses(scene.effects), rigid, first_order_states(scene.effects))
     places = blocks.position[net.n_nodes :]
     velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
-    bodies, moving = bodies_at_start(scene)
+    bodies, moving = bodies_at_start(scene, faults)
     words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
     faults += [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
     system = System(blocks, forces_of(scene.effects, blocks, faults), bodies)

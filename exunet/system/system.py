@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.rigid import RigidBody, RigidStates
+from exunet.bodies.body import RigidBody
+from exunet.bodies.rigid import RigidStates
 from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.terms import Input, Memories
 from exunet.forces.total import Forces

@@ -12,7 +12,8 @@ from scipy.sparse import csr_array, diags_array
 
 from exunet.backends.exudyn.coordinates import Coordinates, Places
 from exunet.backends.exudyn.loading import exudyn
-from exunet.bodies.rigid import RigidBody, RigidStates, rotation_vector
+from exunet.bodies.body import RigidBody
+from exunet.bodies.rigid import RigidStates, rotation_vector
 from exunet.forces import cable
 
 Floats = NDArray[np.float64]
