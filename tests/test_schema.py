@@ -36,6 +36,7 @@ COMMON = """format title time.end time.output_step time.output_times net.topolog
     bodies.NAME.radii bodies.NAME.file bodies.NAME.unit bodies.NAME.edge_radius bodies.NAME.position
     bodies.NAME.velocity bodies.NAME.attitude bodies.NAME.axis bodies.NAME.angle
     bodies.NAME.angular_velocity bodies.NAME.angular_velocity_frame
+    bodies.NAME.motion bodies.NAME.pose_times bodies.NAME.pose_positions bodies.NAME.pose_attitudes
     bodies.NAME.parts.NAME.shape bodies.NAME.parts.NAME.size bodies.NAME.parts.NAME.radius
     bodies.NAME.parts.NAME.length bodies.NAME.parts.NAME.radii bodies.NAME.parts.NAME.position
     bodies.NAME.parts.NAME.attitude bodies.NAME.parts.NAME.axis bodies.NAME.parts.NAME.angle

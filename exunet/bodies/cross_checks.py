@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each, exactly_one, within
+from exunet.base.faults import each, exactly_one, shortened, within
 from exunet.bodies.keys import DIMENSIONS, EDGED, BodyKeys, PartKeys, Placed
 from exunet.bodies.making import part_of, solid_of
+from exunet.forces.requirements import RestOfCase
 
 
-def cross_checks(bodies: Mapping[str, BodyKeys]) -> Iterator[Fault]:
+def cross_checks(bodies: Mapping[str, BodyKeys], rest: RestOfCase) -> Iterator[Fault]:
     """Every fault between keys of a body."""
     for name, keys in bodies.items():
-        yield from within(name, _of_body(keys))
+        yield from within(name, _of_body(keys, rest))
 
 
-def _of_body(keys: BodyKeys) -> Iterator[Fault]:
+def _of_body(keys: BodyKeys, rest: RestOfCase) -> Iterator[Fault]:
     yield from each(
         exactly_one(keys),
         _turned_once(keys),
@@ -25,6 +27,11 @@ def _of_body(keys: BodyKeys) -> Iterator[Fault]:
         _shape_or_parts(keys),
         _dimensions(keys),
         _edges(keys),
+        _rests(keys),
+        _poses_are_whole(keys),
+        _poses_in_place_of_a_start(keys),
+        shortened(_times_increase(keys)),
+        _poses_last(keys, rest),
     )
     for name, part in keys.parts.items():
         yield from within(f"parts.{name}", each(_turned_once(part), _dimensions(part)))
@@ -87,3 +94,57 @@ def _edges(keys: BodyKeys) -> Iterator[Fault]:
     least = min(solid.least for solid in solids)
     if keys.edge_radius > 0.5 * least:
         yield Fault("edge_radius", f"must not be more than half of the smallest dimension, {least:g} m")
+
+
+def _rests(keys: BodyKeys) -> Iterator[Fault]:
+    for name in ("velocity", "angular_velocity"):
+        if keys.motion == "fixed" and keys.is_given(name):
+            yield Fault(name, 'is not for motion = "fixed": the body rests')
+
+
+_POSES = ("pose_times", "pose_positions", "pose_attitudes")
+
+
+def _poses_are_whole(keys: BodyKeys) -> Iterator[Fault]:
+    """A table of a prescribed motion, a place and perhaps an attitude for each time."""
+    given = [name for name in _POSES if keys.is_given(name)]
+    if given and keys.motion != "prescribed":
+        yield Fault(given[0], f'is for motion = "prescribed", not "{keys.motion}"')
+        return
+    for name in _POSES[:2]:
+        if given and name not in given:
+            yield Fault(given[0], f"needs {name}")
+    for name in given[1:] if "pose_times" in given else ():
+        times, values = keys.pose_times, getattr(keys, name)
+        if len(values) != len(times or ()):
+            yield Fault(name, f"has {len(values)} entries for {len(times or ())} times")
+
+
+def _poses_in_place_of_a_start(keys: BodyKeys) -> Iterator[Fault]:
+    if not keys.is_given("pose_times"):
+        return
+    names = ["position", "velocity", "angular_velocity"]
+    names += ["attitude", "axis"] if keys.is_given("pose_attitudes") else []
+    for name in names:
+        if keys.is_given(name):
+            yield Fault(name, "follows from the poses: give either, not both")
+
+
+def _times_increase(keys: BodyKeys) -> Iterator[Fault]:
+    times = keys.pose_times or () if keys.is_given("pose_times") else ()
+    for k, (before, time) in enumerate(pairwise(times), start=1):
+        if before is not None and time is not None and time <= before:
+            reason = f"must be greater than the time before it, {before:g} s, got {time:g}"
+            yield Fault(f"pose_times[{k}]", reason)
+
+
+def _poses_last(keys: BodyKeys, rest: RestOfCase) -> Iterator[Fault]:
+    """Poses from the start to the end."""
+    if not keys.is_given("pose_times") or not keys.pose_times:
+        return
+    first, last = keys.pose_times[0], keys.pose_times[-1]
+    if first is not None and first > 0.0:
+        yield Fault("pose_times[0]", f"must not be after 0, got {first:g}")
+    if last is not None and last < rest.duration:
+        where = f"pose_times[{len(keys.pose_times) - 1}]"
+        yield Fault(where, f"must not be before time.end, {rest.duration:g} s, got {last:g}")

@@ -15,6 +15,9 @@ Quaternion = Annotated[tuple[float, float, float, float], FromArray]
 Moments = Annotated[tuple[Positive, Positive, Positive], FromArray]
 Edges = Annotated[tuple[Positive, Positive, Positive], FromArray]
 Radii = Annotated[tuple[NonNegative, NonNegative], FromArray]
+Times = Annotated[tuple[float, ...], FromArray]
+Places = Annotated[tuple[Vector, ...], FromArray]
+Quaternions = Annotated[tuple[Quaternion, ...], FromArray]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 ROUND_OFF = 1e-12  # by which a principal moment may exceed the sum of the others, relative to it
 
@@ -49,6 +52,10 @@ _ANGLES: list[Any] = [{"dependentRequired": {"axis": ["angle"], "angle": ["axis"
 _ONE_ATTITUDE: list[Any] = [{"not": {"required": ["attitude", "axis"]}}]
 
 
+_POSES = ("pose_times", "pose_positions", "pose_attitudes")
+_STARTS = ("position", "velocity", "angular_velocity")
+
+
 class Placed(Table):
     """Where something is, and how it is turned."""
 
@@ -65,12 +72,7 @@ class Placed(Table):
     @field_validator("attitude")
     @classmethod
     def _of_length_one(cls, attitude: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-        largest = max(map(abs, attitude))
-        if largest == 0.0:
-            raise ValueError("must not be zero: [1, 0, 0, 0] leaves the body's axes along the scene's")
-        w, x, y, z = (part / largest for part in attitude)  # so that no square overflows or vanishes
-        length = math.hypot(w, x, y, z)
-        return (w / length, x / length, y / length, z / length)
+        return unit_quaternion(attitude)
 
     @field_validator("axis")
     @classmethod
@@ -148,6 +150,25 @@ class BodyKeys(Placed):
                         {"required": ["inertia"], "properties": {"edge_radius": False}},
                     ]
                 },
+                {
+                    "if": {"properties": {"motion": {"const": "prescribed"}}, "required": ["motion"]},
+                    "else": {"properties": dict.fromkeys(_POSES, False)},
+                },
+                {
+                    "if": {"properties": {"motion": {"const": "fixed"}}, "required": ["motion"]},
+                    "then": {"properties": dict.fromkeys(("velocity", "angular_velocity"), False)},
+                },
+                {
+                    "dependentRequired": {
+                        "pose_times": ["pose_positions"],
+                        "pose_positions": ["pose_times"],
+                        "pose_attitudes": ["pose_times"],
+                    },
+                    "dependentSchemas": {
+                        "pose_times": {"properties": dict.fromkeys(_STARTS, False)},
+                        "pose_attitudes": {"properties": dict.fromkeys(("attitude", "axis"), False)},
+                    },
+                },
                 {"if": {"required": ["density"]}, "then": {"properties": {"inertia": False}}},
                 {
                     "if": {"not": {"required": ["inertia"]}},
@@ -223,12 +244,41 @@ class BodyKeys(Placed):
     angular_velocity_frame: Literal["body", "scene"] = Field(
         "body", description="whose axes angular_velocity is given in"
     )
+    motion: Literal["free", "fixed", "prescribed"] = Field(
+        "free",
+        description="free: forces move it; fixed: it rests; prescribed: it goes through the poses of a "
+        "table, or without one keeps its velocity and angular velocity",
+    )
+    pose_times: Times | None = Field(
+        None,
+        min_length=2,
+        description="of a prescribed motion [s], increasing, from 0 or before to time.end or later",
+        examples=[[0.0, 1.0, 2.0]],
+    )
+    pose_positions: Places | None = Field(
+        None,
+        description="of the origin of the body's frame, one for each of pose_times [m]",
+        examples=[[[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 0.3]]],
+    )
+    pose_attitudes: Quaternions | None = Field(
+        None,
+        description="quaternions [w, x, y, z] like attitude, one for each of pose_times; without it the "
+        "attitude stays",
+        examples=[[[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.1], [1.0, 0.0, 0.0, 0.3]]],
+    )
     parts: Mapping[Name, PartKeys] = Field(
         {},
         description="instead of shape: solids that together are the body, by any names; volumes that they "
         "share count once for each",
         json_schema_extra={"additionalProperties": False},
     )
+
+    @field_validator("pose_attitudes")
+    @classmethod
+    def _each_of_length_one(
+        cls, attitudes: tuple[tuple[float, float, float, float], ...] | None
+    ) -> tuple[tuple[float, float, float, float], ...] | None:
+        return None if attitudes is None else tuple(map(unit_quaternion, attitudes))
 
     @field_validator("inertia")
     @classmethod
@@ -241,6 +291,16 @@ class BodyKeys(Placed):
 
 
 Bodies = Mapping[Name, BodyKeys]
+
+
+def unit_quaternion(attitude: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """An attitude brought to length 1; raises ValueError if it is zero."""
+    largest = max(map(abs, attitude))
+    if largest == 0.0:
+        raise ValueError("must not be zero: [1, 0, 0, 0] leaves the body's axes along the scene's")
+    w, x, y, z = (part / largest for part in attitude)  # so that no square overflows or vanishes
+    length = math.hypot(w, x, y, z)
+    return (w / length, x / length, y / length, z / length)
 
 
 def impossible(*moments: float) -> str:

@@ -16,6 +16,7 @@ from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
 from exunet.case.scene import Launch, Scene
 from exunet.forces import effects
+from exunet.forces.requirements import RestOfCase
 from exunet.methods import keys as solver
 from exunet.methods.method import COMPILED_METHODS, TimeLoop
 from exunet.net import explicit
@@ -45,7 +46,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
 
 
 def _bodies(scene: Scene) -> Iterator[Fault]:
-    yield from within("bodies", bodies.cross_checks(scene.bodies))
+    yield from within("bodies", bodies.cross_checks(scene.bodies, RestOfCase(scene)))
 
 
 def _states_fit(scene: Scene) -> Iterator[Fault]:

@@ -29,6 +29,7 @@ Memories = Mapping[str, Floats]
 
 _ARGUMENTS = {
     "add": ("t", "x", "v", "data", "force"),
+    "place": ("t", "x", "v", "data"),
     "potential": ("x", "data"),
     "power": ("t", "x", "v", "data"),
     "work": ("h", "begin", "middle", "end", "data"),
@@ -48,6 +49,8 @@ class KernelCall:
     helpers : module-level functions that the others call
     jumps   : the force jumps where an element becomes taut (see `exunet.forces.jumps`)
     elastic : `add` returns the elastic energy [J] that it finds on its way
+    place   : function place(t, x, v, data) that puts what follows from time and other entries into x and v,
+              before any force is added; that of a later call comes before that of an earlier one
 
     The energy that it stores or takes out comes from one of these; none means a force that does no work:
     potential : function potential(x, data) -> [J]
@@ -66,6 +69,7 @@ class KernelCall:
     works: bool = False
     jumps: bool = False
     elastic: bool = False
+    place: Function | None = None
 
     def __post_init__(self) -> None:
         """Raise TypeError for a function of other arguments, which Numba would refuse in its own words."""
@@ -240,6 +244,33 @@ class KernelTerm:
 
     def numbers(self) -> Iterator[Any]:
         yield from (*self.data, self.damping_rate, self.stiffness_rate)
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """Entries of x and v without equations of motion: placed before the forces, relieved of them after all.
+
+    calls     : its calls in a kernel, each with a `place`
+    bodies    : names of the free bodies that it hands forces on to
+    dissipates : it may give energy, which states of its own keep
+    """
+
+    calls: tuple[KernelCall, ...]
+    bodies: tuple[str, ...] = ()
+    dissipates: bool = False
+    acts_on: str = field(default="bodies", init=False)
+    memory: Memory | None = field(default=None, init=False)
+    switch: Switch | None = field(default=None, init=False)
+    inputs: tuple[Input, ...] = field(default=(), init=False)
+    has_potential: bool = field(default=False, init=False)
+    damping_rate: float = field(default=0.0, init=False)
+
+    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+        return tuple(call.data for call in self.calls)
+
+    def numbers(self) -> Iterator[Any]:
+        for call in self.calls:
+            yield from call.data
 
 
 @dataclass(frozen=True, eq=False)

@@ -142,7 +142,7 @@ class Guards:
 
 def _apart(states: States) -> tuple[Floats, Floats]:
     """Energy of all that forces act on, and of the rigid bodies that none acts on, (k,) [J]."""
-    alone = states.kinetic_of_bodies @ ~states.system.driven
+    alone = states.kinetic_of_bodies @ ~states.system.driven  # none of what guides move
     return states.kinetic - alone + states.elastic + states.potential, alone
 
 

@@ -77,7 +77,7 @@ class Start:
         mine = self.system.blocks
         blocks = replace(mine, states=(*mine.states, *states), awake=awake)
         forces = replace(self.system.forces, kernels=(*self.system.forces.kernels, *make(blocks)))
-        system = System(blocks, forces, self.system.bodies)
+        system = replace(self.system, blocks=blocks, forces=forces)
         state = replace(self.state, memory=dict(system.memory), first_order=blocks.initial_states)
         return replace(self, system=system, state=state)
 

@@ -53,9 +53,7 @@ class EnergyScale:
         i, j = net.element_nodes.T
         links = csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
         part = connected_components(links, directed=False)[1]
-        held = (
-            part if system.blocks.awake is not None else part[net.fixed_nodes]
-        )  # points that sleep hold too
+        held = part if system.blocks.awake is not None else part[system.held]  # points that sleep hold too
         free = np.setdiff1d(part, held)
         if system.driven.any() and len(free):
             part[np.isin(part, free)] = free[0]

@@ -1,19 +1,9 @@
-"""The state at time 0: of the net, and of the rigid bodies."""
+"""The state of the net at time 0."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import combinations
-
 import numpy as np
 
-from exunet.base.errors import CaseError, Fault
-from exunet.base.faults import joining
-from exunet.bodies.body import RigidBody
-from exunet.bodies.keys import BodyKeys
-from exunet.bodies.making import make_body
-from exunet.bodies.overlap import overlap
-from exunet.bodies.rigid import RigidStates, product, rotation_matrix
 from exunet.case.scene import Initial, Launch, Scene
 from exunet.net import explicit
 from exunet.net.arrays import Floats, Ints, Net
@@ -36,47 +26,6 @@ def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
         velocity[net.bullet_nodes] += _launch_velocity(scene.launch, net)
     velocity[net.fixed_nodes] = 0.0
     return position, velocity
-
-
-def bodies_at_start(scene: Scene, faults: list[Fault]) -> tuple[tuple[RigidBody, ...], RigidStates]:
-    """The rigid bodies of a scene, and their states; faults : takes those of bodies that overlap.
-
-    Raises CaseError for bodies that cannot be made.
-    """
-    if not scene.bodies:
-        return (), RigidStates.none()
-    bodies: list[RigidBody] = []
-    wrong: list[Fault] = []
-    for name, keys in scene.bodies.items():
-        with joining(wrong):
-            bodies.append(make_body(name, keys))
-    if wrong:
-        raise CaseError(wrong)
-    states = [_start_of(body, scene.bodies[body.name]) for body in bodies]
-    faults += _overlaps(bodies, list(scene.bodies.values()))
-    return tuple(bodies), RigidStates(*(np.array(part) for part in zip(*states, strict=True)))
-
-
-def _start_of(body: RigidBody, keys: BodyKeys) -> tuple[Floats, Floats, Floats, Floats]:
-    """Place and velocity of the centre of mass, attitude and angular velocity of the principal axes."""
-    position, velocity = np.array(keys.position), np.array(keys.velocity)
-    frame, spin = np.array(keys.quaternion), np.array(keys.angular_velocity)
-    if keys.angular_velocity_frame == "scene":
-        spin = spin @ rotation_matrix(frame)
-    if any(body.centre):
-        position = position + rotation_matrix(frame) @ body.centre
-    if body.is_along_frame:
-        return position, velocity, frame, spin
-    return position, velocity, product(frame, np.array(body.axes)), spin @ body.rotation
-
-
-def _overlaps(bodies: list[RigidBody], tables: list[BodyKeys]) -> Iterator[Fault]:
-    poses = [np.array([*keys.position, *keys.quaternion]) for keys in tables]
-    for (k, one), (m, other) in combinations(enumerate(bodies), 2):
-        if one.shape is None or other.shape is None:
-            continue
-        if overlap(one.shape, poses[k], other.shape, poses[m]):
-            yield Fault(f"bodies.{other.name}.position", f"the body overlaps {one.name} at the start")
 
 
 def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.Keys) -> Floats:

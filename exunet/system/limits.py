@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import CaseError, Fault
 from exunet.bodies import rigid
+from exunet.bodies.kinematics import given_states
 from exunet.case.scene import Engine, Scene
 from exunet.forces import cable
 from exunet.forces.blocks import AWAKE
@@ -138,13 +139,16 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
 
 def form_faults(system: System, start: State, plan: Plan, engine: Engine) -> list[Fault]:
     """What the method or the form of the engine cannot do: implicit ones know points only, and all awake."""
-    faults, names = [], sorted({name for term in system.forces.kernels for name in term.bodies})
+    faults, names = [], sorted(system.forces.on_bodies)
     sleeps, method = system.blocks.awake is not None, plan.method
     words = [f"acts on {name}" for name in names]
-    words += [f"has first-order states ({one.name})" for one in system.blocks.states]
+    guided = [name for name, moves in zip(system.blocks.rigid, system.moves_freely, strict=True) if not moves]
+    own = {one.name for name in guided for one in given_states(name)}
+    words += [f"has first-order states ({one.name})" for one in system.blocks.states if one.name not in own]
     if METHODS[method].kind == Kind.IMPLICIT:
         advice = "use an explicit method such as DOPRI5 or RK44"
         words = [f"a force that {one}" for one in words] + ["points that sleep"] * sleeps
+        words += [f"a body that is fixed or prescribed ({name})" for name in guided]
         faults = [Fault("solver.method", f"{method} cannot run {one}: {advice}") for one in words]
     if sleeps and engine.loop == TimeLoop.EXUDYN and engine.net == NetForm.CONNECTORS:
         reason = 'connectors pull points that sleep: use engine.net = "fused", or engine.loop = "compiled"'

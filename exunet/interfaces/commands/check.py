@@ -60,6 +60,7 @@ def _bodies(start: Start) -> list[tuple[str, str]]:
         moving = _motion(states.position[k], states.velocity[k])
         turning = _vector(states.angular_velocity[k])
         words = f"{body.mass:g} kg, {_inertia(body)}, {moving}, turns at {turning} rad/s"
+        words += "" if start.system.moves_freely[k] else f"; {start.scene.bodies[body.name].motion}"
         found.append((f"body {body.name}", words))
     for name, point in blocks.body.items():
         moving = _motion(state.position[point], state.velocity[point])

@@ -1,0 +1,102 @@
+"""The rigid bodies of a scene: what they are, what moves them, and their states at time 0."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import CaseError, Fault
+from exunet.base.faults import joining
+from exunet.bodies.body import RigidBody
+from exunet.bodies.guide import Guide
+from exunet.bodies.keys import BodyKeys
+from exunet.bodies.kinematics import Kinematics, given_states
+from exunet.bodies.making import make_body
+from exunet.bodies.overlap import overlap
+from exunet.bodies.rigid import RigidStates, product, rotation_matrix
+from exunet.case.scene import Scene
+from exunet.forces.blocks import FirstOrder
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BodiesAtStart:
+    """The bodies of a scene, free ones first, in the order of the case otherwise.
+
+    given : first-order states for what guided ones give to all else
+    """
+
+    bodies: tuple[RigidBody, ...] = ()
+    states: RigidStates = field(default_factory=RigidStates.none)
+    kinematics: Kinematics = field(default_factory=Kinematics)
+    given: tuple[FirstOrder, ...] = ()
+
+
+def bodies_at_start(scene: Scene, faults: list[Fault]) -> BodiesAtStart:
+    """The rigid bodies of a scene; faults : takes those of bodies that overlap.
+
+    Raises CaseError for bodies that cannot be made.
+    """
+    if not scene.bodies:
+        return BodiesAtStart()
+    bodies: list[RigidBody] = []
+    wrong: list[Fault] = []
+    for name in sorted(scene.bodies, key=lambda name: scene.bodies[name].motion != "free"):
+        with joining(wrong):
+            bodies.append(make_body(name, scene.bodies[name]))
+    if wrong:
+        raise CaseError(wrong)
+    tables = [scene.bodies[body.name] for body in bodies]
+    guides = tuple(
+        _guide(body, keys) for body, keys in zip(bodies, tables, strict=True) if keys.motion != "free"
+    )
+    states = [_start_of(body, keys) for body, keys in zip(bodies, tables, strict=True)]
+    whole = RigidStates(*(np.array(part) for part in zip(*states, strict=True)))
+    kinematics = Kinematics(len(bodies) - len(guides), guides)
+    nowhere = np.zeros((0, 3))
+    _, _, whole = kinematics.completed(np.array(0.0), nowhere, nowhere, whole)
+    faults += _overlaps(bodies, whole)
+    given = tuple(one for body in bodies[kinematics.n_free :] for one in given_states(body.name))
+    return BodiesAtStart(tuple(bodies), whole, kinematics, given)
+
+
+def _start_of(body: RigidBody, keys: BodyKeys) -> tuple[Floats, Floats, Floats, Floats]:
+    """Place and velocity of the centre of mass, attitude and angular velocity of the principal axes."""
+    position, velocity = np.array(keys.position), np.array(keys.velocity)
+    frame, spin = np.array(keys.quaternion), np.array(keys.angular_velocity)
+    if keys.angular_velocity_frame == "scene":
+        spin = spin @ rotation_matrix(frame)
+    if any(body.centre):
+        position = position + rotation_matrix(frame) @ body.centre
+    if body.is_along_frame:
+        return position, velocity, frame, spin
+    return position, velocity, product(frame, np.array(body.axes)), spin @ body.rotation
+
+
+def _guide(body: RigidBody, keys: BodyKeys) -> Guide:
+    """The motion of a body that is fixed or prescribed."""
+    if keys.pose_times is None:
+        return Guide.steady(*_start_of(body, keys))
+    assert keys.pose_positions is not None
+    frames = np.array(keys.pose_attitudes or [keys.quaternion] * len(keys.pose_times))
+    attitudes = product(frames, np.array(body.axes))
+    offset = -body.in_principal_axes((0.0, 0.0, 0.0))
+    return Guide.through(np.array(keys.pose_times), np.array(keys.pose_positions), attitudes, offset)
+
+
+def _overlaps(bodies: list[RigidBody], states: RigidStates) -> Iterator[Fault]:
+    poses = []
+    for k, body in enumerate(bodies):
+        frame = product(states.attitude[k], np.array(body.axes) * [1.0, -1.0, -1.0, -1.0])
+        origin = states.position[k] - rotation_matrix(frame) @ body.centre
+        poses.append(np.concatenate([origin, frame]))
+    for (k, one), (m, other) in combinations(enumerate(bodies), 2):
+        if one.shape is None or other.shape is None:
+            continue
+        if overlap(one.shape, poses[k], other.shape, poses[m]):
+            yield Fault(f"bodies.{other.name}.position", f"the body overlaps {one.name} at the start")
