@@ -37,6 +37,7 @@ COMMON = """format title time.end time.output_step time.output_times net.topolog
     bodies.NAME.velocity bodies.NAME.attitude bodies.NAME.axis bodies.NAME.angle
     bodies.NAME.angular_velocity bodies.NAME.angular_velocity_frame
     bodies.NAME.motion bodies.NAME.pose_times bodies.NAME.pose_positions bodies.NAME.pose_attitudes
+    bodies.NAME.attachments.NAME.point bodies.NAME.attachments.NAME.node bodies.NAME.attachments.NAME.bullet
     bodies.NAME.parts.NAME.shape bodies.NAME.parts.NAME.size bodies.NAME.parts.NAME.radius
     bodies.NAME.parts.NAME.length bodies.NAME.parts.NAME.radii bodies.NAME.parts.NAME.position
     bodies.NAME.parts.NAME.attitude bodies.NAME.parts.NAME.axis bodies.NAME.parts.NAME.angle

@@ -33,6 +33,8 @@ def _of_body(keys: BodyKeys, rest: RestOfCase) -> Iterator[Fault]:
         shortened(_times_increase(keys)),
         _poses_last(keys, rest),
     )
+    for name, attachment in keys.attachments.items():
+        yield from within(f"attachments.{name}", exactly_one(attachment))
     for name, part in keys.parts.items():
         yield from within(f"parts.{name}", each(_turned_once(part), _dimensions(part)))
 

@@ -122,6 +122,20 @@ class PartKeys(Placed):
     )
 
 
+class AttachmentKeys(Table):
+    """A node of the net that is fixed to a point of a body."""
+
+    EXACTLY_ONE: ClassVar = ("node", "bullet")
+
+    point: Vector = Field(description="of the body, in its frame [m]", examples=[[0.5, 0.0, 0.0]])
+    node: Annotated[int, Field(ge=0)] | None = Field(
+        None, description="number of the node, as in results and in lists of nodes", examples=[0]
+    )
+    bullet: Annotated[int, Field(ge=0)] | None = Field(
+        None, description="number of the bullet, from 0, instead of node", examples=[0]
+    )
+
+
 class BodyKeys(Placed):
     """A rigid body: free but for the forces that act on it."""
 
@@ -265,6 +279,11 @@ class BodyKeys(Placed):
         description="quaternions [w, x, y, z] like attitude, one for each of pose_times; without it the "
         "attitude stays",
         examples=[[[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.1], [1.0, 0.0, 0.0, 0.3]]],
+    )
+    attachments: Mapping[Name, AttachmentKeys] = Field(
+        {},
+        description="nodes of the net that are fixed to the body, by any names",
+        json_schema_extra={"additionalProperties": False},
     )
     parts: Mapping[Name, PartKeys] = Field(
         {},

@@ -56,8 +56,7 @@ class Kinematics:
         """
         if not self:
             return position, velocity, bodies
-        if self.guides:
-            bodies = self._with_guided(np.asarray(time, dtype=float), bodies)
+        bodies = self.all_bodies(time, bodies)
         if len(self.point):
             turn = rotation_matrix(bodies.attitude[..., self.body, :])
             spin = bodies.angular_velocity[..., self.body, :]
@@ -68,7 +67,10 @@ class Kinematics:
             velocity[..., self.point, :] = bodies.velocity[..., self.body, :] + swing
         return position, velocity, bodies
 
-    def _with_guided(self, time: Floats, bodies: RigidStates) -> RigidStates:
+    def all_bodies(self, time: Floats, bodies: RigidStates) -> RigidStates:
+        """States at times (...) [s] of all bodies, by those of the free ones, or of all."""
+        if not self.guides:
+            return bodies
         moved = [guide.at(time.reshape(-1)).parts() for guide in self.guides]
         whole = []
         for own, guided in zip(bodies.parts(), zip(*moved, strict=True), strict=True):
@@ -90,7 +92,7 @@ class Kinematics:
             both = (loops.in_scene_axes, loops.add_arm)
             calls.append(KernelCall(loops.give_to_others, guided, place=loops.place_guided, helpers=both))
         pulled = {blocks.rigid[k] for k in self.body.tolist() if k < self.n_free}
-        return Constraint(tuple(calls), tuple(sorted(pulled)), bool(self.guides))
+        return Constraint(tuple(calls), tuple(sorted(pulled)))
 
 
 def _attached(kinematics: Kinematics, blocks: Blocks) -> loops.Attached:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,17 +12,20 @@ from numpy.typing import NDArray
 from exunet.base.errors import CaseError, Fault, InputError
 from exunet.bodies.body import RigidBody
 from exunet.bodies.keys import BodyKeys, PartKeys, impossible
-from exunet.bodies.mass_properties import MassDistribution, of_shape, principal
+from exunet.bodies.mass_properties import MassDistribution, of_shape, principal, sum_of
 from exunet.bodies.mesh import read_mesh
 from exunet.bodies.shapes import Shape, Solid
 
 Floats = NDArray[np.float64]
 
 
-def make_body(name: str, keys: BodyKeys) -> RigidBody:
-    """A body of keys that are valid; raises CaseError for a mesh or an inertia that is none of a body."""
+def make_body(name: str, keys: BodyKeys, carried: Sequence[MassDistribution] = ()) -> RigidBody:
+    """A body of keys that are valid, and what is fixed to it, in its frame.
+
+    Raises CaseError for a mesh or an inertia that is none of a body.
+    """
     shape = shape_of(name, keys)
-    distribution = distribution_of(name, keys, shape)
+    distribution = sum_of((distribution_of(name, keys, shape), *carried))
     moments, axes = principal(distribution.inertia)
     if words := impossible(*moments):
         raise CaseError([Fault(f"bodies.{name}.products_of_inertia", f"{words} (principal moments)")])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -53,7 +53,7 @@ def sum_of(parts: Iterable[MassDistribution]) -> MassDistribution:
     return MassDistribution(mass, centre, inertia)
 
 
-def point_mass(mass: float, position: Floats) -> MassDistribution:
+def point_mass(mass: float, position: Sequence[float]) -> MassDistribution:
     """A mass [kg] at a point (3,) [m]."""
     return MassDistribution(mass, np.asarray(position, dtype=float), np.zeros((3, 3)))
 

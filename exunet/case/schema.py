@@ -18,7 +18,17 @@ from exunet.net import TOPOLOGIES
 Node = dict[str, Any]
 
 # Of keys of which a case gives exactly one, those that the template uses; it leaves out other optional keys.
-_CHOSEN = ("output_step", "diameter", "altitude", "radial_speed", "axial_speed", "strain", "mass", "inertia")
+_CHOSEN = (
+    "output_step",
+    "diameter",
+    "altitude",
+    "radial_speed",
+    "axial_speed",
+    "strain",
+    "mass",
+    "inertia",
+    "node",
+)
 _OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have
 _NAME = "chaser"  # of a body in the template
 

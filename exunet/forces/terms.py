@@ -252,12 +252,12 @@ class Constraint:
 
     calls     : its calls in a kernel, each with a `place`
     bodies    : names of the free bodies that it hands forces on to
-    dissipates : it may give energy, which states of its own keep
+    Energy that it gives is kept by first-order states of the system.
     """
 
     calls: tuple[KernelCall, ...]
     bodies: tuple[str, ...] = ()
-    dissipates: bool = False
+    dissipates: bool = field(default=False, init=False)
     acts_on: str = field(default="bodies", init=False)
     memory: Memory | None = field(default=None, init=False)
     switch: Switch | None = field(default=None, init=False)

@@ -98,7 +98,7 @@ class Guards:
         net = system.net
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
         self._speeds = float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0) + wave)
-        self._mass = float(system.mass.sum())
+        self._mass = float(system.blocks.mass.sum())
 
     @property
     def gained(self) -> Floats:

@@ -16,12 +16,15 @@ from exunet.bodies.guide import Guide
 from exunet.bodies.keys import BodyKeys
 from exunet.bodies.kinematics import Kinematics, given_states
 from exunet.bodies.making import make_body
+from exunet.bodies.mass_properties import point_mass
 from exunet.bodies.overlap import overlap
 from exunet.bodies.rigid import RigidStates, product, rotation_matrix
 from exunet.case.scene import Scene
 from exunet.forces.blocks import FirstOrder
+from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,18 +40,22 @@ class BodiesAtStart:
     given: tuple[FirstOrder, ...] = ()
 
 
-def bodies_at_start(scene: Scene, faults: list[Fault]) -> BodiesAtStart:
-    """The rigid bodies of a scene; faults : takes those of bodies that overlap.
+def bodies_at_start(scene: Scene, net: Net, faults: list[Fault]) -> BodiesAtStart:
+    """The rigid bodies of a scene, with the nodes of the net that are fixed to them.
 
-    Raises CaseError for bodies that cannot be made.
+    faults : takes those of bodies that overlap
+    Raises CaseError for bodies that cannot be made, and for attachments to nodes that are not there.
     """
     if not scene.bodies:
         return BodiesAtStart()
     bodies: list[RigidBody] = []
-    wrong: list[Fault] = []
+    nodes, wrong = attached_nodes(scene, net)
     for name in sorted(scene.bodies, key=lambda name: scene.bodies[name].motion != "free"):
         with joining(wrong):
-            bodies.append(make_body(name, scene.bodies[name]))
+            keys = scene.bodies[name]
+            points = [one.point for one in keys.attachments.values()]
+            carried = [point_mass(net.mass[node], at) for node, at in zip(nodes[name], points, strict=False)]
+            bodies.append(make_body(name, keys, carried))
     if wrong:
         raise CaseError(wrong)
     tables = [scene.bodies[body.name] for body in bodies]
@@ -57,12 +64,51 @@ def bodies_at_start(scene: Scene, faults: list[Fault]) -> BodiesAtStart:
     )
     states = [_start_of(body, keys) for body, keys in zip(bodies, tables, strict=True)]
     whole = RigidStates(*(np.array(part) for part in zip(*states, strict=True)))
-    kinematics = Kinematics(len(bodies) - len(guides), guides)
-    nowhere = np.zeros((0, 3))
-    _, _, whole = kinematics.completed(np.array(0.0), nowhere, nowhere, whole)
+    kinematics = Kinematics(len(bodies) - len(guides), guides, *_attached(bodies, tables, nodes))
+    whole = kinematics.all_bodies(np.array(0.0), whole)
     faults += _overlaps(bodies, whole)
     given = tuple(one for body in bodies[kinematics.n_free :] for one in given_states(body.name))
     return BodiesAtStart(tuple(bodies), whole, kinematics, given)
+
+
+def attached_nodes(scene: Scene, net: Net) -> tuple[dict[str, list[int]], list[Fault]]:
+    """The nodes of each body's attachments, in their order, and what is wrong with these."""
+    owner: dict[int, str] = {}
+    found: dict[str, list[int]] = {}
+    faults = []
+    for name, keys in scene.bodies.items():
+        found[name] = []
+        for label, one in keys.attachments.items():
+            key, kind = f"bodies.{name}.attachments.{label}", "bullet" if one.node is None else "node"
+            number = one.bullet if one.node is None else one.node
+            nodes = net.bullet_nodes if kind == "bullet" else np.arange(net.n_nodes)
+            assert number is not None
+            if number >= len(nodes):
+                words = f"there is no {kind} {number}: the net has {len(nodes)}, numbered from 0"
+                faults.append(Fault(f"{key}.{kind}", words))
+                continue
+            node = int(nodes[number])
+            if node in net.fixed_nodes:
+                faults.append(Fault(f"{key}.{kind}", f"node {node} is held still by net.fixed"))
+            if node in owner:
+                faults.append(Fault(f"{key}.{kind}", f"node {node} is fixed to a body by {owner[node]} too"))
+            owner[node] = key
+            found[name].append(node)
+    return found, faults
+
+
+def _attached(
+    bodies: list[RigidBody], tables: list[BodyKeys], nodes: dict[str, list[int]]
+) -> tuple[Ints, Ints, Floats]:
+    """The attached points, the number of the body of each, and their arms."""
+    points = [node for body in bodies for node in nodes[body.name]]
+    owners = [k for k, body in enumerate(bodies) for _ in nodes[body.name]]
+    arms = [
+        body.in_principal_axes(one.point)
+        for body, keys in zip(bodies, tables, strict=True)
+        for one in keys.attachments.values()
+    ]
+    return np.array(points, dtype=np.int64), np.array(owners, dtype=np.int64), np.array(arms).reshape(-1, 3)
 
 
 def _start_of(body: RigidBody, keys: BodyKeys) -> tuple[Floats, Floats, Floats, Floats]:

@@ -36,6 +36,7 @@ class EnergyScale:
 
     def __init__(self, system: System, state: State) -> None:
         self._forces, self._layout, self._driven = system.forces, system.layout, system.driven
+        self._guided = bool(system.kinematics.guides)
         self._parts(system)
         now = States.of(system, state)
         self._rest = now.flat[0][0]
@@ -87,7 +88,7 @@ class EnergyScale:
 
         dissipated : (k,) energy taken out until these states [J]
         """
-        if not (self._forces.has_potential or self._forces.dissipates):
+        if not (self._forces.has_potential or self._forces.dissipates or self._guided):
             return np.zeros((2, len(states)))
         kinetic, common = self._of_centres(states)
         common_change = common - self._common[1]

@@ -24,7 +24,8 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     """
     net = weave(scene.net)
     position, velocity = initial_state(scene, net)
-    rigid = bodies_at_start(scene, faults)
+    rigid = bodies_at_start(scene, net, faults)
+    position, velocity, _ = rigid.kinematics.completed(np.array(0.0), position, velocity, rigid.states)
     names = tuple(body.name for body in rigid.bodies)
     states = (*rigid.given, *first_order_states(scene.effects))
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states)

@@ -85,6 +85,23 @@ class System:
         return free
 
     @cached_property
+    def inert_mass(self) -> Floats:
+        """(n_points,) [kg] no larger than what resists forces on all points at once; infinite for held ones.
+
+        A unit force on a point of a body moves it by no more than the largest eigenvalue of its mobility,
+        1/m + [p]x^T J^-1 [p]x; n points that pull one body together move each other by no more than n times
+        as much.
+        """
+        mass, kinematics = self.blocks.mass.copy(), self.kinematics
+        for point, number, arm in zip(kinematics.point, kinematics.body, kinematics.arm, strict=True):
+            body, together = self.bodies[number], np.count_nonzero(kinematics.body == number)
+            lever = np.cross(np.eye(3), arm)
+            turns = lever @ np.diag(1.0 / np.array(body.inertia)) @ lever.T
+            mass[point] = 1.0 / (together * (1.0 / body.mass + np.linalg.eigvalsh(turns)[-1]))
+        mass[self.held] = np.inf
+        return mass
+
+    @cached_property
     def held(self) -> NDArray[np.int64]:
         """Points that nothing moves but their support: fixed nodes, those on bodies that guides move."""
         guided = self.kinematics.point[~self.moves_freely[self.kinematics.body]]
