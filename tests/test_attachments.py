@@ -79,10 +79,10 @@ def test_the_node_is_where_its_point_is(tmp_path: Path) -> None:
     state = start(tmp_path, *FIRST).state
     attitude = np.array([0.9, 0.1, 0.3, 0.2])
     turn = rotation_matrix(attitude / np.linalg.norm(attitude))
-    place = np.array([-0.5, 0.2, 0.1]) + turn @ [0.3, 0.1, -0.2]
+    place = turn @ np.array([0.3, 0.1, -0.2]) + np.array([-0.5, 0.2, 0.1])
     np.testing.assert_allclose(state.position[0], place, rtol=1e-14)
     arm = place - state.bodies.position[0]
-    speed = [-0.3, 0.0, 0.2] + np.cross(turn @ [1.0, 2.0, -1.5], arm)
+    speed = np.array([-0.3, 0.0, 0.2]) + np.cross(turn @ [1.0, 2.0, -1.5], arm)
     np.testing.assert_allclose(state.velocity[0], speed, rtol=1e-13)
 
 
