@@ -62,6 +62,7 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
     if (version := root.need("format", count(0))) not in (1, None):
         faults.append(refusal("format", f"version {version}; it reads version 1"))
     title = root.need("title", text) or ""
+    root.get("seed", count(0), 0)  # for runs of another program
     for ignored in ("solver", "engine"):  # how another program integrates
         root.table(ignored, required=False)
     times = _times(root.table("time"))

@@ -122,7 +122,8 @@ def test_the_command_writes_file_and_figures_and_overwrites_nothing(tmp_path: Pa
     assert refused.returncode == 2
     assert "there is an ensemble in this folder" in refused.stderr
     assert (folder / "ensemble.h5").read_bytes() == first
-    done = command(*arguments, "--out", folder, "--overwrite", "--seed", 1, "--quiet", folder=tmp_path)
+    of_case = ("--set", "seed=1")
+    done = command(*arguments, *of_case, "--out", folder, "--overwrite", "--quiet", folder=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     assert exunet.load_ensemble(folder).provenance["seed"] == 1
 

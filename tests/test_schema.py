@@ -27,7 +27,7 @@ from exunet.net import TOPOLOGIES
 
 CONTRACT = (Path(__file__).parents[1] / "cases" / "README.md").read_text(encoding="utf-8")
 # The keys of cases/README.md, the contract between the two codes, outside [effects.NAME] and of all nets.
-COMMON = """format title time.end time.output_step time.output_times net.topology net.divisions
+COMMON = """format title seed time.end time.output_step time.output_times net.topology net.divisions
     net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
     initial.packing initial.velocity initial.spin initial.node_positions initial.node_velocities
     launch.radial_speed launch.axial_speed launch.speed launch.spread_angle

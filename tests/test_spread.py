@@ -143,6 +143,9 @@ def test_headlines_do_not_depend_on_the_output_step() -> None:
 def test_a_spread_is_that_of_its_seed() -> None:
     start = planar("time.end=0.6")
     first, again, other = (spread_of(start, 2, seed=seed) for seed in (0, 0, 1))
+    of_case = spread_of(replace(start, scene=start.scene.model_copy(update={"seed": 1})), 2)
+    assert (of_case.seed, first.seed) == (1, 0)
+    assert all(np.array_equal(a.area, b.area) for a, b in zip(of_case.courses, other.courses, strict=True))
     assert np.array_equal(first.courses[1].tension, again.courses[1].tension)
     assert headlines_of(first.courses[0]) != headlines_of(other.courses[0])
     assert headlines_of(first.plain) == headlines_of(other.plain)

@@ -98,3 +98,6 @@ def test_a_jump_that_comes_sooner_than_foreseen_is_left_to_the_control() -> None
     progress.currentStepSize = 0.001
     found.choose(1.001, True, True)
     assert progress.currentStepSize == 0.001
+    progress.currentStepSize = 0.0015
+    found.choose(1.0025, True, False)  # nor is it looked for again before a step is rejected
+    assert progress.currentStepSize == 0.0015

@@ -326,7 +326,8 @@ def test_large_files_are_read_when_asked(monkeypatch, small_segments, tmp_path):
     for found in (load_result(tmp_path / "result.h5"), open_unfinished(tmp_path)):
         assert isinstance(found.position, StoredRows)
         assert isinstance(found.bodies["target"].attitude, StoredRows)
-        assert isinstance(found.kinetic, np.ndarray)
+        assert isinstance(found.kinetic, StoredRows)
+        assert isinstance(found.time, np.ndarray)
         assert_equal(found, SAMPLE)
         save(found, tmp_path / "again.h5", overwrite=True)
         parts = list(found.parts(11))

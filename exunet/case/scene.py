@@ -142,6 +142,9 @@ class Scene(Table):
         examples=["Deployment of a net"],
         json_schema_extra={"pattern": rf"^(?![\s\S]*{LINE_BREAK})"},
     )
+    seed: Annotated[int, Field(strict=True, ge=0)] = Field(
+        0, description="of all random numbers: the moves of the starts of a spread and of an ensemble"
+    )
     time: Time = Field(description="duration and stored times")
     solver: Solver = Field(
         default_factory=lambda: Solver.model_validate({}), description="how the equations are integrated"

@@ -139,7 +139,9 @@ def ensemble_command(
     perturb: Annotated[
         float, typer.Option(help="by up to which each coordinate of the start is moved [m]", metavar="M")
     ] = 1e-9,
-    seed: Annotated[int, typer.Option(help="of the moves", metavar="S")] = 0,
+    seed: Annotated[
+        int | None, typer.Option(help="of the moves (default: the case's, or 0)", metavar="S")
+    ] = None,
     out: Folder = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="replace the ensemble in the folder, once it is complete")

@@ -41,9 +41,9 @@ def result_of_rows(
 ) -> Result:
     """The Result of the rows in `source`, each value checked.
 
-    Columns of up to 64 MB in all are copied to memory; of larger ones those with several values for each time
-    become `StoredRows`, which read from `source`; it must not change then. Raises InputError, which begins
-    with `where`, if a column is absent, if a value is NaN or infinite, or if the times do not increase.
+    Columns of up to 64 MB in all are copied to memory; of larger ones all but the times become
+    `StoredRows`, which read from `source`; it must not change then. Raises InputError, which begins with
+    `where`, if a column is absent, if a value is NaN or infinite, or if the times do not increase.
     """
     there = {column.path: column for column in source.columns}
     small = len(source) * sum(column.row_bytes for column in source.columns) <= IN_MEMORY
@@ -58,7 +58,7 @@ def result_of_rows(
         if shape[1:] != column.row:
             raise InputError(f"{where}: {column.path} has shape {shape}, unlike the other arrays")
         values: Any = StoredRows(partial(source.read, column.path), shape)
-        found[column.path] = np.asarray(values) if small or not column.row else values
+        found[column.path] = np.asarray(values) if small or column.path == "time" else values
         check_values(found[column.path], column, where)
     check_times(found["time"], where)
     return Result(

@@ -54,8 +54,8 @@ class TermStates:
 class Result:
     """States and energies of a system over the stored times.
 
-    Of a large file or store (see `exunet.results.from_rows`) the arrays with more than one value for a time
-    are `StoredRows`, which read what is asked of them.
+    Of a large file or store (see `exunet.results.from_rows`) all arrays but `time` are
+    `StoredRows`, which read what is asked of them.
 
     net              : the net in its reference configuration
     time             : (n_times,) [s]

@@ -19,7 +19,7 @@ from exunet.simulation.preparation import Start, start_of
 from exunet.simulation.recorder import first_story
 from exunet.simulation.run import provenance
 from exunet.studies.ensemble import metres, perturbed_positions, run_ensemble, whole_number
-from exunet.studies.spread import MOVE, SEED, start_of_runs
+from exunet.studies.spread import MOVE, start_of_runs
 
 PORTION = 64  # runs that are lost if the ensemble is interrupted
 _COURSE = 3 * 8 * 16 * (INTERVALS + 1)  # bytes of a run in memory, its quantiles included
@@ -29,7 +29,7 @@ def ensemble(
     case: str | Path | Case | Scene | Start,
     runs: int = 1000,
     perturb: float = MOVE,
-    seed: int = SEED,
+    seed: int | None = None,
     *,
     progress: Callable[[int], None] | None = None,
 ) -> EnsembleResult:
@@ -38,7 +38,7 @@ def ensemble(
     runs     : how many
     perturb  : by up to which each coordinate of the free nodes is moved [m]; 1e-9 is far below what anyone
                can place, and far above round-off
-    seed     : of the moves; run k is moved in the same way however many runs there are
+    seed     : of the moves, None: the case's; run k is moved in the same way however many runs there are
     progress : called with the number of runs that are done
 
     A run that fails because of its steps begins anew with finer ones, `solver.retry` times. Raises InputError
@@ -48,6 +48,7 @@ def ensemble(
     """
     refuse_wrong(runs, perturb, seed)
     start = start_of(case)
+    seed = start.scene.seed if seed is None else seed
     refuse_other_methods(start)
     refuse_too_many(runs)
     there = start_of_runs(start)
@@ -90,7 +91,8 @@ def ensemble(
 def refuse_wrong(runs: object, perturb: object, seed: object) -> None:
     """Raise InputError for arguments of `ensemble` that cannot be meant."""
     whole_number("runs", runs, at_least=1)
-    whole_number("seed", seed, at_least=0)
+    if seed is not None:
+        whole_number("seed", seed, at_least=0)
     metres("perturb", perturb)
 
 

@@ -16,7 +16,6 @@ from exunet.studies.ensemble import perturbed_positions, run_ensemble, whole_num
 from exunet.studies.neighbours import of_other_accuracy
 
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
-SEED = 0
 FINER_RUN = 1.6  # times the cost of a run: that with a tenth of the tolerance
 NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install numba)"
 BESIDE = 2  # runs beside those of the moved starts: the unmoved one, and that with a finer setting
@@ -47,18 +46,20 @@ def spread_of(
     runs: int = COVERING,
     *,
     move: float = MOVE,
-    seed: int = SEED,
+    seed: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Spread:
     """Run a case from moved starts on all cores; the same whatever times the case stores.
 
     runs     : number of moved starts
     move     : by up to which each coordinate is moved [m]
+    seed     : of the moves; None: the case's
     progress : called with the number of runs that are done, of `runs` + 2
     Raises RunStopped if one of the runs stops although it was tried with finer steps, and as `start_of_runs`.
     """
     whole_number("runs", runs, at_least=1)
     there = start_of_runs(start)
+    seed = start.scene.seed if seed is None else seed
     moved = perturbed_positions(there, runs, move, seed)
     achievable, retries = achievable_area(there.net), there.scene.solver.retry
 

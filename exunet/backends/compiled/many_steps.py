@@ -230,7 +230,8 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
     The control is that of Hairer, Norsett and Wanner, "Solving Ordinary Differential Equations I", eq.
     (II.4.13), with growth by 2 at most: a slack net snaps taut within a step, and larger jumps get rejected.
     Where a rejected step had a jump of the forces in its way, steps go to just before it, one goes across it
-    whatever its error estimate, and the control continues with the step that it had chosen before.
+    whatever its error estimate, and the control continues with the step that it had chosen before. If the way
+    to the jump is itself too long a step, the control goes on by itself until it rejects another step.
     """
     m, clock, seen, kept = run
     now = clock[0]
@@ -249,7 +250,9 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
                     wanted = now["beyond"]
                 now["beyond"] = 0.0
                 now["towards"] = 0.0
-            elif not (now["rejected"] == 1.0 and now["towards"] == 1.0):  # else it came sooner than foreseen
+            elif now["rejected"] == 1.0 and now["towards"] == 1.0:
+                now["beyond"] = now["towards"] = 0.0
+            else:
                 across = after <= over
                 wanted = after + over if across else after - max(0.5 * over, 0.01 * after)
                 now["towards"] = 1.0

@@ -17,6 +17,8 @@ from exunet.forces.loops import Index
 
 Floats = NDArray[np.float64]
 
+X, V, PUSH, FORCE, REFERENCE = range(ROWS := 5)  # the rows of `Place.values`
+
 
 class AppliedKernel:
     """The forces of a kernel on the points of `model`, on its bodies, and constant ones from outside.
@@ -40,7 +42,7 @@ class AppliedKernel:
             self._place = self._where()
         if self._blocks.states:
             first = self._blocks.n_x - self._blocks.n_states
-            self._place.values[0, first : self._blocks.n_x] = self._model.first_order()
+            self._place.values[X, first : self._blocks.n_x] = self._model.first_order()
         self._run(t, q, q_t, self._data, self._place, out)
         if self._awake is not None:  # what sleeps is at rest, and stays so without a force
             free = self._place.where[1]
@@ -50,7 +52,7 @@ class AppliedKernel:
         """(n_states,) rates of the first-order states; out as for `evaluate`."""
         self.evaluate(t, q, q_t, out)
         assert self._place is not None
-        return self._place.values[3, self._blocks.n_v : self._blocks.n_force]
+        return self._place.values[FORCE, self._blocks.n_v : self._blocks.n_force]
 
     def jacobian(self, linearised: Linearised | None) -> Jacobian | None:
         """The kernel's derivatives as `Model.applied_forces` takes them."""
@@ -60,10 +62,10 @@ class AppliedKernel:
         def compute(t: float, q: Floats, q_t: Floats, of_position: float, of_velocity: float) -> csr_array:
             assert self._place is not None
             (column, free), values = self._place.where, self._place.values
-            values[0, free] = values[4, : len(free)] + q[column]
-            values[1, free] = q_t[column]
+            values[X, free] = values[REFERENCE, : len(free)] + q[column]
+            values[V, free] = q_t[column]
             points = 3 * self._blocks.n_points
-            return linearised(t, values[0, :points], values[1, :points], of_position, of_velocity)
+            return linearised(t, values[X, :points], values[V, :points], of_position, of_velocity)
 
         return compute
 
@@ -71,7 +73,7 @@ class AppliedKernel:
         """Forces (n_points, 3) [N] from outside, from now on."""
         self._push[: force.size] = force.ravel()
         if self._place is not None:
-            self._place.values[2, : len(self._push)] = self._push
+            self._place.values[PUSH, : len(self._push)] = self._push
 
     def remember(self, memory: Mapping[str, Floats]) -> None:
         """Take all memories as they are now."""
@@ -80,10 +82,10 @@ class AppliedKernel:
     def _where(self) -> Place:
         model, blocks = self._model, self._blocks
         free = np.flatnonzero(np.repeat(model.free, 3))
-        values = np.zeros((5, max(blocks.n_x, blocks.n_force)))
-        values[0, : 3 * blocks.n_points] = model.reference.ravel()
-        values[2, : blocks.n_force] = self._push
-        values[4, : len(free)] = values[0, free]
+        values = np.zeros((ROWS, max(blocks.n_x, blocks.n_force)))
+        values[X, : 3 * blocks.n_points] = model.reference.ravel()
+        values[PUSH, : blocks.n_force] = self._push
+        values[REFERENCE, : len(free)] = values[X, free]
         return Place(
             where=np.stack([model.columns(), free]).astype(Index),
             body=(model.columns_of_bodies() if self._bodies else np.zeros(0)).astype(Index),

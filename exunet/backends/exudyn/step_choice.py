@@ -95,7 +95,8 @@ class StepChoice:
         """The step to try where a jump of the forces may have spoiled the last one.
 
         Only a rejected step makes look for one. Then steps go to just before it, one goes across it, whatever
-        its error estimate, and the control continues with the step that it had chosen before.
+        its error estimate, and the control continues with the step that it had chosen before. If the way to
+        the jump is itself too long a step, the control goes on by itself until it rejects another step.
         """
         assert self.jump is not None
         assert self._plan.tolerance is not None
@@ -111,9 +112,10 @@ class StepChoice:
         if jump is None:
             self._beyond = 0.0
             return wanted if rejected else beyond
-        self._beyond = beyond
         if rejected and approaching:
-            return wanted  # the jump came sooner than foreseen
+            self._beyond, self._approaching = 0.0, False
+            return wanted
+        self._beyond = beyond
         if jump.after > jump.step:
             return jump.to_it
         step = jump.after + jump.step

@@ -39,7 +39,7 @@ class AskedEnsemble:
 
     runs: int
     perturb: float
-    seed: int
+    seed: int | None
     out: Path | None = None
     overwrite: bool = False
     quiet: bool = False
