@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 import exunet
 from exunet.bodies.rigid import rotation_matrix
 from exunet.forces.cable import reference_tangent_stiffness
+from exunet.interfaces.commands.check import describe
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.stability import largest_frequency
 from exunet.system.states import States
@@ -303,6 +304,13 @@ def test_the_stable_step_bounds_the_fastest_mode(tmp_path: Path) -> None:
 def test_faults_of_attachments(key: str, value: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(exunet.CaseError, match=words):
         start(tmp_path, *FIRST, f"bodies.first.attachments.{key}={value}")
+
+
+def test_check_tells_what_is_attached(tmp_path: Path) -> None:
+    path = tmp_path / "chain.toml"
+    path.write_text(CHAIN)
+    rows = dict(describe(exunet.load(path, [*FIRST, "bodies.first.attachments.y={point=[0, 0, 0], node=2}"])))
+    assert rows["body first"].endswith("fixed to it: nodes 0, 2")
 
 
 def test_a_node_that_is_held_cannot_be_attached(tmp_path: Path) -> None:

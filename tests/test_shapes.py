@@ -252,6 +252,8 @@ FRUSTUM = ("shape=frustum", "radii=[0.5, 0.3]", "length=2", "density=100")
         (("density=1", "parts.a={shape='mesh'}"), ".parts.a.shape", "must be one of"),
         (("mass=1", "inertia=[1, 1, 1]", "size=[1, 1, 1]"), ".size", "needs a shape"),
         (("mass=1", "shape=cone"), ".shape", "must be one of"),
+        (("mass=1", "shape=cylinder", "radius=1", "edge_radius=0.1"), "", "missing length"),
+        (("mass=1", "parts.a={shape='box'}", "edge_radius=0.1"), ".parts.a", "missing size"),
         (("mass=1", "shape=mesh", "file=x.stl", "unit=ft"), ".unit", "must be one of"),
     ],
 )  # fmt: skip

@@ -32,9 +32,17 @@ def _of_body(keys: BodyKeys, rest: RestOfCase) -> Iterator[Fault]:
         _poses_in_place_of_a_start(keys),
         shortened(_times_increase(keys)),
         _poses_last(keys, rest),
+        _attachments(keys),
+        _parts(keys),
     )
+
+
+def _attachments(keys: BodyKeys) -> Iterator[Fault]:
     for name, attachment in keys.attachments.items():
         yield from within(f"attachments.{name}", exactly_one(attachment))
+
+
+def _parts(keys: BodyKeys) -> Iterator[Fault]:
     for name, part in keys.parts.items():
         yield from within(f"parts.{name}", each(_turned_once(part), _dimensions(part)))
 
@@ -90,7 +98,8 @@ def _edges(keys: BodyKeys) -> Iterator[Fault]:
     if not keys.parts and (not keys.is_given("shape") or keys.shape not in EDGED):
         yield Fault("edge_radius", f"is for {', '.join(EDGED)}, and parts: what has edges")
         return
-    if keys.shape == "mesh":
+    tables: list[BodyKeys | PartKeys] = [keys, *keys.parts.values()]
+    if keys.shape == "mesh" or any(fault for one in tables for fault in _dimensions(one)):
         return
     solids = [part_of(part) for part in keys.parts.values()] or [solid_of(keys)]
     least = min(solid.least for solid in solids)

@@ -60,12 +60,20 @@ def _bodies(start: Start) -> list[tuple[str, str]]:
         moving = _motion(states.position[k], states.velocity[k])
         turning = _vector(states.angular_velocity[k])
         words = f"{body.mass:g} kg, {_inertia(body)}, {moving}, turns at {turning} rad/s"
+        words += _attached(start, k)
         words += "" if start.system.moves_freely[k] else f"; {start.scene.bodies[body.name].motion}"
         found.append((f"body {body.name}", words))
     for name, point in blocks.body.items():
         moving = _motion(state.position[point], state.velocity[point])
         found.append((f"point mass {name}", f"{blocks.mass[point]:g} kg, {moving}"))
     return found
+
+
+def _attached(start: Start, body: int) -> str:
+    """The nodes that are fixed to a body."""
+    kinematics = start.system.kinematics
+    nodes = kinematics.point[kinematics.body == body].tolist()
+    return f"; fixed to it: nodes {', '.join(map(str, nodes))}" if nodes else ""
 
 
 def _inertia(body: RigidBody) -> str:
