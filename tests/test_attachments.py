@@ -227,6 +227,25 @@ def test_verlet_of_the_compiled_loop(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
+def test_a_force_on_an_attached_node_is_one_on_its_body(form: str, tmp_path: Path) -> None:
+    """F t of momentum, r x F of angular momentum as the node goes, and its work in the balance."""
+    begin = start(tmp_path, *FIRST, *SECOND, FORMS[form], *RK44)
+    sim = exunet.Simulation(begin)
+    force, energy, first = np.array([0.3, -0.2, 0.5]), sim.energy.total, States.of(begin.system, begin.state)
+    sim.set_force(0, force)
+    places = [sim.net.position[0]]
+    while sim.time < 0.1:
+        sim.advance(1e-3)
+        places.append(sim.net.position[0])
+    last = States.of(begin.system, sim.state)
+    np.testing.assert_allclose(last.momentum[0] - first.momentum[0], 0.1 * force, atol=1e-12)
+    mean = np.trapezoid(places, dx=1e-3, axis=0)  # h^2 / 12 t a errs by 3e-7 m s for 30 m/s2
+    turned = last.angular_momentum[0] - first.angular_momentum[0]
+    np.testing.assert_allclose(turned, np.cross(mean, force), atol=1e-6)
+    assert sim.energy.total == pytest.approx(energy, abs=1e-6)
+
+
+@pytest.mark.parametrize("form", FORMS)
 def test_a_snapshot_of_bodies_on_a_cable(form: str, tmp_path: Path) -> None:
     begin = start(tmp_path, *FIRST, *GUIDED, FORMS[form], "solver.method=RK44", "solver.step=1e-4")
     one, other = exunet.Simulation(begin), exunet.Simulation(begin)
@@ -311,6 +330,13 @@ def test_check_tells_what_is_attached(tmp_path: Path) -> None:
     path.write_text(CHAIN)
     rows = dict(describe(exunet.load(path, [*FIRST, "bodies.first.attachments.y={point=[0, 0, 0], node=2}"])))
     assert rows["body first"].endswith("fixed to it: nodes 0, 2")
+
+
+def test_an_attachment_that_stretches_an_element_too_far_is_told(tmp_path: Path) -> None:
+    """Node 0 at its point, 9.5 m from node 1 on an element of 1 m."""
+    words = r"bodies\.first\.attachments: element 0 .* starts 9\.\d+ times as long"
+    with pytest.raises(exunet.CaseError, match=words):
+        start(tmp_path, *FIRST, "bodies.first.position=[-9, 0, 0]")
 
 
 def test_a_node_that_is_held_cannot_be_attached(tmp_path: Path) -> None:

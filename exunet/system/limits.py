@@ -24,6 +24,7 @@ from exunet.system import energy
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 RESOLUTION = 1e-3  # of the shortest element, by which positions may be apart
 MOST_STEPS = 1e10  # of a run; at a microsecond each, three hours for the smallest net
@@ -118,7 +119,8 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
             f"{_element(net, longest)} starts {stretch[longest]:.4g} times as long as when free of stress; "
             f"above {STRETCH_BOUND:g} it is outside the cable law's validity. Start it shorter"
         )
-        faults.append(Fault("initial.node_positions" if given else "initial.packing", reason))
+        key = "initial.node_positions" if given else "initial.packing"
+        faults.append(Fault(_attachments(system, net.element_nodes[longest]) or key, reason))
     if not rate[fastest] * SHORTEST_STEP <= 1.0:
         launched = scene.launch and np.isin(net.element_nodes[fastest], net.bullet_nodes).any()
         reason = (
@@ -135,6 +137,12 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
         )
         faults.append(Fault("initial", reason))
     return faults
+
+
+def _attachments(system: System, ends: Ints) -> str:
+    """The key of the attachments that put an end of an element where it starts; "" if none does."""
+    on = system.kinematics.body[np.isin(system.kinematics.point, ends)]
+    return f"bodies.{system.blocks.rigid[on[0]]}.attachments" if len(on) else ""
 
 
 def form_faults(system: System, start: State, plan: Plan, engine: Engine) -> list[Fault]:
