@@ -12,10 +12,12 @@ from own_terms import FORMS, continue_alike
 from scipy.integrate import solve_ivp
 
 import exunet
+from exunet.backends.exudyn.build import expected_items
 from exunet.bodies.rigid import rotation_matrix
 from exunet.forces.cable import reference_tangent_stiffness
 from exunet.interfaces.commands.check import describe
 from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.run import simulate
 from exunet.system.stability import largest_frequency
 from exunet.system.states import States
 
@@ -342,3 +344,13 @@ def test_an_attachment_that_stretches_an_element_too_far_is_told(tmp_path: Path)
 def test_a_node_that_is_held_cannot_be_attached(tmp_path: Path) -> None:
     with pytest.raises(exunet.CaseError, match=r"attachments\.x\.node: node 0 is held still"):
         start(tmp_path, *FIRST, "net.fixed=[0]")
+
+
+@pytest.mark.parametrize("form", ["fused", "connectors"])
+@pytest.mark.parametrize("second", [SECOND, GUIDED], ids=["free", "guided"])
+def test_the_items_that_check_tells_are_those_of_the_engine(
+    form: str, second: tuple[str, ...], tmp_path: Path
+) -> None:
+    begin = start(tmp_path, *FIRST, *second, FORMS[form], *RK44)
+    result = simulate(begin)
+    assert result.provenance["items"] == expected_items(begin.system, fused=form == "fused")
