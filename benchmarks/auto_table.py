@@ -1,7 +1,8 @@
-"""Measures the table from which solver.method = "auto" chooses: python benchmarks/auto_table.py
+"""Measures the table from which solver.method = "auto" chooses: python benchmarks/auto_table.py [--seconds]
 
-Writes exunet/simulation/auto_table.toml and benchmarks/auto_table.md. Errors are those of bullet speeds at
-the end of a run, relative to the launch speed, against the converged solution of `exunet cost`.
+Writes exunet/simulation/auto_table.toml and benchmarks/auto_table.md; with --seconds only the times of runs.
+Errors are those of bullet speeds at the end of a run, relative to the launch speed, against the converged
+solution of `exunet cost`.
 tests/test_auto.py checks the promise on other scenes than these.
 """
 
@@ -22,8 +23,10 @@ from unwatched import Unwatched
 import exunet
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.base.files import replacing
-from exunet.case.scene import Engine
-from exunet.methods.method import Method
+from exunet.case.scene import Engine, Scene
+from exunet.methods.keys import Solver
+from exunet.methods.method import METHODS as FACTS
+from exunet.methods.method import Form, Method
 from exunet.methods.plan import Plan
 from exunet.simulation.auto import NEARLY_DEPLOYED
 from exunet.simulation.preparation import Start, prepare
@@ -31,6 +34,7 @@ from exunet.studies.both_codes import both_of
 from exunet.studies.cost.converged import Converged, converge
 from exunet.studies.cost.runners import Subject, run
 from exunet.studies.cost.settings import Setting
+from exunet.system.stability import largest_frequency
 
 ROOT = Path(__file__).parent.parent
 PLANAR = ROOT / "cases" / "planar_undamped.toml"
@@ -74,6 +78,7 @@ TITLES = {
     "folded": f"Folded starts, packing below {NEARLY_DEPLOYED:g}",
     "nearly_deployed": f"Nearly deployed starts, packing {NEARLY_DEPLOYED:g} and above",
 }
+ENOUGH, LONG = 10_000, 2.0  # right-hand sides, or seconds, over which one of a run is measured
 STIFF = ("effects.rayleigh_damping.beta=1e-3", "time.end=0.8")
 IMPLICIT_STEPS = (1e-2, 1e-3, 1e-4)
 
@@ -177,16 +182,7 @@ def stiff(words: list[str]) -> None:
 
 def rows_of(kind: str, found: dict[str, Found]) -> Iterator[str]:
     """Lines of the table for each method on scenes of a kind, and which is the cheapest at each accuracy."""
-    cheapest = []
-    for accuracy in ACCURACIES:
-        able = [(kept.work[t], method) for method, kept in found.items() if (t := kept.tolerance(accuracy))]
-        if able:
-            cheapest.append((accuracy, min(able)[1]))
     yield from ("", f"# {TITLES[kind]}.", f"[{kind}]")
-    yield "# Accuracy (speed error / launch speed) -> method with the fewest right-hand sides on all scenes."
-    yield "cheapest = ["
-    yield from (f'  [{accuracy:.0e}, "{method}"],' for accuracy, method in cheapest)
-    yield "]"
     for method, kept in found.items():
         yield from ("", f"[{kind}.{method}]")
         yield "# Accuracy -> tolerance per step / launch speed; at and below it,"
@@ -197,6 +193,50 @@ def rows_of(kind: str, found: dict[str, Found]) -> Iterator[str]:
         for tolerance, offs in sorted(kept.errors.items()):
             if offs and max(offs) < float("inf"):
                 yield f"  [{tolerance:.2e}, {statistics.median(offs):.2e}, {max(offs):.2e}],"
+        yield from ("]", "# Tolerance -> right-hand sides over all scenes.", "work = [")
+        yield from (f"  [{tolerance:.2e}, {kept.work[tolerance]}]," for tolerance in sorted(kept.work))
+        yield "]"
+
+
+def seconds_of_runs() -> dict[str, list[tuple[float, ...]]]:
+    """By method: (elements, connectors, fused, compiled loop) seconds of a right-hand side in such runs."""
+    rows: dict[str, list[tuple[float, ...]]] = {method: [] for method in METHODS}
+    for meshes in MESHES[:-2]:  # beyond, the ratios of methods stay
+        scene = exunet.load(PLANAR, [f"net.mesh={5.0 / meshes!r}", "initial.packing=0.99"]).scene
+        least = dict.fromkeys(((method, form) for method in METHODS for form in Form), float("inf"))
+        for _ in range(3):
+            for method, form in least:
+                if form != Form.COMPILED or FACTS[Method(method)].compiled:
+                    least[method, form] = min(least[method, form], _seconds_in_run(scene, method, form))
+        for method, found in rows.items():
+            elements = prepare(scene).net.n_elements
+            found.append((elements, *(least[method, form] for form in Form)))
+            say(f"{method} {found[-1]}")
+    return rows
+
+
+def _seconds_in_run(scene: Scene, method: str, form: Form) -> float:
+    """Processor time of a right-hand side [s], guards and record included: others hardly change it."""
+    solver = Solver.model_validate({"method": method, "tolerance": 1e-8})
+    engine = Engine.model_validate(form.engine)
+    simulation = exunet.Simulation(prepare(scene.model_copy(update={"solver": solver, "engine": engine})))
+    simulation.advance(0.006)  # compiles, and comes to where the first threads are taut
+    stretch = 200.0 / largest_frequency(prepare(scene).system)
+    before, began = simulation.counts.right_hand_sides, time.process_time()
+    done, spent = 0, 0.0
+    while done < ENOUGH and spent < LONG:
+        simulation.advance(stretch)
+        done, spent = simulation.counts.right_hand_sides - before, time.process_time() - began
+    return spent / done
+
+
+def seconds_in_lines() -> Iterator[str]:
+    """Lines of the table with the times of runs."""
+    yield "# Number of elements -> seconds of a right-hand side in a run, with what a step costs beside:"
+    yield from ("# connectors, fused, compiled loop.", "[run_seconds]")
+    for method, rows in seconds_of_runs().items():
+        yield f"{method} = ["
+        yield from (f"  [{row[0]}, {', '.join(f'{one:.3g}' for one in row[1:])}]," for row in rows)
         yield "]"
 
 
@@ -232,6 +272,17 @@ STAMP = (
 )
 
 
+def only_seconds() -> None:
+    """Measure the times of runs anew, and leave all else as it is."""
+    path = ROOT / "exunet" / "simulation" / "auto_table.toml"
+    text = path.read_text(encoding="utf-8")
+    head, rest = text[: text.index("# Number of elements -> seconds of a right-hand side in a run")], text
+    rest = rest[rest.index("# Folded starts") :]
+    times = "\n".join(seconds_in_lines())
+    with replacing(path) as part:
+        part.write_text(f"{head}{times}\n\n{rest}", encoding="utf-8")
+
+
 def main() -> None:
     words = ["# What the table of `auto` was made from", "", STAMP, ""]
     words += [
@@ -249,6 +300,8 @@ def main() -> None:
         "seconds = [",
         *(f"  [{n}, {a:.3g}, {b:.3g}]," for n, a, b in seconds_of_forms()),
         "]",
+        "",
+        *seconds_in_lines(),
         *rows_of("folded", folded),
         *rows_of("nearly_deployed", deployed),
     ]
@@ -258,4 +311,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    only_seconds() if sys.argv[1:] == ["--seconds"] else main()

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import exunet
 from exunet.base.errors import CaseError
 from exunet.interfaces.cli import app
-from exunet.methods.method import METHODS
+from exunet.methods.method import METHODS, Form, Method
 from exunet.results.measures import bullet_speeds
 from exunet.simulation import auto
 from exunet.simulation.preparation import Start, prepare
@@ -111,13 +111,35 @@ def test_tighter_accuracy_gives_tighter_tolerance(method, packing):
         assert median <= worst < accuracy
 
 
-def test_the_cheapest_method_is_picked_among_those_that_are_there():
-    for packing in (0.1, 0.9):
-        measured, own = auto.table().at(packing), f"initial.packing={packing}"
-        for accuracy, method in measured.cheapest:
-            assert start(own, f"solver.accuracy={accuracy}").plan.method == method
-            assert auto.choose_method(accuracy, list(METHODS), measured)[0] == method
-            assert start(own, f"solver.accuracy={accuracy}", "engine.loop=auto").plan.method == "DOPRI5"
+def seconds(method: Method, form: Form, accuracy: float) -> float:
+    """By the table: right-hand sides of the folded scenes times what one takes on the planar net."""
+    rows = auto.table().folded.adaptive[method]
+    return rows.work_for(accuracy) * auto.table().each(method, form, 64)
+
+
+@pytest.mark.parametrize("net", ["connectors", "fused"])
+def test_the_method_of_the_fewest_seconds_is_picked_among_those_that_are_there(net):
+    for accuracy in (1e-1, 1e-2, 1e-3, 1e-4, 1e-5):
+        able = auto.table().folded.adaptive
+        least = min(able, key=lambda method: seconds(method, Form(net), accuracy))
+        asked = (f"solver.accuracy={accuracy}", f"engine.net={net}")
+        assert start(*asked).plan.method == least
+        assert start(*asked).plan == start(*asked).plan
+        assert start(f"solver.accuracy={accuracy}", "engine.loop=auto").plan.method == "DOPRI5"
+
+
+def test_what_does_not_reach_the_accuracy_is_not_picked():
+    """ODE23 was measured down to 1e-6 on folded starts."""
+    assert auto.table().folded.adaptive[Method.ODE23].best > 1e-7
+    assert start("solver.accuracy=1e-7").plan.method == "DOPRI5"
+
+
+def test_the_cost_of_a_step_counts():
+    """The same right-hand sides in steps of four and of seven: each method in each form has its own time."""
+    for net in (Form.CONNECTORS, Form.FUSED):
+        ours, theirs = (auto.table().each(one, net, 64) for one in (Method.ODE23, Method.DOPRI5))
+        assert ours > theirs
+    assert auto.table().each(Method.ODE23, Form.COMPILED, 64) == float("inf")
 
 
 def test_nearly_deployed_starts_get_tighter_tolerances():

@@ -205,6 +205,9 @@ REFUSED = {
     "J2 without its orbit": [
         "effects.j2={altitude=5e5,radial=[0,0,1],along_track=[1,0,0],inclination=1,argument_of_latitude=0}"
     ],
+    "an accuracy of measures": ['solver={accuracy_of="measures",accuracy=1e-3}'],
+    "a tolerance for measures": ['solver={accuracy_of="measures",tolerance=1e-3}'],
+    "a method for measures": ['solver={accuracy_of="measures",method="RK44"}'],
     "bullets without bridles": ["net.topology=hexagonal", "net.size=", "net.rings=1", "net.strings="],
 }
 

@@ -31,13 +31,13 @@ def under(monkeypatch: pytest.MonkeyPatch) -> Callable[[Force], None]:
     """under(force): let the steps act on one coordinate of 1 kg with this force of (t, x, v)."""
 
     def use(force: Force) -> None:
-        def add_forces(t: float, x: Any, v: Any, data: Any, out: Any) -> float:
+        def add_forces(t: float, x: Any, v: Any, data: Any, out: Any) -> tuple[float, float]:
             out[0] += force(t, x[0], v[0])
-            return 0.5 * float(x[0]) ** 2  # something that tells the state
+            return 0.5 * float(x[0]) ** 2, 0.0  # something that tells the state
 
         monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
         for module in (schemes, many_steps):
-            for name in ("BODIES", "FIRST_ORDER", "TAKES_ENERGY", "JUMPS"):
+            for name in ("BODIES", "FIRST_ORDER", "TAKES_ENERGY", "TOLD", "JUMPS"):
                 monkeypatch.setattr(module, name, False, raising=False)
 
     return use

@@ -90,9 +90,9 @@ def test_no_tension_is_larger_below_the_energy_from_which_states_are_looked_at()
 def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
     """One coordinate of 1 kg under the force t, and a power 4 t^3 v that is taken out."""
 
-    def add_forces(t: float, x: Any, v: Any, data: Any, out: Any) -> float:
+    def add_forces(t: float, x: Any, v: Any, data: Any, out: Any) -> tuple[float, float]:
         out[0] += t
-        return float(t)
+        return float(t), 0.0
 
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float:
         return 4.0 * t**3 + float(x[0]) ** 2 + 3.0 * float(v[0]) ** 2
@@ -106,6 +106,7 @@ def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
             ("BODIES", False),
             ("FIRST_ORDER", False),
             ("TAKES_ENERGY", True),
+            ("TOLD", False),
             ("JUMPS", False),
         ):
             monkeypatch.setattr(module, name, bool(value), raising=False)

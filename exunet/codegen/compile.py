@@ -18,6 +18,8 @@ from types import ModuleType
 
 from exunet.base.errors import MissingExtra
 
+WIDTH = 8  # runs that go side by side (see `lanes`): doubles of one register of AVX-512, two of AVX2
+
 CALLED = "@called"  # stands before a function that is called from Python
 INSIDE = "@inside"  # stands before one that is called in the module only: a third less to compile
 
@@ -129,6 +131,11 @@ def _own(folder: Path) -> bool:
         return True
     status = folder.stat()
     return status.st_uid == os.getuid() and not status.st_mode & 0o022
+
+
+def lanes_version() -> str:
+    """Of the vectors of runs: a part of the text of kernels that use them, since kept code has them in it."""
+    return hashlib.sha256(Path(__file__).with_name("lanes.py").read_bytes()).hexdigest()[:16]
 
 
 def kept_before(source: str) -> bool:

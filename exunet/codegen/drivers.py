@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     BODIES = True
 
-    def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> float: ...
+    def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> Any: ...
     def potential(x: Any, data: Any) -> float: ...
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
 
@@ -86,7 +86,7 @@ def quaternion(q: Any, first: int, x: Any, place: int) -> None:
         x[place + 1 + k] = ratio * q[first + k]
 
 
-def forces(t: float, x: Any, v: Any, data: Any, force: Any) -> float:
+def forces(t: float, x: Any, v: Any, data: Any, force: Any) -> Any:
     """`add_forces`, for Python."""
     return add_forces(t, x, v, data, force)
 

@@ -26,8 +26,9 @@ def module_source(
 
     drivers are called from Python; their helpers, as all else, only in the module.
     `add_forces` first places what has no equations of motion, then adds to the forces that it is given; it
-    returns the elastic energy [J] of the calls that tell theirs. bodies, first_order : the module integrates
-    rigid bodies, or anything of first order (their attitudes too); else the compiler leaves that code out.
+    returns the elastic energy [J] and the power [W] that is taken out, of the calls that tell theirs. bodies,
+    first_order : the module integrates rigid bodies, or anything of first order (their attitudes too); else
+    the compiler leaves that code out.
     `data` is a tuple of the data of all calls, in order. Raises ValueError if two different
     functions share a name.
     """
@@ -41,7 +42,8 @@ def module_source(
         "from __future__ import annotations\n\nimport math\n\nimport numpy as np",
         *imports,
         *(_text(function) for function in functions.values()),
-        f"TAKES_ENERGY = {any(p.works or p.power is not None or p.work is not None for p in calls)}",
+        f"TAKES_ENERGY = {any(call.dissipates for call in calls)}",
+        f"TOLD = {tells_all_power(calls)}",
         f"BODIES = {bodies}",
         f"FIRST_ORDER = {bodies or first_order}",
         f"JUMPS = {any(call.jumps for call in calls)}",
@@ -50,6 +52,12 @@ def module_source(
         *(_text(driver, CALLED) for driver in drivers),
     ]
     return "\n\n\n".join(parts) + "\n"
+
+
+def tells_all_power(calls: Sequence[KernelCall]) -> bool:
+    """True if there is power that is taken out, and `add_forces` returns all of it."""
+    taking = [call for call in calls if call.dissipates]
+    return bool(taking) and all(call.tells_power for call in taking)
 
 
 @functools.cache
@@ -65,9 +73,10 @@ def _joined(calls: Sequence[KernelCall]) -> str:
     for k, call in reversed(list(enumerate(calls))):
         if call.place is not None:
             forces.append(f"    {call.place.__name__}(t, x, v, data[{k}])")
-    forces.append("    held = 0.0")
+    forces += ["    held = 0.0", "    watts = 0.0"]
     for k, call in enumerate(calls):
-        forces.append(f"    {'held += ' * call.elastic}{call.add.__name__}(t, x, v, data[{k}], force)")
+        told = "held += " if call.elastic else "watts += " if call.tells_power else ""
+        forces.append(f"    {told}{call.add.__name__}(t, x, v, data[{k}], force)")
         if call.potential is not None:
             potential.append(f"    total += {call.potential.__name__}(x, data[{k}])")
         if call.power is not None:
@@ -78,7 +87,7 @@ def _joined(calls: Sequence[KernelCall]) -> str:
             power += ["    for k in range(scratch.size):", "        scratch[k] = 0.0"]
             power.append(f"    {call.add.__name__}(t, x, v, data[{k}], scratch)")
             power += ["    for k in range(v.size):", "        total -= scratch[k] * v[k]"]
-    forces.append("    return held")
+    forces.append("    return held, watts")
     potential.append("    return total")
     power.append("    return total")
     work.append("    return total")

@@ -91,7 +91,7 @@ class CableTerm:
         """One call over all elements."""
         (data,) = self.data_at({})
         if not self.viscous:
-            return (KernelCall(loops.add_tension, data, elastic=True),)
+            return (KernelCall(loops.add_tension, data, elastic=True, of_many=True),)
         return (
             KernelCall(
                 loops.add_viscous_tension,

@@ -70,6 +70,7 @@ def add_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> float:
         dz = x[j + 2] - x[i + 2]
         s = dx * dx + dy * dy + dz * dz - square[e]
         if s > 0.0:
+            s = max(s, 0.0)  # of many runs at once, some may be slack here
             held += factor[e] * s * s
             s *= factor[e]
             dx *= s
@@ -151,14 +152,17 @@ def excess_and_rate(state: Any, i: int, j: int, square: float) -> Any:
     return dx * dx + dy * dy + dz * dz - square, rate
 
 
-def add_velocity_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
-    """-D v, D as `SparseRows`."""
+def add_velocity_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> float:
+    """-D v, D as `SparseRows`; returns `velocity_product_power`, which is at hand."""
     start, column, value = rows
+    power = 0.0
     for row in range(start.size - 1):
         total = 0.0
         for k in range(start[row], start[row + 1]):
             total += value[k] * v[column[k]]
         force[row] -= total
+        power += total * v[row]
+    return power
 
 
 def velocity_product_power(t: float, x: Any, v: Any, rows: Any) -> float:

@@ -51,6 +51,11 @@ class KernelCall:
     elastic : `add` returns the elastic energy [J] that it finds on its way
     place   : function place(t, x, v, data) that puts what follows from time and other entries into x and v,
               before any force is added; that of a later call comes before that of an earlier one
+    tells_power : `add` returns the power [W] that it takes out, which depends on velocities alone
+    of_many : the functions are right for many runs at once too: x, v and force, and what is made of them,
+              have a value in each run, with which arithmetic, max, min, abs and math.sqrt can be done. A
+              condition on such values is true where it holds in one run, so what stands under it must change
+              nothing in the others
 
     The energy that it stores or takes out comes from one of these; none means a force that does no work:
     potential : function potential(x, data) -> [J]
@@ -70,6 +75,13 @@ class KernelCall:
     jumps: bool = False
     elastic: bool = False
     place: Function | None = None
+    tells_power: bool = False
+    of_many: bool = False
+
+    @property
+    def dissipates(self) -> bool:
+        """True if it takes energy out, or puts some in, that is no potential energy."""
+        return self.works or self.power is not None or self.work is not None
 
     def __post_init__(self) -> None:
         """Raise TypeError for a function of other arguments, which Numba would refuse in its own words."""
@@ -321,12 +333,17 @@ class LinearTerm:
         """A call for the velocities, one for the positions, one for the load; what is absent has none."""
         found = []
         if self.on_velocity is not None:
-            taken = loops.velocity_product_power if self.damping is not None else None
-            found.append(KernelCall(loops.add_velocity_product, _rows(self.on_velocity), power=taken))
+            damps = self.damping is not None
+            taken = loops.velocity_product_power if damps else None
+            rows = _rows(self.on_velocity)
+            found.append(
+                KernelCall(loops.add_velocity_product, rows, power=taken, tells_power=damps, of_many=True)
+            )
         if self.stiffness is not None:
-            found.append(KernelCall(loops.add_position_product, _rows(self.stiffness)))
+            found.append(KernelCall(loops.add_position_product, _rows(self.stiffness), of_many=True))
         if self.load is not None:
-            found.append(KernelCall(loops.add_load, loops.Load(np.asarray(self.load, dtype=float))))
+            load = loops.Load(np.asarray(self.load, dtype=float))
+            found.append(KernelCall(loops.add_load, load, of_many=True))
         return tuple(found)
 
     @property
@@ -341,7 +358,7 @@ class LinearTerm:
         """Potential energy [J] of states x (k, n_x) -> (k,)."""
         energy, flat = np.zeros(len(flat)), flat[:, : self._size]
         if self.load is not None:
-            energy -= flat @ self.load
+            energy -= np.einsum("ki,i->k", flat, self.load)  # not `@`: its bits depend on how many states
         if self.stiffness is not None:
             energy += 0.5 * np.einsum("ki,ki->k", flat, (self.stiffness @ flat.T).T)
         return energy

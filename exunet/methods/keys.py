@@ -13,6 +13,8 @@ from exunet.methods.method import METHODS, Kind, Method
 
 AUTO: Literal["auto"] = "auto"
 SHORTEST_STEP = 1e-12  # [s]
+# Methods whose settings for accuracy_of = "measures" were measured (benchmarks/measures.md).
+FOR_MEASURES = (Method.VELOCITY_VERLET, Method.DOPRI5)
 
 if TYPE_CHECKING:
     MethodKey = Method | Literal["auto"]
@@ -34,8 +36,14 @@ def _methods_schema() -> dict[str, Any]:
     fixed = [method.value for method in METHODS if not takes_tolerance(method)]
     needing = [method.value for method, facts in METHODS.items() if facts.needs_step]
     is_fixed = of(*fixed) | {"required": ["method"]}
+    measures = {"properties": {"accuracy_of": {"const": "measures"}}, "required": ["accuracy_of"]}
+    only = of(AUTO, *FOR_MEASURES)["properties"]
     return {
         "allOf": [
+            {
+                "if": measures,
+                "then": {"properties": only | dict.fromkeys(("accuracy", "tolerance", "step"), False)},
+            },
             {
                 "if": is_fixed,
                 "then": {"properties": {"tolerance": False}},
@@ -58,6 +66,11 @@ class Solver(Table):
         1e-4,
         le=1.0,
         description="speed error aimed at, relative to the launch speed; sets an adaptive tolerance",
+    )
+    accuracy_of: Literal["trajectory", "measures"] = Field(
+        "trajectory",
+        description="what is to be accurate: the trajectory, to `accuracy`; or the measures of deployment "
+        "only, whose medians are shifted by less than a third of their spread, at less cost",
     )
     tolerance: Positive | None = Field(
         None,
@@ -82,8 +95,11 @@ class Solver(Table):
 
 
 def cross_checks(keys: Solver) -> Iterator[Fault]:
-    """Tolerance and step go with the method."""
+    """Tolerance and step go with the method; for measures the setting follows from the method alone."""
     method = keys.method
+    if keys.accuracy_of == "measures":
+        yield from _measures_checks(keys)
+        return
     if keys.is_given("tolerance") and not takes_tolerance(method):
         yield Fault("tolerance", f"{method} has a fixed step: give step instead of tolerance")
     if keys.is_given("step"):
@@ -93,3 +109,19 @@ def cross_checks(keys: Solver) -> Iterator[Fault]:
             yield Fault("step", f"{method} chooses its own step: give accuracy or tolerance instead")
     elif not takes_tolerance(method) and METHODS[Method(method)].needs_step:
         yield Fault("step", f"{method} has no stable step of its own: give step")
+
+
+def _measures_checks(keys: Solver) -> Iterator[Fault]:
+    """accuracy_of = "measures" leaves no setting open."""
+    method = keys.method
+    if method != AUTO and method not in FOR_MEASURES:
+        able = ", ".join((AUTO, *FOR_MEASURES))
+        yield Fault("accuracy_of", f"no setting of {method} was measured for measures: take {able}")
+    reasons = {
+        "accuracy": "is that of the trajectory",
+        "tolerance": 'follows from accuracy_of = "measures"',
+        "step": 'follows from accuracy_of = "measures"',
+    }
+    for name, why in reasons.items():
+        if keys.is_given(name):
+            yield Fault(name, f'{why}: leave it out, or take accuracy_of = "trajectory"')

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.codegen.compile import numba_installed
-from exunet.methods.method import METHODS, Method, NetForm, TimeLoop
+from exunet.methods.method import METHODS, Form, Method, NetForm, TimeLoop
 
 Floats = NDArray[np.float64]
 
@@ -32,10 +32,12 @@ class Adaptive:
 
     tolerance : accuracy asked for (speed error / launch speed) -> tolerance / launch speed
     expected  : tolerance / launch speed -> speed error / launch speed, median and worst
+    work      : tolerance / launch speed -> right-hand sides over all scenes
     """
 
     tolerance: Floats
     expected: Floats
+    work: Floats
 
     @property
     def best(self) -> float:
@@ -46,6 +48,10 @@ class Adaptive:
         """Tolerance per unit of the launch speed that meets an accuracy; constant outside the table."""
         return _between(accuracy, self.tolerance[:, 0], self.tolerance[:, 1])
 
+    def work_for(self, accuracy: float) -> float:
+        """Right-hand sides over all scenes at an accuracy."""
+        return _between(self.tolerance_for(accuracy), self.work[:, 0], self.work[:, 1])
+
     def expected_error(self, tolerance: float) -> tuple[float, float]:
         """Speed error at a tolerance, median and worst of the measured, relative to the launch speed."""
         median, worst = (_between(tolerance, self.expected[:, 0], self.expected[:, k]) for k in (1, 2))
@@ -54,14 +60,9 @@ class Adaptive:
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured on scenes of one kind.
-
-    adaptive : by method
-    cheapest : (accuracy, method with the fewest right-hand sides), increasing
-    """
+    """What was measured on scenes of one kind, by method."""
 
     adaptive: dict[Method, Adaptive]
-    cheapest: tuple[tuple[float, Method], ...]
 
 
 @dataclass(frozen=True)
@@ -70,11 +71,19 @@ class Measurements:
 
     folded, nearly_deployed : by packing, below NEARLY_DEPLOYED and from it on
     seconds : elements, seconds of a right-hand side with connectors, and fused; increasing
+    run_seconds : by method, elements, and the seconds of a right-hand side in a run with connectors, fused,
+        and in the compiled loop (infinite: it has not the method), steps included; increasing
     """
 
     folded: Measured
     nearly_deployed: Measured
     seconds: Floats
+    run_seconds: dict[Method, Floats]
+
+    def each(self, method: Method, form: Form, n_elements: int) -> float:
+        """Seconds of a right-hand side of a method in a form, with its part of what a step costs."""
+        rows = self.run_seconds[method]
+        return _between(float(n_elements), rows[:, 0], rows[:, 1 + list(Form).index(form)])
 
     def at(self, packing: float) -> Measured:
         """What holds for a start of this packing."""
@@ -86,25 +95,44 @@ def table() -> Measurements:
     """The stored table."""
     read = tomllib.loads(Path(__file__).with_name("auto_table.toml").read_text(encoding="utf-8"))
     folded, deployed = _measured(read["folded"]), _measured(read["nearly_deployed"])
-    return Measurements(folded, deployed, np.array(sorted(read["seconds"])))
+    runs = {Method(name): np.array(sorted(rows)) for name, rows in read["run_seconds"].items()}
+    return Measurements(folded, deployed, np.array(sorted(read["seconds"])), runs)
 
 
 def _measured(read: dict[str, Any]) -> Measured:
-    adaptive = {
-        Method(name): Adaptive(np.array(sorted(rows["tolerance"])), np.array(sorted(rows["expected_error"])))
-        for name, rows in read.items()
-        if isinstance(rows, dict)
+    names = ("tolerance", "expected_error", "work")
+    return Measured(
+        {
+            Method(name): Adaptive(*(np.array(sorted(rows[one])) for one in names))
+            for name, rows in read.items()
+        }
+    )
+
+
+def choose_method(
+    accuracy: float,
+    able: Collection[Method],
+    measured: Measured,
+    n_elements: int,
+    forms: Collection[Form],
+) -> tuple[Method, str]:
+    """The method of `able` that takes the fewest seconds at an accuracy in the best of `forms`, and why.
+
+    By the stored times, so that the same case is always solved in the same way. Of those that do not reach
+    the accuracy, the one that comes nearest.
+    """
+    known = {method: found for method, found in measured.adaptive.items() if method in able}
+    best = min(found.best for found in known.values())
+    reaching = [m for m, found in known.items() if found.best <= max(best, accuracy) * (1 + 1e-9)]
+    seconds = {
+        method: known[method].work_for(accuracy)
+        * min(table().each(method, form, n_elements) for form in forms)
+        for method in reaching
     }
-    cheapest = sorted((float(accuracy), Method(method)) for accuracy, method in read["cheapest"])
-    return Measured(adaptive, tuple(cheapest))
-
-
-def choose_method(accuracy: float, able: Collection[Method], measured: Measured) -> tuple[Method, str]:
-    """The method of `able` that was measured as cheapest at an accuracy or the next tighter one, and why."""
-    rows = [row for row in measured.cheapest if row[1] in able]
-    tighter = [row for row in rows if row[0] <= accuracy * (1 + 1e-9)]
-    level, method = tighter[-1] if tighter else rows[0]
-    return method, f"fewest right-hand sides of all methods at {level:.0e}, as measured"
+    method = min(seconds, key=lambda one: seconds[one])
+    why = f"least time of all methods at {accuracy:.0e} with {n_elements} elements, as measured"
+    others = [f"{one} {seconds[one] / seconds[method]:.2g} times that" for one in seconds if one != method]
+    return method, "; ".join([why, *others])
 
 
 def choose_net(n_elements: int, *, implicit: bool) -> tuple[NetForm, str]:
@@ -143,5 +171,7 @@ def choose_loop(method: Method) -> tuple[TimeLoop, str]:
 
 
 def _between(at: float, x: Floats, y: Floats) -> float:
-    """Straight lines in the logarithms."""
+    """Straight lines in the logarithms; infinite where the nearest is."""
+    if np.isinf(y).any():
+        return float("inf")
     return float(np.exp(np.interp(np.log(at), np.log(x), np.log(y))))

@@ -182,8 +182,13 @@ class Monitor:
         """Raises RunStopped, with the `step_cause` that a smaller step may mend or not."""
         memory = dict(self._memory)
         states = States(self._system, batch.time, *batch[1:4], memory, batch.first_order)
-        with np.errstate(all="ignore"):  # numbers that overflow are what the guards look for
+        with np.errstate(all="ignore"):
             dissipated = self._dissipated(states, batch)
+        self.see(states, dissipated)
+
+    def see(self, states: States, dissipated: Floats) -> None:
+        """As `take`, of states and the energy (k,) [J] taken out until each."""
+        with np.errstate(all="ignore"):  # numbers that overflow are what the guards look for
             marked = self._marked(states.time)
             # The longest element is looked for in every state: its peak may last for one of them.
             too_long = (states.length > self._longest).any()
@@ -191,7 +196,9 @@ class Monitor:
                 self._envelope.look(states.time, states.elastic, states.kinetic)
             every = np.arange(self._every, len(states) - 1, self._every)
             rows = np.union1d(np.append(every, len(states) - 1), marked)
-            look = self._guards.look(states[rows], dissipated[rows])
+            # Rows that follow each other are not copied.
+            part = slice(rows[0], rows[-1] + 1) if rows[-1] - rows[0] == len(rows) - 1 else rows
+            look = self._guards.look(states[part], dissipated[part])
             if too_long or look.wrong.any():
                 self._stop(states, dissipated, marked)
             self._accept(states, dissipated, rows, look, marked)
@@ -199,10 +206,10 @@ class Monitor:
 
     def _marked(self, time: Floats) -> NDArray[np.int64]:
         """Rows of the times that are marked; the first row was the last of the batch before."""
-        rows = np.searchsorted(time, self._marks)
-        seen = [int(row) for row in rows if row < len(time)]
-        pairs = zip(seen, self._marks, strict=False)  # marks to come have no row yet
-        return np.array([row for row, mark in pairs if time[row] == mark and row], dtype=np.int64)
+        marks = np.array(self._marks, dtype=float)
+        rows = np.searchsorted(time, marks)
+        rows = rows[rows < len(time)]  # marks to come have no row yet
+        return rows[(time[rows] == marks[: len(rows)]) & (rows > 0)]
 
     def _dissipated(self, states: States, batch: Batch) -> Floats:
         """(k,) energy taken out until each state [J]."""

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import Fault
-from exunet.case.scene import Scene
+from exunet.case.scene import Engine, Scene
 from exunet.case.stored_times import stored_times
+from exunet.codegen.compile import numba_installed
 from exunet.methods.keys import AUTO
-from exunet.methods.method import COMPILED_METHODS, METHODS, Kind, Method, TimeLoop
+from exunet.methods.method import COMPILED_METHODS, METHODS, Form, Kind, Method, TimeLoop
 from exunet.methods.plan import Plan
-from exunet.simulation import auto
+from exunet.simulation import auto, measures, pilot
 from exunet.system.stability import (
     SAFETY,
     WEAK_GROWTH,
@@ -23,7 +24,7 @@ from exunet.system.stability import (
     stable_step,
     step_limit,
 )
-from exunet.system.system import System
+from exunet.system.system import State, System
 
 # Longest adaptive step, times the highest angular frequency. In free flight the error estimate would allow
 # any step; one that ends deep inside a snap overflows, and the engine accepts the step whose error is not a
@@ -33,14 +34,16 @@ LONGEST = 30.0
 STIFF = 10.0
 
 
-def make_plan(scene: Scene, system: System, velocity: NDArray[np.float64]) -> tuple[Plan, list[Fault]]:
-    """How this scene is integrated, and what is wrong with that; velocity (n_nodes, 3): initial one [m/s]."""
+def make_plan(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fault]]:
+    """How this scene is integrated from a state, and what is wrong with that."""
     solver = scene.solver
+    if solver.accuracy_of == "measures":
+        return _for_measures(scene, system, state), []
     if solver.method == AUTO:
-        return _chosen(scene, system, velocity), []
+        return _chosen(scene, system, state), []
     method = Method(solver.method)
     if METHODS[method].kind == Kind.ADAPTIVE:
-        return _adaptive(method, scene, system, velocity), []
+        return _adaptive(method, scene, system, state), []
     spacing = float(np.diff(stored_times(scene.time)).max())
     limit = step_limit(method, largest_frequency(system), largest_damping_rate(system))
     if solver.step is not None:
@@ -56,7 +59,7 @@ def make_plan(scene: Scene, system: System, velocity: NDArray[np.float64]) -> tu
     return _fixed(method, SAFETY * limit, spacing, note), []
 
 
-def _chosen(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan:
+def _chosen(scene: Scene, system: System, state: State) -> Plan:
     """What "auto" chooses: an adaptive explicit method, by the accuracy asked for.
 
     That holds for stiff damping too: implicit steps beyond the damping's own time misjudge the work that it
@@ -64,13 +67,15 @@ def _chosen(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan
     """
     solver = scene.solver
     measured = auto.table().at(scene.initial.packing)
-    able = tuple(measured.adaptive) if scene.engine.loop == TimeLoop.EXUDYN else COMPILED_METHODS
-    method, why = auto.choose_method(solver.accuracy, able, measured)
+    able, forms = _open_to(scene.engine)
+    if _is_measured_on_the_start(scene, system):
+        able = COMPILED_METHODS
+    method, why = auto.choose_method(solver.accuracy, able, measured, system.net.n_elements, forms)
     if measured is auto.table().nearly_deployed:
         why += " on nearly deployed starts"
     if solver.tolerance is not None:
         method, why = Method.DOPRI5, "for a given tolerance"
-    plan = _adaptive(method, scene, system, velocity)
+    plan = _adaptive(method, scene, system, state)
     notes = [f"auto: {method}, tolerance {plan.tolerance:.2g} ({why})"]
     rate, frequency = largest_damping_rate(system), largest_frequency(system)
     if rate > STIFF * frequency:
@@ -83,6 +88,40 @@ def _chosen(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan
             "measured scenes, before the horizon of predictability (exunet run --estimate-error measures it)"
         )
     return replace(plan, notes=(*notes, *plan.notes))
+
+
+def _open_to(engine: Engine) -> tuple[tuple[Method, ...], tuple[Form, ...]]:
+    """The methods and forms that the case leaves to "auto"."""
+    if engine.loop != TimeLoop.EXUDYN:
+        return COMPILED_METHODS, (Form.COMPILED,)
+    if engine.net != "auto":
+        return tuple(METHODS), (Form(engine.net),)
+    return tuple(METHODS), (Form.CONNECTORS, Form.FUSED) if numba_installed() else (Form.CONNECTORS,)
+
+
+def _is_measured_on_the_start(scene: Scene, system: System) -> bool:
+    """Nearly deployed, with bullets by whose speeds errors are judged."""
+    return scene.initial.packing >= auto.NEARLY_DEPLOYED and len(system.net.bullet_nodes) > 0
+
+
+def _for_measures(scene: Scene, system: System, state: State) -> Plan:
+    """VelocityVerlet where it was measured, else DOPRI5; or the one of the two that the case names."""
+    why = measures.why_not_verlet(system)
+    method = Method(scene.solver.method) if scene.solver.method != AUTO else None
+    if method is None:
+        method = Method.DOPRI5 if why else Method.VELOCITY_VERLET
+    promise = measures.promise(method)
+    if method == Method.VELOCITY_VERLET:
+        spacing = float(np.diff(stored_times(scene.time)).max())
+        words = f"measures: {method}, {measures.settings().step:g} x its stable step"
+        if why:
+            promise = f"nothing is promised for the measures: {why}; auto takes DOPRI5"
+        return _fixed(method, measures.verlet_step(system), spacing, words, promise)
+    relative = measures.settings().tolerance
+    reason = f" ({why})" if why else ""
+    words = f"measures: {method}, tolerance {relative:.2g} x the launch speed{reason}"
+    tolerance = relative * _speed(state.velocity)
+    return _with_tolerance(method, tolerance, scene, system, words, promise)
 
 
 def with_forms(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]:
@@ -134,20 +173,33 @@ def _fixed(method: Method, step: float, spacing: float, *notes: str) -> Plan:
     return Plan(method, step=min(step, spacing), notes=notes)
 
 
-def _adaptive(method: Method, scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan:
+def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Plan:
     solver = scene.solver
+    if solver.tolerance is not None:
+        return _with_tolerance(method, solver.tolerance, scene, system)
+    known = auto.table().at(scene.initial.packing).adaptive[method]
+    relative = known.tolerance_for(solver.accuracy)
+    tolerance = relative * _speed(state.velocity)
     notes: tuple[str, ...] = ()
-    tolerance, expected = solver.tolerance, None
-    if tolerance is None:
-        speed = float(np.sqrt((velocity**2).sum(axis=1)).max(initial=0.0)) or 1.0
-        known = auto.table().at(scene.initial.packing).adaptive[method]
-        relative = known.tolerance_for(solver.accuracy)
-        tolerance, expected = relative * speed, known.expected_error(relative)
-        if solver.accuracy < known.best:
-            notes = (
-                f"accuracy {solver.accuracy:g} is beyond double precision here: "
-                f"ran at the best, {known.best:.1g}, tolerance {tolerance:.2g}",
-            )
+    if solver.accuracy < known.best:
+        notes = (
+            f"accuracy {solver.accuracy:g} is beyond double precision here: "
+            f"ran at the best, {known.best:.1g}, tolerance {tolerance:.2g}",
+        )
+    plan = _with_tolerance(method, tolerance, scene, system, *notes)
+    if _is_measured_on_the_start(scene, system):
+        loop = auto.choose_loop(method)[0] if scene.engine.loop == "auto" else scene.engine.loop
+        times = stored_times(scene.time)
+        return pilot.settled(plan, solver.accuracy, loop, system, state, times, _speed(state.velocity))
+    return replace(plan, expected_error=known.expected_error(relative))
+
+
+def _speed(velocity: NDArray[np.float64]) -> float:
+    """The launch speed [m/s], of which tolerances are parts; 1 at rest."""
+    return float(np.sqrt((velocity**2).sum(axis=1)).max(initial=0.0)) or 1.0
+
+
+def _with_tolerance(method: Method, tolerance: float, scene: Scene, system: System, *notes: str) -> Plan:
     frequency = largest_frequency(system)
     period = 1.0 / frequency if frequency else math.inf
     first = min(scene.time.end, 0.1 * period)
@@ -157,6 +209,5 @@ def _adaptive(method: Method, scene: Scene, system: System, velocity: NDArray[np
         first_step=first,
         longest_step=LONGEST * period,
         least_step=1e-6 * first,
-        expected_error=expected,
         notes=notes,
     )

@@ -95,7 +95,7 @@ def prepare(scene: Scene) -> Start:
         faults += body_faults(scene, system, state, faults)
         overflows = any(fault.beyond_floats for fault in faults)
         with within_floats(system.net):
-            plan, wrong_steps = make_plan(scene, system, state.velocity)
+            plan, wrong_steps = make_plan(scene, system, state)
         wrong_steps += step_faults(scene, system.net, plan)
         faults += [fault for fault in wrong_steps if fault.key != "net" or not overflows]
         faults += form_faults(system, state, plan, scene.engine)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
@@ -15,16 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
+from exunet.backends.compiled.side_by_side import RunsSideBySide, side_by_side_kernel
 from exunet.backends.protocol import IntegrationFailed, StepsCollapsed
 from exunet.base.errors import InputError, RunStopped
 from exunet.case.stored_times import stored_times
+from exunet.codegen.compile import WIDTH, kept_before
 from exunet.codegen.kernel import Kernel
 from exunet.methods.method import COMPILED_METHODS
 from exunet.results import measures as metrics
 from exunet.results.headlines import Course, Peak
+from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.simulation.refinement import finer
+from exunet.simulation.trial import is_compiled
 from exunet.studies.neighbours import perturbed
 from exunet.system.states import States
 
@@ -109,14 +113,16 @@ def run_ensemble(
     retries: int = 0,
     progress: Callable[[int], None] | None = None,
     first: int = 0,
+    together: bool | None = None,
 ) -> Ensemble:
-    """Run `start` once from each initial state; the result does not depend on the number of workers.
+    """Run `start` once from each initial state; the bits of a run depend on nothing but its start.
 
     position, velocity : (runs, n_nodes, 3) [m], [m/s]; velocity None: that of `start` for all
     workers            : threads (compiled code runs beside each other); None: one a core
     retries            : how often a run that fails because of its steps begins anew with finer ones
     progress           : called with the number of runs that are done, after each of them
     first              : number of the first run in the words of errors
+    together           : runs go side by side through compiled code where they can; None: where it pays
     Raises RunStopped, naming the run, if one diverges or its steps collapse; MissingExtra without Numba;
     InputError for a method that the compiled loop does not have, states of another shape or that are not
     finite numbers, or a number of workers below 1; KeyboardInterrupt on Ctrl-C.
@@ -134,8 +140,8 @@ def run_ensemble(
     else:
         speeds = _states("velocity", velocity, start.system.blocks.n_points, len(position))
     times = stored_times(start.scene.time)
-    kernel = loop_kernel(start.system)
-    stop = Event()
+    kernel, stop = loop_kernel(start.system), Event()
+    shared = kernel_of_many(start, len(position), together)
 
     def one(run: int) -> tuple[Any, ...]:
         moved = start.moved(position[run], speeds[run])
@@ -149,13 +155,22 @@ def run_ensemble(
                 moved = replace(moved, plan=plan)
         raise AssertionError("the last attempt returns or raises")
 
+    def several(runs: range) -> list[tuple[Any, ...]]:
+        moved = [start.moved(position[run], speeds[run]) for run in runs]
+        found = _side_by_side(moved, shared, times, stop) if shared else [None] * len(runs)
+        # A run that stops among others does so alone, where it may begin anew with finer steps.
+        return [one(run) if done is None else done for run, done in zip(runs, found, strict=True)]
+
+    width = WIDTH if shared else 1
+    groups = [range(k, min(k + width, len(position))) for k in range(0, len(position), width)]
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         try:
             found = []
-            for done in pool.map(one, range(len(position))):
-                found.append(done)
-                if progress is not None:
-                    progress(len(found))
+            for group in pool.map(several, groups):
+                for done in group:
+                    found.append(done)
+                    if progress is not None:
+                        progress(len(found))
         except BaseException:
             stop.set()
             pool.shutdown(wait=True, cancel_futures=True)
@@ -195,11 +210,33 @@ def _stacked(found: Sequence[tuple[Any, ...]]) -> list[Any]:
     return [np.array(column) for column in zip(*found, strict=True)]
 
 
+def _measured(states: States, dissipated: Floats) -> tuple[Floats, ...]:
+    """What `Ensemble` has of states (k,), from `bullet_speed` to `tension`."""
+    net = states.system.net
+    position = states.position[:, : net.n_nodes]
+    return (
+        metrics.speeds_of(net.bullet_nodes, states.velocity),
+        metrics.mouth_area(net, position),
+        states.kinetic,
+        states.elastic,
+        states.potential,
+        dissipated,
+        metrics.net_centre(net, position),
+        states.tension.max(axis=1, initial=0.0),
+    )
+
+
+def _row(parts: Sequence[tuple[Floats, ...]], monitor: Monitor, right_hand_sides: int) -> tuple[Any, ...]:
+    """All of a run, from what was measured in parts of it."""
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    peak = monitor.peaks.provenance()
+    return (*columns, peak["tension_N"], peak["time_s"], peak["element"], right_hand_sides)
+
+
 def _one(start: Start, kernel: Kernel, times: Floats, stop: Event) -> tuple[Any, ...]:
     """Through the stored times, with guards and events, as a run."""
-    system, net = start.system, start.net
-    stored: list[tuple[States, Floats]] = [(States.of(system, start.state), np.zeros(1))]
-    monitor = Monitor(system, start.state, store=lambda *rows: stored.append(rows))
+    parts = [_measured(States.of(start.system, start.state), np.zeros(1))]
+    monitor = Monitor(start.system, start.state, store=lambda *stored: parts.append(_measured(*stored)))
     monitor.explain(start.plan)
     through = _from_time_to_time if start.state.memory else _in_stretches
     try:
@@ -207,22 +244,7 @@ def _one(start: Start, kernel: Kernel, times: Floats, stop: Event) -> tuple[Any,
     except IntegrationFailed as failure:
         collapsed = isinstance(failure, StepsCollapsed)
         raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
-    parts = [
-        (
-            np.linalg.norm(states.velocity[:, net.bullet_nodes], axis=-1),
-            metrics.mouth_area(net, states.position[:, : net.n_nodes]),
-            states.kinetic,
-            states.elastic,
-            states.potential,
-            dissipated,
-            metrics.net_centre(net, states.position[:, : net.n_nodes]),
-            states.tension.max(axis=1, initial=0.0),
-        )
-        for states, dissipated in stored
-    ]
-    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    peak = monitor.peaks.provenance()
-    return (*columns, peak["tension_N"], peak["time_s"], peak["element"], right_hand_sides)
+    return _row(parts, monitor, right_hand_sides)
 
 
 def _from_time_to_time(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:
@@ -240,10 +262,7 @@ def _in_stretches(start: Start, kernel: Kernel, times: Floats, monitor: Monitor,
     """Without events many times are reached in one call of compiled code; the steps are the same."""
     loop = CompiledIntegration(start.system, start.state, start.plan, kernel)
     loop.look_at_tensions()
-    at, number = 0, 1
-    while at < len(times) - 1:
-        began = clock.perf_counter()
-        stretch = times[at : at + number + 1]
+    for stretch in _stretches(times, stop):
         batch = loop.through(stretch)
         for time in batch.time[1:]:
             monitor.mark(time)
@@ -253,17 +272,90 @@ def _in_stretches(start: Start, kernel: Kernel, times: Floats, monitor: Monitor,
             raise StepsCollapsed(words)
         tension, time, element = loop.largest_tension
         monitor.peaks.take(time, tension, element)
-        _leave_if(stop)
-        at += len(stretch) - 1
-        if clock.perf_counter() - began < _STRETCH:
-            number = min(2 * number, _MOST_TIMES)
     return loop.counts.right_hand_sides
+
+
+def _side_by_side(
+    starts: list[Start], kernel: Kernel, times: Floats, stop: Event
+) -> list[tuple[Any, ...] | None]:
+    """The same of several runs at once; None for a run that stopped."""
+    system, runs = starts[0].system, len(starts)
+    parts: list[list[tuple[Floats, ...]]] = [
+        [_measured(States.of(system, start.state), np.zeros(1))] for start in starts
+    ]
+    monitors: list[Monitor | None] = [Monitor(system, start.state) for start in starts]
+    loop = RunsSideBySide(system, [start.state for start in starts], starts[0].plan, kernel)
+    most = max(2, _MOST_VALUES // (WIDTH * system.blocks.n_x))
+    for stretch in _stretches(times, stop, _FIRST, most):
+        found = loop.through(stretch)
+        points = (part.reshape(-1, *part.shape[2:]) for part in (found.position, found.velocity))
+        states = States.of_points(system, np.tile(found.time, runs), *points)
+        with np.errstate(all="ignore"):  # of runs that diverge
+            measured = _measured(states, found.taken.ravel())
+        for run, monitor in enumerate(monitors):
+            if monitor is None:
+                continue
+            first = run * len(stretch)
+            for time in stretch[1:]:
+                monitor.mark(time)
+            try:
+                monitor.see(states[first : first + len(stretch)], found.taken[run])
+            except RunStopped:
+                monitors[run] = None
+            tension, time, element = loop.largest_tension(run)
+            monitor.peaks.take(time, tension, element)
+            parts[run].append(tuple(column[first + 1 : first + len(stretch)] for column in measured))
+    return [
+        None if monitor is None else _row(parts[run], monitor, loop.right_hand_sides)
+        for run, monitor in enumerate(monitors)
+    ]
 
 
 _STRETCH = 0.2  # [s] of wall time after which a run sees that it is to be left
 _MOST_TIMES = 128  # states that the guards look at in one go
+_FIRST = 134  # times of a first stretch of runs side by side: a third of those of a course
+_MOST_VALUES = 2**19  # coordinates that runs side by side keep in one go
+
+
+def _stretches(times: Floats, stop: Event, first: int = 1, most: int = _MOST_TIMES) -> Iterator[Floats]:
+    """Parts of the times, each from the last of the one before; raises KeyboardInterrupt once it is to stop.
+
+    first, most : times in the first of them, and at most
+    """
+    at, number = 0, min(first, most)
+    while at < len(times) - 1:
+        began = clock.perf_counter()
+        stretch = times[at : at + number + 1]
+        yield stretch
+        _leave_if(stop)
+        at += len(stretch) - 1
+        if clock.perf_counter() - began < _STRETCH:
+            number = min(2 * number, most)
 
 
 def _leave_if(stop: Event) -> None:
     if stop.is_set():
         raise KeyboardInterrupt
+
+
+_GAIN = 6.0  # times as fast as one by one, where runs go side by side
+_PAYS = 5.0  # [s] of runs one by one, below which side by side is not worth its compilation
+
+
+def kernel_of_many(start: Start, runs: int, together: bool | None = None) -> Kernel | None:
+    """What takes so many runs side by side; None where that cannot be, is not wanted, or does not pay.
+
+    together : True, False: wanted or not; None: if it is compiled already, or the runs take long
+    """
+    kernel = None if together is False else side_by_side_kernel(start.system, start.plan)
+    if kernel is None or together or kept_before(kernel.source):
+        return kernel
+    return kernel if runs * seconds_of_a_course(start, None) / (os.cpu_count() or 1) > _PAYS else None
+
+
+def way_of(start: Start, runs: int) -> tuple[float, bool]:
+    """How many times as fast as one by one so many runs go, and whether that way is to be compiled first."""
+    kernel = kernel_of_many(start, runs)
+    if kernel is None:
+        return 1.0, not is_compiled(start)
+    return _GAIN, not kept_before(kernel.source)

@@ -1,4 +1,4 @@
-"""The error of a run, estimated from a second run with a finer setting and a third from a moved start."""
+"""The error of a run, estimated from a much finer run, and from a third one from a moved start."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ from exunet.methods.plan import Plan
 from exunet.results.result import Result
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
-from exunet.studies.neighbours import MOVE, launch_speed, nearby_start, of_other_accuracy, tracked_speeds
+from exunet.studies.neighbours import (
+    MOVE,
+    launch_speed,
+    nearby_start,
+    of_much_other_accuracy,
+    tracked_speeds,
+)
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,7 @@ class ErrorEstimate:
 def estimate_error(scene: Scene, result: Result) -> ErrorEstimate:
     """Run the scene again, twice, and compare with `result`; raises RunStopped if one of them stops."""
     start = prepare(scene)
-    plan = of_other_accuracy(start.plan)
+    plan = of_much_other_accuracy(start.plan)
     scale = launch_speed(start.velocity)
     ours = tracked_speeds(result.net, result.velocity)
     again, nearby = (

@@ -47,6 +47,16 @@ def of_other_accuracy(plan: Plan) -> Plan:
     return replace(plan, tolerance=plan.tolerance / FINER_TOLERANCE)
 
 
+def of_much_other_accuracy(plan: Plan) -> Plan:
+    """Two steps finer, or coarser where round-off leaves nothing to gain.
+
+    Errors at kinks of the forces scatter by two decades at one tolerance, so
+    that a run with a tenth of it often errs as much, and nothing follows from the difference of the two.
+    """
+    other = of_other_accuracy(plan)
+    return finer(other) or other
+
+
 def launch_speed(velocity: Floats) -> float:
     """Largest speed [m/s] of a node with the velocities (n_nodes, 3), the unit of errors; 1 at rest."""
     return float(np.linalg.norm(velocity, axis=1).max(initial=0.0)) or 1.0

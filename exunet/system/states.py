@@ -132,7 +132,8 @@ class States:
     @cached_property
     def kinetic(self) -> Floats:
         """(k,) K of eq. (18), and of the rigid bodies [J]."""
-        points = 0.5 * (self.squared_speed @ self.system.mass)
+        # Not `@`, by which the bits would depend on how many states there are.
+        points = 0.5 * np.einsum("kn,n->k", self.squared_speed, self.system.mass)
         return points + self.kinetic_of_bodies.sum(axis=1) if self.system.bodies else points
 
     @cached_property

@@ -31,7 +31,7 @@ def with_tolerance(case: BothCodes, method: str, tolerance: float) -> Plan:
     """An adaptive method with an absolute tolerance [m, m/s]."""
     start, solver = case.start, Solver.model_validate({"method": method, "tolerance": tolerance})
     scene = start.scene.model_copy(update={"solver": solver})
-    return make_plan(scene, start.system, start.velocity)[0]
+    return make_plan(scene, start.system, start.state)[0]
 
 
 def best_plan(case: BothCodes, tolerance: float) -> Plan:

@@ -17,8 +17,9 @@ from exunet.backends.compiled.work_space import Stages
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     BODIES = True
     FIRST_ORDER = True
+    TOLD = True
 
-    def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> float: ...
+    def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> Any: ...
 
 
 def stages_of(work: Any) -> Any:
@@ -29,33 +30,33 @@ def stages_of(work: Any) -> Any:
     )  # fmt: skip
 
 
-def accelerate(t: float, x: Any, v: Any, m: Any, a: Any) -> float:
+def accelerate(t: float, x: Any, v: Any, m: Any, a: Any) -> Any:
     """Accelerations a [m/s2], eq. (16), of the bodies' rotation by Euler's equations [rad/s2], and rates.
 
-    Returns the elastic energy [J] at x.
+    Returns what `add_forces` does: the elastic energy [J] at x, and the power [W] that it tells.
     """
     n = m.push.size
     for c in range(n):
         a[c] = m.push[c]
     # Slices cost, and without bodies and states all rows have one length.
-    held = add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
+    told = add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
     if BODIES:
         add_gyroscopic(v, m.inertia, m.c.size, a)
     for c in range(n):
         a[c] *= m.inverse[c]
-    return held
+    return told
 
 
-def accelerate_without_spin(t: float, x: Any, v: Any, m: Any, a: Any) -> float:
+def accelerate_without_spin(t: float, x: Any, v: Any, m: Any, a: Any) -> Any:
     """As `accelerate`, without the gyroscopic torque of free rotation."""
     n = m.push.size
     for c in range(n):
         a[c] = m.push[c]
     # Slices cost, and without bodies and states all rows have one length.
-    held = add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
+    told = add_forces(t, x, v[: m.v.size], m.data, a[:n]) if FIRST_ORDER else add_forces(t, x, v, m.data, a)
     for c in range(n):
         a[c] *= m.inverse[c]
-    return held
+    return told
 
 
 def add_gyroscopic(v: Any, inertia: Any, first: int, torque: Any) -> None:
@@ -94,7 +95,7 @@ def stage(t: float, h: float, x: Any, v: Any, m: Any, a: Any, rate: Any, weights
     """
     if FIRST_ORDER:
         advance_first_order(h, m, weights)
-    held = accelerate(t, x, v, m, a)
+    held, _ = accelerate(t, x, v, m, a)
     if FIRST_ORDER:
         first_order_rates(v, m.z1, a, m, rate)
     return held
@@ -154,8 +155,9 @@ def verlet_step(t: float, h: float, m: Any) -> float:
     Forces that depend on the velocity are taken with that of the half step, as the engine does; a1 goes from
     step to step. Bodies rotate freely between two half steps of the torque, so that rotation is of order 2
     too (the engine's is of order 1). First-order states go by Heun's method, whose second rate is that of the
-    forces at the end: order 2, but for rates that depend on velocities. Returns the elastic energy at the
-    end [J].
+    forces at the end: order 2, but for rates that depend on velocities. Where the forces tell all power,
+    m.taken gets that at the velocity of the half step, by the midpoint rule. Of points alone, the state may
+    stand in x1 and v1 before the step too. Returns the elastic energy at the end [J].
     """
     s = stages_of(m.work)
     states = 4 * m.inertia.shape[0]
@@ -170,9 +172,11 @@ def verlet_step(t: float, h: float, m: Any) -> float:
             m.rates[0, k] = s.a1[m.v.size + k - states]
             m.z1[k] = m.z[k] + h * m.rates[0, k]
     if BODIES:
-        held = accelerate_without_spin(t + h, s.x1, s.v1, m, s.a1)
+        held, watts = accelerate_without_spin(t + h, s.x1, s.v1, m, s.a1)
     else:
-        held = accelerate(t + h, s.x1, s.v1, m, s.a1)
+        held, watts = accelerate(t + h, s.x1, s.v1, m, s.a1)
+    if TOLD:
+        m.taken[0] += h * watts
     for c in range(m.v.size):
         s.v1[c] += 0.5 * h * s.a1[c]
     if FIRST_ORDER:

@@ -124,6 +124,25 @@ class Seen(NamedTuple):
     twice_time: Floats
 
 
+class SeenOfRuns(NamedTuple):
+    """What is seen of the steps of several runs, the last axis of x, v and look_above.
+
+    peaks      : (runs,) a record `PEAKS` of each
+    elements   : the rest of a `Seen`, whose own record is not used
+    x, v       : (n_x, runs), (n_v, runs) the states
+    elastic    : (1, runs) elastic energies [J] of a step that is looked at
+    look_above : (1, runs) as in the records; level: the same memory, as vectors in compiled code
+    """
+
+    peaks: NDArray[np.void]
+    elements: Seen
+    x: Floats
+    v: Floats
+    elastic: Floats
+    look_above: Floats
+    level: Floats
+
+
 class Kept(NamedTuple):
     """Rows of states: time (k,), x (k, n_x), v (k, n_v), taken (k,)."""
 
@@ -138,7 +157,7 @@ class Run(NamedTuple):
 
     motion: Motion
     clock: NDArray[np.void]
-    seen: Seen
+    seen: Seen | SeenOfRuns
     kept: Kept
 
 

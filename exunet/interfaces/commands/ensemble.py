@@ -25,7 +25,8 @@ from exunet.results.headlines import HEADLINES, Headline, printed, unit_of_last_
 from exunet.results.run_folder import held
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.preparation import prepare_case
-from exunet.simulation.trial import is_compiled, try_out
+from exunet.simulation.trial import try_out
+from exunet.studies.ensemble import way_of
 from exunet.studies.moved_starts import ensemble, refuse_other_methods, refuse_too_many, refuse_wrong
 
 OFTEN = 10.0  # [s] between two lines of progress
@@ -65,8 +66,9 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
         if file.exists() and not asked.overwrite:
             words = "there is an ensemble in this folder: replace it (--overwrite), or give another --out"
             raise InputError(f"{folder}: {words}")
-        compiles = not is_compiled(start)
-        seconds = seconds_of_a_course(start, try_out(start, _BUDGET)) * asked.runs / (os.cpu_count() or 1)
+        gain, compiles = way_of(start, asked.runs)
+        each = seconds_of_a_course(start, try_out(start, _BUDGET)) / gain
+        seconds = each * asked.runs / (os.cpu_count() or 1)
         more = ", and some seconds to compile the scene's forces, once" if compiles else ""
         say(f"time    about {duration(seconds)}{more}")
         say(f"disk    about {size(8 * (len(HEADLINES) + 1) * asked.runs + 500_000)}")

@@ -19,6 +19,7 @@ from exunet.simulation.expected_cost import (
 )
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import Trial, is_compiled, try_out
+from exunet.studies.ensemble import way_of
 from exunet.studies.spread import FINER_RUN, NO_NUMBA, runs_within
 
 LONG = 10.0  # [s] from which on a run says what would be cheaper
@@ -107,8 +108,9 @@ def expected_spread(
     cores = os.cpu_count() or 1
     each = seconds_of_a_course(start, trial)
     runs = runs_within(run.seconds, each, cores) if asked is None else asked
-    seconds = each * (-(-(runs + 1) // cores) + FINER_RUN)
-    return ExpectedSpread(runs, seconds, compiles=not is_compiled(start))
+    gain, compiles = way_of(start, runs + 1)
+    seconds = each * (-(-(runs + 1) // cores) / gain + FINER_RUN)
+    return ExpectedSpread(runs, seconds, compiles)
 
 
 def refuse_beyond(cost: Expected, start: Start, folder: Path) -> None:

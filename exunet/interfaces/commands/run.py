@@ -13,6 +13,7 @@ from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.interfaces.commands.estimates import ExpectedSpread, estimated, expected_spread, refuse_beyond
 from exunet.interfaces.commands.folders import opened, ready, silent, to_stderr
+from exunet.interfaces.commands.measures import rows_on_measures
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.interfaces.commands.progress import told_progress
@@ -87,6 +88,8 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
     disk.
     """
     start = prepare_case(case)  # whose faults come before any folder is made
+    if asked.estimate and case.scene.solver.accuracy_of == "measures":
+        raise InputError('--estimate-error: is of the trajectory, not for solver.accuracy_of = "measures"')
     refuse_checkpoints(start, asked.checkpoint_every)
     wanted = asked.out or folder_of(case)
     say = silent if asked.quiet else to_stderr
@@ -190,7 +193,7 @@ def _describe(
         no_check = "the run stopped before its end"
     spread = _spread(case, result, story, moved)
     summary: dict[str, Any] = summarise(result, agreement or no_check, spread)
-    table = rows(summary, spread)
+    table = rows(summary, spread) + rows_on_measures(case.scene, spread)
     if asked.estimate and result.complete:
         error_estimate, failed = _estimate(case, result)
         story.failed = story.failed or failed

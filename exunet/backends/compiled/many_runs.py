@@ -1,0 +1,80 @@
+"""The steps of `many_steps` on vectors of runs (`exunet.codegen.lanes`): the same text, another type.
+
+The text of these functions is copied into a kernel's specialised module, beside that of the steps.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from exunet.backends.compiled import many_steps
+from exunet.backends.compiled.many_steps import begin, equal_steps, keep, see_tensions, through_equal
+from exunet.backends.compiled.work_space import Kept, Motion, Run, Seen, SeenOfRuns
+from exunet.codegen.compile import lanes_version
+
+if TYPE_CHECKING:  # the generated module holds these beside the functions below
+    from exunet.codegen.lanes import borrowed, lanes_of
+
+
+def see(t: float, elastic: Any, x: Any, v: Any, seen: Any) -> None:
+    """Look for the largest tension of each run that has enough elastic energy [J] for one.
+
+    x, v, elastic are vectors; `SeenOfRuns` has their numbers one by one.
+    """
+    if elastic > seen.level[0]:
+        lanes_of(seen.elastic)[0] = elastic
+        for run in range(seen.peaks.size):
+            if seen.elastic[0, run] > seen.look_above[0, run]:
+                peaks = seen.peaks[run : run + 1]
+                _, half, ends, length, stiffness, twice_time = seen.elements
+                of_run = Seen(peaks, half, ends, length, stiffness, twice_time)
+                see_tensions(t, seen.x[:, run], seen.v[:, run], of_run)
+                seen.look_above[0, run] = peaks[0]["look_above"]
+
+
+def accept(m: Any) -> None:
+    """Nothing is to be done where the states stand in the rows x1 and v1 of the steps' result."""
+
+
+def in_lanes(run: Any) -> Any:
+    """A `Run` whose arrays have the runs as their last axis, as one of vectors."""
+    m, clock, seen, kept = borrowed(run)
+    motion = Motion(
+        lanes_of(m.x),
+        lanes_of(m.v),
+        lanes_of(m.c),
+        lanes_of(m.z),
+        m.inverse,
+        m.inertia,
+        m.push,
+        m.data,
+        lanes_of(m.work),
+        lanes_of(m.z1),
+        lanes_of(m.rates),
+        lanes_of(m.taken),
+    )
+    peaks, elements, x, v, elastic, look_above, level = seen
+    seen_in_lanes = SeenOfRuns(peaks, elements, x, v, elastic, look_above, lanes_of(level))
+    rows = Kept(kept.time, lanes_of(kept.x), lanes_of(kept.v), lanes_of(kept.taken))
+    return Run(motion, clock, seen_in_lanes, rows)
+
+
+def begin_runs(t: float, verlet: bool, run: Any) -> None:
+    """`begin` for all runs."""
+    begin(t, verlet, in_lanes(run).motion)
+
+
+def runs_through(verlet: bool, times: Any, step: float, run: Any) -> int:
+    """`through_equal` for all runs."""
+    return through_equal(verlet, times, step, in_lanes(run))
+
+
+IMPORTS = (
+    *many_steps.IMPORTS,
+    "from exunet.backends.compiled.work_space import Kept, Motion, Run, Seen, SeenOfRuns",
+    f"from exunet.codegen.lanes import borrowed, lanes_of  # {lanes_version()}",
+)
+_SEEN = tuple(function for function in many_steps.STEPS if function is not many_steps.see)
+STEPS = (*_SEEN, see, in_lanes, begin, keep, equal_steps, through_equal)
+IN_PLACE = tuple(accept if function is many_steps.accept else function for function in STEPS)
+LOOP = (begin_runs, runs_through)

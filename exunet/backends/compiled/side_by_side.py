@@ -1,0 +1,148 @@
+"""Several runs of one system at once, by equal steps in compiled code that works on vectors of runs.
+
+The steps are those of a run alone, their text too, so each run has the bits that it has alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.backends.compiled import many_runs
+from exunet.backends.compiled.work_space import Kept, Motion, Run, SeenOfRuns, Stages, clock_at, seen_nothing
+from exunet.codegen.compile import WIDTH
+from exunet.codegen.generate import tells_all_power
+from exunet.codegen.kernel import Kernel
+from exunet.forces.terms import KernelCall
+from exunet.methods.method import METHODS, Kind, Method
+from exunet.methods.plan import Plan
+from exunet.system.system import State, System
+
+Floats = NDArray[np.float64]
+
+
+def side_by_side_kernel(system: System, plan: Plan) -> Kernel | None:
+    """What advances several runs at once; None where that cannot be.
+
+    It needs equal steps of the compiled loop, points only, no memories or inputs, and forces that can act on
+    many runs: the elastic elements, and constant matrices and loads. Needs Numba.
+    """
+    facts = METHODS[plan.method]
+    if facts.kind == Kind.ADAPTIVE or not facts.compiled or plan.step is None:
+        return None
+    if system.bodies or system.blocks.states or system.memory:
+        return None
+    if not all(call.of_many for call in _calls(system)):
+        return None
+    steps = many_runs.IN_PLACE if _in_place(system, plan) else many_runs.STEPS
+    return Kernel(system.forces, many_runs.LOOP, steps, imports=many_runs.IMPORTS)
+
+
+def _calls(system: System) -> list[KernelCall]:
+    return [call for term in system.forces for call in term.calls]
+
+
+def _in_place(system: System, plan: Plan) -> bool:
+    """True if a step needs no room beside the state: what it works on then fits into a smaller cache."""
+    calls = _calls(system)
+    told = tells_all_power(calls) or not any(call.dissipates for call in calls)
+    return plan.method == Method.VELOCITY_VERLET and told
+
+
+class StatesOfRuns(NamedTuple):
+    """States of several runs at times (k,) [s].
+
+    position, velocity : (runs, k, n_points, 3) [m], [m/s]
+    taken              : (runs, k) energy [J] that terms without a potential have taken out so far
+    """
+
+    time: Floats
+    position: Floats
+    velocity: Floats
+    taken: Floats
+
+
+class RunsSideBySide:
+    """Up to WIDTH runs of one system from states at one time, by one plan.
+
+    kernel : what `side_by_side_kernel` gives for both, which several of these may share
+    """
+
+    def __init__(self, system: System, states: Sequence[State], plan: Plan, kernel: Kernel) -> None:
+        self._system, self._plan, self._module, self._runs = system, plan, kernel.module, len(states)
+        self._verlet = plan.method == Method.VELOCITY_VERLET
+        self._motion = _motion_of(system, states, kernel, in_place=_in_place(system, plan))
+        self._clock = clock_at(states[0].time, 0.0)
+        self._seen = _seen_nothing(system, self._motion)
+        self._module.begin_runs(states[0].time, self._verlet, self._run_with(0))
+
+    def _run_with(self, rows: int) -> Run:
+        """With room for states at so many times."""
+        x, v = (_aligned(rows, *values.shape) for values in (self._motion.x, self._motion.v))
+        kept = Kept(np.zeros(rows), x, v, _aligned(rows, WIDTH))
+        return Run(self._motion, self._clock, self._seen, kept)
+
+    def through(self, times: Floats) -> StatesOfRuns:
+        """From times[0], the states' time, through all times [s]."""
+        run = self._run_with(len(times))
+        self._module.runs_through(self._verlet, np.array(times, dtype=float), self._plan.step, run)
+        time, *kept = run.kept
+        x, v, taken = (np.moveaxis(values[..., : self._runs], -1, 0).copy() for values in kept)
+        points = self._runs, len(times), -1, 3
+        return StatesOfRuns(time, x.reshape(points), v.reshape(points), taken)
+
+    def largest_tension(self, run: int) -> tuple[float, float, int]:
+        """Of all steps so far: tension [N], when [s], in which element (-1: none pulled)."""
+        peaks = self._seen.peaks[run]
+        return float(peaks["tension"]), float(peaks["time"]), int(peaks["element"])
+
+    @property
+    def right_hand_sides(self) -> int:
+        """Evaluations of the forces so far, of each run."""
+        return 1 + METHODS[self._plan.method].compiled_stages * int(self._clock["steps"][0])
+
+
+def _motion_of(system: System, states: Sequence[State], kernel: Kernel, *, in_place: bool) -> Motion:
+    """A `Motion` with the runs as the last axis of all that differs from run to run."""
+    flat = [system.layout.pack(state.moving) for state in states]
+    flat += flat[-1:] * (WIDTH - len(flat))  # runs that nobody looks at
+    places, speeds = (np.stack(parts, axis=1) for parts in zip(*flat, strict=True))
+    n = len(places)
+    work = _aligned(len(Stages._fields), n, WIDTH)
+    x, v = (work[Stages._fields.index(name)] if in_place else _aligned(n, WIDTH) for name in ("x1", "v1"))
+    x[:], v[:] = places, speeds
+    none = np.zeros((0, WIDTH))
+    return Motion(
+        x,
+        v,
+        c=x,
+        z=none,
+        inverse=system.layout.inverse_mass(system, states[0].memory),
+        inertia=np.zeros((0, 3)),
+        push=np.zeros(n),
+        data=kernel.data(),
+        work=work,
+        z1=none,
+        rates=np.zeros((7, 0, WIDTH)),
+        taken=_aligned(1, WIDTH),
+    )
+
+
+def _seen_nothing(system: System, motion: Motion) -> SeenOfRuns:
+    """Tensions are looked at from the first step on."""
+    elements = seen_nothing(system)
+    peaks = np.repeat(elements.peaks, WIDTH)
+    peaks["look_above"] = 0.0
+    level = _aligned(1, WIDTH)
+    return SeenOfRuns(peaks, elements, motion.x, motion.v, _aligned(1, WIDTH), look_above=level, level=level)
+
+
+def _aligned(*shape: int) -> Floats:
+    """Zeros whose vectors of runs begin with a line of the cache."""
+    size = int(np.prod(shape))
+    room = np.zeros(size + 8)
+    first = -room.ctypes.data % 64 // 8
+    return room[first : first + size].reshape(shape)

@@ -1,0 +1,165 @@
+"""What accuracy a nearly deployed start can have: measured on the start itself, before the run.
+
+Where all threads snap one after the other, errors grow by a factor of 1e8 within a tenth of a second, sooner
+or later by the packing and the length of the strings, and inside a snap they are a hundred times those after
+it: with a tolerance of 3e-10 the paper's net has errors of 1e-9 at 0.08 s and 1e-2 at 0.15 s (packing 0.95,
+strings of 1.4 m). No tolerance that other starts had needed says anything there. So a ladder of tolerances
+is run in the compiled loop, through the run's own stored times, to the run's own end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
+from exunet.codegen.compile import numba_installed
+from exunet.codegen.kernel import Kernel
+from exunet.methods.method import Method, TimeLoop
+from exunet.methods.plan import Plan
+from exunet.system.stability import largest_frequency
+from exunet.system.system import State, System
+
+Floats = NDArray[np.float64]
+
+# Tolerances over the launch speed, and the one that they are compared with.
+TOLERANCES = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
+TIGHT = 1e-13
+# The error of a run over that of the pilot. In the compiled loop the run is the pilot's: the comparison errs
+# by a tenth, and what round-off adds is not the same. Exudyn does not step to where a thread goes taut, and
+# its errors there scatter by two decades: 212 times the pilot's was the most in runs of 73 starts.
+MARGIN_COMPILED, MARGIN_EXUDYN = 3.0, 300.0
+# Evaluations of elements that a pilot may take, some seconds; and those of an element in a radian of the
+# highest frequency, of all tolerances together: 180 were seen.
+MOST = 2e8
+PER_RADIAN = 200.0
+_ROUND_OFF = 1e-15  # of the net's size: by which the start is moved
+_CHUNK = 64  # stored times that are kept at once
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """What was found.
+
+    time  : (t,) the run's stored times [s]
+    error : (k, t) for each of TOLERANCES the error of the bullets' velocities over the launch speed: the
+            largest of this and tighter tolerances, and what round-off makes of it
+    """
+
+    time: Floats
+    error: Floats
+
+    def chosen(self, accuracy: float, margin: float) -> int | None:
+        """The number of the largest tolerance with `margin` x its error at the end within an accuracy."""
+        good = np.flatnonzero(margin * self.error[:, -1] <= accuracy)
+        return int(good[0]) if len(good) else None
+
+    def at_end(self, number: int) -> float:
+        """The error at the end with that of TOLERANCES."""
+        return float(self.error[number, -1])
+
+    def until(self, accuracy: float, margin: float) -> float:
+        """The last stored time [s] until which the tightest tolerance keeps an accuracy."""
+        lost = np.flatnonzero(margin * self.error[-1] > accuracy)
+        return float(self.time[max(0, lost[0] - 1)]) if len(lost) else float(self.time[-1])
+
+
+def settled(
+    plan: Plan, accuracy: float, loop: TimeLoop, system: System, state: State, times: Floats, speed: float
+) -> Plan:
+    """The plan with the tolerance that keeps an accuracy at the end of this run, and with what is promised.
+
+    plan  : with the tolerance that folded starts need
+    loop  : who will step
+    times : (t,) the run's stored times [s]
+    speed : the launch speed [m/s]
+    """
+    why = why_none(plan, system, float(times[-1]))
+    found = None if why else try_tolerances(system, state, plan, times, speed)
+    if found is None:
+        words = f"no accuracy is promised on this nearly deployed start: {why or 'a run before it failed'}"
+        return replace(plan, expected_error=None, notes=(*plan.notes, words))
+    margin = MARGIN_COMPILED if loop == TimeLoop.COMPILED else MARGIN_EXUDYN
+    number = found.chosen(accuracy, margin)
+    taken = len(TOLERANCES) - 1 if number is None else number
+    error = found.at_end(taken)
+    if number is not None:
+        words = (
+            f"nearly deployed: tolerance from runs of this start before it, error {error:.1g} of the launch "
+            f"speed at the end in the compiled loop, {margin:g} times that allowed for"
+        )
+    else:
+        words = (
+            f"nearly deployed: accuracy {accuracy:g} is not promised at the end, but until "
+            f"t = {found.until(accuracy, margin):.4g} s: after it the snaps of this start make errors of "
+            f"{error:.1g} of the launch speed and up to {margin:g} times that"
+        )
+        if loop != TimeLoop.COMPILED and found.chosen(accuracy, MARGIN_COMPILED) is not None:
+            words += '; engine.loop = "compiled" reaches it'
+    tolerance = TOLERANCES[taken] * speed
+    return replace(
+        plan, tolerance=tolerance, expected_error=(error, margin * error), notes=(*plan.notes, words)
+    )
+
+
+def why_none(plan: Plan, system: System, end: float) -> str:
+    """Why there can be no pilot until a time [s]; "" if there can."""
+    if plan.method != Method.DOPRI5:
+        return f"it was not measured for {plan.method}"
+    if not numba_installed():
+        return "Numba is not installed"
+    if system.memory:
+        return "the forces change at events"
+    if PER_RADIAN * largest_frequency(system) * end * system.net.n_elements > MOST:
+        return "runs before it would take too long"
+    return ""
+
+
+def try_tolerances(system: System, state: State, plan: Plan, times: Floats, speed: float) -> Pilot | None:
+    """Run all tolerances from a state through the stored `times`; None if one of them fails.
+
+    plan  : of the run, for the lengths of its steps
+    speed : the launch speed [m/s]
+    """
+    kernel = loop_kernel(system)
+
+    def run(tolerance: float, start: State) -> Floats | None:
+        return _velocities(system, start, _plan(plan, tolerance * speed), times, kernel)
+
+    shift = np.random.default_rng(0).uniform(-_ROUND_OFF, _ROUND_OFF, state.position.shape)
+    shift[system.net.fixed_nodes] = 0.0
+    moved = state.at(state.position + system.net.size * shift, state.velocity)
+    runs = [run(TIGHT, state), run(TOLERANCES[-1], moved), *(run(one, state) for one in TOLERANCES)]
+    found = [one for one in runs if one is not None]
+    if len(found) < len(runs):
+        return None
+    tight, others = found[0], np.array(found[1:])
+    off = np.linalg.norm(others - tight, axis=-1).max(axis=-1) / speed
+    round_off, own = off[0], off[1:]
+    envelope = np.maximum.accumulate(own[::-1], axis=0)[::-1]
+    return Pilot(times, np.maximum(envelope, round_off))
+
+
+def _plan(plan: Plan, tolerance: float) -> Plan:
+    return Plan(
+        Method.DOPRI5,
+        tolerance=tolerance,
+        first_step=plan.first_step,
+        longest_step=plan.longest_step,
+        least_step=plan.least_step,
+    )
+
+
+def _velocities(system: System, state: State, plan: Plan, times: Floats, kernel: Kernel) -> Floats | None:
+    """(t, bullets, 3) at the times [m/s]; None if the steps collapse or the numbers overflow."""
+    loop, bullets = CompiledIntegration(system, state, plan, kernel), system.net.bullet_nodes
+    found = [np.asarray(state.velocity)[None, bullets]]
+    for first in range(0, len(times) - 1, _CHUNK):
+        chunk = times[first : first + _CHUNK + 1]
+        batch = loop.through(chunk)
+        if len(batch.time) < len(chunk) or not np.isfinite(batch.velocity[-1]).all():
+            return None
+        found.append(batch.velocity[1:, bullets])
+    return np.concatenate(found)
