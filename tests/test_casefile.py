@@ -799,7 +799,7 @@ def test_an_attitude_of_any_size_is_brought_to_length_one(tmp_path: Path, size: 
     ("override", "key", "words"),
     [
         ("bodies.box.mass=0", "bodies.box.mass", "greater than 0"),
-        ("bodies.box.mass=", "bodies.box.mass", "missing: mass of the body [kg]"),
+        ("bodies.box.mass=", "bodies.box", "give either mass or density"),
         ("bodies.box.inertia=[1, 1, 2.1]", "bodies.box.inertia", "the largest, 2.1, must not exceed the sum"),
         ("bodies.box.inertia=[3, 1, 1]", "bodies.box.inertia", "the other two, 2 kg m2"),
         ("bodies.box.inertia=[1, 0, 1]", "bodies.box.inertia[1]", "must be a number greater than 0, got 0"),

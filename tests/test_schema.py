@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 import json
+import random
 import re
 import tomllib
 from collections.abc import Callable, Iterator
@@ -31,8 +32,17 @@ COMMON = """format title seed time.end time.output_step time.output_times net.to
     net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
     initial.packing initial.velocity initial.spin initial.node_positions initial.node_velocities
     launch.radial_speed launch.axial_speed launch.speed launch.spread_angle
-    bodies.NAME.mass bodies.NAME.inertia bodies.NAME.position bodies.NAME.velocity
-    bodies.NAME.attitude bodies.NAME.angular_velocity effects.choose effects.threshold"""
+    bodies.NAME.mass bodies.NAME.density bodies.NAME.inertia bodies.NAME.products_of_inertia
+    bodies.NAME.centre_of_mass bodies.NAME.shape bodies.NAME.size bodies.NAME.radius bodies.NAME.length
+    bodies.NAME.radii bodies.NAME.file bodies.NAME.unit bodies.NAME.edge_radius bodies.NAME.position
+    bodies.NAME.velocity bodies.NAME.attitude bodies.NAME.axis bodies.NAME.angle
+    bodies.NAME.angular_velocity bodies.NAME.angular_velocity_frame
+    bodies.NAME.motion bodies.NAME.pose_times bodies.NAME.pose_positions bodies.NAME.pose_attitudes
+    bodies.NAME.attachments.NAME.point bodies.NAME.attachments.NAME.node bodies.NAME.attachments.NAME.bullet
+    bodies.NAME.parts.NAME.shape bodies.NAME.parts.NAME.size bodies.NAME.parts.NAME.radius
+    bodies.NAME.parts.NAME.length bodies.NAME.parts.NAME.radii bodies.NAME.parts.NAME.position
+    bodies.NAME.parts.NAME.attitude bodies.NAME.parts.NAME.axis bodies.NAME.parts.NAME.angle
+    effects.choose effects.threshold"""
 THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
     net.strings.length net.strings.divisions net.bullets.mass"""
 
@@ -307,6 +317,61 @@ def test_the_schema_knows_bodies_by_any_bare_name() -> None:
         assert (valid(document), readable(document)) == (fine, fine), name
     document["bodies"] = {"box": box | {"colour": "red"}}
     assert (valid(document), readable(document)) == (False, False)
+
+
+DIMENSIONS: dict[str, dict[str, Any]] = {
+    "box": {"size": [1.0, 1.0, 1.0]},
+    "cylinder": {"radius": 1.0, "length": 1.0},
+    "sphere": {"radius": 1.0},
+    "capsule": {"radius": 1.0, "length": 1.0},
+    "frustum": {"radii": [1.0, 0.5], "length": 1.0},
+    "mesh": {"file": "x.stl", "unit": "mm"},
+}
+TABLE = {"pose_times": [0.0, 9.0], "pose_positions": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]}
+OF_BODIES: dict[str, Any] = {
+    "mass": 1.0,
+    "density": 2.0,
+    "inertia": [1.0, 1.0, 1.0],
+    "products_of_inertia": [0.0, 0.0, 0.1],
+    "centre_of_mass": [0.0, 0.0, 0.1],
+    "edge_radius": 0.01,
+    "axis": [0.0, 0.0, 1.0],
+    "angle": 1.0,
+    "attitude": [1.0, 0.0, 0.0, 0.0],
+    "position": [0.0, 0.0, 0.0],
+    "velocity": [0.0, 0.0, 0.0],
+    "angular_velocity": [0.0, 0.0, 1.0],
+    "parts": {"a": {"shape": "sphere", "radius": 1.0}},
+    "pose_attitudes": [[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.1]],
+    "attachments": {"a": {"point": [0.0, 0.0, 0.0], "node": 1}},
+    **TABLE,
+    **{name: value for own in DIMENSIONS.values() for name, value in own.items()},
+}
+
+
+def random_body(draw: random.Random) -> dict[str, Any]:
+    """Keys that mostly go together, some more, and perhaps one less."""
+    body = {name: OF_BODIES[name] for name in ("mass", "inertia") if draw.random() < 0.7}
+    if draw.random() < 0.5:
+        shape = draw.choice(list(DIMENSIONS))
+        body |= {"shape": shape, **DIMENSIONS[shape]}
+    if draw.random() < 0.5:
+        body["motion"] = draw.choice(["free", "fixed", "prescribed"])
+        body |= TABLE if body["motion"] == "prescribed" and draw.random() < 0.7 else {}
+    body |= {name: OF_BODIES[name] for name in draw.sample(list(OF_BODIES), draw.choice([0, 0, 1, 2]))}
+    if body and draw.random() < 0.2:
+        body.pop(draw.choice(list(body)))
+    return body
+
+
+def test_schema_and_reader_agree_on_bodies() -> None:
+    """1000 random ones; both answers occur."""
+    document, draw, answers = tomllib.loads(template("square")), random.Random(1), []
+    for _ in range(1000):
+        document["bodies"] = {"target": random_body(draw)}
+        answers.append(readable(document))
+        assert valid(document) == answers[-1], document["bodies"]
+    assert 0.1 < sum(answers) / len(answers) < 0.9
 
 
 def test_what_an_effect_declares_of_others_keys_is_for_reader_and_schema(

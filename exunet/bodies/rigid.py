@@ -1,4 +1,4 @@
-"""Rigid bodies: what they are, and the states of several at once."""
+"""Rigid bodies as they are integrated: principal axes about the centre of mass, states of several at once."""
 
 from __future__ import annotations
 
@@ -9,19 +9,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class RigidBody:
-    """A rigid body in its principal axes, whose origin is its centre of mass.
-
-    mass    : [kg]
-    inertia : principal moments [kg m2]
-    """
-
-    name: str
-    mass: float
-    inertia: tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +84,14 @@ def quaternion_of(vector: Floats) -> Floats:
     """(..., 4) unit quaternions of rotation vectors (..., 3) [rad]."""
     flat = Rotation.from_rotvec(vector.reshape(-1, 3)).as_quat(scalar_first=True)
     return np.asarray(flat).reshape(*vector.shape[:-1], 4)
+
+
+def product(one: Floats, other: Floats) -> Floats:
+    """(..., 4) quaternion products: turning by `other`, then by `one`."""
+    a, u = one[..., :1], one[..., 1:]
+    b, w = other[..., :1], other[..., 1:]
+    real = a * b - np.einsum("...i,...i->...", u, w)[..., None]
+    return np.concatenate([real, a * w + b * u + np.cross(u, w)], axis=-1)
 
 
 def kinetic(mass: Floats, inertia: Floats, states: RigidStates) -> Floats:

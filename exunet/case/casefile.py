@@ -61,6 +61,7 @@ def parse_case(text: str, path: Path, overrides: Sequence[str] = ()) -> Case:
     document = _parse(text, path)
     changes = _parse_overrides(overrides)
     _apply(changes, document)
+    _place_files(document, path.parent)
     huge = _take_huge_integers(document)
     scene, found = checked(document)
     found = [one for one in found if one[0] not in huge]
@@ -113,6 +114,14 @@ def _parse(text: str, path: Path) -> dict[str, Any]:
         message, line = syntax_error(str(error), text)
         place = f"{path}:{line}" if line else str(path)
         raise CaseError([Fault("", f"not valid TOML: {message}", place=place)]) from None
+
+
+def _place_files(document: dict[str, Any], folder: Path) -> None:
+    """Let the names of files, of meshes, be relative to the folder of the case."""
+    bodies = document.get("bodies")
+    for body in bodies.values() if isinstance(bodies, dict) else ():
+        if isinstance(body, dict) and isinstance(body.get("file"), str) and body["file"]:
+            body["file"] = str(folder / body["file"])
 
 
 # Overrides

@@ -13,8 +13,10 @@ from collections.abc import Iterator
 from exunet import net
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, inside, shortened, within
+from exunet.bodies import cross_checks as bodies
 from exunet.case.scene import Launch, Scene
 from exunet.forces import effects
+from exunet.forces.requirements import RestOfCase
 from exunet.methods import keys as solver
 from exunet.methods.method import COMPILED_METHODS, TimeLoop
 from exunet.net import explicit
@@ -38,8 +40,13 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         inside(scene, "net", net.cross_checks),
         inside(scene, "launch", _one_form),
         _launch_has_bullets(scene),
+        _bodies(scene),
         within("effects", effects.cross_checks(scene)),
     )
+
+
+def _bodies(scene: Scene) -> Iterator[Fault]:
+    yield from within("bodies", bodies.cross_checks(scene.bodies, RestOfCase(scene)))
 
 
 def _states_fit(scene: Scene) -> Iterator[Fault]:

@@ -32,7 +32,7 @@ def explain(error: Any, document: dict[str, Any]) -> tuple[KeyPath, str]:
     if kind == "extra_forbidden":
         return path, _unknown(path, document)
     if kind == "string_pattern_mismatch":  # the only names that a case chooses
-        return path[:-1], "a body's name has letters, digits, _ and - only"
+        return path[:-1], "a name has letters, digits, _ and - only"
     if kind == "finite_number":
         return path, f"must be finite, got {shown(value)}"
     node = _node(path, document)

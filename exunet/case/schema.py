@@ -18,7 +18,18 @@ from exunet.net import TOPOLOGIES
 Node = dict[str, Any]
 
 # Of keys of which a case gives exactly one, those that the template uses; it leaves out other optional keys.
-_CHOSEN = ("output_step", "diameter", "altitude", "radial_speed", "axial_speed", "strain")
+_CHOSEN = (
+    "output_step",
+    "diameter",
+    "altitude",
+    "radial_speed",
+    "axial_speed",
+    "strain",
+    "mass",
+    "inertia",
+    "node",
+)
+_OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have
 _NAME = "chaser"  # of a body in the template
 
 
@@ -129,7 +140,7 @@ def template(topology: str = "square") -> str:
 def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
     """Lines of the keys of a table that are not tables, those that it needs first."""
     node = resolve(path, topology)
-    given = {*node.get("required", ()), *_CHOSEN}
+    given = {*node.get("required", ()), *_CHOSEN, *(_OF_PARTS if "parts" in path else ())}
     keys = {name: _plain(raw, topology) for name, raw in _properties(node).items()}
     for name in sorted(keys, key=lambda name: name not in given):
         if keys[name].get("type") != "object":

@@ -25,15 +25,16 @@ def module_source(
     """Text of the module with `add_forces`, `potential`, `power`, `extra_work` over all calls, and drivers.
 
     drivers are called from Python; their helpers, as all else, only in the module.
-    `add_forces` adds to the forces that it is given, and returns the elastic energy [J] and the power [W]
-    that is taken out, of the calls that tell theirs. bodies, first_order : the module integrates rigid
-    bodies, or anything of first order (their attitudes too); else that code is left out by the compiler.
+    `add_forces` first places what has no equations of motion, then adds to the forces that it is given; it
+    returns the elastic energy [J] and the power [W] that is taken out, of the calls that tell theirs. bodies,
+    first_order : the module integrates rigid bodies, or anything of first order (their attitudes too); else
+    the compiler leaves that code out.
     `data` is a tuple of the data of all calls, in order. Raises ValueError if two different
     functions share a name.
     """
     functions: dict[str, Function] = {}
     for call in calls:
-        for function in (*call.helpers, call.add, call.potential, call.power, call.work):
+        for function in (*call.helpers, call.place, call.add, call.potential, call.power, call.work):
             if function is not None and functions.setdefault(function.__name__, function) is not function:
                 raise ValueError(f"two functions of one kernel share the name {function.__name__}")
     parts = [
@@ -69,6 +70,9 @@ def _joined(calls: Sequence[KernelCall]) -> str:
     potential = [INSIDE, "def potential(x, data):", "    total = 0.0"]
     power = [INSIDE, "def power(t, x, v, data, scratch):", "    total = 0.0"]
     work = [INSIDE, "def extra_work(h, begin, middle, end, data):", "    total = 0.0"]
+    for k, call in reversed(list(enumerate(calls))):
+        if call.place is not None:
+            forces.append(f"    {call.place.__name__}(t, x, v, data[{k}])")
     forces += ["    held = 0.0", "    watts = 0.0"]
     for k, call in enumerate(calls):
         told = "held += " if call.elastic else "watts += " if call.tells_power else ""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from exunet.codegen import drivers
 from exunet.codegen.compile import compiled_module, interpreted_module, numba_installed
 from exunet.codegen.generate import module_source
-from exunet.forces.terms import Function, KernelTerm, Term
+from exunet.forces.terms import Constraint, Function, KernelTerm, Term
 from exunet.forces.total import Forces
 
 Floats = NDArray[np.float64]
@@ -37,11 +37,12 @@ class Kernel:
     ) -> None:
         self._terms = tuple(terms)
         calls = [call for term in self._terms for call in term.calls]
+        of_bodies = [term for term in self._terms if isinstance(term, KernelTerm | Constraint)]
         self.source = module_source(
             calls,
             (*drivers.DRIVERS, *extra),
             (*drivers.HELPERS, *helpers),
-            bodies=bodies or any(term.bodies for term in self._terms if isinstance(term, KernelTerm)),
+            bodies=bodies or any(isinstance(term, Constraint) or term.bodies for term in of_bodies),
             first_order=first_order,
             imports=imports,
         )

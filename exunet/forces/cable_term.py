@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,7 @@ from exunet.forces import cable, loops
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
-from exunet.forces.terms import Change, Input, KernelCall, Memories, Memory
+from exunet.forces.terms import Change, Input, KernelCall, Memories, Memory, Switch
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -105,13 +105,18 @@ class CableTerm:
 
     def data_at(self, memory: Memories) -> tuple[loops.Elements | loops.ViscousElements]:
         """The elements, without those between points that sleep."""
+        return (self.elements(memory, self.moving(memory)),)
+
+    def elements(
+        self, memory: Memories, chosen: NDArray[np.bool_] | None
+    ) -> loops.Elements | loops.ViscousElements:
+        """The chosen ones (n_elements,) as a kernel takes them; None: all."""
         first, second = (3 * self.net.element_nodes.T).astype(Index)
         length, intact = self.law.natural_length, self.carrying(memory)
         factor = self.law.stiffness / (2.0 * length**3) * (1.0 if intact is None else intact)
         data, time = loops.Elements(first, second, length**2, factor), self.law.relaxation_time
         whole: Any = data if time is None else loops.ViscousElements(*data, 2.0 * time)
-        moving = self.moving(memory)
-        return (whole if moving is None else type(whole)(*(values[moving] for values in whole)),)
+        return whole if chosen is None else type(whole)(*(values[chosen] for values in whole))
 
     def moving(self, memory: Memories) -> NDArray[np.bool_] | None:
         """(n_elements,) False for elements whose ends both sleep; None: nothing ever sleeps."""
@@ -134,6 +139,37 @@ class CableTerm:
 
     def numbers(self) -> Iterator[Any]:
         yield from self.changes.numbers()
+
+
+@dataclass(frozen=True, eq=False)
+class SomeElements:
+    """Some of the elements as a term of their own, for forms that take the others in another way.
+
+    chosen : (n_elements,) True for those
+    Breaking, and all that books ask for, stays with the whole.
+    """
+
+    cable: CableTerm
+    chosen: NDArray[np.bool_]
+    acts_on: str = field(default="elements", init=False)
+    damping_rate: float = field(default=0.0, init=False)
+    has_potential: bool = field(default=False, init=False)
+    dissipates: bool = field(default=False, init=False)
+    inputs: tuple[Input, ...] = field(default=(), init=False)
+    memory: Memory | None = field(default=None, init=False)
+    switch: Switch | None = field(default=None, init=False)
+
+    @property
+    def calls(self) -> tuple[KernelCall, ...]:
+        (data,) = self.data_at({})
+        return tuple(replace(call, data=data) for call in self.cable.calls)
+
+    def data_at(self, memory: Memories) -> tuple[loops.Elements | loops.ViscousElements]:
+        moving = self.cable.moving(memory)
+        return (self.cable.elements(memory, self.chosen if moving is None else self.chosen & moving),)
+
+    def numbers(self) -> Iterator[Any]:
+        yield from ()
 
 
 class Breaking:

@@ -29,6 +29,7 @@ Memories = Mapping[str, Floats]
 
 _ARGUMENTS = {
     "add": ("t", "x", "v", "data", "force"),
+    "place": ("t", "x", "v", "data"),
     "potential": ("x", "data"),
     "power": ("t", "x", "v", "data"),
     "work": ("h", "begin", "middle", "end", "data"),
@@ -48,6 +49,8 @@ class KernelCall:
     helpers : module-level functions that the others call
     jumps   : the force jumps where an element becomes taut (see `exunet.forces.jumps`)
     elastic : `add` returns the elastic energy [J] that it finds on its way
+    place   : function place(t, x, v, data) that puts what follows from time and other entries into x and v,
+              before any force is added; that of a later call comes before that of an earlier one
     tells_power : `add` returns the power [W] that it takes out, which depends on velocities alone
     of_many : the functions are right for many runs at once too: x, v and force, and what is made of them,
               have a value in each run, with which arithmetic, max, min, abs and math.sqrt can be done. A
@@ -71,6 +74,7 @@ class KernelCall:
     works: bool = False
     jumps: bool = False
     elastic: bool = False
+    place: Function | None = None
     tells_power: bool = False
     of_many: bool = False
 
@@ -252,6 +256,33 @@ class KernelTerm:
 
     def numbers(self) -> Iterator[Any]:
         yield from (*self.data, self.damping_rate, self.stiffness_rate)
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """Entries of x and v without equations of motion: placed before the forces, relieved of them after all.
+
+    calls     : its calls in a kernel, each with a `place`
+    bodies    : names of the free bodies that it hands forces on to
+    Energy that it gives is kept by first-order states of the system.
+    """
+
+    calls: tuple[KernelCall, ...]
+    bodies: tuple[str, ...] = ()
+    dissipates: bool = field(default=False, init=False)
+    acts_on: str = field(default="bodies", init=False)
+    memory: Memory | None = field(default=None, init=False)
+    switch: Switch | None = field(default=None, init=False)
+    inputs: tuple[Input, ...] = field(default=(), init=False)
+    has_potential: bool = field(default=False, init=False)
+    damping_rate: float = field(default=0.0, init=False)
+
+    def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
+        return tuple(call.data for call in self.calls)
+
+    def numbers(self) -> Iterator[Any]:
+        for call in self.calls:
+            yield from call.data
 
 
 @dataclass(frozen=True, eq=False)

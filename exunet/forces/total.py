@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from exunet.forces.cable_term import CableTerm, ElementLaw
-from exunet.forces.terms import KernelCall, KernelTerm, LinearTerm, Switch, Term
+from exunet.forces.terms import Constraint, KernelCall, KernelTerm, LinearTerm, Switch, Term
 from exunet.net.arrays import Net
 
 Contribution = KernelTerm | LinearTerm | ElementLaw
@@ -14,7 +14,7 @@ Contribution = KernelTerm | LinearTerm | ElementLaw
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """The terms of a scene; linear ones are summed beforehand; None without linear ones.
+    """The terms of a scene; linear ones are summed beforehand; None without linear ones, or constraints.
 
     Iterating gives every `Term` in the order in which a kernel adds them.
     """
@@ -22,6 +22,7 @@ class Forces:
     cable: CableTerm
     linear: LinearTerm | None = None
     kernels: tuple[KernelTerm, ...] = ()
+    constraint: Constraint | None = None
 
     @classmethod
     def of(cls, net: Net, contributions: Iterable[Contribution] = ()) -> Forces:
@@ -41,11 +42,19 @@ class Forces:
         if self.linear is not None:
             yield self.linear
         yield from self.kernels
+        if self.constraint is not None:
+            yield self.constraint
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         """The calls of a kernel of all terms."""
         return tuple(call for term in self for call in term.calls)
+
+    @property
+    def on_bodies(self) -> set[str]:
+        """Names of the bodies that a term acts on."""
+        handed_on = () if self.constraint is None else self.constraint.bodies
+        return {name for term in self.kernels for name in term.bodies}.union(handed_on)
 
     @property
     def dissipates(self) -> bool:

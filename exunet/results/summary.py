@@ -47,7 +47,7 @@ def summarise(
         "nodes": result.net.n_nodes,
         "elements": result.net.n_elements,
         "mass_kg": float(result.net.mass.sum()),
-        "bodies": {name: _body(body) for name, body in result.bodies.items()},
+        "bodies": {name: _body(body) | _given(result, name) for name, body in result.bodies.items()},
         "effects": story.get("effects", []),
         "energy": {
             "initial_J": float(result.kinetic[0] + result.elastic[0] + result.potential[0]),
@@ -111,6 +111,19 @@ def _retry(story: dict[str, Any]) -> dict[str, Any]:
 def _body(body: BodyStates) -> dict[str, float]:
     way = np.linalg.norm(body.position[-1] - body.position[0])
     return {"mass_kg": body.mass, "displacement_m": float(way)}
+
+
+def _given(result: Result, name: str) -> dict[str, Any]:
+    """What a body that is fixed or prescribed has given to all else by the end; none of free ones."""
+    found = ((quantity, result.states.get(f"{name}/{quantity}")) for quantity in _GIVEN)
+    return {_GIVEN[quantity]: _number(states.values[-1]) for quantity, states in found if states is not None}
+
+
+_GIVEN = {"work": "work_J", "impulse": "impulse_N_s", "angular_impulse": "angular_impulse_N_m_s"}
+
+
+def _number(values: Floats) -> float | list[float]:
+    return values.tolist() if len(values) > 1 else float(values[0])
 
 
 def _refused(reason: str | None) -> dict[str, str] | None:
@@ -198,11 +211,22 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
     return table + _headline_rows(summary, spread) + _check_rows(summary["check"])
 
 
-def _body_rows(bodies: dict[str, dict[str, float]]) -> list[tuple[str, str]]:
+def _body_rows(bodies: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
     return [
-        (f"body {name}", f"{one['mass_kg']:.6g} kg, at the end {one['displacement_m']:.4g} m from its start")
-        for name, one in bodies.items()
+        (f"body {name}", f"{one['mass_kg']:.6g} kg, {_way(one)}{_gave(one)}") for name, one in bodies.items()
     ]
+
+
+def _way(body: dict[str, Any]) -> str:
+    return f"at the end {body['displacement_m']:.4g} m from its start"
+
+
+def _gave(body: dict[str, Any]) -> str:
+    """Of a body that is fixed or prescribed."""
+    if "work_J" not in body:
+        return ""
+    impulse = ", ".join(f"{value:.4g}" for value in body["impulse_N_s"])
+    return f"; gave {body['work_J']:.4g} J and an impulse of ({impulse}) N s"
 
 
 def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:

@@ -98,7 +98,7 @@ class Guards:
         net = system.net
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
         self._speeds = float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0) + wave)
-        self._mass = float(system.mass.sum())
+        self._mass = float(system.blocks.mass.sum())
 
     @property
     def gained(self) -> Floats:
@@ -142,7 +142,7 @@ class Guards:
 
 def _apart(states: States) -> tuple[Floats, Floats]:
     """Energy of all that forces act on, and of the rigid bodies that none acts on, (k,) [J]."""
-    alone = states.kinetic_of_bodies @ ~states.system.driven
+    alone = states.kinetic_of_bodies @ ~states.system.driven  # none of what guides move
     return states.kinetic - alone + states.elastic + states.potential, alone
 
 

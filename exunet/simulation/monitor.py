@@ -109,7 +109,8 @@ class Monitor:
 
     def go_back(self) -> State:
         """Go back to the last state from which a run may continue, which is returned."""
-        self.dissipated = self._base = self.safe_dissipated
+        self.dissipated = self.safe_dissipated
+        self._base = self.safe_dissipated + float(self._system.given_work(self.safe.first_order))
         self.last_good = self.safe
         self._marks, self._drifted = [], False
         self.events = [one for one in self.events if one["time_s"] <= self.safe.time]
@@ -212,9 +213,10 @@ class Monitor:
 
     def _dissipated(self, states: States, batch: Batch) -> Floats:
         """(k,) energy taken out until each state [J]."""
+        given = states.given_work
         if batch.taken is not None:
-            return self._base + batch.taken
-        work = states.work_taken()
+            return self._base + batch.taken - given
+        work = states.work_taken() - np.diff(given)
         if self._push is not None:
             work = work - np.einsum("kna,na->k", np.diff(states.position, axis=0), self._push)
         return np.cumsum(np.concatenate([[self.dissipated], work]))  # whatever the batches are

@@ -61,7 +61,9 @@ class Start:
     def moved(self, position: Floats, velocity: Floats | None = None) -> Start:
         """The same from other positions, and velocities if given, of the points."""
         speeds = self.velocity if velocity is None else velocity
-        return replace(self, state=self.state.at(position, speeds))
+        state = self.state.at(position, speeds)
+        moving = state.moving.completed(self.system.kinematics, state.time)
+        return replace(self, state=State.of(state.time, moving, state.memory))
 
     def with_forces(
         self,
@@ -77,7 +79,7 @@ class Start:
         mine = self.system.blocks
         blocks = replace(mine, states=(*mine.states, *states), awake=awake)
         forces = replace(self.system.forces, kernels=(*self.system.forces.kernels, *make(blocks)))
-        system = System(blocks, forces, self.system.bodies)
+        system = replace(self.system, blocks=blocks, forces=forces)
         state = replace(self.state, memory=dict(system.memory), first_order=blocks.initial_states)
         return replace(self, system=system, state=state)
 

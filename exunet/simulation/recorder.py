@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from exunet.backends.exudyn.loading import exudyn_version
 from exunet.backends.protocol import StepCounts
 from exunet.base.version import VERSION
+from exunet.bodies.body import in_frames
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.methods.plan import Plan
@@ -33,7 +34,7 @@ _BATCH = 256  # stored states that are appended in one go
 def mass_properties(system: System) -> dict[str, MassProperties]:
     """What does not change of the bodies, by name."""
     points = {name: MassProperties(float(system.mass[k])) for name, k in system.blocks.body.items()}
-    rigid = {body.name: MassProperties(body.mass, np.diag(body.inertia)) for body in system.bodies}
+    rigid = {body.name: MassProperties(body.mass, body.inertia_in_frame) for body in system.bodies}
     return points | rigid
 
 
@@ -109,8 +110,9 @@ class Recorder:
         for name, k in blocks.body.items():
             rows[body_path(name, "position")] = states.position[:, k]
             rows[body_path(name, "velocity")] = states.velocity[:, k]
-        for k, body in enumerate(self._start.system.bodies):
-            for quantity, values in vars(states.bodies).items():
+        bodies = self._start.system.bodies
+        for k, body in enumerate(bodies):
+            for quantity, values in vars(in_frames(bodies, states.bodies)).items():
                 rows[body_path(body.name, quantity)] = values[:, k]
         first = 0
         for one in blocks.states:

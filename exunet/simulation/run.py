@@ -62,7 +62,9 @@ def run(case: Case | Scene, progress: Progress | None = None) -> Result:
 
 def provenance(case: Case) -> dict[str, Any]:
     """What a result records of the case."""
-    return {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
+    found = {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
+    meshes = any(keys.file for keys in case.scene.bodies.values())
+    return found | ({"folder": str(case.path.parent.resolve())} if meshes else {})  # to resume with them
 
 
 def simulate(
@@ -211,7 +213,7 @@ def case_of_store(store: Segments) -> tuple[Case, float | None]:
     timed = every is None or (finite_number(every) or 0.0) > 0.0
     if not (isinstance(text, str) and isinstance(name, str) and listed and timed):
         raise InputError(f"{store.folder}: damaged: the case of its run is missing")
-    return parse_case(text, Path(name), overrides or ()), every
+    return parse_case(text, Path(str(story.get("folder", ""))) / name, overrides or ()), every
 
 
 def refuse_checkpoints(start: Start, every: float | None) -> None:

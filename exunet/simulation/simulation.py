@@ -16,6 +16,7 @@ from exunet.backends import integrator
 from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.interrupt import postponed
+from exunet.bodies.body import in_frames
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.methods.method import Method
@@ -132,9 +133,10 @@ class Simulation:
     def bodies(self) -> dict[str, BodyState]:
         """The bodies now, by name."""
         now, system = self.state, self._start.system
+        framed = in_frames(system.bodies, now.bodies)
         points = {name: BodyState(now.position[k], now.velocity[k]) for name, k in system.blocks.body.items()}
         rigid = {
-            body.name: BodyState(*(getattr(now.bodies, name)[k] for name in _OF_BODY))
+            body.name: BodyState(*(getattr(framed, name)[k] for name in _OF_BODY))
             for k, body in enumerate(system.bodies)
         }
         return points | rigid

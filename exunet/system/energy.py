@@ -86,7 +86,9 @@ def _middle(
     spin = rigid.angular_velocity_of(turned.reshape(shape), turns.reshape(shape)).reshape(len(turned), -1)
     of_terms = x[:, centres + 4 * bodies :]
     if of_terms.shape[1]:
-        rates = term_kernel(system.forces.kernels).rates(time, x, v, of_terms.shape[1], memory)
+        rates = np.zeros_like(of_terms)  # of those that bodies give, which no force depends on
+        if system.forces.kernels:
+            rates = term_kernel(system.forces.kernels).rates(time, x, v, of_terms.shape[1], memory)
         of_terms, _ = halfway(of_terms, rates)
     return np.concatenate([place, turned, of_terms[: len(place)]], axis=1), np.concatenate([speed, spin], 1)
 

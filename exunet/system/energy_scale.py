@@ -36,6 +36,7 @@ class EnergyScale:
 
     def __init__(self, system: System, state: State) -> None:
         self._forces, self._layout, self._driven = system.forces, system.layout, system.driven
+        self._guided = bool(system.kinematics.guides)
         self._parts(system)
         now = States.of(system, state)
         self._rest = now.flat[0][0]
@@ -53,9 +54,7 @@ class EnergyScale:
         i, j = net.element_nodes.T
         links = csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
         part = connected_components(links, directed=False)[1]
-        held = (
-            part if system.blocks.awake is not None else part[net.fixed_nodes]
-        )  # points that sleep hold too
+        held = part if system.blocks.awake is not None else part[system.held]  # points that sleep hold too
         free = np.setdiff1d(part, held)
         if system.driven.any() and len(free):
             part[np.isin(part, free)] = free[0]
@@ -89,7 +88,7 @@ class EnergyScale:
 
         dissipated : (k,) energy taken out until these states [J]
         """
-        if not (self._forces.has_potential or self._forces.dissipates):
+        if not (self._forces.has_potential or self._forces.dissipates or self._guided):
             return np.zeros((2, len(states)))
         kinetic, common = self._of_centres(states)
         common_change = common - self._common[1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from exunet.base.errors import Fault
@@ -9,7 +11,8 @@ from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks
 from exunet.forces.effects import first_order_states, forces_of, point_masses
 from exunet.net import weave
-from exunet.system.initial import bodies_at_start, common_velocity, initial_state
+from exunet.system.bodies import bodies_at_start
+from exunet.system.initial import common_velocity, initial_state
 from exunet.system.system import State, System
 
 
@@ -21,12 +24,16 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     """
     net = weave(scene.net)
     position, velocity = initial_state(scene, net)
-    rigid = tuple(scene.bodies)
-    blocks = Blocks.of(net, position, point_masses(scene.effects), rigid, first_order_states(scene.effects))
+    rigid = bodies_at_start(scene, net, faults)
+    position, velocity, _ = rigid.kinematics.completed(np.array(0.0), position, velocity, rigid.states)
+    names = tuple(body.name for body in rigid.bodies)
+    states = (*rigid.given, *first_order_states(scene.effects))
+    blocks = Blocks.of(net, position, point_masses(scene.effects), names, states)
     places = blocks.position[net.n_nodes :]
     velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
-    bodies, moving = bodies_at_start(scene)
     words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
     faults += [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
-    system = System(blocks, forces_of(scene.effects, blocks, faults), bodies)
-    return system, State(0.0, blocks.position, velocity, moving, dict(system.memory), blocks.initial_states)
+    forces = replace(forces_of(scene.effects, blocks, faults), constraint=rigid.kinematics.term(blocks))
+    system = System(blocks, forces, rigid.bodies, rigid.kinematics)
+    memory = dict(system.memory)
+    return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)

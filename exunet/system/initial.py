@@ -1,10 +1,9 @@
-"""The state at time 0: of the net, and of the rigid bodies."""
+"""The state of the net at time 0."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from exunet.bodies.rigid import RigidBody, RigidStates
 from exunet.case.scene import Initial, Launch, Scene
 from exunet.net import explicit
 from exunet.net.arrays import Floats, Ints, Net
@@ -27,17 +26,6 @@ def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
         velocity[net.bullet_nodes] += _launch_velocity(scene.launch, net)
     velocity[net.fixed_nodes] = 0.0
     return position, velocity
-
-
-def bodies_at_start(scene: Scene) -> tuple[tuple[RigidBody, ...], RigidStates]:
-    """The rigid bodies of a scene, and their states."""
-    tables = scene.bodies
-    bodies = tuple(RigidBody(name, keys.mass, keys.inertia) for name, keys in tables.items())
-    if not bodies:
-        return (), RigidStates.none()
-    parts = ("position", "velocity", "attitude", "angular_velocity")
-    states = (np.array([getattr(keys, part) for keys in tables.values()], dtype=float) for part in parts)
-    return bodies, RigidStates(*states)
 
 
 def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.Keys) -> Floats:

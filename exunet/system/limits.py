@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import CaseError, Fault
 from exunet.bodies import rigid
+from exunet.bodies.kinematics import given_states
 from exunet.case.scene import Engine, Scene
 from exunet.forces import cable
 from exunet.forces.blocks import AWAKE
@@ -23,6 +24,7 @@ from exunet.system import energy
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 RESOLUTION = 1e-3  # of the shortest element, by which positions may be apart
 MOST_STEPS = 1e10  # of a run; at a microsecond each, three hours for the smallest net
@@ -117,7 +119,8 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
             f"{_element(net, longest)} starts {stretch[longest]:.4g} times as long as when free of stress; "
             f"above {STRETCH_BOUND:g} it is outside the cable law's validity. Start it shorter"
         )
-        faults.append(Fault("initial.node_positions" if given else "initial.packing", reason))
+        key = "initial.node_positions" if given else "initial.packing"
+        faults.append(Fault(_attachments(system, net.element_nodes[longest]) or key, reason))
     if not rate[fastest] * SHORTEST_STEP <= 1.0:
         launched = scene.launch and np.isin(net.element_nodes[fastest], net.bullet_nodes).any()
         reason = (
@@ -136,15 +139,24 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
     return faults
 
 
+def _attachments(system: System, ends: Ints) -> str:
+    """The key of the attachments that put an end of an element where it starts; "" if none does."""
+    on = system.kinematics.body[np.isin(system.kinematics.point, ends)]
+    return f"bodies.{system.blocks.rigid[on[0]]}.attachments" if len(on) else ""
+
+
 def form_faults(system: System, start: State, plan: Plan, engine: Engine) -> list[Fault]:
     """What the method or the form of the engine cannot do: implicit ones know points only, and all awake."""
-    faults, names = [], sorted({name for term in system.forces.kernels for name in term.bodies})
+    faults, names = [], sorted(system.forces.on_bodies)
     sleeps, method = system.blocks.awake is not None, plan.method
     words = [f"acts on {name}" for name in names]
-    words += [f"has first-order states ({one.name})" for one in system.blocks.states]
+    guided = [name for name, moves in zip(system.blocks.rigid, system.moves_freely, strict=True) if not moves]
+    own = {one.name for name in guided for one in given_states(name)}
+    words += [f"has first-order states ({one.name})" for one in system.blocks.states if one.name not in own]
     if METHODS[method].kind == Kind.IMPLICIT:
         advice = "use an explicit method such as DOPRI5 or RK44"
         words = [f"a force that {one}" for one in words] + ["points that sleep"] * sleeps
+        words += [f"a body that is fixed or prescribed ({name})" for name in guided]
         faults = [Fault("solver.method", f"{method} cannot run {one}: {advice}") for one in words]
     if sleeps and engine.loop == TimeLoop.EXUDYN and engine.net == NetForm.CONNECTORS:
         reason = 'connectors pull points that sleep: use engine.net = "fused", or engine.loop = "compiled"'

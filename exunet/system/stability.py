@@ -68,7 +68,7 @@ def largest_frequency(system: System) -> float:
     if linear is not None and linear.stiffness is not None:
         stiffness = csr_array(stiffness + linear.stiffness)
     stiffness = stiffness[free][:, free]
-    square = max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(system.mass, 3)[free])))
+    square = max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(system.inert_mass, 3)[free])))
     return math.sqrt(square + sum(term.stiffness_rate for term in system.forces.kernels))
 
 
@@ -80,7 +80,7 @@ def largest_damping_rate(system: System) -> float:
     if linear is not None and linear.damping is not None:
         free = _free_coordinates(system)
         damping = linear.damping[free][:, free]
-        rate += max(0.0, _largest_eigenvalue(_symmetric(damping, np.repeat(system.mass, 3)[free])))
+        rate += max(0.0, _largest_eigenvalue(_symmetric(damping, np.repeat(system.inert_mass, 3)[free])))
     relaxation = system.forces.cable.changes.relaxation_time
     if relaxation is not None:  # of a taut net, tau T at most
         rate += float(relaxation.max(initial=0.0)) * largest_frequency(system) ** 2
@@ -88,7 +88,7 @@ def largest_damping_rate(system: System) -> float:
 
 
 def _free_coordinates(system: System) -> NDArray[np.int64]:
-    return np.flatnonzero(np.repeat(system.free, 3))
+    return np.flatnonzero(np.repeat(np.isfinite(system.inert_mass), 3))
 
 
 def stable_step(method: Method, frequency: float, damping_rate: float = 0.0) -> float:

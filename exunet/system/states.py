@@ -125,8 +125,9 @@ class States:
 
     @cached_property
     def kinetic_of_bodies(self) -> Floats:
-        """(k, n_bodies) of each rigid body [J]."""
-        return rigid.kinetic(self.system.body_mass, self.system.body_inertia, self.bodies)
+        """(k, n_bodies) of each rigid body [J]; zero for those that guides move."""
+        system = self.system
+        return rigid.kinetic(system.body_mass, system.body_inertia, self.bodies) * system.moves_freely
 
     @cached_property
     def kinetic(self) -> Floats:
@@ -137,15 +138,17 @@ class States:
 
     @cached_property
     def momentum(self) -> Floats:
-        """(k, 3) of everything [kg m/s]."""
-        points = energy.momentum(self.system.mass, self.velocity)
-        return points + energy.momentum(self.system.body_mass, self.bodies.velocity)
+        """(k, 3) of everything but the bodies that guides move [kg m/s]."""
+        points, moves = energy.momentum(self.system.mass, self.velocity), self.system.moves_freely
+        return points + energy.momentum(self.system.body_mass * moves, self.bodies.velocity)
 
     @cached_property
     def angular_momentum(self) -> Floats:
-        """(k, 3) of everything, about the origin [kg m2/s]."""
+        """(k, 3) of everything but the bodies that guides move, about the origin [kg m2/s]."""
         points = energy.angular_momentum(self.system.mass, self.position, self.velocity)
-        return points + rigid.angular_momentum(self.system.body_mass, self.system.body_inertia, self.bodies)
+        moves = self.system.moves_freely
+        mass, inertia = self.system.body_mass * moves, self.system.body_inertia * moves[:, None]
+        return points + rigid.angular_momentum(mass, inertia, self.bodies)
 
     @cached_property
     def finite(self) -> NDArray[np.bool_]:
@@ -160,6 +163,11 @@ class States:
         if not self.system.forces.dissipates:
             return np.zeros(len(self) - 1)
         return energy.work_taken(self.system, self.time, *self.flat, self.memory)
+
+    @cached_property
+    def given_work(self) -> Floats:
+        """(k,) energy [J] that guided bodies have given to all else since the start."""
+        return self.system.given_work(self.first_order)
 
 
 _SERIES = tuple(

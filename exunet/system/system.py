@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.rigid import RigidBody, RigidStates
+from exunet.bodies.body import RigidBody
+from exunet.bodies.kinematics import Kinematics
+from exunet.bodies.rigid import RigidStates
 from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.terms import Input, Memories
 from exunet.forces.total import Forces
@@ -26,21 +28,32 @@ class System:
 
     blocks : the nodes of the net, point masses, rigid bodies and first-order states in one numbering
     forces : every term that acts on them
-    bodies : the rigid bodies, in the order of `blocks.rigid`
+    bodies : the rigid bodies, in the order of `blocks.rigid`: free ones, then those that guides move
+    kinematics : what of it has no equations of motion; the constraint among the forces states the same
     """
 
     blocks: Blocks
     forces: Forces
     bodies: tuple[RigidBody, ...] = ()
+    kinematics: Kinematics = field(default_factory=Kinematics)
 
     @property
     def net(self) -> Net:
         return self.blocks.net
 
-    @property
+    @cached_property
     def mass(self) -> Floats:
-        """(n_points,) [kg]."""
-        return self.blocks.mass
+        """(n_points,) [kg]; zero for points that are fixed to bodies, which have their mass."""
+        if not len(self.kinematics.point):
+            return self.blocks.mass
+        mass = self.blocks.mass.copy()
+        mass[self.kinematics.point] = 0.0
+        return mass
+
+    @cached_property
+    def moves_freely(self) -> NDArray[np.bool_]:
+        """(n_bodies,) False for the bodies that guides move."""
+        return np.arange(len(self.bodies)) < len(self.bodies) - len(self.kinematics.guides)
 
     @cached_property
     def body_mass(self) -> Floats:
@@ -59,16 +72,48 @@ class System:
 
     @cached_property
     def driven(self) -> NDArray[np.bool_]:
-        """(n_bodies,) True for the rigid bodies that a term acts on."""
-        names = {name for term in self.forces.kernels for name in term.bodies}
-        return np.array([name in names for name in self.blocks.rigid], dtype=bool)
+        """(n_bodies,) True for the free rigid bodies that a term acts on."""
+        names = self.forces.on_bodies
+        return np.array([name in names for name in self.blocks.rigid], dtype=bool) & self.moves_freely
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """(n_points,) False for the nodes that are held still."""
+        """(n_points,) False for the nodes that are held still, and those that are fixed to bodies."""
         free = np.ones(self.blocks.n_points, dtype=bool)
         free[self.net.fixed_nodes] = False
+        free[self.kinematics.point] = False
         return free
+
+    @cached_property
+    def inert_mass(self) -> Floats:
+        """(n_points,) [kg] no larger than what resists forces on all points at once; infinite for held ones.
+
+        A unit force on a point of a body moves it by no more than the largest eigenvalue of its mobility,
+        1/m + [p]x^T J^-1 [p]x; n points that pull one body together move each other by no more than n times
+        as much.
+        """
+        mass, kinematics = self.blocks.mass.copy(), self.kinematics
+        for point, number, arm in zip(kinematics.point, kinematics.body, kinematics.arm, strict=True):
+            body, together = self.bodies[number], np.count_nonzero(kinematics.body == number)
+            lever = np.cross(np.eye(3), arm)
+            turns = lever @ np.diag(1.0 / np.array(body.inertia)) @ lever.T
+            mass[point] = 1.0 / (together * (1.0 / body.mass + np.linalg.eigvalsh(turns)[-1]))
+        mass[self.held] = np.inf
+        return mass
+
+    @cached_property
+    def held(self) -> NDArray[np.int64]:
+        """Points that nothing moves but their support: fixed nodes, those on bodies that guides move."""
+        guided = self.kinematics.point[~self.moves_freely[self.kinematics.body]]
+        return np.concatenate([self.net.fixed_nodes, guided])
+
+    def given_work(self, first_order: Floats) -> Floats:
+        """(...,) energy [J] that guided bodies have given to all else, by first-order states (..., n)."""
+        blocks = self.blocks
+        names = blocks.rigid[len(blocks.rigid) - len(self.kinematics.guides) :]
+        first = blocks.n_x - blocks.n_states
+        columns = [blocks.state(f"{name}/work") - first for name in names]
+        return np.asarray(first_order[..., columns].sum(axis=-1))
 
     @cached_property
     def memory(self) -> dict[str, Floats]:
@@ -151,6 +196,12 @@ class Moving(NamedTuple):
     bodies: RigidStates
     first_order: Floats
 
+    def completed(self, kinematics: Kinematics, time: float | Floats) -> Moving:
+        """At times (...) [s], with what has no equations of motion put in; the free bodies suffice."""
+        if not kinematics:
+            return self
+        return Moving(*kinematics.completed(np.asarray(time), *self[:3]), self.first_order)
+
 
 @dataclass(frozen=True, eq=False)
 class Layout:
@@ -189,12 +240,13 @@ class Layout:
 
     def inverse_mass(self, system: System, memory: Memories) -> Floats:
         """(n_force,) 1 / mass or 1 / inertia; zero for what is held or sleeps, 1 for first-order states."""
-        points = np.repeat(system.free * memory.get(AWAKE, 1.0) / system.mass, 3)
-        bodies = np.repeat(1.0 / system.body_mass, 3), (1.0 / system.body_inertia).ravel()
+        points = np.repeat(system.free * memory.get(AWAKE, 1.0) / self.blocks.mass, 3)
+        moves = system.moves_freely
+        bodies = np.repeat(moves / system.body_mass, 3), (moves[:, None] / system.body_inertia).ravel()
         return np.concatenate([points, *bodies, np.ones(self.blocks.n_states)])
 
     def half_mass(self, system: System) -> Floats:
-        """(n_v,) half the mass or inertia."""
-        return 0.5 * np.concatenate(
-            [np.repeat(system.mass, 3), np.repeat(system.body_mass, 3), system.body_inertia.ravel()]
-        )
+        """(n_v,) half the mass or inertia; zero for what has no equations of motion."""
+        moves = system.moves_freely
+        bodies = np.repeat(moves * system.body_mass, 3), (moves[:, None] * system.body_inertia).ravel()
+        return 0.5 * np.concatenate([np.repeat(system.mass, 3), *bodies])

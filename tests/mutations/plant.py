@@ -155,8 +155,8 @@ def beta_lost(patch):
 def stale_length(patch):
     right = Model.cable_element
 
-    def wrong(self, i, j, length, *rest, **named):
-        return right(self, i, j, length * (1.0 + 1e-9), *rest, **named)
+    def wrong(self, element, i, j, length, *rest, **named):
+        return right(self, element, i, j, length * (1.0 + 1e-9), *rest, **named)
 
     patch.setattr(Model, "cable_element", wrong)
 

@@ -95,7 +95,7 @@ class CompiledIntegration:
 
     def _batch(self, kept: Kept, rows: int) -> Batch:
         time, x, v, taken = (values[:rows] for values in kept)
-        return Batch(time, *self._layout.unpack(x, v), taken)
+        return Batch(time, *self._layout.unpack(x, v).completed(self._system.kinematics, time), taken)
 
     def collapse(self) -> str:
         """What to say when no step is small enough for the tolerance; "" if that is not so."""
@@ -155,7 +155,8 @@ class CompiledLoop(CompiledIntegration):
     def state(self) -> State:
         m = self._motion
         memory = {name: values.copy() for name, values in self._events.memory.items()}
-        return State.of(self.time, self._layout.unpack(m.x.copy(), m.v.copy()), memory)
+        moving = self._layout.unpack(m.x.copy(), m.v.copy())
+        return State.of(self.time, moving.completed(self._system.kinematics, self.time), memory)
 
     def push(self, force: Floats) -> None:
         self._motion.push[: force.size] = force.ravel()

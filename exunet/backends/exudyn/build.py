@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from exunet.backends.exudyn.applied_kernel import AppliedKernel
 from exunet.backends.exudyn.model import Model
 from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel, net_kernel, term_kernel
 from exunet.codegen.linearised import Linearised
+from exunet.forces.cable_term import SomeElements
 from exunet.forces.terms import Memories
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
@@ -29,7 +33,7 @@ def build(system: System, state: State, plan: Plan, *, fused: bool, pushed: bool
         _apply(model, system, net_kernel(system.forces), state, massive=True, implicit=implicit)
     else:
         _connectors(model, system, state, implicit=implicit, pushed=pushed)
-    model.assemble()
+    model.assemble(system.kinematics)
     return model
 
 
@@ -44,19 +48,21 @@ def remember(model: Model, system: System, memory: Memories) -> None:
 
 def expected_items(system: System, *, fused: bool) -> dict[str, int]:
     """How many objects of each kind `build` would make, without making them."""
-    forces, net = system.forces, system.net
+    forces = system.forces
     free = int(system.free.sum())
     if fused:
         counts = {"ObjectGenericODE2": 2 if free or system.driven.any() else 0}
     else:
-        linear = forces.linear is not None
-        generic = linear + (2 if forces.kernels and (free or system.driven.any()) else 0)
+        constrained = forces.constraint is not None
+        linear = forces.linear is not None and not constrained
+        applied = (forces.kernels or constrained) and (free or system.driven.any())
+        generic = linear + (2 if applied else 0)
         counts = {
             "MassPoint": free,
-            "ObjectConnectorSpringDamper": net.n_elements,
+            "ObjectConnectorSpringDamper": int(_native(system).sum()),
             "ObjectGenericODE2": generic,
         }
-    counts["ObjectRigidBody"] = len(system.bodies)
+    counts["ObjectRigidBody"] = int(system.moves_freely.sum())
     counts["ObjectGenericODE1"] = bool(system.blocks.states)
     return {kind: number for kind, number in counts.items() if number}
 
@@ -67,14 +73,27 @@ def _connectors(model: Model, system: System, state: State, *, implicit: bool, p
     _bodies(model, system, state)
     law = forces.cable.law
     times = law.relaxation_time if law.relaxation_time is not None else [None] * net.n_elements
-    for (i, j), length, stiffness, time in zip(
-        net.element_nodes.tolist(), law.natural_length, law.stiffness, times, strict=True
-    ):
-        model.cable_element(i, j, length, stiffness, time)
+    native = _native(system)
+    for element in np.flatnonzero(native).tolist():
+        i, j = net.element_nodes[element].tolist()
+        model.cable_element(
+            element, i, j, law.natural_length[element], law.stiffness[element], times[element]
+        )
+    if forces.constraint is not None:
+        # The engine's items know neither points on bodies nor bodies without coordinates.
+        others = SomeElements(forces.cable, ~native)
+        kernel = Kernel((others, *list(forces)[1:]))
+        _apply(model, system, kernel, state, massive=False, implicit=implicit)
+        return
     if forces.linear is not None:
         model.linear_terms(forces.linear.on_velocity, forces.linear.stiffness, forces.linear.load)
     if forces.kernels or pushed:
         _apply(model, system, term_kernel(forces.kernels), state, massive=False, implicit=implicit)
+
+
+def _native(system: System) -> NDArray[np.bool_]:
+    """(n_elements,) True for elements between points that the engine knows."""
+    return np.asarray(~np.isin(system.net.element_nodes, system.kinematics.point).any(axis=1))
 
 
 def _apply(
@@ -93,7 +112,8 @@ def _apply(
 
 
 def _bodies(model: Model, system: System, state: State) -> None:
-    for k, body in enumerate(system.bodies):
+    for k in np.flatnonzero(system.moves_freely).tolist():
+        body = system.bodies[k]
         model.rigid_body(body, state.bodies[k])
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidStates, quaternion_of, rotation_vector
 from exunet.system.system import Moving
 
@@ -28,16 +29,22 @@ class Places(NamedTuple):
     reference : (n_points, 3) places of the points without displacement [m]
     free      : (n_points,) False for fixed points, which have no coordinates
     points    : (3 n_free,) coordinates of the free points
-    bodies    : (n_bodies, 6) of the bodies, whose rotation vector is their attitude
+    bodies    : (n_free_bodies, 6) of the free bodies, whose rotation vector is their attitude
+    kinematics : what of the system has no coordinates
     """
 
     reference: Floats
     free: NDArray[np.bool_]
     points: Ints
     bodies: Ints
+    kinematics: Kinematics
 
-    def unpack(self, now: Coordinates) -> Moving:
-        """What moves, by the engine's coordinates."""
+    def unpack(self, now: Coordinates, time: float | Floats) -> Moving:
+        """What moves, by the engine's coordinates at times (...) [s]."""
+        return self.of_coordinates(now).completed(self.kinematics, time)
+
+    def of_coordinates(self, now: Coordinates) -> Moving:
+        """What has coordinates; points without are where they were at the start, and at rest."""
         shape = (*now.q.shape[:-1], *self.reference.shape)
         position = np.broadcast_to(self.reference, shape).copy()
         speed = np.zeros(shape)
@@ -52,7 +59,8 @@ class Places(NamedTuple):
     def pack(self, moving: Moving, like: Coordinates) -> Coordinates:
         """The engine's coordinates; where a place or an attitude is that of `like`, so is its coordinate."""
         q, v = like.q.copy(), like.v.copy()
-        before, bodies = self.unpack(like), moving.bodies
+        before = self.of_coordinates(like)
+        bodies = RigidStates(*(part[: len(self.bodies)] for part in moving.bodies.parts()))
         moved = (moving.position != before.position)[self.free].ravel()
         q[self.points[moved]] = (moving.position - self.reference)[self.free].ravel()[moved]
         v[self.points] = moving.velocity[self.free].ravel()

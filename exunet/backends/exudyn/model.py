@@ -12,7 +12,9 @@ from scipy.sparse import csr_array, diags_array
 
 from exunet.backends.exudyn.coordinates import Coordinates, Places
 from exunet.backends.exudyn.loading import exudyn
-from exunet.bodies.rigid import RigidBody, RigidStates, rotation_vector
+from exunet.bodies.body import RigidBody
+from exunet.bodies.kinematics import Kinematics
+from exunet.bodies.rigid import RigidStates, rotation_vector
 from exunet.forces import cable
 
 Floats = NDArray[np.float64]
@@ -45,7 +47,7 @@ class Model:
         self._keep_alive: list[Any] = []  # the engine only borrows the functions it is given
         self._laws: dict[bool, Any] = {}
         self._views: list[Floats] = []
-        self._connectors: list[int] = []
+        self._connectors: dict[int, int] = {}  # of elements
         self._carrying: NDArray[np.bool_] | None = None
         self._bodies: list[int] = []
         self._n_first_order = 0
@@ -87,9 +89,15 @@ class Model:
         return len(self._nodes) - 1
 
     def cable_element(
-        self, i: int, j: int, natural_length: float, stiffness: float, relaxation_time: float | None = None
+        self,
+        element: int,
+        i: int,
+        j: int,
+        natural_length: float,
+        stiffness: float,
+        relaxation_time: float | None = None,
     ) -> int:
-        """Add a tension-only connector between points i and j: eqs. (3) and (6)-(8).
+        """Add a tension-only connector, of an element, between points i and j: eqs. (3) and (6)-(8).
 
         The connector's `stiffness`, `damping` and `force` slots carry stiffness [N], length [m] and
         relaxation time [s] to the one compiled force law that all elements share.
@@ -107,16 +115,17 @@ class Model:
         self.system.SetObjectParameter(
             number, "springForceUserFunction", self._law(viscous=relaxation_time is not None)
         )
-        self._connectors.append(number)
+        self._connectors[element] = number
         return number
 
     def carry(self, intact: Floats) -> None:
         """Let the connectors of elements carry, or not: intact (n_elements,) is 1 or 0."""
         wanted = intact > 0.0
-        before = np.ones(len(self._connectors), dtype=bool) if self._carrying is None else self._carrying
-        for element in np.flatnonzero(wanted != before):
-            connector = self._connectors[element]
-            self.system.SetObjectParameter(connector, "activeConnector", bool(wanted[element]))
+        before = np.ones(len(wanted), dtype=bool) if self._carrying is None else self._carrying
+        for element in np.flatnonzero(wanted != before).tolist():
+            if element in self._connectors:  # else a kernel has it
+                connector = self._connectors[element]
+                self.system.SetObjectParameter(connector, "activeConnector", bool(wanted[element]))
         self._carrying = wanted
 
     def rigid_body(self, body: RigidBody, state: RigidStates) -> int:
@@ -309,12 +318,12 @@ class Model:
         container.SetWithSparseMatrix(matrix, numberOfRows=matrix.shape[0], numberOfColumns=matrix.shape[1])
         return container
 
-    def assemble(self) -> None:
-        """Finish the system; no item can be added afterwards."""
+    def assemble(self, kinematics: Kinematics | None = None) -> None:
+        """Finish the system; no item can be added afterwards. kinematics : of points without coordinates."""
         self.system.Assemble()
         reference = np.array(self._reference, dtype=float).reshape(-1, 3)
         bodies = self.columns_of_bodies()[:, None] + np.arange(6)
-        self.places = Places(reference, self.free, self.columns(), bodies)
+        self.places = Places(reference, self.free, self.columns(), bodies, kinematics or Kinematics())
 
     def items(self) -> dict[str, int]:
         """How many objects of each kind the engine holds."""

@@ -207,7 +207,7 @@ class Stepper:
         """Make the step that is about to be tried end near the next event."""
         if not self._events.in_steps:
             return
-        x, v = self._flat()
+        x, v = self._flat(self._step_start)
         step, least = self._attempt_end - self._step_start, 8.0 * self._plan.least_step
         shorter = self._events.step_within(step, least, x, v)
         if shorter < step:
@@ -220,23 +220,23 @@ class Stepper:
         now = self._model.coordinates()
         # The last stage of the adaptive methods was evaluated at the last step's end.
         after = np.array(self._model.system.systemData.GetODE2Coordinates_tt())
-        position, velocity, *_ = self._model.places.unpack(now)
-        acceleration = self._model.places.unpack(now._replace(v=after)).velocity
+        position, velocity, *_ = self._model.places.unpack(now, self._step_start)
+        acceleration = self._model.places.of_coordinates(now._replace(v=after)).velocity
         law = law_of(self._system.forces, self._events.memory)
         state = (position, velocity, acceleration)
         assert self._plan.tolerance is not None
         return jump_ahead(self._system.blocks, law, within, self._plan.tolerance, self._step_start, state)
 
-    def _flat(self) -> tuple[Floats, Floats]:
-        """The state now as x and v, see `exunet.forces.blocks`; copies."""
-        return self._system.layout.pack(self._model.places.unpack(self._model.coordinates()))
+    def _flat(self, time: float) -> tuple[Floats, Floats]:
+        """The state now, at a time [s], as x and v, see `exunet.forces.blocks`; copies."""
+        return self._system.layout.pack(self._model.places.unpack(self._model.coordinates(), time))
 
     def _look_for_events(self, time: float) -> bool:
         """True if one, at the end of an accepted step, makes the solver begin anew."""
         if not self._events:
             return False
         found = moved = False
-        x, v = self._flat()
+        x, v = self._flat(time)
         for name, change in self._events.at(time, x, v):
             if self._accepted.last_time != time:
                 self._append(time)
@@ -278,12 +278,12 @@ class Stepper:
         taken = self._accepted.take()
         if taken is not None:
             time, states = taken
-            self._observer.take(Batch(time, *self._model.places.unpack(states)))
+            self._observer.take(Batch(time, *self._model.places.unpack(states, time)))
 
     def state(self) -> State:
         memory = {name: values.copy() for name, values in self._events.memory.items()}
         now = Coordinates(*(np.array(part) for part in self._model.coordinates()))
-        return State.of(self.time, self._model.places.unpack(now), memory)
+        return State.of(self.time, self._model.places.unpack(now, self.time), memory)
 
     def push(self, force: Floats) -> None:
         self._pushed = force.copy()

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.exudyn.build import expected_items
+from exunet.bodies.body import RigidBody, in_frames
 from exunet.case.casefile import Case
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import EFFECTS, switched_on
@@ -53,17 +54,37 @@ def describe(case: Case) -> list[tuple[str, str]]:
 def _bodies(start: Start) -> list[tuple[str, str]]:
     """A row for each rigid body and each point mass: what it is, and where and how it moves at the start."""
     blocks, state = start.system.blocks, start.state
-    found = []
-    for k, body in enumerate(start.system.bodies):
-        inertia = ", ".join(f"{moment:g}" for moment in body.inertia)
-        moving = _motion(state.bodies.position[k], state.bodies.velocity[k])
-        turning = _vector(state.bodies.angular_velocity[k])
-        words = f"{body.mass:g} kg, inertia {inertia} kg m2, {moving}, turns at {turning} rad/s"
+    found, bodies = [], start.system.bodies
+    states = in_frames(bodies, state.bodies)
+    for k, body in enumerate(bodies):
+        moving = _motion(states.position[k], states.velocity[k])
+        turning = _vector(states.angular_velocity[k])
+        words = f"{body.mass:g} kg, {_inertia(body)}, {moving}, turns at {turning} rad/s"
+        words += _attached(start, k)
+        words += "" if start.system.moves_freely[k] else f"; {start.scene.bodies[body.name].motion}"
         found.append((f"body {body.name}", words))
     for name, point in blocks.body.items():
         moving = _motion(state.position[point], state.velocity[point])
         found.append((f"point mass {name}", f"{blocks.mass[point]:g} kg, {moving}"))
     return found
+
+
+def _attached(start: Start, body: int) -> str:
+    """The nodes that are fixed to a body."""
+    kinematics = start.system.kinematics
+    nodes = kinematics.point[kinematics.body == body].tolist()
+    return f"; fixed to it: nodes {', '.join(map(str, nodes))}" if nodes else ""
+
+
+def _inertia(body: RigidBody) -> str:
+    """Principal moments, and axes and centre where they are not those of the body's frame."""
+    words = f"inertia {', '.join(f'{moment:g}' for moment in body.inertia)} kg m2"
+    if not body.is_along_frame:
+        axes = np.round(body.rotation.T, 6) + 0.0  # no -0
+        words += f" about the principal axes {', '.join(map(_vector, axes))} of its frame"
+    if any(body.centre):
+        words += f", centre of mass at {_vector(np.array(body.centre))} m of its frame"
+    return words
 
 
 def _motion(position: Floats, velocity: Floats) -> str:

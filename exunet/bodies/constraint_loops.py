@@ -1,0 +1,180 @@
+"""Kinematic constraints as scalar loops, in the subset of Python that Numba compiles.
+
+Bodies that a guide moves and points that are fixed to bodies have entries in x, v and force as all others,
+but no equations of motion: what they are is put into x and v before the forces are summed (`place`), and what
+pulls at them goes on to what carries them afterwards (`add`). `exunet.bodies.kinematics` states the same on
+whole arrays; the tests hold the two against each other. The text of these functions is copied into a scene's
+specialised module (see `exunet.codegen.generate`), so they use no global name but each other's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.forces.loops import Index
+
+Floats = NDArray[np.float64]
+Indexes = NDArray[Index]
+
+
+class Guided(NamedTuple):
+    """Bodies that guides move, as in `exunet.bodies.guide.Guide`; all pieces of all bodies in one list.
+
+    first    : (n + 1,) where the pieces of each body begin in the list
+    time, position, attitude, turning : (m,), (m, 4, 3), (m, 4), (m, 4, 3) of the pieces
+    offset   : (n, 3) of the centre of mass from the guided point [m]
+    centre, quaternion, spin, rate : (n,) where their entries begin, see `exunet.forces.blocks`: rate that of
+               the impulse [N s], the angular impulse about the origin [N m s] and the work [J] that they give
+    """
+
+    first: NDArray[np.int64]
+    time: Floats
+    position: Floats
+    attitude: Floats
+    turning: Floats
+    offset: Floats
+    centre: Indexes
+    quaternion: Indexes
+    spin: Indexes
+    rate: Indexes
+
+
+class Attached(NamedTuple):
+    """Points that are fixed to bodies.
+
+    point : (n,) where the entries of the point begin
+    centre, quaternion, spin : (n,) where those of its body begin
+    arm   : (n, 3) from the centre of mass, in principal axes [m]
+    """
+
+    point: Indexes
+    centre: Indexes
+    quaternion: Indexes
+    spin: Indexes
+    arm: Floats
+
+
+def in_scene_axes(x: Any, q: int, a: float, b: float, c: float) -> Any:
+    """A vector of a body's axes in the scene's; its unit quaternion begins at x[q].
+
+    r + 2 w (u x r) + 2 u x (u x r): Schwab and Meijaard, DETC2006-99307, eq. (8).
+    """
+    w, i, j, k = x[q], x[q + 1], x[q + 2], x[q + 3]
+    d = 2.0 * (j * c - k * b)
+    e = 2.0 * (k * a - i * c)
+    f = 2.0 * (i * b - j * a)
+    return a + w * d + j * f - k * e, b + w * e + k * d - i * f, c + w * f + i * e - j * d
+
+
+def in_body_axes(x: Any, q: int, a: float, b: float, c: float) -> Any:
+    """A vector of the scene's axes in a body's."""
+    w, i, j, k = x[q], x[q + 1], x[q + 2], x[q + 3]
+    d = 2.0 * (j * c - k * b)
+    e = 2.0 * (k * a - i * c)
+    f = 2.0 * (i * b - j * a)
+    return a - w * d + j * f - k * e, b - w * e + k * d - i * f, c - w * f + i * e - j * d
+
+
+def place_guided(t: float, x: Any, v: Any, guided: Any) -> None:
+    """Put the poses at time t [s], and their rates, of the guided bodies into x and v."""
+    angle = np.empty(3)
+    rate = np.empty(3)
+    for b in range(guided.centre.size):
+        piece = guided.first[b]
+        while piece + 1 < guided.first[b + 1] and t >= guided.time[piece + 1]:
+            piece += 1
+        s = t - guided.time[piece]
+        square = 0.0
+        for axis in range(3):
+            c = guided.turning[piece, :, axis]
+            angle[axis] = ((c[0] * s + c[1]) * s + c[2]) * s + c[3]
+            rate[axis] = (3.0 * c[0] * s + 2.0 * c[1]) * s + c[2]
+            square += angle[axis] * angle[axis]
+        size = math.sqrt(square)
+        half = 0.5 * size
+        if size < 1e-3:  # where the differences lose digits, two terms of their series are exact
+            ratio = 0.5 - square / 48.0
+            of_first = 0.5 - square / 24.0
+            of_second = 1.0 / 6.0 - square / 120.0
+        else:
+            ratio = math.sin(half) / size
+            of_first = 2.0 * ratio * ratio
+            of_second = (size - math.sin(size)) / (square * size)
+        q = guided.quaternion[b]
+        w, i, j, k = guided.attitude[piece]
+        real = math.cos(half)
+        d, e, f = ratio * angle[0], ratio * angle[1], ratio * angle[2]
+        x[q] = w * real - i * d - j * e - k * f
+        x[q + 1] = w * d + i * real + j * f - k * e
+        x[q + 2] = w * e - i * f + j * real + k * d
+        x[q + 3] = w * f + i * e - j * d + k * real
+        d = angle[1] * rate[2] - angle[2] * rate[1]
+        e = angle[2] * rate[0] - angle[0] * rate[2]
+        f = angle[0] * rate[1] - angle[1] * rate[0]
+        n = guided.spin[b]
+        v[n] = rate[0] - of_first * d + of_second * (angle[1] * f - angle[2] * e)
+        v[n + 1] = rate[1] - of_first * e + of_second * (angle[2] * d - angle[0] * f)
+        v[n + 2] = rate[2] - of_first * f + of_second * (angle[0] * e - angle[1] * d)
+        n = guided.centre[b]
+        for axis in range(3):
+            c = guided.position[piece, :, axis]
+            x[n + axis] = ((c[0] * s + c[1]) * s + c[2]) * s + c[3]
+            v[n + axis] = (3.0 * c[0] * s + 2.0 * c[1]) * s + c[2]
+        o = guided.offset[b]
+        add_arm(x, v, n, n, q, guided.spin[b], o[0], o[1], o[2])
+
+
+def add_arm(x: Any, v: Any, to: int, base: int, q: int, n: int, a: float, b: float, c: float) -> None:
+    """The place and velocity of a point of a body at `to`, from those at `base` and an arm in its axes."""
+    d, e, f = in_scene_axes(x, q, a, b, c)
+    x[to], x[to + 1], x[to + 2] = x[base] + d, x[base + 1] + e, x[base + 2] + f
+    d, e, f = in_scene_axes(
+        x, q, v[n + 1] * c - v[n + 2] * b, v[n + 2] * a - v[n] * c, v[n] * b - v[n + 1] * a
+    )
+    v[to], v[to + 1], v[to + 2] = v[base] + d, v[base + 1] + e, v[base + 2] + f
+
+
+def place_attached(t: float, x: Any, v: Any, attached: Any) -> None:
+    """Put the places and velocities of the attached points into x and v."""
+    for p in range(attached.point.size):
+        arm = attached.arm[p]
+        base, q, n = attached.centre[p], attached.quaternion[p], attached.spin[p]
+        add_arm(x, v, attached.point[p], base, q, n, arm[0], arm[1], arm[2])
+
+
+def carry_forces(t: float, x: Any, v: Any, attached: Any, force: Any) -> None:
+    """Hand the forces on attached points over to their bodies, with their torque."""
+    for p in range(attached.point.size):
+        k, base, n = attached.point[p], attached.centre[p], attached.spin[p]
+        a, b, c = force[k], force[k + 1], force[k + 2]
+        force[base] += a
+        force[base + 1] += b
+        force[base + 2] += c
+        a, b, c = in_body_axes(x, attached.quaternion[p], a, b, c)
+        arm = attached.arm[p]
+        force[n] += arm[1] * c - arm[2] * b
+        force[n + 1] += arm[2] * a - arm[0] * c
+        force[n + 2] += arm[0] * b - arm[1] * a
+        force[k] = 0.0
+        force[k + 1] = 0.0
+        force[k + 2] = 0.0
+
+
+def give_to_others(t: float, x: Any, v: Any, guided: Any, force: Any) -> None:
+    """The rates of what guided bodies give: impulse, angular impulse about the origin, work."""
+    for b in range(guided.centre.size):
+        n, k, to = guided.centre[b], guided.spin[b], guided.rate[b]
+        d, e, f = force[n], force[n + 1], force[n + 2]
+        i, j, m = in_scene_axes(x, guided.quaternion[b], force[k], force[k + 1], force[k + 2])
+        force[to] -= d
+        force[to + 1] -= e
+        force[to + 2] -= f
+        force[to + 3] -= i + x[n + 1] * f - x[n + 2] * e
+        force[to + 4] -= j + x[n + 2] * d - x[n] * f
+        force[to + 5] -= m + x[n] * e - x[n + 1] * d
+        power = d * v[n] + e * v[n + 1] + f * v[n + 2]
+        force[to + 6] -= power + force[k] * v[k] + force[k + 1] * v[k + 1] + force[k + 2] * v[k + 2]

@@ -1,0 +1,153 @@
+"""Shapes of rigid bodies as frozen numbers, in the frame that a case draws them in.
+
+A solid is one of these, about its own origin, its axis along z:
+
+    box      : edges a, b, c along x, y, z; centre at the origin
+    cylinder : radius r, length h; the middle of its axis at the origin
+    sphere   : radius r
+    capsule  : radius r, length h between the centres of its half-spheres, whose middle is the origin
+    frustum  : of a circular cone: radius r1 at z = -h/2 and r2 at z = h/2
+
+The numbers of all parts of a shape together are arrays (`Shape.table`), as compiled functions take them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.bodies.rigid import rotation_matrix
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Vector = tuple[float, float, float]
+
+SolidName = Literal["box", "cylinder", "sphere", "capsule", "frustum"]
+SOLIDS: tuple[SolidName, ...] = get_args(SolidName)
+ShapeName = Literal["box", "cylinder", "sphere", "capsule", "frustum", "mesh"]
+
+
+@dataclass(frozen=True)
+class Solid:
+    """One solid of a shape.
+
+    kind     : its name
+    numbers  : box (a, b, c), cylinder and capsule (r, h, 0), sphere (r, 0, 0), frustum (r1, r2, h) [m]
+    position : of its origin in the body's frame [m]
+    attitude : unit quaternion (w, x, y, z) that turns its axes into those of the body's frame
+    """
+
+    kind: SolidName
+    numbers: Vector
+    position: Vector = (0.0, 0.0, 0.0)
+    attitude: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+    @property
+    def rotation(self) -> Floats:
+        """(3, 3), from its axes to those of the body's frame."""
+        return rotation_matrix(np.array(self.attitude))
+
+    @property
+    def least(self) -> float:
+        """The smallest of its dimensions, across [m]."""
+        if self.kind == "box":
+            return min(self.numbers)
+        if self.kind == "frustum":
+            low, high, length = self.numbers
+            return min(low + high, length)
+        radius, length, _ = self.numbers
+        return min(2.0 * radius, length) if self.kind == "cylinder" else 2.0 * radius
+
+    def farthest(self, direction: Floats) -> Floats:
+        """The point of it that is farthest in a direction (3,), in the body's frame (3,) [m].
+
+        Its support function: Ericson, Real-Time Collision Detection (2005), section 9.5.
+        """
+        turn = self.rotation
+        own = direction @ turn
+        return np.asarray(turn @ _farthest(self.kind, self.numbers, own) + self.position)
+
+    def contains(self, points: Floats) -> NDArray[np.bool_]:
+        """(n,) True for points (n, 3) of the body's frame that are inside it."""
+        x, y, z = ((points - self.position) @ self.rotation).T
+        a, b, c = self.numbers
+        if self.kind == "box":
+            return np.asarray((2 * np.abs(x) < a) & (2 * np.abs(y) < b) & (2 * np.abs(z) < c))
+        across = np.hypot(x, y)
+        if self.kind == "frustum":
+            return np.asarray((2 * np.abs(z) < c) & (across < a + (b - a) * (z / c + 0.5)))
+        if self.kind == "cylinder":
+            return np.asarray((2 * np.abs(z) < b) & (across < a))
+        return np.asarray(np.hypot(across, np.maximum(np.abs(z) - 0.5 * b, 0.0)) < a)
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleMesh:
+    """A closed surface of triangles, anticlockwise as seen from outside.
+
+    vertices  : (n, 3) [m] in the body's frame
+    triangles : (m, 3) numbers of vertices
+    """
+
+    vertices: Floats
+    triangles: Ints
+
+
+class ShapeTable(NamedTuple):
+    """The solids of a shape as arrays.
+
+    kind        : (n,) number of the solid in `SOLIDS`
+    numbers     : (n, 3) as of `Solid` [m]
+    position    : (n, 3) [m]
+    rotation    : (n, 3, 3) from the solid's axes to those of the body's frame
+    edge_radius : [m]
+    """
+
+    kind: Ints
+    numbers: Floats
+    position: Floats
+    rotation: Floats
+    edge_radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """The shape of a body: solids that together are the body, or a mesh.
+
+    edge_radius : [m] by which edges and corners are rounded for contact, inside the sharp shape
+    """
+
+    solids: tuple[Solid, ...] = ()
+    mesh: TriangleMesh | None = None
+    edge_radius: float = 0.0
+
+    @property
+    def table(self) -> ShapeTable:
+        """Its solids as arrays."""
+        n = len(self.solids)
+        return ShapeTable(
+            np.array([SOLIDS.index(one.kind) for one in self.solids], dtype=np.int64),
+            np.array([one.numbers for one in self.solids]).reshape(n, 3),
+            np.array([one.position for one in self.solids]).reshape(n, 3),
+            np.array([one.rotation for one in self.solids]).reshape(n, 3, 3),
+            self.edge_radius,
+        )
+
+
+def _farthest(kind: str, numbers: Vector, direction: Floats) -> Floats:
+    a, b, c = numbers
+    upward = 1.0 if direction[2] >= 0.0 else -1.0
+    if kind == "box":
+        return 0.5 * np.where(direction >= 0.0, 1.0, -1.0) * np.array(numbers)
+    if kind in ("sphere", "capsule"):
+        size = float(np.linalg.norm(direction))
+        along = np.array([0.0, 0.0, 0.5 * b * upward if kind == "capsule" else 0.0])
+        return along + (a / size * direction if size else 0.0)
+    size = float(np.hypot(direction[0], direction[1]))
+    across = direction * [1.0, 1.0, 0.0] / size if size else np.zeros(3)
+    rims = [(a, 0.5 * b), (a, -0.5 * b)] if kind == "cylinder" else [(a, -0.5 * c), (b, 0.5 * c)]
+    points = [radius * across + np.array([0.0, 0.0, height]) for radius, height in rims]
+    return max(points, key=lambda point: float(direction @ point))

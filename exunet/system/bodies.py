@@ -1,0 +1,148 @@
+"""The rigid bodies of a scene: what they are, what moves them, and their states at time 0."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import CaseError, Fault
+from exunet.base.faults import joining
+from exunet.bodies.body import RigidBody
+from exunet.bodies.guide import Guide
+from exunet.bodies.keys import BodyKeys
+from exunet.bodies.kinematics import Kinematics, given_states
+from exunet.bodies.making import make_body
+from exunet.bodies.mass_properties import point_mass
+from exunet.bodies.overlap import overlap
+from exunet.bodies.rigid import RigidStates, product, rotation_matrix
+from exunet.case.scene import Scene
+from exunet.forces.blocks import FirstOrder
+from exunet.net.arrays import Net
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class BodiesAtStart:
+    """The bodies of a scene, free ones first, in the order of the case otherwise.
+
+    given : first-order states for what guided ones give to all else
+    """
+
+    bodies: tuple[RigidBody, ...] = ()
+    states: RigidStates = field(default_factory=RigidStates.none)
+    kinematics: Kinematics = field(default_factory=Kinematics)
+    given: tuple[FirstOrder, ...] = ()
+
+
+def bodies_at_start(scene: Scene, net: Net, faults: list[Fault]) -> BodiesAtStart:
+    """The rigid bodies of a scene, with the nodes of the net that are fixed to them.
+
+    faults : takes those of bodies that overlap
+    Raises CaseError for bodies that cannot be made, and for attachments to nodes that are not there.
+    """
+    if not scene.bodies:
+        return BodiesAtStart()
+    bodies: list[RigidBody] = []
+    nodes, wrong = attached_nodes(scene, net)
+    for name in sorted(scene.bodies, key=lambda name: scene.bodies[name].motion != "free"):
+        with joining(wrong):
+            keys = scene.bodies[name]
+            points = [one.point for one in keys.attachments.values()]
+            carried = [point_mass(net.mass[node], at) for node, at in zip(nodes[name], points, strict=False)]
+            bodies.append(make_body(name, keys, carried))
+    if wrong:
+        raise CaseError(wrong)
+    tables = [scene.bodies[body.name] for body in bodies]
+    guides = tuple(
+        _guide(body, keys) for body, keys in zip(bodies, tables, strict=True) if keys.motion != "free"
+    )
+    states = [_start_of(body, keys) for body, keys in zip(bodies, tables, strict=True)]
+    whole = RigidStates(*(np.array(part) for part in zip(*states, strict=True)))
+    kinematics = Kinematics(len(bodies) - len(guides), guides, *_attached(bodies, tables, nodes))
+    whole = kinematics.all_bodies(np.array(0.0), whole)
+    faults += _overlaps(bodies, whole)
+    given = tuple(one for body in bodies[kinematics.n_free :] for one in given_states(body.name))
+    return BodiesAtStart(tuple(bodies), whole, kinematics, given)
+
+
+def attached_nodes(scene: Scene, net: Net) -> tuple[dict[str, list[int]], list[Fault]]:
+    """The nodes of each body's attachments, in their order, and what is wrong with these."""
+    owner: dict[int, str] = {}
+    found: dict[str, list[int]] = {}
+    faults = []
+    for name, keys in scene.bodies.items():
+        found[name] = []
+        for label, one in keys.attachments.items():
+            key, kind = f"bodies.{name}.attachments.{label}", "bullet" if one.node is None else "node"
+            number = one.bullet if one.node is None else one.node
+            nodes = net.bullet_nodes if kind == "bullet" else np.arange(net.n_nodes)
+            assert number is not None
+            if number >= len(nodes):
+                words = f"there is no {kind} {number}: the net has {len(nodes)}, numbered from 0"
+                faults.append(Fault(f"{key}.{kind}", words))
+                continue
+            node = int(nodes[number])
+            if node in net.fixed_nodes:
+                faults.append(Fault(f"{key}.{kind}", f"node {node} is held still by net.fixed"))
+            if node in owner:
+                faults.append(Fault(f"{key}.{kind}", f"node {node} is fixed to a body by {owner[node]} too"))
+            owner[node] = key
+            found[name].append(node)
+    return found, faults
+
+
+def _attached(
+    bodies: list[RigidBody], tables: list[BodyKeys], nodes: dict[str, list[int]]
+) -> tuple[Ints, Ints, Floats]:
+    """The attached points, the number of the body of each, and their arms."""
+    points = [node for body in bodies for node in nodes[body.name]]
+    owners = [k for k, body in enumerate(bodies) for _ in nodes[body.name]]
+    arms = [
+        body.in_principal_axes(one.point)
+        for body, keys in zip(bodies, tables, strict=True)
+        for one in keys.attachments.values()
+    ]
+    return np.array(points, dtype=np.int64), np.array(owners, dtype=np.int64), np.array(arms).reshape(-1, 3)
+
+
+def _start_of(body: RigidBody, keys: BodyKeys) -> tuple[Floats, Floats, Floats, Floats]:
+    """Place and velocity of the centre of mass, attitude and angular velocity of the principal axes."""
+    position, velocity = np.array(keys.position), np.array(keys.velocity)
+    frame, spin = np.array(keys.quaternion), np.array(keys.angular_velocity)
+    if keys.angular_velocity_frame == "scene":
+        spin = spin @ rotation_matrix(frame)
+    if any(body.centre):
+        position = position + rotation_matrix(frame) @ body.centre
+    if body.is_along_frame:
+        return position, velocity, frame, spin
+    return position, velocity, product(frame, np.array(body.axes)), spin @ body.rotation
+
+
+def _guide(body: RigidBody, keys: BodyKeys) -> Guide:
+    """The motion of a body that is fixed or prescribed."""
+    if keys.pose_times is None:
+        return Guide.steady(*_start_of(body, keys))
+    assert keys.pose_positions is not None
+    frames = np.array(keys.pose_attitudes or [keys.quaternion] * len(keys.pose_times))
+    attitudes = product(frames, np.array(body.axes))
+    offset = -body.in_principal_axes((0.0, 0.0, 0.0))
+    return Guide.through(np.array(keys.pose_times), np.array(keys.pose_positions), attitudes, offset)
+
+
+def _overlaps(bodies: list[RigidBody], states: RigidStates) -> Iterator[Fault]:
+    poses = []
+    for k, body in enumerate(bodies):
+        frame = product(states.attitude[k], np.array(body.axes) * [1.0, -1.0, -1.0, -1.0])
+        origin = states.position[k] - rotation_matrix(frame) @ body.centre
+        poses.append(np.concatenate([origin, frame]))
+    for (k, one), (m, other) in combinations(enumerate(bodies), 2):
+        if one.shape is None or other.shape is None:
+            continue
+        if overlap(one.shape, poses[k], other.shape, poses[m]):
+            yield Fault(f"bodies.{other.name}.position", f"the body overlaps {one.name} at the start")

@@ -1,0 +1,356 @@
+"""Nodes of the net that are fixed to points of bodies: motion, books, forms, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from own_terms import FORMS, continue_alike
+from scipy.integrate import solve_ivp
+
+import exunet
+from exunet.backends.exudyn.build import expected_items
+from exunet.bodies.rigid import rotation_matrix
+from exunet.forces.cable import reference_tangent_stiffness
+from exunet.interfaces.commands.check import describe
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.run import simulate
+from exunet.system.stability import largest_frequency
+from exunet.system.states import States
+
+# A cable of two elements, 1 m and 55 N each, between two bodies; the first element is taut at the start, the
+# second snaps taut at some 0.1 s.
+CHAIN = """
+format = 1
+title = "Two bodies on a cable"
+time = { end = 0.3, output_step = 0.05 }
+initial.packing = 1.0
+initial.node_positions = [[0.0, 0.0, 0.0], [1.05, 0.0, 0.0], [2.0, 0.0, 0.0]]
+initial.node_velocities = [[0.0, 0.0, 0.0], [0.5, 0.1, 0.0], [0.0, 0.0, 0.0]]
+net.topology = "explicit"
+net.nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+net.elements = [[0, 1], [1, 2]]
+net.node_masses = [0.1, 0.5, 0.1]
+net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e6 }
+"""
+LUMP = 1390.0 * math.pi * 0.0005**2 / 2.0  # half an element [kg]
+EA = 70e6 * math.pi * 0.0005**2
+INERTIA = np.array([[0.2, 0.05, 0.02], [0.05, 0.3, 0.01], [0.02, 0.01, 0.4]])
+FIRST = (
+    "bodies.first={mass=2.0, inertia=[0.2, 0.3, 0.4], products_of_inertia=[0.05, 0.02, 0.01], "
+    "centre_of_mass=[0.1, 0.2, 0.3], position=[-0.5, 0.2, 0.1], velocity=[-0.3, 0.0, 0.2], "
+    "attitude=[0.9, 0.1, 0.3, 0.2], angular_velocity=[1.0, 2.0, -1.5]}",
+    "bodies.first.attachments.x={point=[0.3, 0.1, -0.2], node=0}",
+)
+SECOND = (
+    "bodies.second={mass=3.0, inertia=[0.2, 0.3, 0.4], position=[2.2, 0.1, 0.0], velocity=[0.5, 0.0, 0.3], "
+    "angular_velocity=[0.1, 2.0, 0.0]}",
+    "bodies.second.attachments.x={point=[-0.1, 0.1, 0.2], node=2}",
+)
+GUIDED = (*SECOND, "bodies.second.motion=prescribed")
+RK44 = ("solver.method=RK44", "solver.step=5e-5")
+
+
+def start(folder: Path, *overrides: str) -> Start:
+    path = folder / "chain.toml"
+    path.write_text(CHAIN)
+    return prepare_case(exunet.load(path, overrides))
+
+
+def test_the_mass_of_a_node_is_the_bodys(tmp_path: Path) -> None:
+    """Sums over the body and a point of 0.1 kg and half an element: mass, centre, and Steiner's theorem."""
+    begin = start(tmp_path, *FIRST)
+    (body,) = begin.system.bodies
+    m = 0.1 + LUMP
+    assert body.mass == pytest.approx(2.0 + m, rel=1e-15)
+    own, point = np.array([0.1, 0.2, 0.3]), np.array([0.3, 0.1, -0.2])
+    centre = (2.0 * own + m * point) / (2.0 + m)
+    np.testing.assert_allclose(body.centre, centre, rtol=1e-14)
+    expected = INERTIA.copy()
+    for mass, place in ((2.0, own - centre), (m, point - centre)):
+        expected += mass * (place @ place * np.eye(3) - np.outer(place, place))
+    np.testing.assert_allclose(body.inertia_in_frame, expected, rtol=1e-13)
+    assert begin.system.mass[0] == 0.0
+    assert begin.net.mass[0] == pytest.approx(m, rel=1e-14)
+
+
+def test_the_node_is_where_its_point_is(tmp_path: Path) -> None:
+    """At the start: position + R point, velocity + w x the arm from the centre."""
+    state = start(tmp_path, *FIRST).state
+    attitude = np.array([0.9, 0.1, 0.3, 0.2])
+    turn = rotation_matrix(attitude / np.linalg.norm(attitude))
+    place = turn @ np.array([0.3, 0.1, -0.2]) + np.array([-0.5, 0.2, 0.1])
+    np.testing.assert_allclose(state.position[0], place, rtol=1e-14)
+    arm = place - state.bodies.position[0]
+    speed = np.array([-0.3, 0.0, 0.2]) + np.cross(turn @ [1.0, 2.0, -1.5], arm)
+    np.testing.assert_allclose(state.velocity[0], speed, rtol=1e-13)
+
+
+def test_the_loops_state_what_the_arrays_do(tmp_path: Path) -> None:
+    """Placed by both; the forces handed on do the same work for any motion, and leave none on the point."""
+    system = start(tmp_path, *FIRST, *SECOND).system
+    constraint, blocks, rng = system.forces.constraint, system.blocks, np.random.default_rng(4)
+    assert constraint is not None
+    (call,) = constraint.calls
+    x, v, force = rng.normal(size=blocks.n_x), rng.normal(size=blocks.n_v), rng.normal(size=blocks.n_force)
+    for name in blocks.rigid:
+        q = blocks.attitude(name)
+        x[q : q + 4] /= np.linalg.norm(x[q : q + 4])
+    moving = system.layout.unpack(x.copy(), v.copy()).completed(system.kinematics, 0.0)
+    call.place(0.0, x, v, call.data)
+    for found, expected in zip((x, v), system.layout.pack(moving), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-14)
+    power = force @ v
+    call.add(0.0, x, v, call.data, force)
+    assert force @ v == pytest.approx(power, rel=1e-12)
+    np.testing.assert_array_equal(force[[0, 1, 2, 6, 7, 8]], np.zeros(6))
+
+
+def equations(begin: Start) -> Any:
+    """The system anew, by rotation matrices, angular momentum and full inertia in the scene's axes."""
+    m, points = 0.1 + LUMP, (np.array([0.3, 0.1, -0.2]), np.array([-0.1, 0.1, 0.2]))
+    masses, own = (2.0, 3.0), (INERTIA, np.diag([0.2, 0.3, 0.4]))
+    centres = np.array([0.1, 0.2, 0.3]), np.zeros(3)
+    bodies = []
+    for mass, inertia, centre, point in zip(masses, own, centres, points, strict=True):
+        both = (mass * centre + m * point) / (mass + m)
+        about = inertia.copy()
+        for part, place in ((mass, centre - both), (m, point - both)):
+            about = about + part * (place @ place * np.eye(3) - np.outer(place, place))
+        bodies.append((mass + m, about, point - both, both))
+    node = 0.5 + 2.0 * LUMP
+
+    def pull(a: Any, b: Any) -> Any:
+        d = b - a
+        return EA / 2.0 * max(d @ d - 1.0, 0.0) * d  # on a; L0 = 1
+
+    def rate(_t: float, y: Any) -> Any:
+        x, u = y[:3], y[3:6]
+        parts, ends = [], []
+        for k, (mass, about, arm, _) in enumerate(bodies):
+            part = y[6 + 18 * k : 24 + 18 * k]
+            turn = part[6:15].reshape(3, 3)
+            spin = turn @ np.linalg.solve(about, turn.T @ part[15:])
+            ends.append((part[:3] + turn @ arm, turn @ arm))
+            w = spin
+            cross = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+            parts.append([part[3:6], None, (cross @ turn).ravel(), None, mass])
+        on = [pull(ends[0][0], x), pull(ends[1][0], x)]
+        rates = [u, -(on[0] + on[1]) / node]
+        for part, force, (_, lever) in zip(parts, on, ends, strict=True):
+            rates += [part[0], force / part[4], part[2], np.cross(lever, force)]
+        return np.concatenate(rates)
+
+    y0 = [np.array([1.05, 0.0, 0.0]), np.array([0.5, 0.1, 0.0])]
+    starts = (
+        ([-0.5, 0.2, 0.1], [-0.3, 0.0, 0.2], [0.9, 0.1, 0.3, 0.2], [1.0, 2.0, -1.5]),
+        ([2.2, 0.1, 0.0], [0.5, 0.0, 0.3], [1.0, 0.0, 0.0, 0.0], [0.1, 2.0, 0.0]),
+    )
+    for (place, speed, attitude, spin), (_, about, _, both) in zip(starts, bodies, strict=True):
+        turn = rotation_matrix(np.array(attitude) / np.linalg.norm(attitude))
+        y0 += [place + turn @ both, np.array(speed), turn.ravel(), turn @ about @ spin]
+    found = solve_ivp(rate, (0.0, 0.3), np.concatenate(y0), method="DOP853", rtol=1e-12, atol=1e-13)
+    return found.y[:, -1]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_two_bodies_on_a_cable_as_other_equations_have_them(form: str, tmp_path: Path) -> None:
+    """DOP853 on equations written anew. RK44 at 5e-5 s errs by 1e-8 where the cable snaps taut (measured)."""
+    begin = start(tmp_path, *FIRST, *SECOND, FORMS[form], *RK44)
+    sim = exunet.Simulation(begin)
+    sim.advance_to(0.3)
+    y, state = equations(begin), sim.state
+    np.testing.assert_allclose(state.position[1], y[:3], atol=1e-7)
+    np.testing.assert_allclose(state.velocity[1], y[3:6], atol=1e-6)
+    for k, name in enumerate(("first", "second")):
+        part, body = y[6 + 18 * k : 24 + 18 * k], sim.bodies[name]
+        np.testing.assert_allclose(body.position, part[:3], atol=1e-7)
+        np.testing.assert_allclose(body.velocity, part[3:6], atol=1e-6)
+        np.testing.assert_allclose(body.rotation, part[6:15].reshape(3, 3), atol=1e-7)
+
+
+DAMPED = "effects.material_damping.relaxation_time=1e-3"
+BROKEN = "effects.breaking.force=20.0"
+
+
+# Each has a kernel of its own, which takes seconds to compile, but for breaking.
+COMPILED = pytest.param(DAMPED, marks=[pytest.mark.slow, pytest.mark.ci])
+
+
+@pytest.mark.parametrize("effect", ["", COMPILED, BROKEN], ids=["kept", "damped", "broken"])
+@pytest.mark.parametrize("second", [SECOND, GUIDED], ids=["free", "guided"])
+@pytest.mark.parametrize("form", FORMS)
+def test_momentum_and_energy_are_kept(
+    form: str, second: tuple[str, ...], effect: str, tmp_path: Path
+) -> None:
+    """Through a snap, off the centres. Measured: 2e-14 N s, 1e-12 N m s, and 1e-7 J of 7 J."""
+    begin = start(tmp_path, *FIRST, *second, *([effect] if effect else []), FORMS[form], *RK44)
+    sim = exunet.Simulation(begin)
+    energy, first = sim.energy.total, States.of(begin.system, begin.state)
+    sim.advance_to(0.3)
+    last = States.of(begin.system, sim.state)
+    given = np.zeros(7) if second is SECOND else sim.state.first_order
+    np.testing.assert_allclose(last.momentum[0] - first.momentum[0], given[:3], atol=1e-13)
+    np.testing.assert_allclose(last.angular_momentum[0] - first.angular_momentum[0], given[3:6], atol=1e-11)
+    assert sim.energy.total == pytest.approx(energy, abs=1e-6 if effect != BROKEN else 1e-4)
+    assert sim.largest_tension["tension_N"] > 20.0
+    if second is SECOND:  # else what the guided body gives is in it too
+        assert (sim.energy.dissipated > 1e-3) == (effect != "")
+
+
+def test_the_velocities_of_verlet_fit_together(tmp_path: Path) -> None:
+    """A step ends with the velocities of bodies, which those of points on them follow."""
+    how = (FORMS["connectors"], "solver.method=VelocityVerlet", "solver.step=5e-5")
+    begin = start(tmp_path, *FIRST, *SECOND, *how)
+    sim = exunet.Simulation(begin)
+    sim.advance_to(0.05)
+    state = sim.state
+    expected = state.moving.completed(begin.system.kinematics, state.time)
+    np.testing.assert_allclose(state.velocity, expected.velocity, atol=1e-15)
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_verlet_of_the_compiled_loop(tmp_path: Path) -> None:
+    """Momentum to round-off, the books of energy to its order; velocities of points fit those of bodies."""
+    keys = (FORMS["compiled"], "solver.method=VelocityVerlet", "solver.step=2e-5")
+    begin = start(tmp_path, *FIRST, *SECOND, *keys)
+    sim = exunet.Simulation(begin)
+    energy, first = sim.energy.total, States.of(begin.system, begin.state)
+    sim.advance_to(0.3)
+    state, last = sim.state, States.of(begin.system, sim.state)
+    np.testing.assert_allclose(last.momentum, first.momentum, atol=1e-12)
+    assert sim.energy.total == pytest.approx(energy, rel=1e-4)
+    expected = state.moving.completed(begin.system.kinematics, state.time)
+    np.testing.assert_allclose(state.velocity, expected.velocity, atol=1e-15)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_force_on_an_attached_node_is_one_on_its_body(form: str, tmp_path: Path) -> None:
+    """F t of momentum, r x F of angular momentum as the node goes, and its work in the balance."""
+    begin = start(tmp_path, *FIRST, *SECOND, FORMS[form], *RK44)
+    sim = exunet.Simulation(begin)
+    force, energy, first = np.array([0.3, -0.2, 0.5]), sim.energy.total, States.of(begin.system, begin.state)
+    sim.set_force(0, force)
+    places = [sim.net.position[0]]
+    while sim.time < 0.1:
+        sim.advance(1e-3)
+        places.append(sim.net.position[0])
+    last = States.of(begin.system, sim.state)
+    np.testing.assert_allclose(last.momentum[0] - first.momentum[0], 0.1 * force, atol=1e-12)
+    mean = np.trapezoid(places, dx=1e-3, axis=0)  # h^2 / 12 t a errs by 3e-7 m s for 30 m/s2
+    turned = last.angular_momentum[0] - first.angular_momentum[0]
+    np.testing.assert_allclose(turned, np.cross(mean, force), atol=1e-6)
+    assert sim.energy.total == pytest.approx(energy, abs=1e-6)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_snapshot_of_bodies_on_a_cable(form: str, tmp_path: Path) -> None:
+    begin = start(tmp_path, *FIRST, *GUIDED, FORMS[form], "solver.method=RK44", "solver.step=1e-4")
+    one, other = exunet.Simulation(begin), exunet.Simulation(begin)
+    one.advance_to(0.1)
+    other.advance_to(0.02)
+    continue_alike(one, other, 0.2, tmp_path)
+
+
+ENDS = (("left", 0), ("right", 1))
+
+
+def test_the_snap_of_two_bodies_as_of_two_masses(tmp_path: Path) -> None:
+    """Fixed at their centres: E11 = v sqrt(mu / EA L0) and N = EA E11 sqrt(1 + 2 E11), which are 5.331090e-3
+    and 294.65036 N for E = 70 GPa, d = 1 mm, L0 = 1 m, mu = 0.25 kg, v = 2.5 m/s."""
+    mass = 0.5 - LUMP
+    keys = f"mass={mass!r}, inertia=[0.1, 0.1, 0.1]"
+    bodies = [
+        f"bodies.left={{{keys}}}",
+        f"bodies.right={{{keys}, position=[0.9, 0, 0], velocity=[2.5, 0, 0]}}",
+    ]
+    bodies += [f"bodies.{one}.attachments.end={{point=[0, 0, 0], node={k}}}" for one, k in ENDS]
+    path = tmp_path / "snap.toml"
+    text = CHAIN.replace(", [1.05, 0.0, 0.0], [2.0, 0.0, 0.0]]", ", [0.9, 0.0, 0.0]]")
+    text = text.replace(", [0.5, 0.1, 0.0], [0.0, 0.0, 0.0]]", ", [0.0, 0.0, 0.0]]")
+    text = text.replace(", [2.0, 0.0, 0.0]]", "]").replace("[[0, 1], [1, 2]]", "[[0, 1]]")
+    text = (
+        text.replace("net.node_masses = [0.1, 0.5, 0.1]\n", "")
+        .replace("70e6", "70e9")
+        .replace("0.3,", "0.06,")
+    )
+    path.write_text(text)
+    case = exunet.load(path, [*bodies, "solver.method=RK44", "solver.step=2e-6"])
+    sim = exunet.Simulation(prepare_case(case))
+    sim.advance_to(0.06)
+    assert sim.largest_tension["tension_N"] == pytest.approx(294.65036, rel=1e-6)
+    # The undamped rebound reverses their relative velocity.
+    assert sim.bodies["right"].velocity[0] == pytest.approx(0.0, abs=1e-6)
+    assert sim.bodies["left"].velocity[0] == pytest.approx(2.5, rel=1e-6)
+
+
+def test_the_stable_step_bounds_the_fastest_mode(tmp_path: Path) -> None:
+    """The eigenvalues of the taut net with the mobilities 1/m + [p]x^T J^-1 [p]x of light bodies."""
+    light = "bodies.{}={{mass=0.01, inertia=[1e-4, 1e-4, 1e-4], position=[{}, 0, 0]}}"
+    bodies = [light.format("first", 0.0), light.format("second", 2.0)]
+    bodies += ["bodies.first.attachments.a={point=[0, 0.1, 0], node=0}"]
+    bodies += ["bodies.first.attachments.b={point=[1, 0, 0.05], node=1}"]
+    bodies += ["bodies.second.attachments.a={point=[0, 0.03, 0], node=2}"]
+    system = start(tmp_path, *bodies).system
+    mobility = np.zeros((9, 9))
+    for k, body in enumerate(system.bodies):
+        own = np.flatnonzero(system.kinematics.body == k)
+        levers = {system.kinematics.point[n]: np.cross(np.eye(3), system.kinematics.arm[n]) for n in own}
+        for p, one in levers.items():
+            for q, other in levers.items():
+                turns = (
+                    body.rotation @ one @ np.diag(1.0 / np.array(body.inertia)) @ other.T @ body.rotation.T
+                )
+                mobility[3 * p : 3 * p + 3, 3 * q : 3 * q + 3] = np.eye(3) / body.mass + turns
+    stiffness = reference_tangent_stiffness(system.net, 3).toarray()
+    fastest = math.sqrt(np.abs(np.linalg.eigvals(mobility @ stiffness)).max())
+    assert fastest <= largest_frequency(system) <= 3.0 * fastest
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("x.node", "7", "there is no node 7: the net has 3, numbered from 0"),
+        ("x.bullet", "0", "give either node or bullet"),
+        ("x.node", "", "give either node or bullet"),
+        ("x", "{point=[0, 0, 0], bullet=0}", "there is no bullet 0: the net has 0"),
+        ("y", "{point=[0, 0, 0], node=0}", "node 0 is fixed to a body by bodies.first.attachments.x too"),
+        ("x.point", "[0, 0]", "must be a list of 3 numbers"),
+    ],
+)  # fmt: skip
+def test_faults_of_attachments(key: str, value: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(exunet.CaseError, match=words):
+        start(tmp_path, *FIRST, f"bodies.first.attachments.{key}={value}")
+
+
+def test_check_tells_what_is_attached(tmp_path: Path) -> None:
+    path = tmp_path / "chain.toml"
+    path.write_text(CHAIN)
+    rows = dict(describe(exunet.load(path, [*FIRST, "bodies.first.attachments.y={point=[0, 0, 0], node=2}"])))
+    assert rows["body first"].endswith("fixed to it: nodes 0, 2")
+
+
+def test_an_attachment_that_stretches_an_element_too_far_is_told(tmp_path: Path) -> None:
+    """Node 0 at its point, 9.5 m from node 1 on an element of 1 m."""
+    words = r"bodies\.first\.attachments: element 0 .* starts 9\.\d+ times as long"
+    with pytest.raises(exunet.CaseError, match=words):
+        start(tmp_path, *FIRST, "bodies.first.position=[-9, 0, 0]")
+
+
+def test_a_node_that_is_held_cannot_be_attached(tmp_path: Path) -> None:
+    with pytest.raises(exunet.CaseError, match=r"attachments\.x\.node: node 0 is held still"):
+        start(tmp_path, *FIRST, "net.fixed=[0]")
+
+
+@pytest.mark.parametrize("form", ["fused", "connectors"])
+@pytest.mark.parametrize("second", [SECOND, GUIDED], ids=["free", "guided"])
+def test_the_items_that_check_tells_are_those_of_the_engine(
+    form: str, second: tuple[str, ...], tmp_path: Path
+) -> None:
+    begin = start(tmp_path, *FIRST, *second, FORMS[form], *RK44)
+    result = simulate(begin)
+    assert result.provenance["items"] == expected_items(begin.system, fused=form == "fused")

@@ -1,0 +1,275 @@
+"""Bodies that are fixed or prescribed: their poses, and what they give to all else."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from own_terms import FORMS, PAIR, case_file, continue_alike, start_of
+
+import exunet
+from exunet.bodies.constraint_loops import add_arm, in_body_axes, in_scene_axes, place_guided
+from exunet.bodies.guide import Guide
+from exunet.bodies.rigid import angular_velocity_of, rotation_matrix
+from exunet.forces.blocks import Blocks
+from exunet.forces.terms import KernelTerm
+from exunet.interfaces.commands.check import describe
+from exunet.results.summary import rows, summarise
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.run import run_into, simulate
+from exunet.system.states import States
+
+MASS = (
+    "mass=2.0, inertia=[0.2, 0.3, 0.4], products_of_inertia=[0.05, 0.02, 0.01], "
+    "centre_of_mass=[0.1, 0.2, 0.3]"
+)
+MOTIONS = {
+    "fixed": "position=[-0.5, 0.2, 0.1], attitude=[0.9, 0.1, 0.3, 0.2], motion='fixed'",
+    "steady": "position=[-0.5, 0.2, 0.1], velocity=[0.1, 0.0, 0.2], attitude=[0.9, 0.1, 0.3, 0.2], "
+    "angular_velocity=[1.0, 2.0, -1.5], motion='prescribed'",
+    "poses": "motion='prescribed', pose_times=[0.0, 0.1, 0.2, 0.4], pose_positions=[[0.0, 0.0, 0.0], "
+    "[0.0, 0.1, 0.02], [0.1, 0.3, 0.0], [0.0, 0.0, 0.0]], pose_attitudes=[[1.0, 0.0, 0.0, 0.0], "
+    "[1.0, 0.3, 0.0, 0.0], [1.0, 0.3, 0.2, 0.0], [1.0, 0.0, 0.0, 0.0]]",
+}
+OTHER = "bodies.other={mass=3.0, inertia=[0.2, 0.3, 0.4], position=[5, 0, 0], angular_velocity=[1, 2, 3]}"
+
+
+class Spring(NamedTuple):
+    """Where the entries of a node, and of a body's centre and angular velocity, begin; N/m; N m."""
+
+    node: int
+    centre: int
+    spin: int
+    stiffness: float
+    torque: float
+
+
+def add_spring(t: float, x: Any, v: Any, spring: Any, force: Any) -> None:
+    """k d between both, and a torque on the body alone."""
+    for axis in range(3):
+        pull = spring.stiffness * (x[spring.centre + axis] - x[spring.node + axis])
+        force[spring.node + axis] += pull
+        force[spring.centre + axis] -= pull
+    force[spring.spin] += spring.torque
+
+
+def spring(blocks: Blocks, torque: float = 0.0) -> tuple[KernelTerm, ...]:
+    data = Spring(0, blocks.centre("target"), blocks.spin("target"), 50.0, torque)
+    return (KernelTerm("node and body", add_spring, data, bodies=("target",)),)
+
+
+def start(folder: Path, motion: str, form: str, method: str = "RK44") -> Start:
+    how = "solver.tolerance=1e-10" if method == "DOPRI5" else "solver.step=1e-4"
+    keys = (
+        f"bodies.target={{{MASS}, {MOTIONS[motion]}}}",
+        OTHER,
+        FORMS[form],
+        f"solver.method={method}",
+        how,
+    )
+    return start_of(case_file(folder), keys, spring)
+
+
+def random_guide() -> tuple[Guide, Any, Any, Any]:
+    rng = np.random.default_rng(0)
+    time, place, attitude = np.array([-0.1, 0.5, 1.2, 2.0]), rng.normal(size=(4, 3)), rng.normal(size=(4, 4))
+    attitude /= np.linalg.norm(attitude, axis=1)[:, None]
+    return Guide.through(time, place, attitude, np.array([0.1, 0.2, 0.3])), time, place, attitude
+
+
+def test_a_guide_goes_through_its_poses() -> None:
+    guide, time, place, attitude = random_guide()
+    states = guide.at(time)
+    points = states.position - rotation_matrix(states.attitude) @ guide.offset
+    np.testing.assert_allclose(points, place, atol=1e-14)
+    np.testing.assert_allclose(np.abs((states.attitude * attitude).sum(axis=1)), 1.0, atol=1e-14)
+
+
+def test_a_guides_velocities_are_the_rates_of_its_poses() -> None:
+    """Central differences of step 1e-5: their error is some 1e-10 / 6 of third derivatives of 1e2."""
+    guide, time, *_ = random_guide()
+    at, h = np.linspace(0.01, 1.99, 101), 1e-5
+    before, now, after = (guide.at(at + shift) for shift in (-h, 0.0, h))
+    rate = (after.position - before.position) / (2.0 * h)
+    np.testing.assert_allclose(now.velocity, rate, atol=1e-7)
+    one_way = (
+        np.sign((now.attitude * before.attitude).sum(axis=1))[:, None],
+        np.sign((now.attitude * after.attitude).sum(axis=1))[:, None],
+    )
+    rate = (one_way[1] * after.attitude - one_way[0] * before.attitude) / (2.0 * h)
+    np.testing.assert_allclose(now.angular_velocity, angular_velocity_of(now.attitude, rate), atol=1e-7)
+    for knot in time[1:3]:  # no jump of a velocity
+        low, high = guide.at(np.array([knot - 1e-12, knot + 1e-12])).angular_velocity
+        np.testing.assert_allclose(low, high, atol=1e-9)
+
+
+def test_a_steady_guide_turns_evenly_however_long() -> None:
+    """The centre moves straight; w t about a constant axis; 1e3 rad, to the bits of a sine of that."""
+    spin = np.array([3.0, 0.0, 4.0])
+    identity = np.array([1.0, 0.0, 0.0, 0.0])
+    states = Guide.steady(np.ones(3), np.array([1.0, 2.0, 3.0]), identity, spin).at(np.array([0.0, 200.0]))
+    np.testing.assert_array_equal(states.position[1], [201.0, 401.0, 601.0])
+    expected = [math.cos(500.0), *(math.sin(500.0) * spin / 5.0)]
+    sign = np.sign(states.attitude[1] @ expected)
+    np.testing.assert_allclose(sign * states.attitude[1], expected, atol=1e-13)
+    np.testing.assert_allclose(states.angular_velocity, np.stack([spin, spin]), atol=1e-12)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_the_loop_states_what_the_arrays_do(motion: str, tmp_path: Path) -> None:
+    """`place_guided` as plain Python against `Guide.at`, at small and large angles."""
+    system = start(tmp_path, motion, "connectors").system
+    assert system.forces.constraint is not None
+    (call,) = system.forces.constraint.calls
+    blocks, (guide,) = system.blocks, system.kinematics.guides
+    assert blocks.rigid == ("other", "target")  # free ones come first
+    for time in (0.0, 1e-5, 0.07, 0.15, 0.3, 3.0):
+        x, v = np.zeros(blocks.n_x), np.zeros(blocks.n_v)
+        call.place(time, x, v, call.data)
+        states = guide.at(np.array([time]))
+        at, turn, spin = blocks.centre("target"), blocks.attitude("target"), blocks.spin("target")
+        for found, expected in (
+            (x[at : at + 3], states.position), (v[at : at + 3], states.velocity),
+            (x[turn : turn + 4], states.attitude), (v[spin : spin + 3], states.angular_velocity),
+        ):  # fmt: skip
+            np.testing.assert_allclose(found, expected[0], rtol=1e-13, atol=1e-13)
+    assert call.place is place_guided
+    assert add_arm in call.helpers
+
+
+def test_axes_of_body_and_scene() -> None:
+    rng = np.random.default_rng(1)
+    q, a = rng.normal(size=4), rng.normal(size=3)
+    q /= np.linalg.norm(q)
+    np.testing.assert_allclose(in_scene_axes(q, 0, *a), rotation_matrix(q) @ a, rtol=1e-14)
+    np.testing.assert_allclose(in_body_axes(q, 0, *a), a @ rotation_matrix(q), rtol=1e-14)
+
+
+PAIRS = [(form, motion) for form in FORMS for motion in MOTIONS]
+
+
+@pytest.mark.parametrize(("form", "motion"), PAIRS)
+def test_what_a_guided_body_gives_closes_the_books(form: str, motion: str, tmp_path: Path) -> None:
+    """A spring between a node and the body. Of all else momentum and angular momentum change by what the body
+    gives, and energy by its work; and the body is where its guide says, whatever pulls at it.
+
+    RK44 at 1e-4 s: measured 1e-14 N s, 3e-13 N m s and 2e-13 J of 0.01 J and more that are given.
+    """
+    begin = start(tmp_path, motion, form)
+    sim = exunet.Simulation(begin)
+    energy, first = sim.energy.total, States.of(begin.system, begin.state)
+    sim.advance_to(0.15)
+    state, last = sim.state, States.of(begin.system, sim.state)
+    given = state.first_order
+    np.testing.assert_allclose(last.momentum[0] - first.momentum[0], given[:3], atol=1e-13)
+    np.testing.assert_allclose(last.angular_momentum[0] - first.angular_momentum[0], given[3:6], atol=1e-12)
+    assert sim.energy.total == pytest.approx(energy, abs=1e-11)
+    assert np.linalg.norm(given[:3]) > 0.1
+    assert (given[6] == 0.0) == (motion == "fixed")
+    where = begin.system.kinematics.guides[0].at(np.array([state.time]))
+    for found, expected in zip(state.bodies.parts(), where.parts(), strict=True):
+        np.testing.assert_allclose(found[1], expected[0], atol=1e-14)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_all_forms_and_methods_agree(form: str, tmp_path: Path) -> None:
+    """DOPRI5 at 1e-10 against RK44: the error of the steps, 1e-8 where the poses have jumps of the third
+    derivative."""
+    sims = [
+        exunet.Simulation(start(tmp_path, "poses", *how))
+        for how in ((form, "DOPRI5"), ("connectors", "RK44"))
+    ]
+    for sim in sims:
+        sim.advance_to(0.15)
+    one, other = (sim.state for sim in sims)
+    np.testing.assert_allclose(one.position, other.position, atol=1e-7)
+    np.testing.assert_allclose(one.first_order, other.first_order, atol=1e-6)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_snapshot_holds_what_was_given(form: str, tmp_path: Path) -> None:
+    begin = start(tmp_path, "poses", form)
+    one, other = exunet.Simulation(begin), exunet.Simulation(begin)
+    one.advance_to(0.05)
+    other.advance_to(0.02)
+    continue_alike(one, other, 0.1, tmp_path)
+
+
+def test_a_torque_alone_does_work_on_a_turning_body(tmp_path: Path) -> None:
+    """0.6 N m for 0.15 s about the axis of 1 rad/s: the body takes 0.09 J from the term."""
+    keys = (
+        "bodies.target={mass=1.0, inertia=[1, 1, 1], angular_velocity=[1, 0, 0], motion='prescribed'}",
+        "solver.method=RK44", "solver.step=1e-3",
+    )  # fmt: skip
+    begin = start_of(case_file(tmp_path), keys, lambda blocks: spring(blocks, torque=0.6))
+    sim = exunet.Simulation(begin)
+    before = sim.energy.total
+    sim.advance_to(0.15)
+    given = sim.state.first_order
+    assert given[3] == pytest.approx(-0.6 * 0.15, rel=1e-12)
+    assert given[6] == pytest.approx(-0.6 * 0.15, rel=1e-9)
+    assert sim.energy.total == pytest.approx(before, abs=1e-8)
+
+
+def test_result_and_summary_tell_what_was_given(tmp_path: Path) -> None:
+    begin = start(tmp_path, "poses", "connectors")
+    result = simulate(begin)
+    summary = summarise(result)
+    told = summary["bodies"]["target"]
+    assert told["impulse_N_s"] == result.states["target/impulse"].values[-1].tolist()
+    assert told["work_J"] == result.states["target/work"].values[-1, 0]
+    assert len(told["angular_impulse_N_m_s"]) == 3
+    assert "gave" in dict(rows(summary))["body target"]
+    assert "work_J" not in summary["bodies"]["other"]
+    given = result.states["target/impulse"].values
+    np.testing.assert_allclose(result.momentum - result.momentum[0], given, atol=1e-13)
+    total = result.kinetic + result.elastic + result.potential + result.dissipated
+    np.testing.assert_allclose(total, total[0], atol=1e-11)
+
+
+def test_a_case_with_a_fixed_body_runs_and_is_told(tmp_path: Path) -> None:
+    """One that nothing touches gives nothing; the net moves as without it, to the tolerance."""
+    path = case_file(tmp_path, PAIR)
+    body = "bodies.wall={shape='box', size=[1, 1, 1], density=10, position=[0, 0, 5], motion='fixed'}"
+    case = exunet.load(path, [body, "solver.method=RK44", "solver.step=1e-4"])
+    assert "fixed" in dict(describe(case))["body wall"]
+    result = run_into(tmp_path, case)
+    assert result.states["wall/work"].values[-1] == [0.0]
+    alone = exunet.run(exunet.load(path, ["solver.method=RK44", "solver.step=1e-4"]))
+    np.testing.assert_allclose(result.position, alone.position, atol=1e-14)
+    np.testing.assert_array_equal(result.bodies["wall"].position[-1], [0.0, 0.0, 5.0])
+
+
+TABLE = ("motion='prescribed'", "pose_times=[0, 1]", "pose_positions=[[0, 0, 0], [1, 0, 0]]")
+
+
+@pytest.mark.parametrize(
+    ("keys", "key", "words"),
+    [
+        (("motion=held",), "motion", "must be one of"),
+        (("motion=fixed", "velocity=[1, 0, 0]"), "velocity", "the body rests"),
+        (("motion=fixed", *TABLE[1:]), "pose_times", 'is for motion = "prescribed", not "fixed"'),
+        ((*TABLE, "pose_times=[0, 0]"), r"pose_times\[1\]", "must be greater than the time before it"),
+        ((*TABLE, "pose_times=[0.1, 1]"), r"pose_times\[0\]", "must not be after 0"),
+        ((*TABLE, "pose_times=[0, 0.1]"), r"pose_times\[1\]", "must not be before time.end, 0.15 s"),
+        ((*TABLE, "pose_times=[0, 1, 2]"), "pose_positions", "has 2 entries for 3 times"),
+        ((*TABLE, "pose_times="), "pose_positions", "needs pose_times"),
+        ((*TABLE, "pose_attitudes=[[1, 0, 0, 0]]"), "pose_attitudes", "has 1 entries for 2 times"),
+        ((*TABLE, "pose_attitudes=[[1, 0, 0, 0], [0, 0, 0, 0]]"), "pose_attitudes", "must not be zero"),
+        ((*TABLE, "position=[0, 0, 0]"), "position", "follows from the poses"),
+        (
+            ("motion=fixed", "solver={method='GeneralizedAlpha', step=1e-3}"),
+            "solver.method",
+            "a body that is fixed or prescr",
+        ),
+    ],
+)
+def test_faults_of_motions(keys: tuple[str, ...], key: str, words: str, tmp_path: Path) -> None:
+    named = [one if one.startswith("solver") else f"bodies.target.{one}" for one in keys]
+    overrides = ["bodies.target={mass=1.0, inertia=[1.0, 1.0, 1.0]}", *named]
+    place = key if key.startswith("solver") else rf"bodies\.target\.{key}"
+    with pytest.raises(exunet.CaseError, match=rf"{place}: .*{words}"):
+        prepare_case(exunet.load(case_file(tmp_path), overrides))

@@ -1,0 +1,360 @@
+"""Shapes of rigid bodies: mass and inertia against textbooks, quadrature and trimesh; what is refused."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import exunet
+from exunet.base.errors import InputError, MissingExtra
+from exunet.bodies.mass_properties import of_mesh, of_solid, principal
+from exunet.bodies.mesh import closed, read_mesh
+from exunet.bodies.overlap import overlap
+from exunet.bodies.rigid import product, rotation_matrix
+from exunet.bodies.shapes import SOLIDS, Shape, Solid
+from exunet.interfaces.commands.check import describe
+from exunet.simulation.preparation import prepare_case
+
+CASE = Path(__file__).parents[1] / "cases" / "verification" / "snap.toml"
+EXAMPLES = {
+    "box": Solid("box", (1.0, 2.0, 3.0)),
+    "cylinder": Solid("cylinder", (0.5, 2.0, 0.0)),
+    "sphere": Solid("sphere", (0.7, 0.0, 0.0)),
+    "capsule": Solid("capsule", (0.5, 2.0, 0.0)),
+    "frustum": Solid("frustum", (0.5, 0.3, 2.0)),
+}
+# Corners and triangles of the unit cube, anticlockwise from outside.
+CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+FACES = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+)  # fmt: skip
+
+
+def body(*keys: str) -> exunet.Case:
+    return exunet.load(CASE, [f"bodies.target.{key}" for key in keys])
+
+
+def made(*keys: str) -> Any:
+    """The body and its state at the start."""
+    start = prepare_case(body(*keys))
+    return start.system.bodies[0], start.state.bodies
+
+
+def test_moments_of_solids_of_mass_one() -> None:
+    """Textbook forms: a box (b2 + c2)/12, a cylinder r2/2 and (3 r2 + h2)/12, a ball 2 r2/5."""
+    expected = {
+        "box": (6.0, [13.0 / 12.0, 10.0 / 12.0, 5.0 / 12.0]),
+        "cylinder": (0.5 * math.pi, [(0.75 + 4.0) / 12.0, (0.75 + 4.0) / 12.0, 0.125]),
+        "sphere": (4.0 / 3.0 * math.pi * 0.343, [0.4 * 0.49] * 3),
+    }
+    for name, (volume, moments) in expected.items():
+        found = of_solid(EXAMPLES[name])
+        assert found.mass == pytest.approx(volume, rel=1e-15)
+        np.testing.assert_allclose(found.inertia / found.mass, np.diag(moments), rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["cylinder", "sphere", "capsule", "frustum"])
+def test_solids_of_revolution_against_their_discs(name: str) -> None:
+    """Gauss quadrature over discs of radius r(z), piece by piece: exact for these polynomials."""
+    radius = EXAMPLES[name].numbers[0]
+    pieces: list[tuple[float, float, Any]] = {
+        "cylinder": [(-1.0, 1.0, lambda z: radius + 0.0 * z)],
+        "sphere": [(-0.7, 0.7, lambda z: np.sqrt(0.49 - z * z))],
+        "frustum": [(-1.0, 1.0, lambda z: 0.4 - 0.1 * z)],
+        "capsule": [
+            (-1.5, -1.0, lambda z: np.sqrt(0.25 - (z + 1.0) ** 2)),
+            (-1.0, 1.0, lambda z: 0.5 + 0.0 * z),
+            (1.0, 1.5, lambda z: np.sqrt(0.25 - (z - 1.0) ** 2)),
+        ],
+    }[name]
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    sums = np.zeros(4)  # of 1, z, z2 + r2 / 4, r2 / 2 over the volume
+    for low, high, outline in pieces:
+        z = 0.5 * (low + high) + 0.5 * (high - low) * nodes
+        area = math.pi * outline(z) ** 2 * 0.5 * (high - low) * weights
+        square = outline(z) ** 2
+        sums += [area.sum(), area @ z, area @ (z * z + 0.25 * square), area @ (0.5 * square)]
+    found = of_solid(EXAMPLES[name])
+    assert found.mass == pytest.approx(sums[0], rel=1e-14)
+    np.testing.assert_allclose(found.centre, [0.0, 0.0, sums[1] / sums[0]], atol=1e-15)
+    across = sums[2] - sums[1] ** 2 / sums[0]
+    np.testing.assert_allclose(found.inertia, np.diag([across, across, sums[3]]), rtol=1e-13)
+
+
+def test_parts_add_up_to_the_whole() -> None:
+    """A box of 2 x 2 x 2 m cut in two, one half turned by a quarter about x, is the box again."""
+    whole, _ = made("shape=box", "size=[2, 2, 2]", "density=10")
+    parts = (
+        "parts.low={shape='box', size=[2, 2, 1], position=[0, 0, -0.5]}",
+        "parts.high={shape='box', size=[2, 1, 2], position=[0, 0, 0.5], axis=[1, 0, 0]}",
+        f"parts.high.angle={math.pi / 2}",
+    )
+    both, _ = made("density=10", *parts)
+    assert both.mass == pytest.approx(whole.mass, rel=1e-15)
+    np.testing.assert_allclose(both.inertia, whole.inertia, rtol=1e-14)
+    np.testing.assert_allclose(both.centre, np.zeros(3), atol=1e-15)
+    assert both.is_along_frame
+
+
+def test_a_mesh_of_a_cube_anywhere() -> None:
+    """Volume 8, moments m a2 / 6 = 16/3, far from the origin too; one that is inside out is turned."""
+    for faces in (FACES, FACES[:, ::-1]):
+        mesh = closed(2.0 * CORNERS + [1000.0, 0.0, 0.0], faces, "cube")
+        found = of_mesh(mesh)
+        assert found.mass == pytest.approx(8.0, rel=1e-12)
+        np.testing.assert_allclose(found.centre, [1001.0, 1.0, 1.0], rtol=1e-14)
+        np.testing.assert_allclose(found.inertia, 16.0 / 3.0 * np.eye(3), rtol=1e-12, atol=1e-12)
+
+
+def test_meshes_as_trimesh_integrates_them() -> None:
+    trimesh = pytest.importorskip("trimesh")
+    rng = np.random.default_rng(1)
+    rough = trimesh.creation.icosphere(subdivisions=2)
+    rough.vertices *= rng.uniform(0.5, 1.5, (len(rough.vertices), 1)) * [1.0, 2.0, 3.0]
+    found = of_mesh(closed(np.array(rough.vertices), np.array(rough.faces), "rough"))
+    assert found.mass == pytest.approx(rough.volume, rel=1e-12)
+    np.testing.assert_allclose(found.centre, rough.center_mass, atol=1e-12)
+    np.testing.assert_allclose(found.inertia, rough.moment_inertia, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("faces", "words"),
+    [
+        (FACES[1:], "not closed: 3 of 18 edges belong to one triangle only"),
+        (np.concatenate([FACES, FACES[:1]]), "3 of 18 edges belong to more than two triangles"),
+        (np.concatenate([FACES[:1, ::-1], FACES[1:]]), "disagree on which side is outside"),
+        (FACES[:0], "has no triangles"),
+        (np.concatenate([FACES[:1], FACES[:1, ::-1]]), "encloses no volume"),
+    ],
+)
+def test_meshes_that_enclose_nothing_are_refused(faces: Any, words: str) -> None:
+    with pytest.raises(InputError, match=f"cube: .*{words}"):
+        closed(CORNERS, faces, "cube")
+
+
+def stl(path: Path, faces: Any = FACES) -> Path:
+    """The unit cube as a binary STL."""
+    with path.open("wb") as file:
+        file.write(bytes(80) + struct.pack("<I", len(faces)))
+        for face in faces:
+            file.write(struct.pack("<12fH", 0.0, 0.0, 0.0, *CORNERS[face].ravel(), 0))
+    return path
+
+
+def test_a_mesh_from_a_file_beside_the_case(tmp_path: Path) -> None:
+    """A cube of 1 cm of 1000 kg/m3: 1 g, moments m a2 / 6; its centre is half an edge from its corner."""
+    pytest.importorskip("trimesh")
+    stl(tmp_path / "cube.stl")
+    case = tmp_path / "case.toml"
+    text = "[bodies.target]\nshape = 'mesh'\nfile = 'cube.stl'\nunit = 'cm'\ndensity = 1000.0\n"
+    case.write_text(CASE.read_text() + text)
+    (target,) = prepare_case(exunet.load(case)).system.bodies
+    assert target.mass == pytest.approx(1e-3, rel=1e-12)
+    np.testing.assert_allclose(target.inertia, [1e-7 / 6.0] * 3, rtol=1e-12)
+    np.testing.assert_allclose(target.centre, [5e-3] * 3, rtol=1e-12)
+    stl(tmp_path / "cube.stl", FACES[1:])
+    with pytest.raises(exunet.CaseError, match=r"case\.toml:\d+: bodies\.target\.file: .*is not closed"):
+        prepare_case(exunet.load(case))
+    with pytest.raises(exunet.CaseError, match=r"bodies\.target: missing unit"):
+        exunet.load(case, ["bodies.target.unit="])
+
+
+@pytest.mark.parametrize("ending", ["obj", "glb"])
+def test_other_files_of_meshes(tmp_path: Path, ending: str) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    path = tmp_path / f"cube.{ending}"
+    trimesh.Trimesh(CORNERS, FACES).export(path)
+    assert of_mesh(read_mesh(path, "m")).mass == pytest.approx(1.0, rel=1e-6)  # GLB has single precision
+    path.write_text("nothing")
+    with pytest.raises(InputError, match=f"cube.{ending}"):
+        read_mesh(path, "m")
+
+
+def test_a_mesh_without_trimesh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(MissingExtra, match=r"pip install 'exunet\[mesh\]'"):
+        read_mesh(stl(tmp_path / "cube.stl"), "m")
+
+
+def test_principal_axes_of_a_turned_body() -> None:
+    """The axes turned by 0.3 rad about (1, 2, 2)/3: those nearest to the frame's are found."""
+    half = 0.15
+    turned = np.array([math.cos(half), *(math.sin(half) * np.array([1.0, 2.0, 2.0]) / 3.0)])
+    turn = rotation_matrix(turned)
+    moments, axes = principal(turn @ np.diag([3.0, 2.0, 4.0]) @ turn.T)
+    np.testing.assert_allclose(moments, [3.0, 2.0, 4.0], rtol=1e-14)
+    np.testing.assert_allclose(axes, turned, atol=1e-14)
+    for same in ([2.0, 2.0, 1.0], [1.0, 1.0, 1.0]):
+        np.testing.assert_array_equal(principal(np.diag(same))[1], [1.0, 0.0, 0.0, 0.0])
+
+
+def test_a_start_is_of_the_frame_and_its_result_too() -> None:
+    """A body whose principal axes and centre are not those of its frame, turned by a quarter about z."""
+    keys = [
+        "mass=2", "inertia=[3, 2, 4]", "products_of_inertia=[0.5, 0, 0.1]", "centre_of_mass=[1, 0, 0]",
+        "position=[3, 0, 0]", "velocity=[0, 0, 1]", "axis=[0, 0, 2]", f"angle={math.pi / 2}",
+        "angular_velocity=[0, 0.2, 0.1]", "angular_velocity_frame=scene",
+    ]  # fmt: skip
+    target, state = made(*keys)
+    inertia = np.array([[3.0, 0.5, 0.0], [0.5, 2.0, 0.1], [0.0, 0.1, 4.0]])
+    np.testing.assert_allclose(target.inertia_in_frame, inertia, atol=1e-14)
+    np.testing.assert_allclose(state.position[0], [3.0, 1.0, 0.0], atol=1e-15)
+    np.testing.assert_array_equal(state.velocity[0], [0.0, 0.0, 1.0])
+    turn = rotation_matrix(state.attitude[0])
+    np.testing.assert_allclose(turn @ state.angular_velocity[0], [0.0, 0.2, 0.1], atol=1e-15)
+    result = exunet.run(body(*keys))
+    found = result.bodies["target"]
+    quarter = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
+    np.testing.assert_allclose(found.attitude[0], quarter, atol=1e-15)
+    np.testing.assert_allclose(found.angular_velocity[0], [0.2, 0.0, 0.1], atol=1e-15)
+    np.testing.assert_allclose(found.inertia, inertia, atol=1e-14)
+    spin = rotation_matrix(np.array(quarter)) @ inertia @ [0.2, 0.0, 0.1]
+    last = rotation_matrix(found.attitude[-1]) @ inertia @ found.angular_velocity[-1]
+    np.testing.assert_allclose(last, spin, atol=1e-9)
+    np.testing.assert_allclose(exunet.Simulation(body(*keys)).bodies["target"].attitude, quarter, atol=1e-15)
+
+
+def test_quaternion_products_turn_one_after_the_other() -> None:
+    rng = np.random.default_rng(2)
+    a, b = (q / np.linalg.norm(q) for q in rng.normal(size=(2, 4)))
+    both = rotation_matrix(a) @ rotation_matrix(b)
+    np.testing.assert_allclose(rotation_matrix(product(a, b)), both, atol=1e-15)
+
+
+FRUSTUM = ("shape=frustum", "radii=[0.5, 0.3]", "length=2", "density=100")
+
+
+@pytest.mark.parametrize(
+    ("keys", "key", "words"),
+    [
+        (("mass=1",), "", "missing inertia"),
+        (("inertia=[1, 1, 1]",), "", "give either mass or density"),
+        (("density=1", "inertia=[1, 1, 1]"), ".density", "needs a shape"),
+        ((*FRUSTUM, "mass=1"), ".density", "give either mass or density"),
+        ((*FRUSTUM, "inertia=[1, 1, 1]"), ".inertia", "follows from density and shape"),
+        ((*FRUSTUM, "radius=1"), ".radius", 'is not for shape = "frustum"'),
+        ((*FRUSTUM, "radii=[0, 0]"), ".radii", "must not both be zero"),
+        ((*FRUSTUM, "length="), "", "missing length"),
+        ((*FRUSTUM, "edge_radius=0.5"), ".edge_radius", "half of the smallest dimension, 0.8 m"),
+        ((*FRUSTUM, "centre_of_mass=[0, 0, 0]"), ".centre_of_mass", "needs inertia"),
+        ((*FRUSTUM, "parts.a={shape='sphere', radius=1}"), ".parts", "give either shape or parts"),
+        ((*FRUSTUM, "axis=[0, 0, 1]"), ".axis", "needs angle"),
+        ((*FRUSTUM, "axis=[0, 0, 0]", "angle=1"), ".axis", "must not be zero"),
+        ((*FRUSTUM, "axis=[0, 0, 1]", "angle=1", "attitude=[1, 0, 0, 0]"), ".axis", "either attitude"),
+        (("mass=1", "shape=sphere", "radius=1", "edge_radius=0.1"), ".edge_radius", "what has edges"),
+        (("density=1", "parts.a={shape='box'}"), ".parts.a", "missing size"),
+        (("density=1", "parts.a={shape='mesh'}"), ".parts.a.shape", "must be one of"),
+        (("mass=1", "inertia=[1, 1, 1]", "size=[1, 1, 1]"), ".size", "needs a shape"),
+        (("mass=1", "shape=cone"), ".shape", "must be one of"),
+        (("mass=1", "shape=cylinder", "radius=1", "edge_radius=0.1"), "", "missing length"),
+        (("mass=1", "parts.a={shape='box'}", "edge_radius=0.1"), ".parts.a", "missing size"),
+        (("mass=1", "shape=mesh", "file=x.stl", "unit=ft"), ".unit", "must be one of"),
+    ],
+)  # fmt: skip
+def test_faults_of_shapes(keys: tuple[str, ...], key: str, words: str) -> None:
+    with pytest.raises(exunet.CaseError) as caught:
+        body(*keys)
+    faults = [fault for fault in caught.value.faults if words in fault.reason]
+    assert [fault.key for fault in faults] == [f"bodies.target{key}"], caught.value
+
+
+@pytest.mark.parametrize(
+    ("keys", "key", "words"),
+    [
+        (
+            ("mass=1", "inertia=[1, 1, 1]", "products_of_inertia=[0.6, 0, 0]"),
+            "products_of_inertia",
+            "no body",
+        ),
+        (("mass=1", "shape=mesh", "file=x.step", "unit=m"), "file", "must end in"),
+        (("mass=1", "shape=mesh", "file=x.stl", "unit=m"), "file", "no such file"),
+    ],
+)
+def test_faults_of_what_is_made(keys: tuple[str, ...], key: str, words: str) -> None:
+    if "file" in key:
+        pytest.importorskip("trimesh")
+    with pytest.raises(exunet.CaseError, match=rf"bodies\.target\.{key}: .*{words}"):
+        prepare_case(body(*keys))
+
+
+def test_a_body_named_twice_is_refused(tmp_path: Path) -> None:
+    """TOML itself has no table twice."""
+    path = tmp_path / "twice.toml"
+    table = "[bodies.target]\nmass = 1.0\ninertia = [1.0, 1.0, 1.0]\n"
+    path.write_text(CASE.read_text() + table + table)
+    with pytest.raises(exunet.CaseError, match=r"twice\.toml:\d+: .*declare.*target.*twice"):
+        exunet.load(path)
+
+
+def pose(*place: float, attitude: Any = (1.0, 0.0, 0.0, 0.0)) -> Any:
+    return np.array([*place, *attitude])
+
+
+def test_a_ball_and_a_turned_cube_overlap_where_they_do() -> None:
+    """Against the closest point of a cube, which is its centre's clipped to the edges; 200 random places."""
+    cube, ball = Shape((Solid("box", (1.0, 1.0, 1.0)),)), Shape((Solid("sphere", (0.5, 0.0, 0.0)),))
+    rng = np.random.default_rng(0)
+    answers = []
+    for _ in range(200):
+        place, attitude = rng.uniform(-1.2, 1.2, 3), rng.normal(size=4)
+        attitude /= np.linalg.norm(attitude)
+        own = place @ rotation_matrix(attitude)
+        answers.append(bool(np.linalg.norm(own - np.clip(own, -0.5, 0.5)) < 0.5))
+        assert overlap(ball, pose(*place), cube, pose(0.0, 0.0, 0.0, attitude=attitude)) == answers[-1]
+    assert 0.2 < np.mean(answers) < 0.8
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_solids_that_touch_do_not_overlap(name: str) -> None:
+    """Two of one kind side by side along x, as far apart as they are wide: 1e-6 decides."""
+    solid = EXAMPLES[name]
+    shape, way = Shape((solid,)), np.array([1.0, 0.0, 0.0])
+    width = 2.0 * solid.farthest(way)[0]
+    here = pose(0.0, 0.0, 0.0)
+    assert overlap(shape, here, shape, pose(width - 1e-6, 0.0, 0.0))
+    assert not overlap(shape, here, shape, pose(width, 0.0, 0.0))
+    assert not overlap(shape, here, shape, pose(width + 1e-6, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_what_is_inside_a_solid(name: str) -> None:
+    """No point inside is beyond the support in any direction, and the farthest points are on the border."""
+    solid, rng = EXAMPLES[name], np.random.default_rng(3)
+    points = rng.uniform(-1.6, 1.6, (2000, 3))
+    inside = points[solid.contains(points)]
+    expected = of_solid(solid).mass / 3.2**3
+    assert len(inside) / 2000 == pytest.approx(expected, abs=0.03)  # three deviations of such a count
+    for way in rng.normal(size=(50, 3)):
+        far = solid.farthest(way)
+        assert (inside @ way).max() < far @ way
+        assert solid.contains(np.array([0.999999 * far, 1.000001 * far])).tolist() == [True, False]
+
+
+def test_a_mesh_with_a_corner_in_a_body_overlaps_it() -> None:
+    cube, ball = Shape(mesh=closed(CORNERS, FACES, "cube")), Shape((Solid("sphere", (0.5, 0.0, 0.0)),))
+    for x, expected in ((-0.4, True), (-0.6, False)):
+        assert overlap(ball, pose(x, 0.0, 0.0), cube, pose(0.0, 0.0, 0.0)) == expected
+
+
+def test_bodies_that_overlap_are_refused() -> None:
+    keys = "shape='box', size=[1, 1, 1], density=10"
+    beside = [f"bodies.a={{{keys}}}", f"bodies.b={{{keys}, position=[1.0, 0, 0]}}"]
+    prepare_case(exunet.load(CASE, beside))
+    with pytest.raises(exunet.CaseError, match=r"bodies\.b\.position: the body overlaps a at the start"):
+        prepare_case(exunet.load(CASE, [*beside, "bodies.b.position=[0.9, 0, 0]"]))
+
+
+def test_check_says_mass_inertia_axes_and_centre() -> None:
+    """A frustum of 100 kg/m3: its volume is 0.98/3 pi, its centre 0.163 m below the middle."""
+    rows = dict(describe(body(*FRUSTUM)))
+    mass = 100.0 * math.pi * 2.0 / 3.0 * (0.25 + 0.15 + 0.09)
+    assert f"{mass:g} kg" in rows["body target"]
+    assert "centre of mass at (0, 0, -0.163265) m of its frame" in rows["body target"]
+    turned = body("mass=1", "inertia=[1, 1, 1]", "products_of_inertia=[0.1, 0, 0]")
+    assert "0.707107" in dict(describe(turned))["body target"]
