@@ -35,6 +35,7 @@ COMMON = """format title time.end time.output_step time.output_times net.topolog
     bodies.NAME.attitude bodies.NAME.angular_velocity effects.choose effects.threshold"""
 THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
     net.strings.length net.strings.divisions net.bullets.mass"""
+BORDER = """net.border.diameter net.border.area net.border.density net.border.youngs_modulus"""
 
 
 def of_effects() -> set[str]:
@@ -57,7 +58,10 @@ def of_topology(name: str) -> set[str]:
 
 def contract(topology: str) -> set[str]:
     thrown = THROWN if topology != "explicit" else ""
-    return {*COMMON.split(), *thrown.split()} | of_effects() | of_topology(topology)
+    own = of_topology(topology)
+    if "net.border" in own:
+        own = own - {"net.border"} | {*BORDER.split()}
+    return {*COMMON.split(), *thrown.split()} | of_effects() | own
 
 
 def leaves(topology: str, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

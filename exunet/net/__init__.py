@@ -27,6 +27,7 @@ _NAMES = (
     "rectangular",
     "hexagonal",
     "radial",
+    "cut",
     "explicit",
 )
 TOPOLOGIES: dict[str, ModuleType] = {name: import_module(f"{__name__}.{name}") for name in _NAMES}
