@@ -29,7 +29,8 @@ CONTRACT = (Path(__file__).parents[1] / "cases" / "README.md").read_text(encodin
 # The keys of cases/README.md, the contract between the two codes, outside [effects.NAME] and of all nets.
 COMMON = """format title time.end time.output_step time.output_times net.topology net.divisions
     net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
-    initial.packing initial.velocity initial.spin initial.node_positions initial.node_velocities
+    initial.packing initial.fold.pattern initial.fold.box initial.fold.cylinder
+    initial.velocity initial.spin initial.node_positions initial.node_velocities
     launch.radial_speed launch.axial_speed launch.speed launch.spread_angle
     bodies.NAME.mass bodies.NAME.inertia bodies.NAME.position bodies.NAME.velocity
     bodies.NAME.attitude bodies.NAME.angular_velocity effects.choose effects.threshold"""
@@ -145,10 +146,17 @@ def switched(topology: str, on: Callable[[str], bool], path: Path) -> Any:
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str, tmp_path: Path) -> None:
-    """As its first lines say; effects, some of which exclude each other, come one at a time below."""
+    """As its first lines say; effects, some of which exclude each other, come one at a time below.
+
+    A fold takes the place of the packing.
+    """
     scene = switched(
         topology,
-        lambda name: not name.startswith("effects.") and (topology != "explicit" or name != "launch"),
+        lambda name: (
+            not name.startswith("effects.")
+            and name != "initial.fold"
+            and (topology != "explicit" or name != "launch")
+        ),
         tmp_path / "template.toml",
     )
     assert (scene.launch is not None) == (topology != "explicit")
@@ -170,6 +178,7 @@ def test_a_template_of_an_unknown_topology_is_refused() -> None:
 
 
 ROOT = Path(__file__).parents[1] / "cases"
+CUT = ["net.mesh_shape='square'", "net.border={diameter=1e-3,density=1390.0,youngs_modulus=7e10}"]
 # Overrides of cases/planar_deployment.toml that the reader refuses and that a schema can tell.
 REFUSED = {
     "diameter and area": ["net.cable.area=1e-6"],
@@ -199,6 +208,12 @@ REFUSED = {
     "J2 without its orbit": [
         "effects.j2={altitude=5e5,radial=[0,0,1],along_track=[1,0,0],inclination=1,argument_of_latitude=0}"
     ],
+    "packing and fold": ["initial.fold={pattern='accordion',box=[9,9,9]}"],
+    "neither packing nor fold": ["initial.packing="],
+    "two canisters": ["initial.packing=", "initial.fold={pattern='star',box=[9,9,9],cylinder=[9,9]}"],
+    "no canister": ["initial.packing=", "initial.fold={pattern='star'}"],
+    "a circle without corners": ["net.topology='cut'", *CUT, "net.outline='circle'"],
+    "a square with corners": ["net.topology='cut'", *CUT, "net.outline='square'", "net.corners=4"],
     "bullets without bridles": ["net.topology=hexagonal", "net.size=", "net.rings=1", "net.strings="],
 }
 
@@ -274,7 +289,7 @@ def test_schema_and_reader_agree_on_every_method_and_its_keys(method: str | None
 
 def test_schema_and_reader_agree_on_every_pair_of_effects() -> None:
     """With and without bullets, the keys that they ask for, and a launch."""
-    document = tomllib.loads(with_tables("square", lambda name: name != "effects"))
+    document = tomllib.loads(with_tables("square", lambda name: name not in ("effects", "initial.fold")))
     document.pop("solver")
     effects, launch, bullets = document.pop("effects"), document.pop("launch"), document["net"].pop("bullets")
     effects["molecular_drag"].pop("altitude")  # which would have to be that of the orbit

@@ -18,7 +18,7 @@ from exunet.net import TOPOLOGIES
 Node = dict[str, Any]
 
 # Of keys of which a case gives exactly one, those that the template uses; it leaves out other optional keys.
-_CHOSEN = ("output_step", "diameter", "altitude", "radial_speed", "axial_speed", "strain")
+_CHOSEN = ("output_step", "diameter", "packing", "box", "altitude", "radial_speed", "axial_speed", "strain")
 _NAME = "chaser"  # of a body in the template
 
 

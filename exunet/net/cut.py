@@ -19,7 +19,7 @@ from exunet.base.faults import each
 from exunet.base.table import Positive
 from exunet.net.arrays import Floats, Ints, Mesh
 from exunet.net.base import MAX_ELEMENTS, Cable, ThrownNetTable
-from exunet.net.lattice import SIDES_PER_SQUARE, MeshShape, lattice
+from exunet.net.lattice import SIDES_PER_SQUARE, MeshShape, lattice, lines
 from exunet.net.loops import openings
 from exunet.net.outline import Outline, OutlineShape, corner_count, outline_of, side_length
 
@@ -108,6 +108,22 @@ def mesh(keys: Keys) -> Mesh:
     return _cut(OutlineShape(keys.outline), MeshShape(keys.mesh_shape), keys.size, keys.mesh, keys.corners)
 
 
+def fold_lines(keys: Keys) -> tuple[Floats, Floats]:
+    """x, and y, of the lattice's lines; where the cut moved knots, some may be crossed near the border."""
+    reach = _reach(OutlineShape(keys.outline), keys.size)
+    return lines(MeshShape(keys.mesh_shape), keys.mesh, reach, _odd(keys.size, keys.mesh))
+
+
+def _reach(shape: OutlineShape, size: float) -> tuple[float, float]:
+    """How far an outline goes along x and y [m]."""
+    return (size / math.sqrt(3) if shape == OutlineShape.HEXAGON else 0.5 * size), 0.5 * size
+
+
+def _odd(size: float, side: float) -> bool:
+    """Whether an odd number of meshes fits best."""
+    return math.floor(size / side + 0.5 + _NEAR) % 2 == 1
+
+
 @lru_cache(maxsize=4)  # a case is counted when it is read, and made when it is prepared
 def _cut(shape: OutlineShape, meshes: MeshShape, size: float, side: float, corners: int | None) -> Mesh:
     """A lattice cut to an outline.
@@ -124,9 +140,7 @@ def _cut(shape: OutlineShape, meshes: MeshShape, size: float, side: float, corne
     """
     outline = outline_of(shape, size, corners)
     stub = (STUB + _NEAR) * side
-    odd = math.floor(size / side + 0.5 + _NEAR) % 2 == 1
-    far = float(np.abs(outline.corners).max()) if shape != OutlineShape.CIRCLE else 0.5 * size
-    points, threads = lattice(meshes, side, (far, far), odd)
+    points, threads = lattice(meshes, side, _reach(shape, size), _odd(size, side))
     nearest, distance = outline.nearest(points)
     near = distance <= stub
     inner = outline.contains(points) & ~near

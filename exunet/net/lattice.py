@@ -71,6 +71,24 @@ def lattice(shape: MeshShape, mesh: float, reach: tuple[float, float], odd: bool
     return np.stack([u[knot], v[knot]], axis=1) * step, np.concatenate(sides)
 
 
+def lines(shape: MeshShape, mesh: float, reach: tuple[float, float], odd: bool) -> tuple[Floats, Floats]:
+    """x, and y, of the lines through knots that no side of a lattice crosses, up to `reach` or beyond [m].
+
+    Triangular meshes have none of the same x: their sides along x are crossed by all.
+    """
+    step = scale(shape, mesh)
+    u, v = (
+        np.arange(-n, n + 1) for n in (math.ceil(far / one) + 2 for far, one in zip(reach, step, strict=True))
+    )
+    if shape == MeshShape.SQUARE:
+        u, v = u[(u - odd) % 2 == 0], v[(v - odd) % 2 == 0]
+    elif shape == MeshShape.TRIANGLE:
+        u = u[:0]
+    else:
+        v = v[v % 3 != 0]
+    return u * step[0], v * step[1]
+
+
 def _joined(number: Ints, first: np.ndarray, step: tuple[int, int]) -> Ints:
     """(m, 2) numbers of the knots `first` and of those a step (u, v) further, where there are some."""
     rows, columns = np.nonzero(first)

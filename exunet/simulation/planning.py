@@ -63,7 +63,7 @@ def _chosen(scene: Scene, system: System, velocity: NDArray[np.float64]) -> Plan
     takes, and the guards stop them (benchmarks/auto_table.md).
     """
     solver = scene.solver
-    measured = auto.table().at(scene.initial.packing)
+    measured = auto.table().at(scene.initial.deployed)
     able = tuple(measured.adaptive) if scene.engine.loop == TimeLoop.EXUDYN else COMPILED_METHODS
     method, why = auto.choose_method(solver.accuracy, able, measured)
     if measured is auto.table().nearly_deployed:
@@ -140,7 +140,7 @@ def _adaptive(method: Method, scene: Scene, system: System, velocity: NDArray[np
     tolerance, expected = solver.tolerance, None
     if tolerance is None:
         speed = float(np.sqrt((velocity**2).sum(axis=1)).max(initial=0.0)) or 1.0
-        known = auto.table().at(scene.initial.packing).adaptive[method]
+        known = auto.table().at(scene.initial.deployed).adaptive[method]
         relative = known.tolerance_for(solver.accuracy)
         tolerance, expected = relative * speed, known.expected_error(relative)
         if solver.accuracy < known.best:

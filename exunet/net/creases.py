@@ -1,0 +1,135 @@
+"""Where a flat net can be creased along straight lines, and how it then lies to and fro along an axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from exunet.net.arrays import Floats, Ints, Net
+
+_MOST = 500  # lines, in the middle of the net, whose distances are tried as widths
+_BESIDE = 0.045  # of an element's length, by which its end may lie beside a crease and is drawn to it
+
+
+@dataclass(frozen=True)
+class Pleats:
+    """Values along an axis of the flat net, folded to and fro.
+
+    creases : (n,) increasing [m], where it turns
+    place   : (k,) of each node along the axis, round 0 [m]
+    pleat   : (k,) number of the pleat that a node is in; k + 1/2 on the crease between k and k + 1
+    forward : (k,) 1 where the pleat runs along the axis, -1 where it runs back
+    """
+
+    creases: Floats
+    place: Floats
+    pleat: Floats
+    forward: Floats
+
+    @property
+    def number(self) -> int:
+        return len(self.creases) + 1
+
+
+def usable(lines: Floats, net: Net, axis: int) -> Floats:
+    """Those of `lines` (values along an axis, increasing) that no element crosses, but for close to an end.
+
+    An end that is drawn to a crease makes elements on one side longer, and on the other shorter, by as much:
+    twice _BESIDE still leaves each 90 to 100 % of its length.
+    """
+    held = ~net.is_string
+    ends = np.sort(net.reference_position[net.element_nodes[held], axis], axis=1)
+    length = net.reference_length[held]
+    tolerance = 1e-6 * length.min()
+    first = np.searchsorted(lines, ends[:, 0] + tolerance)
+    last = np.searchsorted(lines, ends[:, 1] - tolerance)
+    count = np.maximum(last - first, 0)
+    element = np.repeat(np.arange(len(length)), count)
+    line = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count - first, count)
+    off = np.abs(lines[line, None] - ends[element]).min(axis=1)
+    return np.delete(lines, np.unique(line[off > _BESIDE * length[element]]))
+
+
+def widths(lines: Floats, low: float, high: float) -> Floats:
+    """Widths of pleats to try on a net from `low` to `high` [m], decreasing; the net's own first."""
+    inside = _inside(lines, low, high)
+    few = max(0, (len(inside) - _MOST) // 2)
+    middle = inside[few : few + _MOST]
+    apart = np.sort(np.abs(middle[:, None] - middle).ravel())
+    found = apart[np.diff(apart, prepend=0.0) > _tolerance(low, high)]
+    return np.concatenate([[high - low], found[::-1]])
+
+
+def narrowest(lines: Floats, low: float, high: float) -> float:
+    """The least width of pleats that all lie in a stack [m]."""
+    return next(
+        float(width)
+        for width in widths(lines, low, high)[::-1]
+        if creases(lines, low, high, float(width)) is not None
+    )
+
+
+def creases(lines: Floats, low: float, high: float, room: float) -> Floats | None:
+    """Where to crease a net from `low` to `high` [m] for pleats no wider than `room` [m]; None: it cannot be.
+
+    All pleats are equally wide, but for the outer two, which may be narrower. They are as wide as possible
+    with an even number of creases, which leaves opposite ends of the net at opposite ends of the pleats; only
+    where none fits, the number is odd. Of the rest, the fewest creases count, then the nearest to symmetric.
+    """
+    tolerance = _tolerance(low, high)
+    inside = _inside(lines, low, high)
+    fitting = [width for width in widths(lines, low, high) if width <= room + tolerance]
+    if fitting and fitting[0] >= high - low:
+        return np.empty(0)
+    for even in (True, False):
+        for width in fitting:
+            starts = inside[inside - low <= width + tolerance]
+            tried = [_marks(inside, start, width, high, tolerance) for start in starts]
+            found = [marks for marks in tried if marks is not None and not (even and len(marks) % 2)]
+            if found:
+                return min(
+                    found, key=lambda marks: (len(marks), round(abs(marks[0] - low - high + marks[-1]), 9))
+                )
+    return None
+
+
+def _marks(lines: Floats, start: float, width: float, high: float, tolerance: float) -> Floats | None:
+    """Creases from `start` on, `width` apart; None if there is not a line for each."""
+    wanted = start + width * np.arange(int(np.floor((high - start - tolerance) / width)) + 1)
+    after = np.clip(np.searchsorted(lines, wanted), 1, len(lines) - 1)
+    nearest = np.where(wanted - lines[after - 1] < lines[after] - wanted, lines[after - 1], lines[after])
+    return nearest if np.abs(nearest - wanted).max() <= tolerance else None
+
+
+def pleated(values: Floats, at: Floats, elements: Ints, on_crease: float) -> Pleats:
+    """Values (k,) folded to and fro at the creases `at`.
+
+    Nodes within `on_crease` [m] lie on a crease; of an element (m, 2) that crosses one, the nearer end is
+    drawn to it.
+    """
+    pleat = np.searchsorted(at, values).astype(float)
+    sign = np.where(np.arange(len(at) + 1) % 2 == 0, 1.0, -1.0)
+    # A pleat's place is sign * value + base; the two at a crease agree there.
+    base = np.concatenate([[0.0], np.cumsum((sign[:-1] - sign[1:]) * at)])
+    inside = pleat.astype(int)
+    place = sign[inside] * values + base[inside]
+    forward = sign[inside]
+    for k, crease in enumerate(at):
+        beyond = values - crease
+        on = np.abs(beyond) <= on_crease
+        crossed = elements[(beyond[elements].prod(axis=1) < 0.0) & ~on[elements].any(axis=1)]
+        on[crossed[np.arange(len(crossed)), np.abs(beyond[crossed]).argmin(axis=1)]] = True
+        pleat[on] = k + 0.5
+        place[on] = sign[k] * crease + base[k]
+    middle = 0.5 * (place.min() + place.max())
+    return Pleats(at, place - middle, pleat, forward)
+
+
+def _inside(lines: Floats, low: float, high: float) -> Floats:
+    tolerance = _tolerance(low, high)
+    return lines[(lines > low + tolerance) & (lines < high - tolerance)]
+
+
+def _tolerance(low: float, high: float) -> float:
+    return 1e-7 * (high - low)
