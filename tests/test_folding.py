@@ -200,7 +200,7 @@ def test_layers_are_counted(room: float, pleats: int) -> None:
     """10 meshes of 0.5 m: one layer; five pleats of two meshes; ten of one, whose creases are odd."""
     woven, found = fold(SQUARE, {"pattern": "accordion", "box": [8.0, room, 0.1]})
     assert found.layers == pleats
-    assert found.pleats == f"{pleats} along y, 1 along x"
+    assert found.pleats == f"{pleats} pleats along y, 1 along x"
     heights = found.position[np.unique(woven.element_nodes[~woven.is_string]), 2]
     assert np.ptp(heights) == pytest.approx(THREAD * (pleats - 1), abs=1e-12)
 
@@ -318,7 +318,7 @@ def test_what_cannot_be_folded_is_refused_on_reading(
 def test_a_fault_of_the_canister_has_its_line(tmp_path: Path) -> None:
     path = written(tmp_path, SQUARE, {"pattern": "accordion", "box": [0.3, 0.3, 0.3]})
     line = path.read_text().splitlines().index("box = [0.3, 0.3, 0.3]") + 1
-    with pytest.raises(CaseError, match=f":{line}: initial.fold.box: folded as narrow as that"):
+    with pytest.raises(CaseError, match=f":{line}: initial.fold.box: the folded net"):
         prepare_case(exunet.load(path))
 
 
@@ -370,7 +370,7 @@ def test_a_folded_net_without_a_launch_stays_at_rest() -> None:
 def test_exunet_check_says_how_the_net_is_packed() -> None:
     rows = dict(describe(exunet.load(CASES / "nets" / "accordion.toml")))
     # 2 mm strings are the thickest: 25 layers of 2 mm.
-    assert rows["packing"].startswith("accordion fold (5 along y, 5 along x), 25 layers, ")
+    assert rows["packing"].startswith("accordion fold (5 pleats along y, 5 along x), 25 layers, ")
     assert rows["packing"].endswith(" x 0.05 m")
     rows = dict(describe(exunet.load(CASES / "planar_deployment.toml")))
     assert rows["packing"] == "0.1 of the reference configuration"

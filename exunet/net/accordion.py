@@ -37,11 +37,11 @@ def accordion(net: Net, lines: tuple[Floats, Floats], fold: Fold) -> Folded:
     position -= 0.5 * (position[nodes].min(axis=0) + position[nodes].max(axis=0))
     layers = along_x.number * along_y.number
     size = np.ptp(position[nodes], axis=0) + thread
-    pleats = f"{along_y.number} along y, {along_x.number} along x"
+    pleats = f"{along_y.number} pleats along y, {along_x.number} along x"
     needed = np.maximum(size, [wide_x + sheared, wide_y + thread, 0.0])
     if (needed > given * (1.0 + 1e-9)).any():
         edges = " x ".join(f"{edge:.4g}" for edge in size)
-        words = f"folded as narrow as that ({pleats}), the net takes {edges} m, in {layers} layers"
+        words = f"the folded net ({pleats}) takes {edges} m, in {layers} layers"
         raise fold.too_small(words, np.maximum(needed, given).tolist())
     forward = np.stack([along_x.forward, along_y.forward, np.zeros(net.n_nodes)], axis=1)
     position = with_strings(net, position, forward, thread)

@@ -45,7 +45,7 @@ def star(net: Net, keys: Keys, fold: Fold) -> Folded:
     needed = np.maximum(best, (2.0 * radius, 2.0 * radius, height))
     if fold.box is None:  # the radius of a cylinder, not of a prism in it
         needed[:2] *= math.sqrt(0.5)
-    words = f"folded, the net takes {best[0]:.4g} m across and {best[2]:.4g} m along the axis"
+    words = f"the folded net takes {best[0]:.4g} m across and {best[2]:.4g} m along the axis"
     raise fold.too_small(words, needed)
 
 
@@ -62,7 +62,7 @@ def _folded(
     position = with_strings(net, position, np.ones_like(position), thread)
     check_chords(net, position, fold)
     pleats = math.ceil(keys.rings / per_pleat)
-    return Folded(position, f"{keys.spokes // 2} arms, {pleats} along the axis", pleats, size)
+    return Folded(position, f"{keys.spokes // 2} arms, {pleats} pleats along the axis", pleats, size)
 
 
 def _knots(keys: Keys, per_pleat: int, thread: float) -> Floats | None:
