@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from scipy.spatial import cKDTree
 
@@ -256,8 +258,62 @@ def test_lines_that_elements_cross_are_not_used() -> None:
     """A triangular mesh along x: its sides cross every line x = const; along y its rows are free."""
     woven, _ = fold(TRIANGLES, WIDE)
     inner = np.array([-0.25, 0.0, 0.25])
-    assert len(usable(inner, woven, axis=0)) == 0
-    assert len(usable(np.array([-1.0, 0.0, 1.0]) * np.sqrt(0.75) * 0.5, woven, axis=1)) == 3
+    assert len(usable(inner, woven, 0, 0.04)) == 0
+    assert len(usable(np.array([-1.0, 0.0, 1.0]) * np.sqrt(0.75) * 0.5, woven, 1, 0.04)) == 3
+
+
+@st.composite
+def folds(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A net that can be folded, and a canister that it may fit."""
+    mesh, n, m = draw(st.floats(0.1, 1.0)), draw(st.integers(1, 9)), draw(st.integers(1, 9))
+    size = mesh * draw(st.floats(3.0, 12.0))
+    net: dict[str, Any] = draw(
+        st.sampled_from(
+            [
+                {"topology": "square", "mesh": mesh, "size": n * mesh},
+                {"topology": "rectangular", "mesh": [mesh, 0.3], "size": [n * mesh, m * 0.3]},
+                {"topology": "hexagonal", "mesh": mesh, "rings": n // 3},
+                {"topology": "radial", "radius": n * mesh, "spokes": 2 * m + 2, "rings": n},
+                OCTAGON | {"mesh": mesh, "size": size},
+                CIRCLE | {"mesh": mesh, "size": size, "mesh_shape": "hexagon", "corners": 3},
+                TRIANGLES | {"mesh": mesh, "size": size},
+            ]
+        )
+    )
+    edge = st.floats(0.1, 6.0)
+    canister = {"box": draw(st.tuples(edge, edge, edge))}
+    if draw(st.booleans()):
+        canister = {"cylinder": draw(st.tuples(edge, edge))}
+    pattern = "star" if net["topology"] == "radial" else "accordion"
+    return net | {"divisions": draw(st.integers(1, 2))}, {"pattern": pattern} | canister
+
+
+def tried(net: dict[str, Any], how: dict[str, Any], strings: dict[str, Any]) -> tuple[Net | None, Any]:
+    """The net in the canister, or in the one that is said to fit; None if threads are too thick."""
+    try:
+        return fold(net, how, strings=strings)
+    except CaseError as error:
+        words = str(error)
+    for key, sizes in re.findall(r"(box|cylinder) = \[([^\]]*)\] would fit", words):
+        fitting = {"pattern": how["pattern"], key: [float(one) for one in sizes.split(",")]}
+        return fold(net, fitting, strings=strings)
+    assert "thick" in words
+    return None, None
+
+
+@settings(max_examples=150)
+@given(folds(), st.integers(1, 4))
+def test_any_net_fits_or_is_told_what_would(
+    case: tuple[dict[str, Any], dict[str, Any]], divisions: int
+) -> None:
+    net, how = case
+    strings = STRINGS | {"length": 1.5, "divisions": divisions}
+    woven, found = tried(net, how, strings)
+    if woven is None:
+        return
+    part = chords(woven, found.position)
+    assert part.min() >= 0.9 - 1e-9
+    assert part.max() <= 1.0 + 1e-9
 
 
 # Canisters that are too small

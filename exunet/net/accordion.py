@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from exunet.base.errors import CaseError
 from exunet.net.arrays import Floats, Net
 from exunet.net.canister import Fold, Folded, check_chords, mesh_nodes, threads
-from exunet.net.creases import Pleats, creases, narrowest, pleated, usable
+from exunet.net.creases import BESIDE, Pleats, creases, narrowest, pleated, usable
 from exunet.net.string_folds import with_strings
 
 
@@ -23,38 +24,57 @@ def accordion(net: Net, lines: tuple[Floats, Floats], fold: Fold) -> Folded:
     lines : x, and y, of the lines along which the net can be creased, increasing [m]
     Raises CaseError if it does not fit, with a size that would do.
     """
+    too_thick, too_large = None, []
+    # A node may be drawn to a crease; where that costs too much length, only lines that no element crosses remain.
+    for beside in (BESIDE, 0.0):
+        try:
+            found, needed = _laid_out(net, lines, fold, beside)
+        except CaseError as error:
+            too_thick = error
+            continue
+        if (needed <= np.array(fold.room) * (1.0 + 1e-9)).all():
+            return found
+        too_large.append((found, needed))
+    if not too_large:
+        assert too_thick is not None
+        raise too_thick
+    found, needed = too_large[0]
+    edges = " x ".join(f"{edge:.4g}" for edge in found.size)
+    words = f"the folded net ({found.pleats}) takes {edges} m, in {found.layers} layers"
+    raise fold.too_small(words, np.maximum(needed, fold.room).tolist())
+
+
+def _laid_out(net: Net, lines: tuple[Floats, Floats], fold: Fold, beside: float) -> tuple[Folded, Floats]:
+    """The net in the narrowest pleats that the canister demands, and the room (3,) that it needs [m].
+
+    Raises CaseError if an element would not keep its length.
+    """
     thread = float(threads(net).max())
-    given = np.array(fold.room)
-    along_y, wide_y = _along(net, 1, lines[1], given[1] - thread)
+    along_y, wide_y = _along(net, 1, lines[1], fold.room[1] - thread, beside)
     # The stack is sheared by a thread a layer.
     sheared = along_y.number * thread
-    along_x, wide_x = _along(net, 0, lines[0], given[0] - sheared)
+    along_x, wide_x = _along(net, 0, lines[0], fold.room[0] - sheared, beside)
     flat = np.zeros((net.n_nodes, 3))
     flat[:, 0], flat[:, 1] = along_x.place, along_y.place
     offset = thread * _offsets(along_x, along_y)
     position = _scale(net, flat, offset, fold) * flat + offset
     nodes = mesh_nodes(net)
     position -= 0.5 * (position[nodes].min(axis=0) + position[nodes].max(axis=0))
-    layers = along_x.number * along_y.number
     size = np.ptp(position[nodes], axis=0) + thread
-    pleats = f"{along_y.number} pleats along y, {along_x.number} along x"
-    needed = np.maximum(size, [wide_x + sheared, wide_y + thread, 0.0])
-    if (needed > given * (1.0 + 1e-9)).any():
-        edges = " x ".join(f"{edge:.4g}" for edge in size)
-        words = f"the folded net ({pleats}) takes {edges} m, in {layers} layers"
-        raise fold.too_small(words, np.maximum(needed, given).tolist())
     forward = np.stack([along_x.forward, along_y.forward, np.zeros(net.n_nodes)], axis=1)
     position = with_strings(net, position, forward, thread)
     check_chords(net, position, fold)
-    return Folded(position, pleats, layers, size)
+    pleats = f"{along_y.number} pleats along y, {along_x.number} along x"
+    needed = np.maximum(size, [wide_x + sheared, wide_y + thread, 0.0])
+    return Folded(position, pleats, along_x.number * along_y.number, size), needed
 
 
-def _along(net: Net, axis: int, lines: Floats, room: float) -> tuple[Pleats, float]:
+def _along(net: Net, axis: int, lines: Floats, room: float, beside: float) -> tuple[Pleats, float]:
     """The pleats along one axis, no wider than `room` [m] if they can, and how wide they may be [m]."""
     nodes = mesh_nodes(net)
     values = net.reference_position[:, axis]
     low, high = float(values[nodes].min()), float(values[nodes].max())
-    lines = usable(lines, net, axis)
+    lines = usable(lines, net, axis, beside)
     found = creases(lines, low, high, room)
     if found is None:
         room = narrowest(lines, low, high)

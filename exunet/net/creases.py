@@ -9,7 +9,7 @@ import numpy as np
 from exunet.net.arrays import Floats, Ints, Net
 
 _MOST = 500  # lines, in the middle of the net, whose distances are tried as widths
-_BESIDE = 0.045  # of an element's length, by which its end may lie beside a crease and is drawn to it
+BESIDE = 0.045  # of an element's length: twice as much leaves each 90 % of it, if nothing else takes some
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class Pleats:
         return len(self.creases) + 1
 
 
-def usable(lines: Floats, net: Net, axis: int) -> Floats:
+def usable(lines: Floats, net: Net, axis: int, beside: float) -> Floats:
     """Those of `lines` (values along an axis, increasing) that no element crosses, but for close to an end.
 
-    An end that is drawn to a crease makes elements on one side longer, and on the other shorter, by as much:
-    twice _BESIDE still leaves each 90 to 100 % of its length.
+    beside : how close, as a part of its length. The end is then drawn to the crease, which makes elements on
+             one side longer, and on the other shorter
     """
     held = ~net.is_string
     ends = np.sort(net.reference_position[net.element_nodes[held], axis], axis=1)
@@ -48,7 +48,7 @@ def usable(lines: Floats, net: Net, axis: int) -> Floats:
     element = np.repeat(np.arange(len(length)), count)
     line = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count - first, count)
     off = np.abs(lines[line, None] - ends[element]).min(axis=1)
-    return np.delete(lines, np.unique(line[off > _BESIDE * length[element]]))
+    return np.delete(lines, np.unique(line[off > beside * length[element]]))
 
 
 def widths(lines: Floats, low: float, high: float) -> Floats:
