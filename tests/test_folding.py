@@ -254,6 +254,15 @@ def test_creases_are_where_the_pleats_turn(seed: int) -> None:
     np.testing.assert_array_equal(found.pleat[turns], np.arange(len(at)) + 0.5)
 
 
+def test_pleats_of_different_widths_where_lines_are_not_regular() -> None:
+    """Room for 2.5 m: on to 2 m, back to 4 m, on to 6 m; from there 2 m back, where no line is, or is one."""
+    assert creases(np.array([1.0, 2.0, 4.0, 5.0, 6.0, 9.0]), 0.0, 10.0, 2.5) is None
+    at = creases(np.array([1.0, 2.0, 4.0, 5.0, 6.0, 8.0]), 0.0, 10.0, 2.5)
+    np.testing.assert_array_equal(at, [2.0, 4.0, 6.0, 8.0])
+    at = creases(np.array([1.5, 2.0, 2.6, 5.0, 5.2]), 0.0, 7.5, 2.6)
+    np.testing.assert_array_equal(at, [2.6, 5.2])  # 2.6 wide each; and the last of 2.3
+
+
 def test_lines_that_elements_cross_are_not_used() -> None:
     """A triangular mesh along x: its sides cross every line x = const; along y its rows are free."""
     woven, _ = fold(TRIANGLES, WIDE)
@@ -338,6 +347,12 @@ def test_a_canister_that_is_too_small_is_told_one_that_is_not(
     assert words.startswith(f"initial.fold.{'box' if 'box' in how else 'cylinder'}: ")
     ((key, sizes),) = re.findall(r"(box|cylinder) = \[([^\]]*)\] would fit", words)
     fold(net, {"pattern": how["pattern"], key: [float(one) for one in sizes.split(",")]})
+
+
+def test_a_cut_that_leaves_few_lines_to_crease_is_told() -> None:
+    """Hexagon of 5 m, triangles of 0.5 m: along its slanting sides knots are moved by a tenth of a side."""
+    words = refused(TRIANGLES | {"size": 5.0}, WIDE)
+    assert "10 lines cannot be creased: near the border, threads cross them" in words
 
 
 def test_threads_that_are_too_thick_for_their_elements() -> None:

@@ -25,7 +25,7 @@ def accordion(net: Net, lines: tuple[Floats, Floats], fold: Fold) -> Folded:
     Raises CaseError if it does not fit, with a size that would do.
     """
     too_thick, too_large = None, []
-    # A node may be drawn to a crease; where that costs too much length, only lines that no element crosses remain.
+    # A node may be drawn to a crease; where that costs too much length, lines that are crossed are left out.
     for beside in (BESIDE, 0.0):
         try:
             found, needed = _laid_out(net, lines, fold, beside)
@@ -41,6 +41,10 @@ def accordion(net: Net, lines: tuple[Floats, Floats], fold: Fold) -> Folded:
     found, needed = too_large[0]
     edges = " x ".join(f"{edge:.4g}" for edge in found.size)
     words = f"the folded net ({found.pleats}) takes {edges} m, in {found.layers} layers"
+    if crossed := sum(
+        len(of_axis) - len(usable(of_axis, net, axis, BESIDE)) for axis, of_axis in enumerate(lines)
+    ):
+        words += f" ({crossed} lines cannot be creased: near the border, threads cross them)"
     raise fold.too_small(words, np.maximum(needed, fold.room).tolist())
 
 

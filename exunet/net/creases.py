@@ -71,27 +71,53 @@ def narrowest(lines: Floats, low: float, high: float) -> float:
 
 
 def creases(lines: Floats, low: float, high: float, room: float) -> Floats | None:
-    """Where to crease a net from `low` to `high` [m] for pleats no wider than `room` [m]; None: it cannot be.
+    """Where to crease a net from `low` to `high` [m] for a stack of at most `room` [m]; None: it cannot be.
 
-    All pleats are equally wide, but for the outer two, which may be narrower. They are as wide as possible
-    with an even number of creases, which leaves opposite ends of the net at opposite ends of the pleats; only
-    where none fits, the number is odd. Of the rest, the fewest creases count, then the nearest to symmetric.
+    The pleats are equally wide, but for the outer two, which may be narrower. Pleats of different widths are
+    chosen where they save a quarter of the creases, which they can where lines are not regular.
+    """
+    if high - low <= room + _tolerance(low, high):
+        return np.empty(0)
+    equal, other = _equal(lines, low, high, room), _to_the_walls(lines, low, high, room)
+    if equal is None or (other is not None and 4 * len(other) < 3 * len(equal)):
+        return other
+    return equal
+
+
+def _equal(lines: Floats, low: float, high: float, room: float) -> Floats | None:
+    """Creases between pleats of one width, as wide as possible with an even number of them, else an odd one.
+
+    An even number leaves opposite ends of the net at opposite ends of the stack. Of the rest, the fewest
+    creases count, then the nearest to symmetric.
     """
     tolerance = _tolerance(low, high)
     inside = _inside(lines, low, high)
     fitting = [width for width in widths(lines, low, high) if width <= room + tolerance]
-    if fitting and fitting[0] >= high - low:
-        return np.empty(0)
     for even in (True, False):
         for width in fitting:
             starts = inside[inside - low <= width + tolerance]
             tried = [_marks(inside, start, width, high, tolerance) for start in starts]
-            found = [marks for marks in tried if marks is not None and not (even and len(marks) % 2)]
+            found = [one for one in tried if one is not None and not (even and len(one) % 2)]
             if found:
-                return min(
-                    found, key=lambda marks: (len(marks), round(abs(marks[0] - low - high + marks[-1]), 9))
-                )
+                return min(found, key=lambda one: (len(one), round(abs(one[0] - low - high + one[-1]), 9)))
     return None
+
+
+def _to_the_walls(lines: Floats, low: float, high: float, room: float) -> Floats | None:
+    """Creases between pleats that each go as far as there is room, to and fro."""
+    tolerance = _tolerance(low, high)
+    inside = _inside(lines, low, high)
+    at, place, forward = low, 0.0, True
+    found: list[float] = []
+    while (reach := at + (room - place if forward else place) + tolerance) < high:
+        after = int(np.searchsorted(inside, reach, side="right"))
+        if not after or inside[after - 1] <= at + tolerance:
+            return None
+        following = float(inside[after - 1])
+        place += following - at if forward else at - following
+        at, forward = following, not forward
+        found.append(at)
+    return np.array(found)
 
 
 def _marks(lines: Floats, start: float, width: float, high: float, tolerance: float) -> Floats | None:
