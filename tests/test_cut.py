@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 import exunet
 from exunet.base.errors import CaseError, InputError
+from exunet.figures.views import of_border
 from exunet.net import NetKeys, cross_checks, weave
 from exunet.net.arrays import Net
 from exunet.net.cut import SHORTEST, Keys, mesh
@@ -256,6 +257,13 @@ def test_the_border_is_a_thread_of_its_own() -> None:
     corners = woven.reference_position[list(woven.mouth)]
     bullets = woven.reference_position[woven.bullet_nodes]
     np.testing.assert_allclose(bullets, corners * (2.5 + 0.6) / 2.5, atol=1e-14)
+
+
+def test_figures_tell_the_border_from_the_mesh() -> None:
+    woven = weave(keys("octagon", "hexagon", strings=CABLE | {"length": 0.6}))
+    np.testing.assert_array_equal(of_border(woven), border(woven))
+    square = {"topology": "square", "size": 3.0, "mesh": 1.0, "cable": CABLE}
+    assert not of_border(weave(KEYS.validate_python(square))).any()
 
 
 @settings(max_examples=60)

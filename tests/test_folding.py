@@ -445,6 +445,8 @@ def test_exunet_check_says_how_the_net_is_packed() -> None:
     assert rows["packing"].endswith(" x 0.05 m")
     rows = dict(describe(exunet.load(CASES / "planar_deployment.toml")))
     assert rows["packing"] == "0.1 of the reference configuration"
+    rows = dict(describe(exunet.load(CASES / "verification" / "snap_from_slack.toml")))
+    assert rows["packing"] == "as listed in initial.node_positions"
 
 
 def test_the_reference_says_before_the_run_that_it_lacks_folds() -> None:

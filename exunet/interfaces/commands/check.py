@@ -55,6 +55,8 @@ def describe(case: Case) -> list[tuple[str, str]]:
 def _packing(start: Start) -> str:
     """How the net lies at the start."""
     initial = start.scene.initial
+    if initial.node_positions is not None:
+        return "as listed in initial.node_positions"
     if initial.fold is None:
         return f"{initial.deployed:g} of the reference configuration"
     found = folded(start.net, start.scene.net, initial.fold)
