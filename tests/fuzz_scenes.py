@@ -22,7 +22,7 @@ from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 
-TOPOLOGIES = ("square", "rectangular", "hexagonal", "radial", "explicit")
+TOPOLOGIES = ("square", "rectangular", "hexagonal", "radial", "cut", "explicit")
 EXPLICIT_METHODS = ("VelocityVerlet", "RK44", "RK33", "RK67", "ExplicitEuler", "ExplicitMidpoint")
 IMPLICIT_METHODS = ("GeneralizedAlpha", "TrapezoidalIndex2")
 PACKINGS = (0.0, 1e-6, 0.01, 0.1, 0.5, 0.9, 0.999, 1.0, 1.001, 1.05, 1.4, 3.0)
@@ -104,6 +104,11 @@ def _net(kind: str, random: Generator) -> dict[str, Any]:
             return net | {"mesh": 0.7, "rings": int(random.integers(0, 2))}
         case "radial":
             return net | {"radius": float(b), "spokes": a + 2, "rings": b}
+        case "cut":
+            outline = str(random.choice(["square", "hexagon", "octagon"]))
+            shape = str(random.choice(["square", "triangle"]))
+            net |= {"outline": outline, "mesh_shape": shape, "border": _cable(random)}
+            return net | {"mesh": 0.7, "size": 0.5 * a + 2.0}
     count = int(random.integers(2, 8))
     nodes = random.uniform(-1.5, 1.5, size=(count, 3)).round(6)
     pairs = {(k, k + 1) for k in range(count - 1)}

@@ -117,6 +117,11 @@ TOPOLOGIES = {
     "one cell": ({"topology": "hexagonal", "mesh": 0.7, "rings": 0}, 1.5 * math.sqrt(3) * 0.49),
     # Twelve sides: six of 0.3 m at the corner cells, six zigzags of 2 x 2 threads between those.
     "hexagonal": ({"topology": "hexagonal", "mesh": 0.3, "rings": 2}, None),
+    "cut": (  # an octagon of width 2 m
+        {"topology": "cut", "outline": "octagon", "size": 2.0, "mesh_shape": "triangle", "mesh": 0.4}
+        | {"border": CABLE},
+        8.0 * math.tan(math.pi / 8.0),
+    ),
     "hexagonal, divided": ({"topology": "hexagonal", "mesh": 0.3, "rings": 2, "divisions": 2}, None),
 }
 

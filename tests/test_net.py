@@ -180,15 +180,18 @@ THROWN = {
     "rectangular": {"size": [2.0, 3.0], "mesh": [0.5, 1.0]},
     "hexagonal": {"mesh": 0.6, "rings": 2},
     "radial": {"radius": 2.0, "spokes": 7, "rings": 3},
+    "cut": {"outline": "hexagon", "size": 3.1, "mesh_shape": "triangle", "mesh": 0.7, "border": UNIT},
 }
-# Reference areas: L^2; Lx Ly; 19 cells (R = 2) of 3 sqrt(3)/2 a^2; the regular heptagon n/2 r^2 sin(2 pi/n).
+# Reference areas: L^2; Lx Ly; 19 cells (R = 2) of 3 sqrt(3)/2 a^2; the regular heptagon n/2 r^2 sin(2 pi/n);
+# the regular hexagon of width L, sqrt(3)/2 L^2.
 AREAS = {
     "square": 9.0,
     "rectangular": 6.0,
     "hexagonal": 19 * 1.5 * math.sqrt(3) * 0.36,
     "radial": 3.5 * 4.0 * math.sin(2 * math.pi / 7),
+    "cut": 0.5 * math.sqrt(3) * 3.1**2,
 }
-TURNS = {"square": 4, "rectangular": 2, "hexagonal": 6, "radial": 7}
+TURNS = {"square": 4, "rectangular": 2, "hexagonal": 6, "radial": 7, "cut": 6}
 
 
 def test_every_thrown_topology_is_tested_here() -> None:
@@ -218,7 +221,8 @@ def test_faces_run_along_elements(topology: str, divisions: int) -> None:
 @pytest.mark.parametrize("topology", THROWN)
 @pytest.mark.parametrize("divisions", [1, 3])
 def test_nets_look_the_same_after_a_turn(topology: str, divisions: int) -> None:
-    """A quarter turn of the square, half of the rectangle, sixth of the honeycomb, one spoke of the web."""
+    """A quarter turn of the square, half of the rectangle, sixth of the honeycomb and of the cut triangles,
+    one spoke of the web."""
     more = {"strings": {**STRING, "length": 0.9, "divisions": 2}, "bullets": {"mass": 1.0}}
     woven = net(topology, **THROWN[topology], **more, divisions=divisions)
     angle = 2 * math.pi / TURNS[topology]
@@ -398,6 +402,15 @@ def nets(draw: st.DrawFn) -> dict[str, Any]:
         table |= {"mesh": mesh, "rings": draw(st.integers(0, 3))}
     elif table["topology"] == "radial":
         table |= {"radius": mesh, "spokes": draw(st.integers(3, 9)), "rings": draw(small)}
+    elif table["topology"] == "cut":
+        outline = draw(st.sampled_from(["square", "hexagon", "octagon", "circle"]))
+        table |= {"outline": outline, "mesh": mesh, "size": mesh * draw(st.floats(3.0, 9.0))}
+        table |= {
+            "mesh_shape": draw(st.sampled_from(["square", "triangle", "hexagon"])),
+            "border": draw(CABLES),
+        }
+        if outline == "circle":
+            table["corners"] = draw(st.integers(3, 8))
     else:
         place = st.tuples(*[st.integers(-9, 9)] * 3).map(list)
         nodes = draw(st.lists(place, min_size=2, max_size=8, unique_by=tuple))

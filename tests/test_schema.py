@@ -30,7 +30,8 @@ CONTRACT = (Path(__file__).parents[1] / "cases" / "README.md").read_text(encodin
 # The keys of cases/README.md, the contract between the two codes, outside [effects.NAME] and of all nets.
 COMMON = """format title seed time.end time.output_step time.output_times net.topology net.divisions
     net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
-    initial.packing initial.velocity initial.spin initial.node_positions initial.node_velocities
+    initial.packing initial.fold.pattern initial.fold.box initial.fold.cylinder
+    initial.velocity initial.spin initial.node_positions initial.node_velocities
     launch.radial_speed launch.axial_speed launch.speed launch.spread_angle
     bodies.NAME.mass bodies.NAME.density bodies.NAME.inertia bodies.NAME.products_of_inertia
     bodies.NAME.centre_of_mass bodies.NAME.shape bodies.NAME.size bodies.NAME.radius bodies.NAME.length
@@ -45,6 +46,7 @@ COMMON = """format title seed time.end time.output_step time.output_times net.to
     effects.choose effects.threshold"""
 THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
     net.strings.length net.strings.divisions net.bullets.mass"""
+BORDER = """net.border.diameter net.border.area net.border.density net.border.youngs_modulus"""
 
 
 def of_effects() -> set[str]:
@@ -67,7 +69,10 @@ def of_topology(name: str) -> set[str]:
 
 def contract(topology: str) -> set[str]:
     thrown = THROWN if topology != "explicit" else ""
-    return {*COMMON.split(), *thrown.split()} | of_effects() | of_topology(topology)
+    own = of_topology(topology)
+    if "net.border" in own:
+        own = own - {"net.border"} | {*BORDER.split()}
+    return {*COMMON.split(), *thrown.split()} | of_effects() | own
 
 
 def leaves(topology: str, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
@@ -151,10 +156,17 @@ def switched(topology: str, on: Callable[[str], bool], path: Path) -> Any:
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str, tmp_path: Path) -> None:
-    """As its first lines say; effects, some of which exclude each other, come one at a time below."""
+    """As its first lines say; effects, some of which exclude each other, come one at a time below.
+
+    A fold takes the place of the packing.
+    """
     scene = switched(
         topology,
-        lambda name: not name.startswith("effects.") and (topology != "explicit" or name != "launch"),
+        lambda name: (
+            not name.startswith("effects.")
+            and name != "initial.fold"
+            and (topology != "explicit" or name != "launch")
+        ),
         tmp_path / "template.toml",
     )
     assert (scene.launch is not None) == (topology != "explicit")
@@ -176,6 +188,7 @@ def test_a_template_of_an_unknown_topology_is_refused() -> None:
 
 
 ROOT = Path(__file__).parents[1] / "cases"
+CUT = ["net.mesh_shape='square'", "net.border={diameter=1e-3,density=1390.0,youngs_modulus=7e10}"]
 # Overrides of cases/planar_deployment.toml that the reader refuses and that a schema can tell.
 REFUSED = {
     "diameter and area": ["net.cable.area=1e-6"],
@@ -208,6 +221,12 @@ REFUSED = {
     "an accuracy of measures": ['solver={accuracy_of="measures",accuracy=1e-3}'],
     "a tolerance for measures": ['solver={accuracy_of="measures",tolerance=1e-3}'],
     "a method for measures": ['solver={accuracy_of="measures",method="RK44"}'],
+    "packing and fold": ["initial.fold={pattern='accordion',box=[9,9,9]}"],
+    "neither packing nor fold": ["initial.packing="],
+    "two canisters": ["initial.packing=", "initial.fold={pattern='star',box=[9,9,9],cylinder=[9,9]}"],
+    "no canister": ["initial.packing=", "initial.fold={pattern='star'}"],
+    "a circle without corners": ["net.topology='cut'", *CUT, "net.outline='circle'"],
+    "a square with corners": ["net.topology='cut'", *CUT, "net.outline='square'", "net.corners=4"],
     "bullets without bridles": ["net.topology=hexagonal", "net.size=", "net.rings=1", "net.strings="],
 }
 
@@ -283,7 +302,7 @@ def test_schema_and_reader_agree_on_every_method_and_its_keys(method: str | None
 
 def test_schema_and_reader_agree_on_every_pair_of_effects() -> None:
     """With and without bullets, the keys that they ask for, and a launch."""
-    document = tomllib.loads(with_tables("square", lambda name: name != "effects"))
+    document = tomllib.loads(with_tables("square", lambda name: name not in ("effects", "initial.fold")))
     document.pop("solver")
     effects, launch, bullets = document.pop("effects"), document.pop("launch"), document["net"].pop("bullets")
     effects["molecular_drag"].pop("altitude")  # which would have to be that of the orbit

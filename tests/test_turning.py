@@ -40,6 +40,7 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
             ("FIRST_ORDER", True),
             ("TAKES_ENERGY", False),
             ("JUMPS", False),
+            ("TOLD", False),
         ):
             monkeypatch.setattr(module, name, bool(value), raising=False)
 

@@ -19,7 +19,7 @@ from exunet.forces import effects
 from exunet.forces.requirements import RestOfCase
 from exunet.methods import keys as solver
 from exunet.methods.method import COMPILED_METHODS, TimeLoop
-from exunet.net import explicit
+from exunet.net import explicit, folding
 from exunet.net.base import ThrownNetTable, other_length
 
 MAX_STATES = 10_000_000
@@ -34,6 +34,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         shortened(_times_increase(scene)),
         _loop_has_the_method(scene),
         _positions_in_place_of_packing(scene),
+        _net_can_be_folded(scene),
         _list_fits_the_net(scene, "node_positions"),
         _list_fits_the_net(scene, "node_velocities"),
         inside(scene, "solver", solver.cross_checks),
@@ -83,8 +84,13 @@ def _loop_has_the_method(scene: Scene) -> Iterator[Fault]:
 
 def _positions_in_place_of_packing(scene: Scene) -> Iterator[Fault]:
     initial = scene.initial
-    if initial.is_given("node_positions") and initial.packing != 1:
+    if initial.is_given("node_positions") and initial.packing is not None and initial.packing != 1:
         yield Fault("initial.node_positions", f"needs initial.packing = 1, got {initial.packing:g}")
+
+
+def _net_can_be_folded(scene: Scene) -> Iterator[Fault]:
+    if scene.initial.is_given("fold") and scene.initial.fold is not None:
+        yield from within("initial.fold", folding.cross_checks(scene.net, scene.initial.fold))
 
 
 def _list_fits_the_net(scene: Scene, name: str) -> Iterator[Fault]:

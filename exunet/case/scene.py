@@ -14,6 +14,7 @@ from exunet.forces.effects import Effects as _Effects
 from exunet.methods.keys import Solver
 from exunet.methods.method import NetForm, TimeLoop
 from exunet.net import NetKeys
+from exunet.net.canister import Fold
 
 if TYPE_CHECKING:
     Effects = Table
@@ -54,8 +55,13 @@ class Time(Table):
 class Initial(Table):
     """State at time 0."""
 
-    packing: NonNegative = Field(
-        description="initial position = packing x reference position", examples=[0.1]
+    EXACTLY_ONE: ClassVar = ("packing", "fold")
+
+    packing: NonNegative | None = Field(
+        None, description="initial position = packing x reference position", examples=[0.1]
+    )
+    fold: Fold | None = Field(
+        None, description="the net folded into a canister with 90 to 100 % of each length, instead of packing"
     )
     velocity: Vector | None = Field(
         None, description="velocity of every node [m/s]", examples=[[0.0, 0.0, 1.0]]
@@ -73,6 +79,11 @@ class Initial(Table):
         description="velocities added to those of the nodes [m/s], explicit topology only",
         examples=[[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]],
     )
+
+    @property
+    def deployed(self) -> float:
+        """The part of its size that the net has: packing, 0 where it is folded."""
+        return 0.0 if self.packing is None else self.packing
 
 
 class Launch(Table):

@@ -21,6 +21,8 @@ Node = dict[str, Any]
 _CHOSEN = (
     "output_step",
     "diameter",
+    "packing",
+    "box",
     "altitude",
     "radial_speed",
     "axial_speed",

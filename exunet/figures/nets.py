@@ -16,7 +16,7 @@ from exunet.figures.dimensions import dimensions, draw_dimension
 from exunet.figures.page import Page, line_scale
 from exunet.figures.panels import AXES, framed
 from exunet.figures.style import BLACK, BLUE, GREY, RED, SMALL, number
-from exunet.figures.views import best_view, draw_net, net_size
+from exunet.figures.views import best_view, draw_net, net_size, of_border
 from exunet.net.arrays import Net
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import Result
@@ -205,6 +205,8 @@ def _free_directions(net: Net, points: Floats, node: int) -> Floats:
 def _entries(net: Net) -> list[Line2D]:
     """What the picture of the reference configuration shows, for its legend."""
     entries = [Line2D([], [], color=BLUE, linewidth=1.2, label="cable")]
+    if of_border(net).any():
+        entries.append(Line2D([], [], color=BLUE, linewidth=2.0, label="border"))
     if net.is_string.any():
         entries.append(Line2D([], [], color=BLUE, linewidth=2.6, label="corner string"))
     if len(net.bullet_nodes):

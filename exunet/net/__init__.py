@@ -2,7 +2,7 @@
 
 A new topology is a module with `Keys` (a NetTable or ThrownNetTable with `topology: Literal["its name"]`),
 `mesh(keys) -> Mesh` and, if its keys demand something of each other, `cross_checks(keys) -> Iterator[Fault]`;
-and one line in `_NAMES`.
+and one line in `_NAMES`. With `fold_lines(keys)` its nets can be folded as an accordion (exunet.net.folding).
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ _NAMES = (
     "rectangular",
     "hexagonal",
     "radial",
+    "cut",
     "explicit",
 )
 TOPOLOGIES: dict[str, ModuleType] = {name: import_module(f"{__name__}.{name}") for name in _NAMES}

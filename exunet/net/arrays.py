@@ -32,6 +32,7 @@ class Mesh:
     mouth      : loop of corner knots that spans the net's opening, anticlockwise; empty if there is none
     node_mass  : (n_knots,) mass added to the knots [kg]; None: nothing
     fixed      : knots that are held still
+    n_border   : how many of the sides, the last ones, are of the border thread that the topology has
     """
 
     knots: Floats
@@ -41,6 +42,7 @@ class Mesh:
     mouth: Ints = field(default_factory=_no_indexes)
     node_mass: Floats | None = None
     fixed: Ints = field(default_factory=_no_indexes)
+    n_border: int = 0
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Net:
 
     Nodes come in the order bullets (or free string ends), knots, inner nodes of divided sides, inner nodes
     of divided strings; without strings a bullet is its corner knot. Elements of the sides come before those
-    of the strings; the elements of one side or string follow each other.
+    of the strings, those of a border last among them; the elements of one side or string follow each other.
 
     reference_position : (n_nodes, 3) [m], undeformed
     mass               : (n_nodes,) lumped mass [kg], eq. (9) plus bullets

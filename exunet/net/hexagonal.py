@@ -12,8 +12,9 @@ from pydantic import ConfigDict, Field
 from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import Positive
-from exunet.net.arrays import Ints, Mesh
+from exunet.net.arrays import Floats, Ints, Mesh
 from exunet.net.base import MAX_ELEMENTS, ThrownNetTable
+from exunet.net.lattice import MeshShape, lines
 
 # Lattice coordinates are whole numbers: x in units of sqrt(3) a / 2, y in units of a / 2. Shared vertices of
 # neighbouring cells are then equal exactly.
@@ -83,6 +84,12 @@ def mesh(keys: Keys) -> Mesh:
         faces=(loops,),
         mouth=mouth[mouth != np.roll(mouth, 1)],  # the bridles of a single cell share their knots
     )
+
+
+def fold_lines(keys: Keys) -> tuple[Floats, Floats]:
+    """x, and y, of the lines through knots that no side crosses."""
+    reach = 2.0 * (keys.rings + 1) * keys.mesh
+    return lines(MeshShape.HEXAGON, keys.mesh, (reach, reach), odd=False)
 
 
 def _cells(rings: int) -> Ints:

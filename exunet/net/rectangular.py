@@ -10,7 +10,7 @@ from pydantic import Field
 
 from exunet.base.errors import Fault
 from exunet.base.table import FromArray, Positive
-from exunet.net.arrays import Mesh
+from exunet.net.arrays import Floats, Mesh
 from exunet.net.base import ThrownNetTable, mesh_divides, meshes
 
 Pair = Annotated[tuple[Positive, Positive], FromArray]
@@ -46,14 +46,28 @@ def mesh(keys: Keys) -> Mesh:
     return grid(keys.size, keys.mesh)
 
 
+def fold_lines(keys: Keys) -> tuple[Floats, Floats]:
+    """x, and y, of the threads."""
+    return grid_lines(keys.size, keys.mesh)
+
+
+def grid_lines(size: tuple[float, float], spacing: tuple[float, float]) -> tuple[Floats, Floats]:
+    """x, and y, of the threads of a grid, from the middle out exactly symmetric [m]."""
+    nx, ny = map(meshes, size, spacing)
+    return _line(nx, size[0]), _line(ny, size[1])
+
+
+def _line(count: int, length: float) -> Floats:
+    return np.asarray((np.arange(count + 1) - count / 2) * (length / count), dtype=np.float64)
+
+
 def grid(size: tuple[float, float], spacing: tuple[float, float]) -> Mesh:
     """Knots row by row from the corner (-, -), sides along x, then along y; corners anticlockwise from there.
 
     size, spacing : edges of the net and of a mesh [m]
     """
-    nx, ny = map(meshes, size, spacing)
-    # Whole steps from the middle: positions are exactly symmetric about both axes.
-    x, y = ((np.arange(n + 1) - n / 2) * (length / n) for n, length in zip((nx, ny), size, strict=True))
+    x, y = grid_lines(size, spacing)
+    nx, ny = len(x) - 1, len(y) - 1
     number = np.arange((nx + 1) * (ny + 1)).reshape(ny + 1, nx + 1)
     knots = np.zeros((number.size, 3))
     knots[:, 0] = np.tile(x, ny + 1)

@@ -9,9 +9,9 @@ from pydantic import Field
 
 from exunet.base.errors import Fault
 from exunet.base.table import Positive
-from exunet.net.arrays import Mesh
+from exunet.net.arrays import Floats, Mesh
 from exunet.net.base import ThrownNetTable, mesh_divides, meshes
-from exunet.net.rectangular import grid
+from exunet.net.rectangular import grid, grid_lines
 
 
 class Keys(ThrownNetTable):
@@ -34,6 +34,11 @@ class Keys(ThrownNetTable):
 def cross_checks(keys: Keys) -> Iterator[Fault]:
     """The mesh divides the size."""
     yield from mesh_divides("mesh", keys.size, keys.mesh)
+
+
+def fold_lines(keys: Keys) -> tuple[Floats, Floats]:
+    """x, and y, of the threads."""
+    return grid_lines((keys.size, keys.size), (keys.mesh, keys.mesh))
 
 
 def mesh(keys: Keys) -> Mesh:

@@ -48,9 +48,8 @@ def net_of(mesh: Mesh, keys: NetTable) -> Net:
     span = ends[sides[:, 1]] - ends[sides[:, 0]]
     with np.errstate(over="ignore"):
         side_length = np.linalg.norm(span, axis=1)
-    cables = [
-        _Cables(_chains(sides, keys.divisions, len(ends)), side_length / keys.divisions, keys.cable, False)
-    ]
+    side_chains = _chains(sides, keys.divisions, len(ends))
+    cables = _of_sides(side_chains, side_length / keys.divisions, mesh, keys)
     inner = [between(ends, sides, keys.divisions)]
     if strings:
         string_length = np.full(len(string_ends), strings.length / strings.divisions)
@@ -72,9 +71,21 @@ def net_of(mesh: Mesh, keys: NetTable) -> Net:
         mass=mass,
         bullet_nodes=bullet_nodes,
         fixed_nodes=np.unique(mesh.fixed) + shift,
-        faces=_loops_through(cables[0].chains, [loops + shift for loops in mesh.faces]),
+        faces=_loops_through(side_chains, [loops + shift for loops in mesh.faces]),
         mouth=tuple((mesh.mouth + shift).tolist()),
     )
+
+
+def _of_sides(chains: Ints, length: Floats, mesh: Mesh, keys: NetTable) -> list[_Cables]:
+    """The cables of the mesh and, if the topology has one, the border."""
+    if not mesh.n_border:
+        return [_Cables(chains, length, keys.cable, False)]
+    inside = len(chains) - mesh.n_border
+    border: Cable = getattr(keys, "border")  # noqa: B009 - of the topologies that have one
+    return [
+        _Cables(chains[:inside], length[:inside], keys.cable, False),
+        _Cables(chains[inside:], length[inside:], border, False),
+    ]
 
 
 def between(values: Floats, ends: Ints, divisions: int) -> Floats:

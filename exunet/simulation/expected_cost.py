@@ -104,7 +104,7 @@ def _right_hand_sides(start: Start, trial: Trial | None) -> tuple[float, float, 
     if trial is not None:
         words = f"by a trial to {trial.until:.3g} s"
         return _stages(start) * trial.right_hand_sides, EXTRAPOLATED, words
-    per_radian = _PER_RADIAN[start.scene.initial.packing >= auto.NEARLY_DEPLOYED]
+    per_radian = _PER_RADIAN[start.scene.initial.deployed >= auto.NEARLY_DEPLOYED]
     end = start.scene.time.end
     return end * (per_radian * largest_frequency(start.system) + 100.0), GUESSED, "by the net's frequencies"
 

@@ -66,7 +66,7 @@ def _chosen(scene: Scene, system: System, state: State) -> Plan:
     takes, and the guards stop them (benchmarks/auto_table.md).
     """
     solver = scene.solver
-    measured = auto.table().at(scene.initial.packing)
+    measured = auto.table().at(scene.initial.deployed)
     able, forms = _open_to(scene.engine)
     if _is_measured_on_the_start(scene, system):
         able = COMPILED_METHODS
@@ -101,7 +101,7 @@ def _open_to(engine: Engine) -> tuple[tuple[Method, ...], tuple[Form, ...]]:
 
 def _is_measured_on_the_start(scene: Scene, system: System) -> bool:
     """Nearly deployed, with bullets by whose speeds errors are judged."""
-    return scene.initial.packing >= auto.NEARLY_DEPLOYED and len(system.net.bullet_nodes) > 0
+    return scene.initial.deployed >= auto.NEARLY_DEPLOYED and len(system.net.bullet_nodes) > 0
 
 
 def _for_measures(scene: Scene, system: System, state: State) -> Plan:
@@ -177,7 +177,7 @@ def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Pla
     solver = scene.solver
     if solver.tolerance is not None:
         return _with_tolerance(method, solver.tolerance, scene, system)
-    known = auto.table().at(scene.initial.packing).adaptive[method]
+    known = auto.table().at(scene.initial.deployed).adaptive[method]
     relative = known.tolerance_for(solver.accuracy)
     tolerance = relative * _speed(state.velocity)
     notes: tuple[str, ...] = ()

@@ -7,16 +7,20 @@ import numpy as np
 from exunet.case.scene import Initial, Launch, Scene
 from exunet.net import explicit
 from exunet.net.arrays import Floats, Ints, Net
+from exunet.net.folding import folded
 from exunet.net.weave import between
 
 
 def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
     """Positions (n_nodes, 3) [m] and velocities (n_nodes, 3) [m/s] at time 0; fixed nodes are at rest.
 
-    `net` is what `weave(scene.net)` gives.
+    `net` is what `weave(scene.net)` gives. Raises CaseError if it is to be folded and does not fit.
     """
     initial = scene.initial
-    position = initial.packing * net.reference_position
+    if initial.fold is not None:
+        position = folded(net, scene.net, initial.fold).position
+    else:
+        position = initial.deployed * net.reference_position
     if isinstance(scene.net, explicit.Keys) and initial.node_positions is not None:
         position = _of_all_nodes(initial.node_positions, scene.net)
     velocity = common_velocity(initial, position)

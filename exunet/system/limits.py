@@ -18,7 +18,6 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.keys import SHORTEST_STEP
 from exunet.methods.method import METHODS, Kind, NetForm, TimeLoop
 from exunet.methods.plan import Plan
-from exunet.net import explicit
 from exunet.net.arrays import Net
 from exunet.system import energy
 from exunet.system.system import State, System
@@ -114,13 +113,13 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
     longest, fastest = int(np.argmax(stretch)), int(np.argmax(rate))
     faults = []
     if not stretch[longest] <= STRETCH_BOUND:
-        given = isinstance(scene.net, explicit.Keys) and scene.initial.node_positions is not None
+        keys = (key for key in ("node_positions", "fold", "packing") if scene.initial.is_given(key))
         reason = (
             f"{_element(net, longest)} starts {stretch[longest]:.4g} times as long as when free of stress; "
             f"above {STRETCH_BOUND:g} it is outside the cable law's validity. Start it shorter"
         )
-        key = "initial.node_positions" if given else "initial.packing"
-        faults.append(Fault(_attachments(system, net.element_nodes[longest]) or key, reason))
+        key = _attachments(system, net.element_nodes[longest]) or f"initial.{next(keys)}"
+        faults.append(Fault(key, reason))
     if not rate[fastest] * SHORTEST_STEP <= 1.0:
         launched = scene.launch and np.isin(net.element_nodes[fastest], net.bullet_nodes).any()
         reason = (

@@ -12,6 +12,7 @@ from exunet.case.stored_times import stored_times
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.interfaces.commands.estimates import estimated
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
+from exunet.net.folding import folded
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.stability import (
     WEAK_GROWTH,
@@ -40,6 +41,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("bullets, fixed nodes", f"{len(net.bullet_nodes)}, {len(net.fixed_nodes)}"),
         ("mass", f"{net.mass.sum():.6f} kg"),
         *_bodies(start),
+        ("packing", _packing(start)),
         ("simulated time", f"{case.scene.time.end:g} s, {len(times)} stored states"),
         ("effects on", ", ".join(on) or "none"),
         ("effects off", ", ".join(off) or "none"),
@@ -49,6 +51,18 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("engine items", items),
         *[(f"{name} of a run", words) for name, words in estimated(start, thorough=True).rows()],
     ]
+
+
+def _packing(start: Start) -> str:
+    """How the net lies at the start."""
+    initial = start.scene.initial
+    if initial.node_positions is not None:
+        return "as listed in initial.node_positions"
+    if initial.fold is None:
+        return f"{initial.deployed:g} of the reference configuration"
+    found = folded(start.net, start.scene.net, initial.fold)
+    size = " x ".join(f"{edge:.4g}" for edge in found.size)
+    return f"{initial.fold.pattern} fold ({found.pleats}), {found.layers} layers, {size} m"
 
 
 def _bodies(start: Start) -> list[tuple[str, str]]:

@@ -1,0 +1,80 @@
+"""Strings and bullets of a folded net: outward from the folded corners, straight or to and fro."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from exunet.net.arrays import Floats, Ints, Net
+
+STRAIGHT = 0.95  # of a string's length, between its ends
+
+
+def with_strings(net: Net, position: Floats, forward: Floats, thread: float) -> Floats:
+    """Positions (n_nodes, 3) with the strings in place, which leave the corners as they do in the flat net.
+
+    A string of one element is straight, as are those of a bridle, in the plane of its bullet's two; one that
+    is divided lies to and fro, its elements a thread apart.
+
+    position : (n_nodes, 3) of the folded net [m]; what it says of strings is not used
+    forward  : (n_nodes, 3) 1 or -1 by which an axis of the flat net runs, in the pleat of a corner
+    """
+    position = position.copy()
+    strings = net.element_nodes[net.is_string]
+    if not len(strings):
+        return position
+    chains = _chains(net)
+    length = net.reference_length[net.is_string][0]
+    order, starts = np.unique(chains[:, 0], return_index=True)
+    number = np.bincount(chains[:, 0], minlength=order.max() + 1)[order]
+    divisions = chains.shape[1] - 1
+    for bullet, first, count in zip(order.tolist(), starts.tolist(), number.tolist(), strict=True):
+        own = chains[first : first + count]
+        corners = own[:, -1]
+        outward = _outward(net, bullet, corners, forward)
+        if count == 1 and divisions > 1:
+            position[own[0, ::-1]] = _to_and_fro(position[corners[0]], outward, divisions, length, thread)
+        else:
+            end = _apex(position[corners], outward, STRAIGHT * length * divisions)
+            part = np.arange(divisions + 1)[:, None] / divisions
+            for chain in own:
+                position[chain] = (1.0 - part) * end + part * position[chain[-1]]
+    return position
+
+
+def _chains(net: Net) -> Ints:
+    """(n_strings, divisions + 1) nodes from the bullet or free end to the corner, bullet by bullet."""
+    ends = net.element_nodes[net.is_string]
+    begins = np.flatnonzero(np.concatenate([[True], ends[1:, 0] != ends[:-1, 1]]))
+    divisions = len(ends) // len(begins)
+    chains = np.concatenate([ends[begins, :1], ends[:, 1].reshape(len(begins), divisions)], axis=1)
+    return chains[np.argsort(chains[:, 0], kind="stable")]
+
+
+def _outward(net: Net, bullet: int, corners: Ints, forward: Floats) -> Floats:
+    """(3,) unit vector from the corners to the bullet in the flat net, turned as the corners' pleat is."""
+    way = net.reference_position[bullet] - net.reference_position[corners].mean(axis=0)
+    way = way * forward[corners[0]]
+    return np.asarray(way / np.linalg.norm(way))
+
+
+def _to_and_fro(corner: Floats, outward: Floats, divisions: int, length: float, thread: float) -> Floats:
+    """(divisions + 1, 3) from the corner on: outward and back, moved on sideways by a thread each."""
+    sideways = np.array([-outward[1], outward[0], 0.0])
+    chord = 0.5 * (1.0 + STRAIGHT) * length
+    reach = math.sqrt(max(chord * chord - thread * thread, 0.0))
+    k = np.arange(divisions + 1)[:, None]
+    return np.asarray(corner + (k % 2) * reach * outward + k * thread * sideways)
+
+
+def _apex(corners: Floats, outward: Floats, length: float) -> Floats:
+    """(3,) where strings of a length from one or two corners (n, 3) meet, outward of them."""
+    middle = corners.mean(axis=0)
+    half = corners[-1] - middle
+    across = float(np.linalg.norm(half))
+    if across > 0.0:
+        outward = outward - (outward @ half) / across**2 * half
+        outward = outward / np.linalg.norm(outward)
+    height = math.sqrt(max(length * length - across * across, 0.0))
+    return np.asarray(middle + height * outward)
