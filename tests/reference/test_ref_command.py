@@ -67,6 +67,8 @@ def test_result_file(run):
         "body_names": (0,),
         "body_mass": (0,),
         "body_inertia": (0, 3),
+        "body_products_of_inertia": (0, 3),
+        "body_centre_of_mass": (0, 3),
         "body_position": (nt, 0, 3),
         "body_velocity": (nt, 0, 3),
         "body_attitude": (nt, 0, 3, 3),
