@@ -184,6 +184,23 @@ def test_full_inertia_is_principal_axes_turned(beside, options):
     assert run.bodies.position[:, 0] == pytest.approx(run.bodies.position[:, 1], abs=1e-14)
 
 
+@pytest.mark.parametrize(("options", "bound"), METHODS, ids=NAMES)
+def test_full_inertia_agrees_with_eulers_equations(beside, options, bound):
+    """J w' = J w x w in the axes of the frame, integrated by SciPy."""
+    run = beside(box=SKEWED).integrate([0.0, 0.5, 1.0], **options)
+    inertia = np.array([[1.5, 0.2, -0.3], [0.2, 2.0, 0.25], [-0.3, 0.25, 2.5]])
+    other = solve_ivp(
+        lambda t, w: np.linalg.solve(inertia, np.cross(inertia @ w, w)),
+        (0.0, 1.0),
+        SKEWED["angular_velocity"],
+        rtol=1e-12,
+        atol=1e-14,
+        method="DOP853",
+        t_eval=[0.0, 0.5, 1.0],
+    )
+    assert run.bodies.angular_velocity[:, 0] == pytest.approx(other.y.T, abs=100.0 * bound)
+
+
 def product(a, b):
     """Of two quaternions [w, x, y, z] (Hamilton): b turns first."""
     a0, a1, b0, b1 = a[0], np.array(a[1:]), b[0], np.array(b[1:])
