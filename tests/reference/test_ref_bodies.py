@@ -223,7 +223,7 @@ def test_a_frame_turns_about_the_centre_of_mass(beside):
     assert origin == pytest.approx(np.array(expected), abs=1e-9)
 
 
-def test_full_inertia_among_point_masses_and_others(beside, unbalanced):
+def test_full_inertia_among_other_bodies(beside):
     """Rows of matrices stay with their bodies: each moves as it does alone."""
     together = beside(top=TOP, skewed=SKEWED, box=BOX).integrate([0.0, 1.0], method="RK4", step=5e-3)
     for k, body in enumerate((TOP, SKEWED, BOX)):
