@@ -26,7 +26,7 @@ def kinetic(system: System, v: Floats, bodies: BodyStates | None = None) -> Floa
         return total
     moving = np.einsum("b,...bc,...bc->...", system.bodies.mass, bodies.velocity, bodies.velocity)
     inertia, spin = system.bodies.inertia, bodies.angular_velocity
-    return np.asarray(total + 0.5 * (moving + np.einsum("bc,...bc,...bc->...", inertia, spin, spin)))
+    return np.asarray(total + 0.5 * (moving + np.einsum("bcd,...bc,...bd->...", inertia, spin, spin)))
 
 
 def elastic(system: System, x: Floats, intact: Bools | None = None) -> Floats:
@@ -77,7 +77,9 @@ def angular_momentum(system: System, x: Floats, v: Floats, bodies: BodyStates | 
     if bodies is None:
         return total
     orbital = np.cross(bodies.position, bodies.velocity)
-    own = np.einsum("...bij,bj,...bj->...bi", bodies.attitude, system.bodies.inertia, bodies.angular_velocity)
+    own = np.einsum(
+        "...bij,bjk,...bk->...bi", bodies.attitude, system.bodies.inertia, bodies.angular_velocity
+    )
     return np.asarray(total + np.einsum("b,...bc->...c", system.bodies.mass, orbital) + np.sum(own, axis=-2))
 
 

@@ -84,9 +84,9 @@ class Verlet(Fixed):
 
     def _turn(self, h: float) -> Floats:
         """R, h (12 r,) of the rigid bodies after h [s]."""
-        where, y, moments = self.run.layout, self.run.y, self.run.system.bodies.moments
-        if not len(moments):
+        where, y, mobility = self.run.layout, self.run.y, self.run.system.bodies.mobility
+        if not len(mobility):
             return np.empty(0)
         attitude, spin = where.attitudes(y), where.spins(y)
-        middle = turned(attitude, 0.5 * h * turning(attitude, spin, moments))
-        return np.concatenate((turned(attitude, h * turning(middle, spin, moments)).ravel(), spin.ravel()))
+        middle = turned(attitude, 0.5 * h * turning(attitude, spin, mobility))
+        return np.concatenate((turned(attitude, h * turning(middle, spin, mobility)).ravel(), spin.ravel()))

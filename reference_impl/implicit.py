@@ -96,11 +96,11 @@ class EnergyMomentum(Fixed):
 
 def _turn(run: Run, h: float) -> Floats:
     """R, h (12 r,) of the rigid bodies after h [s]."""
-    moments = run.system.bodies.moments
-    if not len(moments):
+    bodies = run.system.bodies
+    if not len(bodies.rigid):
         return np.empty(0)
     spins = run.layout.spins(run.y)
-    attitude = conserving_turn(run.layout.attitudes(run.y), spins, moments, h)
+    attitude = conserving_turn(run.layout.attitudes(run.y), spins, bodies, h)
     if attitude is None:
         raise _NoRoot(0, np.nan, -1)
     return np.concatenate((attitude.ravel(), spins.ravel()))

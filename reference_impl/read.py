@@ -15,10 +15,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from reference_impl.bodies import read_bodies
 from reference_impl.case import Cable, Case, Refused, Start, Strings
 from reference_impl.effects import Surroundings, read_effects
 from reference_impl.effects.launch_force import CHASER
+from reference_impl.read_bodies import read_bodies
 from reference_impl.shape import LARGEST_COUNT, Explicit, Hexagonal, bullets_of, read_shape
 from reference_impl.table import Table, count, number, numbers, refusal, text, triples
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reference_impl.arrays import Floats
-from reference_impl.bodies import Bodies, BodyStates, attitude_rate, orthonormal
+from reference_impl.bodies import Bodies, BodyStates, attitude_rate, orthonormal, own_turning
 from reference_impl.system import System
 
 
@@ -54,14 +54,15 @@ class Layout:
             return np.concatenate((np.ravel(x), np.ravel(v), (0.0,)))
         rigid = self.bodies.rigid
         attitude = bodies.attitude[rigid]
-        spin = np.einsum("bij,bj->bi", attitude, self.bodies.moments * bodies.angular_velocity[rigid])
+        own = np.einsum("bij,bj->bi", self.bodies.resistance, bodies.angular_velocity[rigid])
+        spin = np.einsum("bij,bj->bi", attitude, own)
         parts = (x, bodies.position, v, bodies.velocity, attitude, spin, 0.0)
         return np.concatenate([np.ravel(part) for part in parts])
 
     def rotation_rates(self, y: Floats) -> tuple[Floats, Floats]:
         """R' (9 r,) and h' (3 r,), flat."""
         spins = self.spins(y)
-        rates = attitude_rate(self.attitudes(y), spins, self.bodies.moments)
+        rates = attitude_rate(self.attitudes(y), spins, self.bodies.mobility)
         return rates.ravel(), np.zeros(spins.size)
 
     def body_states(self, y: Floats) -> BodyStates:
@@ -70,8 +71,7 @@ class Layout:
         attitude, angular = np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy(), np.zeros((*shape, 3))
         if len(rigid := self.bodies.rigid):
             attitude[..., rigid, :, :] = turned = orthonormal(self.attitudes(y))
-            own = np.einsum("...ji,...j->...i", turned, self.spins(y))
-            angular[..., rigid, :] = own / self.bodies.moments
+            angular[..., rigid, :] = own_turning(turned, self.spins(y), self.bodies.mobility)
         return BodyStates(
             self.positions(y)[..., self.nodes :, :],
             self.velocities(y)[..., self.nodes :, :],

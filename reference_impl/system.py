@@ -160,5 +160,7 @@ def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = Fa
 def bodies_of(case: Case) -> tuple[Body, ...]:
     """The bodies of a case: the chaser of launch_force first, in the origin, then those listed."""
     launch = case.effects.launch_force
-    chaser = () if launch is None else (Body(CHASER, launch.chaser_mass, velocity=case.start.velocity),)
+    chaser = (
+        () if launch is None else (Body(CHASER, launch.chaser_mass, velocity=np.array(case.start.velocity)),)
+    )
     return (*chaser, *case.bodies)

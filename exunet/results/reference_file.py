@@ -32,6 +32,7 @@ _SINGLE = ("format", "complete")
 _BESIDE = {
     "body_mass": "k",
     "body_inertia": "k3",
+    "body_products_of_inertia": "k3",
     "body_position": "tk3",
     "body_velocity": "tk3",
     "body_attitude": "tk33",
@@ -84,12 +85,15 @@ def reference_bodies(arrays: Mapping[str, NDArray[Any]]) -> dict[str, BodyStates
     """The bodies in what `read_reference` gives, by name; attitudes as quaternions."""
     found = {}
     for k, name in enumerate(arrays.get("body_names", np.zeros(0, dtype=np.str_)).tolist()):
-        inertia = arrays["body_inertia"][k]
-        rigid = bool((inertia > 0.0).all())
+        inertia = np.diag(arrays["body_inertia"][k])
+        rigid = bool((np.diag(inertia) > 0.0).all())
+        if "body_products_of_inertia" in arrays:  # Jxy, Jxz, Jyz
+            upper = np.triu_indices(3, 1)
+            inertia[upper] = inertia.T[upper] = arrays["body_products_of_inertia"][k]
         turned = Rotation.from_matrix(arrays["body_attitude"][:, k]).as_quat(scalar_first=True)
         found[name] = BodyStates(
             float(arrays["body_mass"][k]),
-            np.diag(inertia) if rigid else None,
+            inertia if rigid else None,
             arrays["body_position"][:, k],
             arrays["body_velocity"][:, k],
             turned if rigid else None,

@@ -20,6 +20,7 @@ from exunet.backends import integrator
 from exunet.backends.exudyn.build import build
 from exunet.backends.exudyn.probe import Probe
 from exunet.base.errors import InputError
+from exunet.bodies.body import in_frames
 from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
@@ -173,7 +174,7 @@ class BothCodes:
 
     def theirs_at(self, moving: Moving) -> Theirs:
         """States of exunet as the reference has them."""
-        n, bodies = self.start.net.n_nodes, moving.bodies
+        n, bodies = self.start.net.n_nodes, in_frames(self.start.system.bodies, moving.bodies)
         mass_points, rigid = self._beside
         count = len(self.reference_bodies)
         leading = moving.position.shape[:-2]
@@ -256,7 +257,7 @@ class BothCodes:
             states.append(stepper.state().moving)
         x, v = np.array([state.position for state in states]), np.array([state.velocity for state in states])
         parts = zip(*(state.bodies.parts() for state in states), strict=True)
-        bodies = RigidStates(*(np.array(part) for part in parts))
+        bodies = in_frames(start.system.bodies, RigidStates(*(np.array(part) for part in parts)))
         frame, turning = rotation_matrix(bodies.attitude), bodies.angular_velocity
         arms = _with_arms((x, v), (bodies.position, bodies.velocity, frame, turning), self.size)
         energy = np.array(left) if booked else None

@@ -65,7 +65,8 @@ def _differences(case: BothCodes) -> Iterator[Check]:
     masses = np.append(system.mass[system.net.n_nodes :], system.body_mass)
     rigid = order[len(system.blocks.body) :]
     yield difference("mass of bodies", masses, beside.mass[order], TOPOLOGY, ("body",))
-    yield difference("inertia", system.body_inertia, beside.inertia[rigid], TOPOLOGY, ("body", "xyz"))
+    inertia = np.array([body.inertia_in_frame for body in system.bodies]).reshape(-1, 3, 3)
+    yield difference("inertia", inertia, beside.inertia[rigid], TOPOLOGY, ("body", "xyz", "axis"))
     ours = case.theirs_at(case.start.state.moving)
     for name, a, b in (("position", ours.x, theirs.x0), ("velocity", ours.v, theirs.v0)):
         a, b = a[case.reference_nodes], b[case.reference_nodes]

@@ -132,6 +132,123 @@ def test_turns_by_the_exponential():
         assert turned(start, angle) == pytest.approx(np.array(expected), abs=1e-12)
 
 
+SKEWED = {
+    **BOX,
+    "inertia": [1.5, 2.0, 2.5],
+    "products_of_inertia": [0.2, -0.3, 0.25],
+    "centre_of_mass": [0.5, -1.0, 2.0],
+    "angular_velocity": [3.0, -1.0, 2.0],
+}
+
+
+def test_full_inertia_keeps_its_books_over_ten_turns(beside, unbalanced):
+    """No axis of the frame is a principal one, the principal moments differ: energy and h to 1e-10."""
+    made = beside(box=SKEWED)
+    run = made.integrate(np.linspace(0.0, 20.0 * math.pi / 14.0**0.5, 41), rtol=1e-12, atol=1e-13)
+    books = energy.books(made.system, run)
+    assert unbalanced(made, run) < 1e-10
+    h = books.angular_momentum - np.cross(run.bodies.position[:, 0], 2.0 * run.bodies.velocity[:, 0])
+    assert np.abs(h - h[0]).max() < 1e-10 * np.linalg.norm(h[0])
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-10
+    # the first rows by hand: h = R J w, and 1/2 w.J w + 1/2 m v^2
+    inertia = np.array([[1.5, 0.2, -0.3], [0.2, 2.0, 0.25], [-0.3, 0.25, 2.5]])
+    w, turn = np.array([3.0, -1.0, 2.0]), rotation(tuple(BOX["attitude"]))
+    assert h[0] == pytest.approx(turn @ inertia @ w, rel=1e-13)
+    assert books.kinetic[0] == pytest.approx(0.5 * w @ inertia @ w + 0.328125, rel=1e-14)
+
+
+@pytest.mark.parametrize("options", [options for options, _ in METHODS], ids=NAMES)
+def test_full_inertia_is_principal_axes_turned(beside, options):
+    """One body in the frame of its principal axes, and in a frame turned by Q against it.
+
+    J' = Q^T J Q, R' = R Q, w' = Q^T w, c' = Q^T c: both start, and stay, in the same places.
+    """
+    q = rotation((3.0, -1.0, 2.0, 0.5))
+    full = q.T @ np.diag(BOX["inertia"]) @ q
+    other = {
+        "mass": BOX["mass"],
+        "inertia": np.diag(full).tolist(),
+        "products_of_inertia": [full[0, 1], full[0, 2], full[1, 2]],
+        "centre_of_mass": (q.T @ [0.5, -1.0, 2.0]).tolist(),
+        "position": BOX["position"],
+        "velocity": BOX["velocity"],
+        "attitude": product(BOX["attitude"], [3.0, -1.0, 2.0, 0.5]),
+        "angular_velocity": (q.T @ BOX["angular_velocity"]).tolist(),
+    }
+    made = beside(one={**BOX, "centre_of_mass": [0.5, -1.0, 2.0]}, other=other)
+    run = made.integrate(np.linspace(0.0, 1.0, 5), **options)
+    one, turned_one = np.moveaxis(run.bodies.attitude, 1, 0)
+    assert one @ q == pytest.approx(turned_one, abs=1e-10)  # the same steps: far below the methods' errors
+    w, turned_w = np.moveaxis(run.bodies.angular_velocity, 1, 0)
+    assert w @ q == pytest.approx(turned_w, abs=1e-10)
+    assert run.bodies.position[:, 0] == pytest.approx(run.bodies.position[:, 1], abs=1e-14)
+
+
+@pytest.mark.parametrize(("options", "bound"), METHODS, ids=NAMES)
+def test_full_inertia_agrees_with_eulers_equations(beside, options, bound):
+    """J w' = J w x w in the axes of the frame, integrated by SciPy."""
+    run = beside(box=SKEWED).integrate([0.0, 0.5, 1.0], **options)
+    inertia = np.array([[1.5, 0.2, -0.3], [0.2, 2.0, 0.25], [-0.3, 0.25, 2.5]])
+    other = solve_ivp(
+        lambda t, w: np.linalg.solve(inertia, np.cross(inertia @ w, w)),
+        (0.0, 1.0),
+        SKEWED["angular_velocity"],
+        rtol=1e-12,
+        atol=1e-14,
+        method="DOP853",
+        t_eval=[0.0, 0.5, 1.0],
+    )
+    assert run.bodies.angular_velocity[:, 0] == pytest.approx(other.y.T, abs=100.0 * bound)
+
+
+def product(a, b):
+    """Of two quaternions [w, x, y, z] (Hamilton): b turns first."""
+    a0, a1, b0, b1 = a[0], np.array(a[1:]), b[0], np.array(b[1:])
+    return [float(a0 * b0 - a1 @ b1), *(a0 * b1 + b0 * a1 + np.cross(a1, b1)).tolist()]
+
+
+def test_a_frame_turns_about_the_centre_of_mass(beside):
+    """A disc's spin about its axis through c: the frame's origin circles c, which flies straight."""
+    disc = {
+        "mass": 1.0,
+        "inertia": [1.0, 1.0, 2.0],
+        "centre_of_mass": [0.5, 0.0, 0.0],
+        "angular_velocity": [0.0, 0.0, math.pi],
+        "velocity": [0.0, 0.0, 1.0],
+    }
+    made = beside(disc=disc)
+    run = made.integrate([0.0, 0.5, 1.0], rtol=1e-11)
+    origin = run.bodies.position[:, 0] - run.bodies.attitude[:, 0] @ made.system.bodies.centre_of_mass[0]
+    expected = [[0.0, 0.0, 0.0], [0.5, -0.5, 0.5], [1.0, 0.0, 1.0]]
+    assert origin == pytest.approx(np.array(expected), abs=1e-9)
+
+
+def test_full_inertia_among_other_bodies(beside):
+    """Rows of matrices stay with their bodies: each moves as it does alone."""
+    together = beside(top=TOP, skewed=SKEWED, box=BOX).integrate([0.0, 1.0], method="RK4", step=5e-3)
+    for k, body in enumerate((TOP, SKEWED, BOX)):
+        alone = beside(body=body).integrate([0.0, 1.0], method="RK4", step=5e-3)
+        assert together.bodies.attitude[:, k] == pytest.approx(alone.bodies.attitude[:, 0], abs=1e-13)
+
+
+def test_filled_shapes_fly_as_their_moments_say(beside):
+    """A brick by size and one by its textbook moments are the same top."""
+    spin = {"angular_velocity": [0.1, 2.0, 0.3]}
+    sized = {"shape": "box", "size": [2.0, 3.0, 5.0], "mass": 12.0, **spin}
+    made = beside(sized=sized, listed={"mass": 12.0, "inertia": [34.0, 29.0, 13.0], **spin})
+    run = made.integrate([0.0, 1.0, 5.0])
+    assert run.bodies.attitude[:, 0] == pytest.approx(run.bodies.attitude[:, 1], abs=1e-12)
+
+
+def test_books_of_a_full_matrix_with_any_method(beside, unbalanced):
+    made = beside(box=SKEWED)
+    for options, bound in METHODS:
+        run = made.integrate(np.linspace(0.0, 1.0, 5), **options)
+        books = energy.books(made.system, run)
+        assert unbalanced(made, run) < (1e-12 if options.get("method") == "EM" else bound)
+        assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-11
+
+
 def test_free_bodies_leave_the_net_alone(document, scene):
     """No effect of the case format acts on them, nor they on the net; only the control of steps sees both."""
     without = scene(document("square", size=2.0), {"initial.packing": 0.9})

@@ -67,6 +67,8 @@ def test_result_file(run):
         "body_names": (0,),
         "body_mass": (0,),
         "body_inertia": (0, 3),
+        "body_products_of_inertia": (0, 3),
+        "body_centre_of_mass": (0, 3),
         "body_position": (nt, 0, 3),
         "body_velocity": (nt, 0, 3),
         "body_attitude": (nt, 0, 3, 3),
@@ -97,6 +99,18 @@ def test_result_file(run):
         "wall_s",
         "symmetric",
     }
+
+
+def test_result_file_of_a_body_with_a_frame(run):
+    """Moments, products and centre of mass as given; the frame's origin is found again from the file."""
+    keys = "mass=2.0,inertia=[1.5,2.0,2.5],products_of_inertia=[0.1,-0.2,0.3],centre_of_mass=[0.5,0.0,0.0]"
+    start = "position=[1.0,2.0,3.0],axis=[0.0,0.0,1.0],angle=0.5,angular_velocity=[0.0,0.0,1.0]"
+    got = run(CASE, *SHORT, "--set", f"bodies.box={{{keys},{start}}}")[2]
+    assert got["body_inertia"].tolist() == [[1.5, 2.0, 2.5]]
+    assert got["body_products_of_inertia"].tolist() == [[0.1, -0.2, 0.3]]
+    assert got["body_centre_of_mass"].tolist() == [[0.5, 0.0, 0.0]]
+    origin = got["body_position"][0, 0] - got["body_attitude"][0, 0] @ got["body_centre_of_mass"][0]
+    assert origin == pytest.approx([1.0, 2.0, 3.0], rel=1e-15)
 
 
 def test_result_file_with_bodies_and_breaks(run):

@@ -1,0 +1,222 @@
+"""Reads `[bodies.NAME]`: what a body is made of, or its mass and inertia, and how it starts."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from reference_impl import solids
+from reference_impl.arrays import Floats
+from reference_impl.bodies import Body, rotation, turn
+from reference_impl.effects.values import one_of
+from reference_impl.solids import Solid
+from reference_impl.table import Table, number, numbers, refusal, text
+
+_NAME = re.compile(r"[A-Za-z0-9_-]+")
+_PLATE = 1e-12  # round-off in the moments of a flat body, the greatest of which is the sum of the others
+_NEEDLE = 1e-14  # least over greatest principal moment that a full matrix still holds
+_HALF = 0.5 * (1.0 + 1e-12)
+
+
+def read_bodies(table: Table) -> tuple[Body, ...]:
+    """Reads and closes the table `[bodies]`."""
+    with np.errstate(all="ignore"):  # what leaves the range of numbers is a fault, found in `_mass`
+        bodies = [_body(table.table(name, required=False), name) for name in table.values]
+    table.close()
+    return tuple(body for body in bodies if body is not None)
+
+
+def _body(table: Table, name: str) -> Body | None:
+    """One body; None with faults noted where it cannot be read."""
+    before = len(table.faults)
+    _check_name(table, name)
+    if not table:
+        return None
+    solid, shaped = _material(table)
+    made = _mass(table, solid, shaped)
+    attitude = _attitude(table)
+    position, velocity, spin = (
+        table.get(key, numbers(3), (0.0, 0.0, 0.0)) for key in ("position", "velocity", "angular_velocity")
+    )
+    of_scene = table.get("angular_velocity_frame", _frame, "body") == "scene"
+    table.close()
+    if len(table.faults) > before or made is None or attitude is None:
+        return None
+    turning = attitude.T @ spin if of_scene else np.array(spin)
+    return Body(name, *made, np.array(position), np.array(velocity), attitude, turning)
+
+
+def _material(table: Table) -> tuple[Solid | None, bool]:
+    """The solid of `shape` or `parts`, None if there is none or it is faulty; whether the keys are there."""
+    kinds = [key for key in ("shape", "parts") if key in table.values]
+    solid = None
+    if len(kinds) == 2:
+        table.faults.append(f"{table.path}: give either {' or '.join(map(table.name, kinds))}, not both")
+        table.ignore_rest()
+    elif kinds == ["shape"]:
+        solid = _shape(table)
+    elif kinds:
+        solid = _parts(table.table("parts", required=False))
+    rounding = table.get("edge_radius", number(0.0), None)  # for contact: nothing here touches
+    if "edge_radius" in table.values and not kinds:
+        table.faults.append(f"{table.name('edge_radius')}: needs {_a_shape(table)}")
+    elif rounding is not None and solid is not None and rounding > _HALF * solid.extent:
+        at_most = f"at most half of the smallest dimension, {0.5 * solid.extent:.10g}"
+        table.faults.append(f"{table.name('edge_radius')}: must be {at_most}, not {rounding:.10g}")
+    return solid, bool(kinds)
+
+
+def _shape(table: Table) -> Solid | None:
+    """The solid of a table with `shape` and its keys; None with faults noted."""
+    length, size, both = number(above=0.0), numbers(3, above=0.0), numbers(2, minimum=0.0)
+    known: dict[str, tuple[Callable[..., Solid], dict[str, Callable[[Any], Any]]]] = {
+        "box": (solids.box, {"size": size}),
+        "cylinder": (solids.cylinder, {"radius": length, "length": length}),
+        "sphere": (solids.sphere, {"radius": length}),
+        "capsule": (solids.capsule, {"radius": length, "length": length}),
+        "frustum": (solids.frustum, {"radii": both, "length": length}),
+    }
+    kind = table.need("shape", text)
+    if kind not in known:
+        if kind is not None:
+            table.faults.append(refusal(f'{table.name("shape")} = "{kind}"', "it knows " + ", ".join(known)))
+        table.ignore_rest()
+        return None
+    make, keys = known[kind]
+    values = {key: table.need(key, convert) for key, convert in keys.items()}
+    if values.get("radii") == (0.0, 0.0):
+        table.faults.append(f"{table.name('radii')}: must not both be 0")
+        return None
+    return None if None in values.values() else make(**values)
+
+
+def _parts(parts: Table) -> Solid | None:
+    """The solids of a compound, each in its place; None with faults noted."""
+    if not parts:
+        return None
+    if not parts.values:
+        parts.faults.append(f"{parts.path}: must have at least one part")
+    placed = [_part(parts.table(name, required=False), name) for name in parts.values]
+    whole = [part for part in placed if part is not None]
+    return solids.union(whole) if whole and len(whole) == len(placed) else None
+
+
+def _part(table: Table, name: str) -> Solid | None:
+    _check_name(table, name)
+    if not table:
+        return None
+    solid, attitude = _shape(table), _attitude(table)
+    position = table.get("position", numbers(3), (0.0, 0.0, 0.0))
+    table.close()
+    if solid is None or attitude is None or position is None:
+        return None
+    return solid.moved(attitude, np.array(position))
+
+
+def _mass(table: Table, solid: Solid | None, shaped: bool) -> tuple[float, Floats, Floats] | None:
+    """Mass [kg], matrix of inertia (3, 3) [kg m2] and centre of mass (3,) [m]; None with faults noted.
+
+    Inertia and centre of mass are those of the evenly filled solid unless they are given.
+    """
+    given = one_of(table, {"mass": number(above=0.0), "density": number(above=0.0)})
+    moments = numbers(3, above=0.0)
+    diagonal = table.get("inertia", moments, None) if shaped else table.need("inertia", moments)
+    products = table.get("products_of_inertia", numbers(3), (0.0, 0.0, 0.0))
+    centre = table.get("centre_of_mass", numbers(3), None if shaped else (0.0, 0.0, 0.0))
+    if "density" in table.values and not shaped:
+        table.faults.append(f"{table.name('density')}: needs {_a_shape(table)}")
+    for key in ("products_of_inertia", "centre_of_mass"):
+        if key in table.values and "inertia" not in table.values and shaped:
+            table.faults.append(f"{table.name(key)}: needs {table.name('inertia')}")
+    inertia = None if diagonal is None or products is None else _given(table, diagonal, products)
+    mass = given["mass"]
+    if solid is not None:
+        volume, centroid, over_mass = solids.moments(solid)
+        if given["density"] is not None:
+            mass = given["density"] * volume
+        if "inertia" not in table.values:
+            inertia = over_mass * (1.0 if mass is None else mass)
+        if "centre_of_mass" not in table.values:
+            centre = centroid
+    if mass is None or inertia is None or centre is None:
+        return None
+    if not (0.0 < mass < math.inf and _holds(inertia) and np.all(np.isfinite(centre))):
+        table.faults.append(f"{table.path}: mass and inertia of its shape leave the range of numbers")
+        return None
+    return mass, inertia, np.array(centre)
+
+
+def _given(table: Table, diagonal: tuple[float, ...], products: tuple[float, ...]) -> Floats | None:
+    """The matrix of inertia (3, 3) of a body that can exist; None with a fault noted.
+
+    Some mass has these moments if no principal one is above the sum of the two others; the diagonal obeys
+    the same rule in any axes.
+    """
+    if math.fsum(moment / max(diagonal) for moment in diagonal) * (1.0 + _PLATE) < 2.0:
+        table.faults.append(f"{table.name('inertia')}: no moment may be above the sum of the two others")
+        return None
+    xy, xz, yz = products
+    inertia = np.diag(diagonal) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+    if any(products):
+        largest = np.max(np.abs(inertia))
+        parts = np.linalg.eigvalsh(inertia / largest)  # so that none of them, nor their sum, is infinite
+        if not (_holds(inertia) and 2.0 * parts[2] <= np.sum(parts) * (1.0 + _PLATE)):
+            found = ", ".join(f"{largest * part:.6g}" for part in parts)
+            table.faults.append(
+                f"{table.name('products_of_inertia')}: no body has principal moments of {found}: all must be "
+                "above 0 and none above the sum of the two others"
+            )
+            return None
+    return inertia
+
+
+def _holds(inertia: Floats) -> bool:
+    """Whether a matrix of inertia (3, 3) is finite and positive, and tells its least moment from zero."""
+    if not np.all(np.isfinite(inertia)):
+        return False
+    if not np.any(inertia - np.diag(np.diag(inertia))):
+        return bool(np.all(np.diag(inertia) > 0.0))
+    principal = np.linalg.eigvalsh(inertia / np.max(np.abs(inertia)))
+    return bool(principal[0] > _NEEDLE * principal[2])
+
+
+def _attitude(table: Table) -> Floats | None:
+    """Rotation matrix (3, 3) of `attitude`, or of `axis` and `angle`; None with faults noted."""
+    about = [key for key in ("axis", "angle") if key in table.values]
+    quaternion = table.get("attitude", numbers(4), (1.0, 0.0, 0.0, 0.0))
+    axis = table.need("axis", numbers(3)) if about else None
+    angle = table.need("angle", number()) if about else None
+    for key, value in (("attitude", quaternion), ("axis", axis)):
+        if value is not None and not any(value):
+            table.faults.append(f"{table.name(key)}: must not be zero")
+            return None
+    if about and "attitude" in table.values:
+        turned = " and ".join(map(table.name, about))
+        table.faults.append(f"{table.path}: give either {table.name('attitude')} or {turned}, not both")
+        return None
+    if not about:
+        return None if quaternion is None else rotation(quaternion)
+    if axis is None or angle is None:
+        return None
+    scaled = np.array(axis) / max(map(abs, axis))
+    return turn(scaled / np.linalg.norm(scaled), angle)
+
+
+def _check_name(table: Table, name: str) -> None:
+    if not _NAME.fullmatch(name):
+        table.faults.append(f"{table.path}: the name must be of letters, digits, _ and -")
+
+
+def _a_shape(table: Table) -> str:
+    return f"{table.name('shape')} or {table.name('parts')}"
+
+
+def _frame(value: Any) -> str:
+    """Reads a name of the axes of an angular velocity."""
+    if value not in ("body", "scene"):
+        raise ValueError(f'must be "body" or "scene", not {value!r}')
+    return str(value)

@@ -1,0 +1,128 @@
+"""Solids of uniform density as a few weighted points with the same volume, centroid and second moments.
+
+Each solid is cut into slices across its z axis.  A slice, rectangle or disc, stands as four points that have
+its area and its moments up to degree 3 (Abramowitz & Stegun, 25.4.61 and 25.4.62); three slices by Gauss and
+Legendre's rule, exact up to degree 5 in z, are a segment.  What is summed is of degree 4: a half-width is
+linear in z, or its square quadratic.  So mass properties are sums over points, without a formula for any
+solid; points of several solids are one solid, and no weight is negative, so that no moment is lost to
+cancellation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from reference_impl.arrays import Floats
+from reference_impl.bodies import skew
+
+_SIGNS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+_SQUARE = _SIGNS / np.sqrt(3.0), 1.0  # of [-1, 1]^2: points (4, 2), weight of each
+_DISC = _SIGNS / 2.0, np.pi / 4.0  # of the unit disc
+
+Section = tuple[Floats, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A solid as q points (SI units)."""
+
+    place: Floats  # (q, 3) [m]
+    volume: Floats  # (q,) [m3] that each point stands for, >= 0
+    extent: float  # the least of its widths along x, y and z [m]
+
+    def moved(self, attitude: Floats, position: Floats) -> Solid:
+        """Turned by a rotation (3, 3), then shifted by (3,) [m]; the extent stays that of its own axes."""
+        return Solid(self.place @ attitude.T + position, self.volume, self.extent)
+
+
+def union(solids: list[Solid]) -> Solid:
+    """Solids beside each other; what they share counts once for each."""
+    return Solid(
+        np.concatenate([solid.place for solid in solids]),
+        np.concatenate([solid.volume for solid in solids]),
+        min(solid.extent for solid in solids),
+    )
+
+
+def moments(solid: Solid) -> tuple[float, Floats, Floats]:
+    """Volume [m3], centroid (3,) [m], matrix of inertia about it (3, 3) over the mass [m2]."""
+    volume = float(_total(solid.volume))
+    part = (solid.volume / volume)[:, None]
+    centroid = _total(part * solid.place)
+    arm = skew(solid.place - centroid)
+    return volume, centroid, _total(part[..., None] * (np.swapaxes(arm, 1, 2) @ arm))
+
+
+def _total(terms: Floats) -> Floats:
+    """Sums (...) of terms (q, ...), rounded once: what a symmetry makes zero is zero.  NaN out of range."""
+    try:
+        sums = [math.fsum(column) for column in terms.reshape(len(terms), -1).T.tolist()]
+    except (OverflowError, ValueError):
+        return np.full(terms.shape[1:], np.nan)
+    return np.array(sums).reshape(terms.shape[1:])
+
+
+def box(size: tuple[float, ...]) -> Solid:
+    """Edges along x, y, z (3,) [m]."""
+    x, y, z = size
+    half = np.array([x / 2.0, y / 2.0])
+    return Solid(
+        *_segment(_SQUARE, -z / 2.0, z / 2.0, lambda z: np.broadcast_to(half, (len(z), 2))), min(size)
+    )
+
+
+def cylinder(radius: float, length: float) -> Solid:
+    """Along z [m]."""
+    return frustum((radius, radius), length)
+
+
+def sphere(radius: float) -> Solid:
+    """Of a radius [m]."""
+    return Solid(*_segment(_DISC, -radius, radius, _ball(radius, 0.0)), 2.0 * radius)
+
+
+def capsule(radius: float, length: float) -> Solid:
+    """A cylinder along z of this length [m] between two half-spheres."""
+    top = length / 2.0
+    middle = cylinder(radius, length)
+    pieces = (
+        _segment(_DISC, -top - radius, -top, _ball(radius, -top)),
+        (middle.place, middle.volume),
+        _segment(_DISC, top, top + radius, _ball(radius, top)),
+    )
+    places, volumes = zip(*pieces, strict=True)
+    return Solid(np.concatenate(places), np.concatenate(volumes), 2.0 * radius)
+
+
+def frustum(radii: tuple[float, ...], length: float) -> Solid:
+    """Along z [m], radii (2,) [m] at its lower and upper end."""
+    ends = (-length / 2.0, length / 2.0)
+    extent = min(2.0 * max(radii), length)
+    return Solid(*_segment(_DISC, *ends, lambda z: _round(np.interp(z, ends, radii))), extent)
+
+
+def _segment(
+    section: Section, bottom: float, top: float, half_widths: Callable[[Floats], Floats]
+) -> tuple[Floats, Floats]:
+    """Points (12, 3) [m], volumes (12,) [m3]; `half_widths` (k, 2) [m] along x and y are at heights (k,)."""
+    corner, weight = section
+    node, part = np.polynomial.legendre.leggauss(3)
+    height = 0.5 * (bottom + top) + 0.5 * (top - bottom) * node
+    half = half_widths(height)
+    flat = half[:, None, :] * corner
+    place = np.concatenate((flat, np.broadcast_to(height[:, None, None], (3, 4, 1))), axis=2)
+    volume = 0.5 * (top - bottom) * part * weight * half[:, 0] * half[:, 1]
+    return place.reshape(-1, 3), np.repeat(volume, 4)
+
+
+def _ball(radius: float, middle: float) -> Callable[[Floats], Floats]:
+    """Half-widths of a ball whose centre is at the height `middle`."""
+    return lambda z: _round(np.sqrt((radius - (z - middle)) * (radius + (z - middle))))
+
+
+def _round(radius: Floats) -> Floats:
+    return np.stack((radius, radius), axis=-1)
