@@ -217,6 +217,8 @@ def test_a_tolerance_that_cannot_be_met_ends(tmp_path):
     assert "steps collapsed" in done.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
 def test_ctrl_c_keeps_the_part_done(tmp_path):
     """Pressed in the middle of the run: once some of it can be read."""

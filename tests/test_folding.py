@@ -413,7 +413,9 @@ def toml(value: Any) -> str:
 # Runs
 
 
-@pytest.mark.parametrize("name", ["accordion", "star"])
+@pytest.mark.parametrize(
+    "name", ["accordion", pytest.param("star", marks=[pytest.mark.slow, pytest.mark.ci])]
+)
 def test_a_folded_net_opens(name: str) -> None:
     """At rest but for the bullets at the start, nothing strained, momentum that of the launch throughout."""
     case = exunet.load(CASES / "nets" / f"{name}.toml", ["time.end=0.5", "solver.tolerance=1e-6"])

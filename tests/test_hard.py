@@ -127,6 +127,8 @@ def test_an_implicit_run_must_be_stopped_by_a_guard():
     assert not hard.stopped("GeneralizedAlpha", other).holds
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_the_energy_momentum_method_is_exact_at_any_step():
     hold(list(hard.energy_momentum()))
 

@@ -164,6 +164,8 @@ def test_what_a_dead_process_left_is_swept_and_what_a_living_one_writes_is_not(t
     assert other.exists()
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_file_cut_short_anywhere_is_refused(tmp_path):
     """What a kill leaves of a part, if somebody gives it the name of a result."""
     assert finished(tmp_path / "here", *SHORT) == 0

@@ -180,6 +180,8 @@ def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, m
     assert exunet.load_result(first / place).complete
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_full_disk_leaves_the_first_result(first):
     """The system refuses files above a size: no segment, no result can be written."""
     before, program = content(first / "here"), (

@@ -281,6 +281,8 @@ def test_long_verdicts_are_cut():
     assert shortened("λ 中", 10) == "λ ?"  # Greek is in matplotlib's font, Chinese is not
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_files_are_written_whole_and_alike(tmp_path):
     first = save_figures(THROWN, tmp_path / "new" / "folder")
     assert [p.name for p in first] == [

@@ -188,11 +188,18 @@ def _adaptive(method: Method, scene: Scene, system: System, state: State) -> Pla
             f"ran at the best, {known.best:.1g}, tolerance {tolerance:.2g}",
         )
     plan = _with_tolerance(method, tolerance, scene, system, *notes)
-    if on_the_start:
-        loop = auto.choose_loop(method)[0] if scene.engine.loop == "auto" else scene.engine.loop
-        times = stored_times(scene.time)
-        return pilot.settled(plan, solver.accuracy, loop, system, state, times, _speed(state.velocity))
-    return replace(plan, expected_error=known.expected_error(relative))
+    return plan if on_the_start else replace(plan, expected_error=known.expected_error(relative))
+
+
+def settled_on_the_start(scene: Scene, system: System, state: State, plan: Plan) -> Plan:
+    """The plan with the tolerance that runs of the start itself need, where it is nearly deployed."""
+    solver = scene.solver
+    from_accuracy = solver.accuracy_of == "trajectory" and solver.tolerance is None
+    if plan.tolerance is None or not from_accuracy or not _is_measured_on_the_start(scene, system):
+        return plan
+    loop = auto.choose_loop(plan.method)[0] if scene.engine.loop == "auto" else scene.engine.loop
+    times = stored_times(scene.time)
+    return pilot.settled(plan, solver.accuracy, loop, system, state, times, _speed(state.velocity))
 
 
 def _speed(velocity: NDArray[np.float64]) -> float:

@@ -19,7 +19,7 @@ from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.terms import KernelTerm
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
-from exunet.simulation.planning import make_plan, with_forms
+from exunet.simulation.planning import make_plan, settled_on_the_start, with_forms
 from exunet.system.effect_survey import chosen
 from exunet.system.from_scene import system_of
 from exunet.system.limits import (
@@ -99,6 +99,8 @@ def prepare(scene: Scene) -> Start:
         wrong_steps += step_faults(scene, system.net, plan)
         faults += [fault for fault in wrong_steps if fault.key != "net" or not overflows]
         faults += form_faults(system, state, plan, scene.engine)
+    with np.errstate(all="ignore"):
+        plan = settled_on_the_start(scene, system, state, plan)
     scene, plan = with_forms(scene, system, plan)
     return Start(scene, system, state, replace(plan, notes=plan.notes + notes))
 

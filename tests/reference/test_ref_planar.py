@@ -49,6 +49,8 @@ def test_momenta_are_constant_without_damping(undamped):
     assert np.abs(energy.angular_momentum(made.system, run.x, run.v)).max() < 1e-9
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_energy_with_damping_balances(damped):
     total = total_energy(*damped)
     assert damped[1].dissipated[-1] > 0.01
@@ -151,6 +153,8 @@ def test_scipy_agrees(undamped, bullet_speeds):
     assert np.linalg.norm(bullet, axis=1) == pytest.approx(bullet_speeds(made, run)[3], abs=5e-8)
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_sensitivity_to_the_start(scene, bullet_speeds):
     """field.md: 1e-12 m at the start is about 4e-13 m/s at 1.0 s, but 0.1 m/s at 1.5 s."""
     made = scene("planar_undamped.toml")
