@@ -19,6 +19,9 @@ from exunet.bodies.rigid import product, rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid
 from exunet.interfaces.commands.check import describe
 from exunet.simulation.preparation import prepare_case
+from exunet.studies.both_codes import read_both
+from exunet.verification.shipped import shipped
+from exunet.verification.topology import topology
 
 CASE = Path(__file__).parents[1] / "cases" / "verification" / "snap.toml"
 EXAMPLES = {
@@ -358,3 +361,18 @@ def test_check_says_mass_inertia_axes_and_centre() -> None:
     assert "centre of mass at (0, 0, -0.163265) m of its frame" in rows["body target"]
     turned = body("mass=1", "inertia=[1, 1, 1]", "products_of_inertia=[0.1, 0, 0]")
     assert "0.707107" in dict(describe(turned))["body target"]
+
+
+# Both codes
+
+
+def test_a_satellite_of_four_solids_turns_alike_in_both_codes() -> None:
+    """Mass, inertia and frame by two routes; two parametrisations of its turning, each to 1e-10."""
+    case = read_both(shipped("bodies")["tumbling"], ["time.end=1.0"])
+    assert [check for check in topology(case) if not check.holds] == []
+    times = np.linspace(0.0, 1.0, 5)
+    ours, theirs = case.run_exunet(times), case.run_reference(times)
+    of_body = slice(-4, None)  # its centre, and the ends of arms along its axes
+    assert np.ptp(ours.position[:, -3], axis=0).max() > 1.0  # the first arm, as long as the net, turns
+    np.testing.assert_allclose(ours.position[:, of_body], theirs.position[:, of_body], rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(ours.velocity[:, of_body], theirs.velocity[:, of_body], rtol=0.0, atol=1e-7)

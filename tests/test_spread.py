@@ -98,6 +98,7 @@ def test_a_range_brackets_its_runs() -> None:
         ((100.0, 100.0), 100.0, "100.0 N"),
         ((100.01, 100.02), 100.015, "100.0 ± 0.02 N"),  # of the unmoved start, 100.0
         ((100.01, 100.02), 101.2, "100 ± 2 N"),  # the setting errs by 1.2: its digits are not known
+        ((100.0, 100.0), 140.0, "median 100.0 N, 100.0 to 140.0 N"),  # errs by more than a tenth
         ((100.0, 100.11), 100.0, "median 100.1 N, 100.0 to 100.1 N"),  # more than 0.1, the last digit
     ],
 )

@@ -55,10 +55,12 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
     folder = tmp_path_factory.mktemp("runs")
     short = ["--set", "time.end=0.03", "--set", "engine.loop=compiled"]
     body = ["--set", "bodies.target={mass=7.0, inertia=[2, 3, 4], velocity=[1, 0, 0]}"]
+    held = ["--set", 'bodies.wall={mass=7.0, inertia=[2, 3, 4], motion="fixed"}']
     commands = (
         [str(CASES / "planar_deployment.toml"), "--check", "--estimate-error", *short],
         [str(CASES / "planar_deployment.toml"), "--check", *short, *body],
         [str(CASES / "effects" / "breaking.toml"), "--check"],
+        [str(CASES / "planar_deployment.toml"), *short, *held],
     )
     found = []
     for k, command in enumerate(commands):

@@ -3,7 +3,8 @@
 A start that is moved by much less than anyone can place a net gives another run. Where the headlines of such
 runs differ by no more than the digits that are printed, a headline is a value with an error. Where they
 differ by more, the horizon of predictability is passed before the quantity is known: it is then a median with
-a range, from the least to the largest of the runs.
+a range, from the least to the largest of the runs. If all moved starts agree, but not with the run of the
+finer setting, its value is within the range too.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from exunet.results.headlines import HEADLINES, Course, Headline, printed, shown
 Floats = NDArray[np.float64]
 
 COVERING = 32  # runs from which on the range covers most of what other starts give
+MOST_ERROR = 0.1  # of a value: with more not even its first digit is known
 FEWEST = 8  # runs of which a range is told at all
 
 
@@ -164,6 +166,10 @@ def _judge(one: Headline, courses: Sequence[Course], plain: Course, finer: Cours
     if converged is None or len(values) < len(courses) or largest - least > last:
         return judged
     error = max(abs(float(value) - converged) for value in (least, largest))
+    if error > max(MOST_ERROR * abs(converged), one.least):  # the setting does what the moves do not
+        values = np.append(values, converged)
+        least, middle, largest = float(values.min()), float(np.median(values)), float(values.max())
+        return Judged(one, len(values), middle, least, largest, places=places)
     return Judged(
         one, len(values), middle, least, largest, converged, _error(one, error, plain, finer), places
     )
