@@ -7,6 +7,7 @@ shorter where the step does not divide the interval.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from reference_impl.mode import Mode
 from reference_impl.run import Run
 
 
-class Fixed:
+class Fixed(ABC):
     """Steps of one length [s]; a subclass takes one of them.  What breaks does so at the end of a step."""
 
     def __init__(self, run: Run, step: float) -> None:
@@ -33,11 +34,11 @@ class Fixed:
                 self.renew(end)
         return run.y, run.mode
 
+    @abstractmethod
     def take(self, arrival: float) -> None:
         """One step, to `arrival` [s]."""
-        raise NotImplementedError
 
-    def renew(self, until: float) -> None:
+    def renew(self, until: float) -> None:  # noqa: B027 - most methods keep nothing
         """The forces changed at t; they are smooth `until` [s]."""
 
 
@@ -66,7 +67,7 @@ class Verlet(Fixed):
         super().__init__(run, step)
         self.rate = run.rate(run.t, run.y)
 
-    def renew(self, until: float) -> None:
+    def renew(self, until: float) -> None:  # noqa: B027 - most methods keep nothing
         self.rate = self.run.rate(self.run.t, self.run.y)
 
     def take(self, arrival: float) -> None:

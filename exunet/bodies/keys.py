@@ -95,14 +95,9 @@ class Placed(Table):
         return (math.cos(0.5 * self.angle), x, y, z)
 
 
-class PartKeys(Placed):
-    """A solid that is part of a body."""
+class Dimensions(Table):
+    """Of solids; which of them a solid has follows from its shape."""
 
-    model_config = ConfigDict(
-        json_schema_extra={"allOf": [*_with_dimensions(*_OF_SOLIDS), *_ANGLES, *_ONE_ATTITUDE]}
-    )
-
-    shape: SolidName = Field(description="of the part")
     size: Edges | None = Field(
         None, description="edges of a box along x, y, z [m]", examples=[[1.0, 1.0, 2.0]]
     )
@@ -115,6 +110,16 @@ class PartKeys(Placed):
     radii: Radii | None = Field(
         None, description="of a frustum at -z and +z [m]; one may be zero", examples=[[0.5, 0.3]]
     )
+
+
+class PartKeys(Placed, Dimensions):
+    """A solid that is part of a body."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"allOf": [*_with_dimensions(*_OF_SOLIDS), *_ANGLES, *_ONE_ATTITUDE]}
+    )
+
+    shape: SolidName = Field(description="of the part")
     position: Vector = Field((0.0, 0.0, 0.0), description="of the part's origin in the body's frame [m]")
     attitude: Quaternion = Field(
         (1.0, 0.0, 0.0, 0.0),
@@ -136,7 +141,7 @@ class AttachmentKeys(Table):
     )
 
 
-class BodyKeys(Placed):
+class BodyKeys(Placed, Dimensions):
     """A rigid body: free but for the forces that act on it."""
 
     # Its frame is that in which its shape is drawn; without a shape its origin is the centre of mass.
@@ -218,18 +223,6 @@ class BodyKeys(Placed):
     )
     shape: ShapeName | None = Field(
         None, description="of the body: a solid about the origin of its frame, or a mesh"
-    )
-    size: Edges | None = Field(
-        None, description="edges of a box along x, y, z [m]", examples=[[1.0, 1.0, 2.0]]
-    )
-    radius: Positive | None = Field(None, description="of cylinder, sphere, capsule [m]", examples=[0.5])
-    length: Positive | None = Field(
-        None,
-        description="of cylinder and frustum, along z; of a capsule between the centres of its ends [m]",
-        examples=[2.0],
-    )
-    radii: Radii | None = Field(
-        None, description="of a frustum at -z and +z [m]; one may be zero", examples=[[0.5, 0.3]]
     )
     file: str | None = Field(
         None, description="of a mesh: STL, OBJ or GLB, beside the case file", examples=["target.stl"]
