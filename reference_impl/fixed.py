@@ -67,7 +67,7 @@ class Verlet(Fixed):
         super().__init__(run, step)
         self.rate = run.rate(run.t, run.y)
 
-    def renew(self, until: float) -> None:  # noqa: B027 - most methods keep nothing
+    def renew(self, until: float) -> None:
         self.rate = self.run.rate(self.run.t, self.run.y)
 
     def take(self, arrival: float) -> None:
