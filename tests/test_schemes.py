@@ -36,6 +36,7 @@ def under(monkeypatch: pytest.MonkeyPatch) -> Callable[[Force], None]:
             return 0.5 * float(x[0]) ** 2, 0.0  # something that tells the state
 
         monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
+        monkeypatch.setattr(many_steps, "borrowed", lambda value: value, raising=False)
         for module in (schemes, many_steps):
             for name in ("BODIES", "FIRST_ORDER", "TAKES_ENERGY", "TOLD", "JUMPS"):
                 monkeypatch.setattr(module, name, False, raising=False)

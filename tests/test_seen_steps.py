@@ -98,6 +98,7 @@ def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
         return 4.0 * t**3 + float(x[0]) ** 2 + 3.0 * float(v[0]) ** 2
 
     monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
+    monkeypatch.setattr(many_steps, "borrowed", lambda value: value, raising=False)
     for module in (many_steps, work):
         monkeypatch.setattr(module, "power", power, raising=False)
     monkeypatch.setattr(work, "extra_work", lambda h, *state: 0.5 * h, raising=False)

@@ -34,6 +34,7 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
         return 0.0, 0.0
 
     monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
+    monkeypatch.setattr(many_steps, "borrowed", lambda value: value, raising=False)
     for module in (schemes, many_steps):
         for name, value in (
             ("BODIES", True),

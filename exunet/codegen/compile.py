@@ -28,6 +28,8 @@ import functools
 
 from numba import njit
 
+from exunet.codegen.borrowing import borrowed
+
 called = functools.partial(njit, cache={cache}, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 inside = functools.partial(called, no_cpython_wrapper=True)
 """
@@ -74,13 +76,14 @@ def compiled_module(source: str) -> ModuleType:
 
 
 def _name(source: str) -> str:
-    versions = f"{numba_version()} {platform.python_version()} {platform.machine()}"
+    versions = f"{numba_version()} {platform.python_version()} {platform.machine()} {version_of('borrowing')}"
     return "exunet_kernel_" + hashlib.sha256((versions + source).encode()).hexdigest()[:20]
 
 
 def interpreted_module(source: str) -> ModuleType:
     """The same module as plain Python: correct, but some hundred times slower."""
     module = ModuleType("exunet_kernel_interpreted")
+    module.__dict__["borrowed"] = lambda value: value
     exec(source.replace(f"{CALLED}\n", "").replace(f"{INSIDE}\n", ""), module.__dict__)
     return module
 
@@ -133,9 +136,9 @@ def _own(folder: Path) -> bool:
     return status.st_uid == os.getuid() and not status.st_mode & 0o022
 
 
-def lanes_version() -> str:
-    """Of the vectors of runs: a part of the text of kernels that use them, since kept code has them in it."""
-    return hashlib.sha256(Path(__file__).with_name("lanes.py").read_bytes()).hexdigest()[:16]
+def version_of(name: str) -> str:
+    """Of a module here that compiled code has in it: kept code of another version is not taken."""
+    return hashlib.sha256(Path(__file__).with_name(f"{name}.py").read_bytes()).hexdigest()[:16]
 
 
 def kept_before(source: str) -> bool:

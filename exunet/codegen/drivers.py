@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
+    from exunet.codegen.borrowing import borrowed
+
     BODIES = True
 
     def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> Any: ...
@@ -42,27 +44,28 @@ def engine_forces(t: float, q: Any, q_t: Any, data: Any, place: Any, out: Any) -
     out : (n_free + 6 n_bodies,) forces on the free coordinates of points [N], then on each body the force
           [N] and the torque in its axes [N m]
     """
-    x = place.values[0]
-    v = place.values[1]
-    push = place.values[2]
-    force = place.values[3]
-    reference = place.values[4]
-    column = place.where[0]
-    free = place.where[1]
+    at = borrowed(place)
+    x = at.values[0]
+    v = at.values[1]
+    push = at.values[2]
+    force = at.values[3]
+    reference = at.values[4]
+    column = at.where[0]
+    free = at.where[1]
     for k in range(free.size):
         x[free[k]] = reference[k] + q[column[k]]
         v[free[k]] = q_t[column[k]]
     if BODIES:
-        take_bodies(q, q_t, x, v, place)
+        take_bodies(q, q_t, x, v, at)
     for k in range(force.size):
         force[k] = push[k]
-    add_forces(t, x, v, data, force)
+    add_forces(t, x, v, borrowed(data), force)
     for k in range(free.size):
         out[k] = force[free[k]]
-    for b in range(place.body.size if BODIES else 0):
+    for b in range(at.body.size if BODIES else 0):
         for k in range(3):
-            out[free.size + 6 * b + k] = force[place.centre + 3 * b + k]
-            out[free.size + 6 * b + 3 + k] = force[place.spin + 3 * b + k]
+            out[free.size + 6 * b + k] = force[at.centre + 3 * b + k]
+            out[free.size + 6 * b + 3 + k] = force[at.spin + 3 * b + k]
 
 
 def take_bodies(q: Any, q_t: Any, x: Any, v: Any, place: Any) -> None:

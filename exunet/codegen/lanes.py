@@ -27,6 +27,7 @@ from numba.extending import intrinsic as _typed_intrinsic
 from numba.extending import lower_cast, models, overload, register_model
 from numba.np.arrayobj import make_array
 
+from exunet.codegen.borrowing import Borrowed
 from exunet.codegen.compile import WIDTH
 
 intrinsic: Any = _typed_intrinsic  # its stub does not know that the compiler passes the first argument
@@ -171,43 +172,6 @@ def _any(typingctx: Any, holds: Any) -> Any:
 @overload(bool)
 def _choose_any(holds):
     return (lambda holds: _any(holds)) if isinstance(holds, Holds) else None
-
-
-class Borrowed(types.Array):
-    """An array whose references nobody counts: counting them takes a tenth of a step."""
-
-    def __init__(self, dtype: types.Type, ndim: int, layout: Any) -> None:
-        super().__init__(dtype, ndim, layout, aligned=False, name=f"Borrowed({dtype}, {ndim}, {layout})")
-
-    def copy(self, dtype: Any = None, ndim: Any = None, layout: Any = None, readonly: Any = None) -> Any:
-        """The type of a part of such an array."""
-        return Borrowed(dtype or self.dtype, self.ndim if ndim is None else ndim, layout or self.layout)
-
-
-@register_model(Borrowed)
-class _BorrowedModel(models.StructModel):
-    """As Numba's own, but for the type of `meminfo`, from which it knows what to count."""
-
-    def __init__(self, manager: Any, kind: Borrowed) -> None:
-        own = models.ArrayModel(manager, kind)
-        fields = [(name, own.get_type(name)) for name in own._fields]
-        super().__init__(manager, kind, [("meminfo", types.voidptr), *fields[1:]])
-
-
-@intrinsic
-def borrowed(typingctx: Any, value: Any) -> Any:
-    """An array, or a tuple of tuples and arrays, that must not outlive the one given; in compiled code."""
-    kind = _borrowed(value)
-    return kind(value), lambda context, builder, signature, args: args[0]  # the same words in memory
-
-
-def _borrowed(kind: types.Type) -> types.Type:
-    if isinstance(kind, types.Array):
-        return Borrowed(kind.dtype, kind.ndim, kind.layout)
-    if isinstance(kind, types.BaseTuple):
-        parts = [_borrowed(one) for one in kind]  # type: ignore[attr-defined]
-        return types.BaseTuple.from_types(parts, getattr(kind, "instance_class", None))
-    return kind
 
 
 @intrinsic

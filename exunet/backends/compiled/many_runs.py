@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 from exunet.backends.compiled import many_steps
 from exunet.backends.compiled.many_steps import begin, equal_steps, keep, see_tensions, through_equal
 from exunet.backends.compiled.work_space import Kept, Motion, Run, Seen, SeenOfRuns
-from exunet.codegen.compile import lanes_version
+from exunet.codegen.compile import version_of
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
-    from exunet.codegen.lanes import borrowed, lanes_of
+    from exunet.codegen.borrowing import borrowed
+    from exunet.codegen.lanes import lanes_of
 
 
 def see(t: float, elastic: Any, x: Any, v: Any, seen: Any) -> None:
@@ -72,7 +73,7 @@ def runs_through(verlet: bool, times: Any, step: float, run: Any) -> int:
 IMPORTS = (
     *many_steps.IMPORTS,
     "from exunet.backends.compiled.work_space import Kept, Motion, Run, Seen, SeenOfRuns",
-    f"from exunet.codegen.lanes import borrowed, lanes_of  # {lanes_version()}",
+    f"from exunet.codegen.lanes import lanes_of  # {version_of('lanes')}",
 )
 _SEEN = tuple(function for function in many_steps.STEPS if function is not many_steps.see)
 STEPS = (*_SEEN, see, in_lanes, begin, keep, equal_steps, through_equal)

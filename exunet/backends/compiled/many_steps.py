@@ -30,6 +30,8 @@ from exunet.backends.compiled.work_space import EqualSteps
 TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that count as a collapse
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
+    from exunet.codegen.borrowing import borrowed
+
     TAKES_ENERGY = False
     TOLD = False
     BODIES = True
@@ -194,7 +196,7 @@ def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> 
 
 def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int:
     """Take the steps that an `EqualSteps` names."""
-    m, clock, seen, kept = run
+    m, clock, seen, kept = borrowed(run)
     now = clock[0]
     start, until, number, first, limit = steps
     s = stages_of(m.work)
@@ -235,7 +237,7 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
     whatever its error estimate, and the control continues with the step that it had chosen before. If the way
     to the jump is itself too long a step, the control goes on by itself until it rejects another step.
     """
-    m, clock, seen, kept = run
+    m, clock, seen, kept = borrowed(run)
     now = clock[0]
     s = stages_of(m.work)
     least = control.least
@@ -306,7 +308,7 @@ def through_chosen(times: Any, control: Any, most_tiny: float, most: int, run: A
     most      : attempted steps, about, before this gives up
     Returns the number of rows that were reached.
     """
-    m, clock, _, kept = run
+    m, clock, _, kept = borrowed(run)
     # Not literals, for each of which the called functions would be compiled anew.
     first: Any = np.int64(0)
     never: Any = np.int64(2**62)
@@ -324,7 +326,7 @@ def through_chosen(times: Any, control: Any, most_tiny: float, most: int, run: A
 
 def through_equal(verlet: bool, times: Any, step: float, run: Any) -> int:
     """As `through_chosen`: `equal_steps`, none longer than `step` [s]."""
-    m, clock, _, kept = run
+    m, clock, _, kept = borrowed(run)
     first: Any = np.int64(0)  # not literals, as above
     never: Any = np.int64(2**62)
     row = keep(first, times[0], m, kept)
