@@ -70,7 +70,7 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
         values, out = np.full((5, x.size), np.nan), np.full(x.size, np.nan)
         values[2] = values[4] = 0.0  # no forces from outside, references at the origin
         place = Place(np.stack([every, every]), np.zeros(0, dtype=Index), 0, 0, values)
-        kernel.module.engine_forces(0.0, x, v, data, place, out)
+        kernel.module.engine_forces(0.0, x, v, kernel.module.hold((data, place)), out)
         for found in (added, out):
             assert found.reshape(-1, 3).tobytes() == first[name].tobytes()
         assert x.tobytes() == tried[name][0].tobytes()

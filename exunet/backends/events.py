@@ -23,7 +23,9 @@ def _memories(name: str, change: Change) -> dict[str, Floats]:
 class Events:
     """The memories of a scene's terms, and who changes them when.
 
-    memory : the values of each memory now, by name
+    memory   : the values of each memory now, by name
+    any      : True if there are any
+    in_steps : True if one may come at a time that is not known beforehand
     """
 
     def __init__(self, forces: Forces, memory: Arrays, observer: Observer) -> None:
@@ -33,6 +35,8 @@ class Events:
         for term, switch in forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
+        self.any = bool(self._switches)
+        self.in_steps = any(not switch.times for _, switch in self._switches)
 
     def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
         """All memories once a change of one has come into force."""
@@ -47,15 +51,6 @@ class Events:
         speed = (v if change.v is None else change.v).copy()
         speed[: 3 * len(change.awake)] *= np.repeat(change.awake, 3)
         return replace(change, v=speed)
-
-    def __bool__(self) -> bool:
-        """True if there are any."""
-        return bool(self._switches)
-
-    @property
-    def in_steps(self) -> bool:
-        """True if an event may come at a time that is not known beforehand."""
-        return any(not switch.times for _, switch in self._switches)
 
     def next_instant(self, after: float, until: float) -> float:
         """The first known instant of an event later than `after`, or `until` [s]."""

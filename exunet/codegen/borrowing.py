@@ -2,7 +2,8 @@
 
 Numba counts a reference to each array of a tuple that a function takes or looks into, atomically; in steps of
 small nets that is half of the time. A function that is called from Python may borrow its arguments instead:
-their owner waits for it.
+their owner waits for it. And it takes each array of a tuple out of its Python object, 0.1 us a call, if
+they are not `Held`.
 
 Importing this module imports Numba, so only compiled code and what makes it may do so.
 """
@@ -15,6 +16,7 @@ from __future__ import annotations
 from typing import Any
 
 from numba.core import types
+from numba.experimental import structref
 from numba.extending import intrinsic as _typed_intrinsic
 from numba.extending import models, register_model
 
@@ -56,3 +58,15 @@ def _borrowed(kind: types.Type) -> types.Type:
         parts = [_borrowed(one) for one in kind]  # type: ignore[attr-defined]
         return types.BaseTuple.from_types(parts, getattr(kind, "instance_class", None))
     return kind
+
+
+@structref.register
+class HeldType(types.StructRef):
+    """The compiler's type of a `Held`."""
+
+
+class Held(structref.StructRefProxy):
+    """A tuple of tuples and arrays in the memory of compiled code, which makes it: one object for Python."""
+
+
+structref.define_proxy(Held, HeldType, ["value"])

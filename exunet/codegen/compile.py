@@ -14,7 +14,7 @@ import sys
 import tempfile
 from contextlib import suppress
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 from exunet.base.errors import MissingExtra
 
@@ -28,7 +28,7 @@ import functools
 
 from numba import njit
 
-from exunet.codegen.borrowing import borrowed
+from exunet.codegen.borrowing import Held, borrowed
 
 called = functools.partial(njit, cache={cache}, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 inside = functools.partial(called, no_cpython_wrapper=True)
@@ -84,6 +84,7 @@ def interpreted_module(source: str) -> ModuleType:
     """The same module as plain Python: correct, but some hundred times slower."""
     module = ModuleType("exunet_kernel_interpreted")
     module.__dict__["borrowed"] = lambda value: value
+    module.__dict__["Held"] = lambda value: SimpleNamespace(value=value)
     exec(source.replace(f"{CALLED}\n", "").replace(f"{INSIDE}\n", ""), module.__dict__)
     return module
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
-    from exunet.codegen.borrowing import borrowed
+    from exunet.codegen.borrowing import Held, borrowed
 
     BODIES = True
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
 
 class Place(NamedTuple):
     """Where the blocks (see `exunet.forces.blocks`) stand in the engine's coordinates, and work space.
-
-    Few arrays, since each costs 0.1 us a call.
 
     where  : (2, n_free) of each free coordinate of the points, where it stands in the engine's, and in x
     body   : (n_bodies,) where the six coordinates of each rigid body begin, if a term acts on one
@@ -38,13 +36,19 @@ class Place(NamedTuple):
     values: NDArray[np.float64]
 
 
-def engine_forces(t: float, q: Any, q_t: Any, data: Any, place: Any, out: Any) -> None:
-    """Forces on the engine's coordinates into out, from all of these, q, q_t; place : a `Place`.
+def hold(value: Any) -> Any:
+    """A tuple of tuples and arrays for a function that is called often; see `Held`."""
+    return Held(value)
+
+
+def engine_forces(t: float, q: Any, q_t: Any, held: Any, out: Any) -> None:
+    """Forces on the engine's coordinates into out, from all of these, q, q_t; held : from `hold`, of the
+    kernel's data and a `Place`.
 
     out : (n_free + 6 n_bodies,) forces on the free coordinates of points [N], then on each body the force
           [N] and the torque in its axes [N m]
     """
-    at = borrowed(place)
+    data, at = borrowed(held.value)
     x = at.values[0]
     v = at.values[1]
     push = at.values[2]
@@ -59,7 +63,7 @@ def engine_forces(t: float, q: Any, q_t: Any, data: Any, place: Any, out: Any) -
         take_bodies(q, q_t, x, v, at)
     for k in range(force.size):
         force[k] = push[k]
-    add_forces(t, x, v, borrowed(data), force)
+    add_forces(t, x, v, data, force)
     for k in range(free.size):
         out[k] = force[free[k]]
     for b in range(at.body.size if BODIES else 0):
@@ -108,4 +112,4 @@ def powers(times: Any, positions: Any, velocities: Any, data: Any, out: Any) -> 
 
 
 HELPERS = (quaternion, take_bodies)
-DRIVERS = (engine_forces, forces, potentials, powers)
+DRIVERS = (hold, engine_forces, forces, potentials, powers)

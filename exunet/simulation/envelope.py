@@ -21,7 +21,7 @@ class Envelope:
     """
 
     def __init__(self, times: Floats) -> None:
-        self._times = times
+        self._times, self._next = times, 0
         self._elastic = np.zeros(len(times))
         self._kinetic = np.full(len(times), np.inf)
 
@@ -34,7 +34,10 @@ class Envelope:
 
     def take(self, until: float, elastic: float, kinetic: float) -> None:
         """Take the extremes [J] of the interval that ends with a stored time [s]."""
-        k = min(bisect_left(self._times, until), len(self._times) - 1)
+        k = self._next
+        if k >= len(self._times) or self._times[k] != until:
+            k = min(bisect_left(self._times, until), len(self._times) - 1)
+        self._next = k + 1
         self._elastic[k] = max(self._elastic[k], elastic)
         self._kinetic[k] = min(self._kinetic[k], kinetic)
 

@@ -59,13 +59,14 @@ class Recorder:
         self.rows: RowStore = MemoryStore(columns_of(start.system)) if store is None else store
         self.story: dict[str, Any] = dict(provenance) | first_story(start)
         self._waiting: list[tuple[States, Floats]] = []
+        self._n_waiting = 0
         self._last = np.zeros((0, 2))  # elastic and kinetic energy of the last row [J]
         if len(self.rows):
             stored = (self.rows.read(f"energy/{name}", len(self.rows) - 1, len(self.rows)) for name in _LAST)
             self._last = np.stack(list(stored), axis=-1)
 
     def __len__(self) -> int:
-        return len(self.rows) + sum(len(states) for states, _ in self._waiting)
+        return len(self.rows) + self._n_waiting
 
     @property
     def until(self) -> float:
@@ -77,14 +78,19 @@ class Recorder:
     def store(self, states: States, dissipated: Floats) -> None:
         """Take stored states with their dissipated energy (k,) [J]; `flush` appends them."""
         self._waiting.append((states, dissipated))
+        self._n_waiting += len(states)
 
     def flush(self, *, all_of_them: bool = True) -> None:
         """Append what was taken; the steps until then must have been seen by the envelope."""
-        if not all_of_them and sum(len(states) for states, _ in self._waiting) < _BATCH:
+        if not all_of_them and self._n_waiting < _BATCH:
             return
         for states, dissipated in self._waiting:
             self.rows.append(self._rows(states, dissipated))
+        self._forget_waiting()
+
+    def _forget_waiting(self) -> None:
         self._waiting.clear()
+        self._n_waiting = 0
 
     def _rows(self, states: States, dissipated: Floats) -> dict[str, Floats]:
         net, blocks = self._start.net, self._start.system.blocks
@@ -128,7 +134,7 @@ class Recorder:
 
     def drop_after(self, number: int) -> None:
         """Keep the first states."""
-        self._waiting.clear()
+        self._forget_waiting()
         self.rows.drop_after(number)
         stored = (self.rows.read(f"energy/{name}", number - 1, number) for name in _LAST)
         self._last = np.stack(list(stored), axis=-1) if number else np.zeros((0, 2))

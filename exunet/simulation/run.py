@@ -108,7 +108,7 @@ def _through(
         progress(simulation.time, simulation.counts.right_hand_sides)
     shown = 0.0
     while True:
-        ahead = int(np.searchsorted(times, simulation.time, side="right"))
+        ahead = int(times.searchsorted(simulation.time, side="right"))
         if ahead == len(times):
             if simulation.finish():
                 return

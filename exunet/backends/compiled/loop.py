@@ -65,19 +65,21 @@ class CompiledIntegration:
         self._kernel, self._module = kernel, kernel.module
         self._motion = motion_of(system, state, kernel.data(state.memory))
         self._clock = clock_at(state.time, plan.first_step)
+        self._time, self._tiny = self._clock["time"], self._clock["tiny"]
         self._seen = seen_nothing(system)
+        self._peaks = {name: self._seen.peaks[name] for name in PEAKS.names or ()}
         self._control = Control(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
         self._module.begin(state.time, self._verlet, self._motion)
 
     def look_at_tensions(self) -> None:
         """Look for the largest tension in the steps to come, each of them."""
-        self._seen.peaks["look_above"][0] = 0.0
+        self._peaks["look_above"][0] = 0.0
 
     @property
     def largest_tension(self) -> tuple[float, float, int]:
         """Of the steps looked at: tension [N], when [s], in which element (-1: none pulled)."""
-        peaks = self._seen.peaks[0]
-        return float(peaks["tension"]), float(peaks["time"]), int(peaks["element"])
+        peaks = self._peaks
+        return float(peaks["tension"][0]), float(peaks["time"][0]), int(peaks["element"][0])
 
     def through(self, times: Floats, most: int = WITHOUT_LIMIT) -> Batch:
         """From times[0], the state's time, through all times [s] without a look at keyboard, guards, events.
@@ -99,7 +101,7 @@ class CompiledIntegration:
 
     def collapse(self) -> str:
         """What to say when no step is small enough for the tolerance; "" if that is not so."""
-        if self._clock["tiny"][0] <= TINY_IN_A_ROW:
+        if self._tiny[0] <= TINY_IN_A_ROW:
             return ""
         step = self._clock["step"][0]
         return (
@@ -110,7 +112,7 @@ class CompiledIntegration:
     @property
     def time(self) -> float:
         """Time reached [s]."""
-        return float(self._clock["time"][0])
+        return float(self._time[0])
 
     @property
     def counts(self) -> StepCounts:
@@ -138,11 +140,12 @@ class CompiledLoop(CompiledIntegration):
         self._events = Events(system.forces, state.memory, observer)
         in_steps = self._events.in_steps
         self._limit, self._every = (1, 1) if in_steps else (_ATTEMPTS, _THINNED)
-        self._seen.peaks["keep_above"][0] = least_energy_beyond(system)
+        self._peaks["keep_above"][0] = least_energy_beyond(system)
         self.look_at_tensions()
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
-        self._run = Run(self._motion, self._clock, self._seen, self._kept)
+        self._hold()
+        self._pushed = False
         self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
         if state.memory:
             self._remember(state.memory)
@@ -160,6 +163,7 @@ class CompiledLoop(CompiledIntegration):
 
     def push(self, force: Floats) -> None:
         self._motion.push[: force.size] = force.ravel()
+        self._pushed = bool(self._motion.push.any())
         self._module.begin(self.time, self._verlet, self._motion)
 
     def tell(self, inputs: Arrays) -> None:
@@ -169,10 +173,11 @@ class CompiledLoop(CompiledIntegration):
         self._module.begin(self.time, self._verlet, self._motion)
 
     def advance(self, until: float) -> None:
-        self._seen.peaks["elastic"][0], self._seen.peaks["kinetic"][0] = 0.0, np.inf
+        peaks = self._peaks
+        peaks["elastic"][0], peaks["kinetic"][0] = 0.0, np.inf
         with postponed() as check_interrupt:
             while self.time < until:
-                before = self._motion.c.copy() if self._motion.push.any() else None
+                before = self._motion.c.copy() if self._pushed else None
                 stop = self._events.next_instant(self.time, until)
                 advance = self._advance_chosen if self._chosen else self._advance_equal
                 advance(stop, check_interrupt)
@@ -181,17 +186,17 @@ class CompiledLoop(CompiledIntegration):
                     self._motion.taken[0] -= moved
                     self._kept.taken[self._row - 1] = self._motion.taken[0]
                 self._look_for_events()
-        peaks = self._seen.peaks[0]
-        largest = float(peaks["elastic"]) + self._asleep
-        self._observer.between(until, Extremes(largest, float(peaks["kinetic"]), *self.largest_tension))
-        if not np.isfinite(self._motion.x).all():
+        largest = float(peaks["elastic"][0]) + self._asleep
+        self._observer.between(until, Extremes(largest, float(peaks["kinetic"][0]), *self.largest_tension))
+        if not math.isfinite(np.dot(self._motion.x, self._motion.x)):  # a square may overflow; no harm
             self.hand_over()
 
     def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> None:
         while self.time < until:
-            self._shorten(until)
+            if self._events.in_steps:
+                self._shorten(until)
             within = self._control, until, self._limit
-            self._row = self._module.chosen_steps(*within, self._row, self._every, self._run)
+            self._row = self._module.chosen_stretch(*within, self._row, self._every, self._held)
             self._make_room()
             self._look_for_events()
             if words := self.collapse():
@@ -205,7 +210,7 @@ class CompiledLoop(CompiledIntegration):
         done = 0
         while done < number:
             steps = EqualSteps(begin, until, number, done, self._limit)
-            self._row = self._module.equal_steps(self._verlet, steps, self._row, self._every, self._run)
+            self._row = self._module.equal_stretch(self._verlet, steps, self._row, self._every, self._held)
             done = int(self._clock["steps"][0]) - before
             self._make_room()
             self._look_for_events()
@@ -213,8 +218,6 @@ class CompiledLoop(CompiledIntegration):
 
     def _shorten(self, until: float) -> None:
         """Make the step that comes end near the next event."""
-        if not self._events.in_steps:
-            return
         beyond = float(self._clock["beyond"][0])
         step = min(beyond or float(self._clock["step"][0]), self._plan.longest_step, until - self.time)
         m = self._motion
@@ -224,7 +227,7 @@ class CompiledLoop(CompiledIntegration):
             self._clock["beyond"][0] = min(beyond, shorter)
 
     def _look_for_events(self) -> None:
-        if not self._events:
+        if not self._events.any:
             return
         m = self._motion
         for name, change in self._events.at(self.time, m.x, m.v):
@@ -242,7 +245,7 @@ class CompiledLoop(CompiledIntegration):
         """Let the forces, and what looks at tensions, take all memories into account."""
         self._motion = self._motion._replace(data=self._kernel.data(memory))
         self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
-        self._run = self._run._replace(motion=self._motion)
+        self._hold()
         self._count_asleep(memory)
         carrying = self._system.forces.cable.carrying(memory)
         if carrying is not None:
@@ -256,7 +259,10 @@ class CompiledLoop(CompiledIntegration):
             position = self._motion.c[: 3 * self._system.blocks.n_points].reshape(-1, 3)
             law = law_of(self._system.forces, memory).of_intact((~moving).astype(float))
             self._asleep = float(elastic_energy(law, lengths(self._system.net, position)))
-            self._seen.peaks["elastic"] += before - self._asleep
+            self._peaks["elastic"] += before - self._asleep
+
+    def _hold(self) -> None:
+        self._held = self._module.hold(Run(self._motion, self._clock, self._seen, self._kept))
 
     def _make_room(self) -> None:
         if self._row == len(self._kept.time):
@@ -284,6 +290,7 @@ class CompiledLoop(CompiledIntegration):
         m = self._motion
         for held, name in ((m.x, "x"), (m.v, "v"), (m.push, "push"), (m.taken, "taken")):
             held[:] = arrays[name]
+        self._pushed = bool(m.push.any())
         for group, record in (("clock", self._clock), ("seen", self._seen.peaks)):
             for name in record.dtype.names or ():
                 record[name] = arrays[f"{group}/{name}"]
@@ -293,7 +300,7 @@ class CompiledLoop(CompiledIntegration):
         for name in self._events.memory:
             self._events.memory[name] = np.array(arrays[f"memory/{name}"])
         self._remember(dict(self._events.memory))
-        self._seen.peaks["elastic"] = arrays["seen/elastic"]
+        self._peaks["elastic"][:] = arrays["seen/elastic"]
         m.work[_A1] = arrays["a"]
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from exunet.backends.compiled import many_steps
-from exunet.backends.compiled.many_steps import begin, equal_steps, keep, see_tensions, through_equal
+from exunet.backends.compiled.many_steps import begin, keep, see_tensions, through_equal
 from exunet.backends.compiled.work_space import Kept, Motion, Run, Seen, SeenOfRuns
 from exunet.codegen.compile import version_of
 
@@ -76,6 +76,6 @@ IMPORTS = (
     f"from exunet.codegen.lanes import lanes_of  # {version_of('lanes')}",
 )
 _SEEN = tuple(function for function in many_steps.STEPS if function is not many_steps.see)
-STEPS = (*_SEEN, see, in_lanes, begin, keep, equal_steps, through_equal)
+STEPS = (*_SEEN, see, in_lanes, begin, keep, through_equal)
 IN_PLACE = tuple(accept if function is many_steps.accept else function for function in STEPS)
 LOOP = (begin_runs, runs_through)

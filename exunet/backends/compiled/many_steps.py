@@ -301,6 +301,16 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
     return row
 
 
+def equal_stretch(verlet: bool, steps: Any, row: int, every: int, held: Any) -> int:
+    """`equal_steps` of a `Run` that is `Held`: for many short calls from Python."""
+    return equal_steps(verlet, steps, row, every, borrowed(held.value))
+
+
+def chosen_stretch(control: Any, until: float, limit: int, row: int, every: int, held: Any) -> int:
+    """`chosen_steps` of a `Run` that is `Held`."""
+    return chosen_steps(control, until, limit, row, every, borrowed(held.value))
+
+
 def through_chosen(times: Any, control: Any, most_tiny: float, most: int, run: Any) -> int:
     """`chosen_steps` from times[0] through all `times` [s], the state at each in its row of `kept`.
 
@@ -308,7 +318,8 @@ def through_chosen(times: Any, control: Any, most_tiny: float, most: int, run: A
     most      : attempted steps, about, before this gives up
     Returns the number of rows that were reached.
     """
-    m, clock, _, kept = borrowed(run)
+    own = borrowed(run)
+    m, clock, _, kept = own
     # Not literals, for each of which the called functions would be compiled anew.
     first: Any = np.int64(0)
     never: Any = np.int64(2**62)
@@ -318,7 +329,7 @@ def through_chosen(times: Any, control: Any, most_tiny: float, most: int, run: A
         while clock[0]["time"] < times[k] and clock[0]["tiny"] <= most_tiny:
             if clock[0]["steps"] + clock[0]["rejections"] > most:
                 break
-            row = chosen_steps(control, times[k], limit, row, never, run)
+            row = chosen_steps(control, times[k], limit, row, never, own)
         if row == k:
             break
     return row
@@ -326,7 +337,8 @@ def through_chosen(times: Any, control: Any, most_tiny: float, most: int, run: A
 
 def through_equal(verlet: bool, times: Any, step: float, run: Any) -> int:
     """As `through_chosen`: `equal_steps`, none longer than `step` [s]."""
-    m, clock, _, kept = borrowed(run)
+    own = borrowed(run)
+    m, clock, _, kept = own
     first: Any = np.int64(0)  # not literals, as above
     never: Any = np.int64(2**62)
     row = keep(first, times[0], m, kept)
@@ -334,7 +346,7 @@ def through_equal(verlet: bool, times: Any, step: float, run: Any) -> int:
         begins, ends = times[k - 1], times[k]
         number = max(1, math.ceil((ends - begins) / step * (1.0 - 1e-9)))
         steps = EqualSteps(begins, ends, number, first, number)
-        row = equal_steps(verlet, steps, row, never, run)
+        row = equal_steps(verlet, steps, row, never, own)
         clock[0]["time"] = ends
     return row
 
@@ -362,5 +374,7 @@ STEPS = (
     see_tensions,
     see,
     jump_ahead,
+    equal_steps,
+    chosen_steps,
 )
-LOOP = (begin, keep, equal_steps, chosen_steps, through_chosen, through_equal)
+LOOP = (begin, keep, equal_stretch, chosen_stretch, through_chosen, through_equal)

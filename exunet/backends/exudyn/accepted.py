@@ -23,14 +23,17 @@ class Accepted:
         rows = max(16, min(_ROWS, _NUMBERS // max(1, len(now.q))))
         self._time = np.empty(rows)
         self._held = Coordinates(*(np.empty((rows, len(part))) for part in now))
+        self._q, self._v, self._y = self._held
         self._rows = 0
 
     def append(self, time: float, now: Coordinates) -> bool:
         """One more; True if there is no room for another."""
-        self._time[self._rows] = time
-        for held, part in zip(self._held, now, strict=True):
-            held[self._rows] = part
-        self._rows += 1
+        row = self._rows
+        self._time[row] = time
+        self._q[row], self._v[row] = now.q, now.v
+        if len(now.y):
+            self._y[row] = now.y
+        self._rows = row + 1
         return self._rows == len(self._time)
 
     @property

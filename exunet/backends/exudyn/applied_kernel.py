@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,20 +34,27 @@ class AppliedKernel:
         self._model, self._kernel, self._blocks, self._bodies = model, kernel, blocks, bodies
         self._data, self._awake = kernel.data(memory), memory.get(AWAKE)
         self._run: Callable[..., None] = kernel.module.engine_forces
+        self._states = slice(blocks.n_x - blocks.n_states, blocks.n_x)
         self._place: Place | None = None
+        self._held: Any = None  # data and place, for the compiled code
         self._push = np.zeros(blocks.n_force)
 
     def evaluate(self, t: float, q: Floats, q_t: Floats, out: Floats) -> None:
         """Forces on free coordinates of points, and on bodies, into out; see `Model.applied_forces`."""
-        if self._place is None:
-            self._place = self._where()
+        place = self._place
+        if place is None or self._held is None:
+            place = self._hold()
         if self._blocks.states:
-            first = self._blocks.n_x - self._blocks.n_states
-            self._place.values[X, first : self._blocks.n_x] = self._model.first_order()
-        self._run(t, q, q_t, self._data, self._place, out)
+            place.values[X, self._states] = self._model.first_order()
+        self._run(t, q, q_t, self._held, out)
         if self._awake is not None:  # what sleeps is at rest, and stays so without a force
-            free = self._place.where[1]
+            free = place.where[1]
             out[: len(free)] *= self._awake[free // 3]
+
+    def _hold(self) -> Place:
+        place = self._where() if self._place is None else self._place
+        self._place, self._held = place, self._kernel.module.hold((self._data, place))
+        return place
 
     def rates(self, t: float, q: Floats, q_t: Floats, out: Floats) -> Floats:
         """(n_states,) rates of the first-order states; out as for `evaluate`."""
@@ -77,7 +85,7 @@ class AppliedKernel:
 
     def remember(self, memory: Mapping[str, Floats]) -> None:
         """Take all memories as they are now."""
-        self._data, self._awake = self._kernel.data(memory), memory.get(AWAKE)
+        self._data, self._awake, self._held = self._kernel.data(memory), memory.get(AWAKE), None
 
     def _where(self) -> Place:
         model, blocks = self._model, self._blocks

@@ -46,7 +46,7 @@ class Model:
         self._reference: list[Sequence[float]] = []
         self._keep_alive: list[Any] = []  # the engine only borrows the functions it is given
         self._laws: dict[bool, Any] = {}
-        self._views: list[Floats] = []
+        self._seen: Coordinates | None = None
         self._connectors: dict[int, int] = {}  # of elements
         self._carrying: NDArray[np.bool_] | None = None
         self._bodies: list[int] = []
@@ -229,7 +229,7 @@ class Model:
             return
         if bodies:
             nodes = nodes + self._bodies
-        data, views = self.system.systemData, self._views
+        coordinates = self.coordinates_in_call
         nothing = [0.0] * (6 if nodes[0] in self._bodies else 3)
         arguments: dict[str, Any] = {"nodeNumbers": nodes, "forceVector": out.tolist()}
         if mass is not None:
@@ -238,9 +238,8 @@ class Model:
         self._keep_alive += [evaluate, jacobian]
 
         def compute(mbs: Any, t: float, item: int, _q: Any, _q_t: Any) -> list[float]:
-            if not views:
-                views.extend((data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False)))
-            evaluate(t, views[0], views[1], out)
+            q, q_t, _ = coordinates()
+            evaluate(t, q, q_t, out)
             mbs.SetObjectParameter(item + 1, "forceVector", out)
             return nothing
 
@@ -278,12 +277,12 @@ class Model:
         return np.asarray(self.system.systemData.GetODE1Coordinates(copy=False))
 
     def look_again(self) -> None:
-        """Take new views of the engine's state at the next evaluation.
+        """Let `coordinates_in_call` take new views of the engine's state.
 
         A view costs as much as the forces of a hundred elements. Within a call of the engine its arrays stay
         where they are; between two calls nothing is presumed.
         """
-        self._views.clear()
+        self._seen = None
 
     def _system_jacobian(self, jacobian: Jacobian) -> Any:
         data = self.system.systemData
@@ -364,6 +363,13 @@ class Model:
         data = self.system.systemData
         q, v = data.GetODE2Coordinates(copy=False), data.GetODE2Coordinates_t(copy=False)
         return Coordinates(q, v, self.first_order())
+
+    def coordinates_in_call(self) -> Coordinates:
+        """The same between `look_again` and the end of the engine's next call."""
+        seen = self._seen
+        if seen is None or self._n_first_order:
+            seen = self._seen = self.coordinates()
+        return seen
 
 
 def _no_jacobian(container: Any) -> Any:

@@ -39,6 +39,7 @@ class Stepper:
         self._system, self._plan, self._observer, self._fused = system, plan, observer, fused
         self._method = METHODS[plan.method]
         self._adaptive = self._method.kind == Kind.ADAPTIVE
+        self._tiny = 4.0 * plan.least_step
         self._events = Events(system.forces, state.memory, observer)
         self._counts = StepCounts()
         self._newton_before = 0  # in solvers that were started before
@@ -168,11 +169,12 @@ class Stepper:
             self._check_interrupt()
             if self._adaptive:
                 end_of_attempt = self._choice.choose(end_of_attempt, self._attempting, rejected)
-            self._refuse_collapse()
+                self._refuse_collapse()
             self._attempting = True
             self._attempt_end = end_of_attempt
             if self._adaptive:
-                self._shorten()
+                if self._events.in_steps:
+                    self._shorten()
                 self._choice.attempted()
         except BaseException as error:
             self._stop = error  # advance() raises it again
@@ -185,7 +187,7 @@ class Stepper:
         The step's own size counts: after a step that overflowed, steps are too small to move the time at all.
         """
         size = self._solver.it.currentStepSize
-        if size > 4.0 * self._plan.least_step:
+        if size > self._tiny:
             self._tiny_attempts = 0
             return
         self._tiny_attempts += 1
@@ -199,14 +201,13 @@ class Stepper:
         self._counts.steps += 1
         self._step_start = time
         self._choice.accepted(time)
-        self._append(time)
+        if self._accepted.append(time, self._model.coordinates_in_call()):
+            self.hand_over()
         if self._look_for_events(time):
             raise _BeginAnew
 
     def _shorten(self) -> None:
         """Make the step that is about to be tried end near the next event."""
-        if not self._events.in_steps:
-            return
         x, v = self._flat(self._step_start)
         step, least = self._attempt_end - self._step_start, 8.0 * self._plan.least_step
         shorter = self._events.step_within(step, least, x, v)
@@ -233,7 +234,7 @@ class Stepper:
 
     def _look_for_events(self, time: float) -> bool:
         """True if one, at the end of an accepted step, makes the solver begin anew."""
-        if not self._events:
+        if not self._events.any:
             return False
         found = moved = False
         x, v = self._flat(time)
