@@ -14,7 +14,7 @@ from result_samples import square_net, unfolding
 
 from exunet.base.errors import InputError
 from exunet.results import from_rows, segments
-from exunet.results.columns import PATHS, MassProperties, body_path, body_quantities, declare
+from exunet.results.columns import PATHS, BodyConstants, body_path, body_quantities, declare
 from exunet.results.reading import load_result, open_unfinished
 from exunet.results.result import BodyStates
 from exunet.results.rows import StoredRows, blocks
@@ -23,8 +23,8 @@ from exunet.results.store import MemoryStore
 from exunet.results.writing import join, save
 
 NET = square_net(cells=2, strings=True)
-RIGID = MassProperties(2000.0, np.diag([1.0, 2.0, 3.0]))
-BODIES = {"chaser": MassProperties(500.0), "target": RIGID}
+RIGID = BodyConstants(2000.0, np.diag([1.0, 2.0, 3.0]))
+BODIES = {"chaser": BodyConstants(500.0), "target": RIGID}
 COLUMNS = declare(NET.n_nodes, NET.n_elements, BODIES)
 ROW_BYTES = sum(column.row_bytes for column in COLUMNS)
 PROVENANCE = {"method": "by hand", "tolerance": 1e-9}

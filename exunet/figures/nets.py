@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
@@ -19,7 +20,7 @@ from exunet.figures.style import BLACK, BLUE, GREY, RED, SMALL, number
 from exunet.figures.views import best_view, draw_net, net_size, of_border
 from exunet.net.arrays import Net
 from exunet.results.measures import centre_of_mass
-from exunet.results.result import Result
+from exunet.results.result import BodyStates, Result
 
 Floats = NDArray[np.float64]
 
@@ -98,19 +99,37 @@ def snapshots(result: Result, page: Page) -> Figure:
 
 
 def _places(result: Result, chosen: list[int]) -> Floats:
-    """(k, n_bodies, 3) [m] of the bodies' centres of mass at chosen stored times."""
-    places = [body.position[chosen] for body in result.bodies.values()]
-    return np.stack(places, axis=1) if places else np.zeros((len(chosen), 0, 3))
+    """(k, n, 3) [m] of the bodies' centres of mass and the lines of their shapes, at chosen stored times."""
+    places = [np.zeros((len(chosen), 0, 3))]
+    for body in result.bodies.values():
+        places.append(np.asarray(body.position[chosen])[:, None])
+        if body.wireframe is not None:
+            places.append(np.stack([_lines(body, k).reshape(-1, 3) for k in chosen]))
+    return np.concatenate(places, axis=1)
+
+
+def _lines(body: BodyStates, k: int) -> Floats:
+    """(n, 2, 3) [m] of its shape at a stored time."""
+    assert body.wireframe is not None
+    assert body.attitude is not None
+    turn = rotation_matrix(np.asarray(body.attitude[k]))
+    return np.asarray(body.wireframe @ turn.T + body.position[k])
 
 
 def _draw_bodies(
     axes: Axes, result: Result, k: int, origin: Floats, plane: tuple[int, int], named: bool
 ) -> None:
-    """A mark of each body, and its name if wanted; of rigid ones their x and y axes, the y axis thin."""
+    """A mark of each body, its name if wanted, and its shape; of rigid ones without one their x and y axes.
+
+    The y axis is thin.
+    """
     reach = 0.12 * net_size(result.net)
     for name, body in result.bodies.items():
         at = (body.position[k] - origin)[list(plane)]
-        if body.attitude is not None:
+        if body.wireframe is not None:
+            lines = (_lines(body, k) - origin)[..., list(plane)]
+            axes.add_collection(LineCollection(list(lines), colors=RED, linewidths=0.6))
+        elif body.attitude is not None:
             arms = reach * rotation_matrix(np.asarray(body.attitude[k]))[list(plane)]
             for axis, width in ((0, 2.2), (1, 1.0)):
                 axes.plot(*np.stack([at, at + arms[:, axis]], axis=1), color=RED, linewidth=width)

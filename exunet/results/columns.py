@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,14 +37,49 @@ class Column:
 
 
 @dataclass(frozen=True)
-class MassProperties:
-    """What does not change of a body: its mass [kg] and its inertia (3, 3) [kg m2].
+class BodyConstants:
+    """What does not change of a body.
 
-    The inertia is that about the centre of mass, in body axes; None for a point mass.
+    mass      : [kg]
+    inertia   : (3, 3) about the centre of mass, in body axes [kg m2]; None: a point mass
+    wireframe : (k, 2, 3) ends of lines that show its shape, from the centre of mass, in body axes [m]; None:
+                it has no shape
     """
 
     mass: float
     inertia: Floats | None = None
+    wireframe: Floats | None = None
+
+    def arrays(self) -> dict[str, Floats]:
+        """Those of its values that are arrays, by name."""
+        named = {"inertia": self.inertia, "wireframe": self.wireframe}
+        return {name: values for name, values in named.items() if values is not None}
+
+
+# Arrays of `BodyConstants`: shape (k: any number), units, description.
+CONSTANTS: dict[str, tuple[tuple[int | None, ...], str, str]] = {
+    "inertia": ((3, 3), "kg m2", "inertia about the centre of mass, in body axes"),
+    "wireframe": (
+        (None, 2, 3),
+        "m",
+        "ends of lines that show the shape, from the centre of mass, in body axes",
+    ),
+}
+
+
+def body_constants(mass: float, arrays: Mapping[str, Any]) -> BodyConstants:
+    """From what a file has of them. Raises ValueError if these are not finite numbers of these shapes."""
+    if not np.isfinite(mass):
+        raise ValueError("mass contains NaN or infinity")
+    for name, values in arrays.items():
+        shape, _, _ = CONSTANTS[name]
+        fits = values.ndim == len(shape) and all(
+            want in (None, size) for want, size in zip(shape, values.shape, strict=True)
+        )
+        if not fits or values.dtype.kind != "f" or not np.all(np.isfinite(values)):
+            words = " x ".join("k" if size is None else str(size) for size in shape)
+            raise ValueError(f"{name} is not an array of {words} finite numbers")
+    return BodyConstants(mass, **arrays)
 
 
 # Attribute of a Result: path, shape of a row (n nodes, e elements), units, description.
@@ -86,7 +122,7 @@ _RIGID: dict[str, tuple[int, str, str]] = {
 }
 
 
-def declare(n_nodes: int, n_elements: int, bodies: Mapping[str, MassProperties]) -> tuple[Column, ...]:
+def declare(n_nodes: int, n_elements: int, bodies: Mapping[str, BodyConstants]) -> tuple[Column, ...]:
     """The columns of a system of a net and `bodies` by name; raises InputError for an impossible name."""
     sizes = {"n": n_nodes, "e": n_elements, "3": 3}
     columns = [
@@ -116,6 +152,6 @@ def body_path(name: str, quantity: str) -> str:
     return f"bodies/{name}/{quantity}"
 
 
-def body_quantities(body: MassProperties) -> dict[str, tuple[int, str, str]]:
+def body_quantities(body: BodyConstants) -> dict[str, tuple[int, str, str]]:
     """Number of values, units and description of each quantity that is stored of a body."""
     return _BODY if body.inertia is None else _BODY | _RIGID

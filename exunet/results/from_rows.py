@@ -15,8 +15,8 @@ from exunet.results.columns import (
     OPTIONAL,
     PATHS,
     STATES,
+    BodyConstants,
     Column,
-    MassProperties,
     body_path,
     body_quantities,
     declare,
@@ -33,7 +33,7 @@ IN_MEMORY = 64 << 20  # bytes of all columns up to which they are read at once
 def result_of_rows(
     source: RowSource,
     net: Net,
-    bodies: Mapping[str, MassProperties],
+    bodies: Mapping[str, BodyConstants],
     complete: bool,
     verdict: str,
     provenance: dict[str, Any],
@@ -75,9 +75,9 @@ def result_of_rows(
 _OPTIONAL_PATHS = {PATHS[name] for name in OPTIONAL}
 
 
-def _body(found: Mapping[str, Any], name: str, body: MassProperties) -> BodyStates:
+def _body(found: Mapping[str, Any], name: str, body: BodyConstants) -> BodyStates:
     states = {quantity: found[body_path(name, quantity)] for quantity in body_quantities(body)}
-    return BodyStates(body.mass, body.inertia, **states)
+    return BodyStates(body.mass, body.inertia, wireframe=body.wireframe, **states)
 
 
 def check_values(values: Any, column: Column, where: str) -> None:

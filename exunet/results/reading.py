@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.base.interrupt import postponed
-from exunet.results.columns import PATHS, Column, MassProperties, declare, state_column
+from exunet.results.columns import (
+    CONSTANTS,
+    PATHS,
+    BodyConstants,
+    Column,
+    body_constants,
+    declare,
+    state_column,
+)
 from exunet.results.from_rows import result_of_rows
 from exunet.results.net_arrays import NET_ARRAYS, from_arrays
 from exunet.results.result import Result
@@ -111,7 +119,7 @@ def _read(file: h5py.File, path: str | Path) -> Result:
     group = file["net" if first else NET_GROUP]
     arrays = {name: _native(group[name][()], kind.dtype) for name, kind in NET_ARRAYS.items()}
     net = from_arrays(arrays, str(path))
-    bodies = {name: _mass(one) for name, one in file["bodies"].items()} if "bodies" in file else {}
+    bodies = {name: _constants(one) for name, one in file["bodies"].items()} if "bodies" in file else {}
     provenance = json.loads(_text(file.attrs["provenance"]))
     if not isinstance(provenance, dict):
         raise ValueError("provenance is not a JSON object")
@@ -135,14 +143,12 @@ def _of_terms(file: h5py.File) -> Iterator[Column]:
             yield state_column(f"{term}/{quantity}", dataset.shape[1], _text(dataset.attrs["units"]))
 
 
-def _mass(group: h5py.Group) -> MassProperties:
-    inertia = _native(group["inertia"][()], "<f8") if "inertia" in group else None
-    if inertia is not None and (inertia.shape != (3, 3) or not np.all(np.isfinite(inertia))):
-        raise ValueError(f"{group.name}/inertia is not a matrix of 3 x 3 numbers")
-    mass = float(group["mass"][0])
-    if not np.isfinite(mass):
-        raise ValueError(f"{group.name}/mass contains NaN or infinity")
-    return MassProperties(mass, inertia)
+def _constants(group: h5py.Group) -> BodyConstants:
+    arrays = {name: _native(group[name][()], "<f8") for name in CONSTANTS if name in group}
+    try:
+        return body_constants(float(group["mass"][0]), arrays)
+    except ValueError as error:
+        raise ValueError(f"{group.name}: {error}") from error
 
 
 def _native(values: NDArray[Any], dtype: str) -> NDArray[Any]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from exunet.net.arrays import Net
 from exunet.results.areas import mouth_area
+from exunet.results.columns import CONSTANTS
 from exunet.results.frame import frame
 from exunet.results.rows import StoredRows, over_blocks, row_ranges
 
@@ -32,6 +33,8 @@ class BodyStates:
     attitude         : (n_times, 4) unit quaternion (w, x, y, z) that turns body axes into inertial axes; None
                        for a point mass
     angular_velocity : (n_times, 3) [rad/s], in body axes; None for a point mass
+    wireframe        : (k, 2, 3) ends of lines that show its shape, from the centre of mass, in body axes [m];
+                       None: it has no shape
     """
 
     mass: float
@@ -40,6 +43,7 @@ class BodyStates:
     velocity: Floats
     attitude: Floats | None = None
     angular_velocity: Floats | None = None
+    wireframe: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -152,6 +156,6 @@ def _cut(states: _Cut, chosen: slice) -> _Cut:
     found: dict[str, Any] = {
         one.name: getattr(states, one.name)[chosen]
         for one in fields(states)
-        if one.name != "inertia" and isinstance(getattr(states, one.name), np.ndarray | StoredRows)
+        if one.name not in CONSTANTS and isinstance(getattr(states, one.name), np.ndarray | StoredRows)
     }
     return replace(states, **found)

@@ -12,7 +12,6 @@ index does not name does not count, so a process may be killed at any moment: wh
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import secrets
@@ -31,7 +30,7 @@ from exunet.base.errors import InputError
 from exunet.base.files import cannot_write, sweep
 from exunet.base.interrupt import postponed
 from exunet.net.arrays import Net
-from exunet.results.columns import Column, MassProperties
+from exunet.results.columns import CONSTANTS, BodyConstants, Column, body_constants
 from exunet.results.net_arrays import from_arrays, to_arrays
 from exunet.results.store import Block, count_rows
 
@@ -69,8 +68,7 @@ class Segments:
             self._identity = _text(header["identity"])
             self.columns = tuple(_column(one) for one in header["columns"])
             self.bodies = {
-                _text(name): _mass(mass, arrays.pop(f"inertia of {name}", None))
-                for name, mass in header["bodies"].items()
+                _text(name): _constants(mass, arrays, _text(name)) for name, mass in header["bodies"].items()
             }
             self.provenance: dict[str, Any] = dict(header["provenance"].items())
         self.net = from_arrays(arrays, str(folder / RUN))
@@ -146,12 +144,12 @@ def _column(one: Any) -> Column:
     return Column(_text(one["path"]), row, _text(one["units"]), _text(one["description"]))
 
 
-def _mass(mass: Any, inertia: Floats | None) -> MassProperties:
-    if type(mass) is not float or not math.isfinite(mass):
+def _constants(mass: Any, arrays: dict[str, Floats], name: str) -> BodyConstants:
+    """Of the body `name`, whose arrays are taken out of `arrays`."""
+    if type(mass) is not float:
         raise TypeError(f"{mass!r} is no mass")
-    if inertia is not None and (inertia.shape != (3, 3) or inertia.dtype.kind != "f"):
-        raise ValueError("an inertia is not a matrix of 3 x 3 numbers")
-    return MassProperties(mass, inertia)
+    there = [one for one in CONSTANTS if f"{one} of {name}" in arrays]
+    return body_constants(mass, {one: arrays.pop(f"{one} of {name}") for one in there})
 
 
 class SegmentStore(Segments):
@@ -185,7 +183,7 @@ class SegmentStore(Segments):
         folder: str | Path,
         columns: tuple[Column, ...],
         net: Net,
-        bodies: Mapping[str, MassProperties],
+        bodies: Mapping[str, BodyConstants],
         provenance: Mapping[str, Any],
     ) -> SegmentStore:
         """A new, empty store in `folder`, which is made; an earlier store in it is removed.
@@ -203,8 +201,7 @@ class SegmentStore(Segments):
             "provenance": dict(provenance),
         }
         for name, body in bodies.items():
-            if body.inertia is not None:
-                arrays[f"inertia of {name}"] = np.asarray(body.inertia, dtype=float)
+            arrays |= {f"{one} of {name}": np.asarray(values, float) for one, values in body.arrays().items()}
         try:
             folder.mkdir(parents=True, exist_ok=True)
             lock = _locked(folder)

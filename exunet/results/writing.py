@@ -21,10 +21,11 @@ from exunet.base.errors import InputError
 from exunet.base.files import cannot_write, path_of, replacing
 from exunet.net.arrays import Net
 from exunet.results.columns import (
+    CONSTANTS,
     PATHS,
     STATES,
+    BodyConstants,
     Column,
-    MassProperties,
     body_path,
     body_quantities,
     declare,
@@ -61,7 +62,9 @@ def save(result: Result, path: str | Path, *, overwrite: bool = False) -> None:
     path = path_of(path, "save")
     if not overwrite and path.is_file():
         raise InputError(f"{path}: there is a file of that name: give another, or overwrite=True")
-    bodies = {name: MassProperties(body.mass, body.inertia) for name, body in result.bodies.items()}
+    bodies = {
+        name: BodyConstants(body.mass, body.inertia, body.wireframe) for name, body in result.bodies.items()
+    }
     source = _ResultRows(result, bodies, _where(path))
     join(source, path, result.net, bodies, result.provenance, result.verdict, result.complete)
 
@@ -70,7 +73,7 @@ def join(
     source: RowSource,
     path: str | Path,
     net: Net,
-    bodies: Mapping[str, MassProperties],
+    bodies: Mapping[str, BodyConstants],
     provenance: Mapping[str, Any],
     verdict: str,
     complete: bool,
@@ -93,9 +96,9 @@ def join(
             put(file, f"{NET_GROUP}/{name}", arrays[name], kind.units, kind.description)
         for name, body in bodies.items():
             put(file, body_path(name, "mass"), np.array([body.mass], dtype="<f8"), "kg", "mass")
-            if body.inertia is not None:
-                words = "inertia about the centre of mass, in body axes"
-                put(file, body_path(name, "inertia"), np.asarray(body.inertia, "<f8"), "kg m2", words)
+            for one, values in body.arrays().items():
+                _, units, words = CONSTANTS[one]
+                put(file, body_path(name, one), np.asarray(values, "<f8"), units, words)
         for column in sorted(source.columns, key=lambda column: column.path):
             _put_rows(file, sink, source, column, where)
 
@@ -107,7 +110,7 @@ def _where(path: str | Path) -> str:
 class _ResultRows:
     """The arrays of a Result as rows; raises InputError, which begins with `where`, if they do not fit."""
 
-    def __init__(self, result: Result, bodies: Mapping[str, MassProperties], where: str) -> None:
+    def __init__(self, result: Result, bodies: Mapping[str, BodyConstants], where: str) -> None:
         arrays: dict[str, Any] = {path: getattr(result, name) for name, path in PATHS.items()}
         for name, properties in bodies.items():
             for quantity in body_quantities(properties):

@@ -13,10 +13,11 @@ from exunet.backends.exudyn.loading import exudyn_version
 from exunet.backends.protocol import StepCounts
 from exunet.base.version import VERSION
 from exunet.bodies.body import in_frames
+from exunet.bodies.wireframe import wireframe
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.methods.plan import Plan
-from exunet.results.columns import STATES, Column, MassProperties, body_path, declare, state_column
+from exunet.results.columns import STATES, BodyConstants, Column, body_path, declare, state_column
 from exunet.results.from_rows import result_of_rows
 from exunet.results.result import Result
 from exunet.results.store import MemoryStore, RowStore
@@ -31,17 +32,24 @@ Floats = NDArray[np.float64]
 _BATCH = 256  # stored states that are appended in one go
 
 
-def mass_properties(system: System) -> dict[str, MassProperties]:
+def constants_of_bodies(system: System) -> dict[str, BodyConstants]:
     """What does not change of the bodies, by name."""
-    points = {name: MassProperties(float(system.mass[k])) for name, k in system.blocks.body.items()}
-    rigid = {body.name: MassProperties(body.mass, body.inertia_in_frame) for body in system.bodies}
+    points = {name: BodyConstants(float(system.mass[k])) for name, k in system.blocks.body.items()}
+    rigid = {
+        body.name: BodyConstants(
+            body.mass,
+            body.inertia_in_frame,
+            None if body.shape is None else wireframe(body.shape) - body.centre,
+        )
+        for body in system.bodies
+    }
     return points | rigid
 
 
 def columns_of(system: System) -> tuple[Column, ...]:
     """What is stored of each state."""
     states = (state_column(one.name, len(one.initial), one.units) for one in system.blocks.states)
-    return (*declare(system.net.n_nodes, system.net.n_elements, mass_properties(system)), *states)
+    return (*declare(system.net.n_nodes, system.net.n_elements, constants_of_bodies(system)), *states)
 
 
 class Recorder:
@@ -175,7 +183,7 @@ class Recorder:
     def result(self, verdict: str, monitor: Monitor) -> Result:
         """The states so far; complete if the verdict is "ok"."""
         verdict, story = self.finish(verdict, monitor)
-        bodies = mass_properties(self._start.system)
+        bodies = constants_of_bodies(self._start.system)
         return result_of_rows(self.rows, self._start.net, bodies, verdict == "ok", verdict, story, "the run")
 
 

@@ -35,7 +35,7 @@ from exunet.results.segments import Segments, SegmentStore
 from exunet.results.writing import join
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.preparation import Start, prepare, prepare_case
-from exunet.simulation.recorder import Recorder, columns_of, mass_properties
+from exunet.simulation.recorder import Recorder, columns_of, constants_of_bodies
 from exunet.simulation.simulation import Simulation, cannot_restart
 from exunet.simulation.snapshot import Snapshot
 
@@ -230,7 +230,7 @@ def _begun(
     folder: Path, case: Case, start: Start, checkpoint_every: float | None
 ) -> tuple[Simulation, Recorder, _Checkpoints]:
     story = provenance(case) | {"checkpoint_every": checkpoint_every}
-    bodies = mass_properties(start.system)
+    bodies = constants_of_bodies(start.system)
     store = SegmentStore.create(folder / STORE_FOLDER, columns_of(start.system), start.net, bodies, story)
     try:
         recorder = Recorder(start, provenance(case), store)
@@ -257,7 +257,7 @@ def _into(
             verdict, stopped = str(stop), stop
         _close(simulation, recorder, stopped)
         verdict, story = recorder.finish(verdict, simulation.monitor)
-        net, bodies = simulation.start.net, mass_properties(simulation.start.system)
+        net, bodies = simulation.start.net, constants_of_bodies(simulation.start.system)
         remove_waiting(folder)
         place = waiting_place(folder) if has_result(folder) else folder
         with postponed():  # an exception for Ctrl-C inside a destructor of h5py would be lost
