@@ -62,7 +62,7 @@ def no_bodies(states: int) -> RigidStates:
 
 def gained(start: Start, position: np.ndarray, velocity: np.ndarray, taken: float = 0.0) -> list[float]:
     """What a state, after `taken` was dissipated [J], has added to the energy scale, and in all [J]."""
-    scale = EnergyScale(start.system, start.state)
+    scale = EnergyScale(States.of(start.system, start.state))
     (own,), (in_all,) = scale.gained(
         States.of(start.system, start.state.at(position, velocity)), np.array([taken])
     )

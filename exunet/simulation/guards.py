@@ -91,8 +91,8 @@ class Guards:
     """The bounds that follow from a start."""
 
     def __init__(self, system: System, start: State) -> None:
-        self._scale = EnergyScale(system, start)
         now = States.of(system, start)
+        self._scale = EnergyScale(now)
         self._start, self._bodies = (float(part[0]) for part in _apart(now))
         self._gained = np.zeros(2)
         net = system.net

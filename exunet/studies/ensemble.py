@@ -280,10 +280,13 @@ def _side_by_side(
 ) -> list[tuple[Any, ...] | None]:
     """The same of several runs at once; None for a run that stopped."""
     system, runs = starts[0].system, len(starts)
+    moved = (np.array(parts) for parts in zip(*((one.position, one.velocity) for one in starts), strict=True))
+    begun = _measured(States.of_points(system, np.repeat(times[0], runs), *moved), np.zeros(runs))
     parts: list[list[tuple[Floats, ...]]] = [
-        [_measured(States.of(system, start.state), np.zeros(1))] for start in starts
+        [tuple(column[run : run + 1] for column in begun)] for run in range(runs)
     ]
-    monitors: list[Monitor | None] = [Monitor(system, start.state) for start in starts]
+    # The guards look at each stored time, as in a run.
+    monitors: list[Monitor | None] = [Monitor(system, start.state, every=1) for start in starts]
     loop = RunsSideBySide(system, [start.state for start in starts], starts[0].plan, kernel)
     most = max(2, _MOST_VALUES // (WIDTH * system.blocks.n_x))
     for stretch in _stretches(times, stop, _FIRST, most):
@@ -296,8 +299,6 @@ def _side_by_side(
             if monitor is None:
                 continue
             first = run * len(stretch)
-            for time in stretch[1:]:
-                monitor.mark(time)
             try:
                 monitor.see(states[first : first + len(stretch)], found.taken[run])
             except RunStopped:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
@@ -9,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from exunet.system import energy
 from exunet.system.states import States
-from exunet.system.system import State, System
+from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
@@ -17,6 +20,42 @@ Floats = NDArray[np.float64]
 # those of its own energy, and those of the work that is summed over the steps.
 TRANSLATION_PART = 1e-9
 WORK_PART = 1e-5
+
+
+class FreeParts(NamedTuple):
+    """What hangs together, points and then driven bodies, of the parts that nothing holds.
+
+    members : (m,) which points and bodies are in one
+    part    : (m,) in which
+    mass    : (n_parts,) [kg]
+    mean    : (n_parts, n) averages over the parts, by mass
+    """
+
+    members: NDArray[np.int64]
+    part: NDArray[np.int64]
+    mass: Floats
+    mean: Floats
+
+
+@lru_cache(maxsize=8)  # many runs of one system
+def free_parts(system: System) -> FreeParts:
+    """The parts of a system that nothing holds."""
+    net, mass = system.net, np.append(system.mass, system.body_mass[system.driven])
+    n = len(mass)
+    i, j = net.element_nodes.T
+    links = csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
+    part = connected_components(links, directed=False)[1]
+    held = part if system.blocks.awake is not None else part[system.held]  # points that sleep hold too
+    free = np.setdiff1d(part, held)
+    if system.driven.any() and len(free):
+        part[np.isin(part, free)] = free[0]
+        free = free[:1]
+    members = np.flatnonzero(np.isin(part, free))
+    number = np.searchsorted(free, part[members])
+    of_parts = np.bincount(number, mass[members], minlength=len(free))
+    mean = np.zeros((len(free), n))
+    mean[number, members] = mass[members] / of_parts[number]
+    return FreeParts(members, number, of_parts, mean)
 
 
 class EnergyScale:
@@ -31,39 +70,20 @@ class EnergyScale:
     A rigid body that no term acts on has a balance of its own (see `exunet.simulation.guards`). One that a
     term acts on may meet every free part: all of these count as one.
 
-    start : that energy at the start, kinetic and elastic [J]
+    start : one state; as an attribute that energy there, kinetic and elastic [J]
     """
 
-    def __init__(self, system: System, state: State) -> None:
+    def __init__(self, start: States) -> None:
+        system = start.system
         self._forces, self._layout, self._driven = system.forces, system.layout, system.driven
         self._guided = bool(system.kinematics.guides)
-        self._parts(system)
-        now = States.of(system, state)
-        self._rest = now.flat[0][0]
-        kinetic = energy.kinetic(system.mass, state.velocity) + now.kinetic_of_bodies[0] @ system.driven
-        elastic = energy.elastic(system.forces, state.position, state.memory)
-        self._common = self._of_centres(now)
-        self._potential = float(energy.potential(system.forces, now.flat[0], state.memory)[0])
+        self._free = free_parts(system)
+        self._rest = start.flat[0][0]
+        kinetic = energy.kinetic(system.mass, start.velocity[0]) + start.kinetic_of_bodies[0] @ system.driven
+        self._common = self._of_centres(start)
+        self._potential = float(start.potential[0])
         moving = float(self._common[0][0])
-        self.start = float(kinetic + elastic) - moving + TRANSLATION_PART * moving
-
-    def _parts(self, system: System) -> None:
-        """Which points and driven bodies hang together, and the averages over those that nothing holds."""
-        net, mass = system.net, np.append(system.mass, system.body_mass[system.driven])
-        n = len(mass)
-        i, j = net.element_nodes.T
-        links = csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
-        part = connected_components(links, directed=False)[1]
-        held = part if system.blocks.awake is not None else part[system.held]  # points that sleep hold too
-        free = np.setdiff1d(part, held)
-        if system.driven.any() and len(free):
-            part[np.isin(part, free)] = free[0]
-            free = free[:1]
-        self._free = np.flatnonzero(np.isin(part, free))  # points, then bodies
-        self._part = np.searchsorted(free, part[self._free])
-        self._mass = np.bincount(self._part, mass[self._free], minlength=len(free))
-        self._mean = np.zeros((len(free), n))  # averages over the parts, by mass
-        self._mean[self._part, self._free] = mass[self._free] / self._mass[self._part]
+        self.start = float(kinetic + start.elastic[0]) - moving + TRANSLATION_PART * moving
 
     def _of_centres(self, states: States) -> tuple[Floats, Floats]:
         """Kinetic and potential energy [J] of the centres of mass of k states -> (k,) each."""
@@ -71,15 +91,17 @@ class EnergyScale:
         if self._driven.any():
             position = np.concatenate([position, states.bodies.position[:, self._driven]], axis=1)
             velocity = np.concatenate([velocity, states.bodies.velocity[:, self._driven]], axis=1)
-        speeds = self._mean @ velocity
-        kinetic = 0.5 * np.einsum("kpa,kpa,p->k", speeds, speeds, self._mass)
+        speeds = self._free.mean @ velocity
+        kinetic = 0.5 * np.einsum("kpa,kpa,p->k", speeds, speeds, self._free.mass)
         if not self._forces.has_potential:
             return kinetic, np.zeros(len(position))
         flat = np.repeat(self._rest[None], len(position), axis=0)
         gathered = self._layout.unpack(flat, np.empty((len(position), self._layout.blocks.n_v)))
-        centres, points = (self._mean @ position)[:, self._part], self._free < gathered.position.shape[1]
-        gathered.position[:, self._free[points]] = centres[:, points]
-        bodies = np.flatnonzero(self._driven)[self._free[~points] - gathered.position.shape[1]]
+        centres = (self._free.mean @ position)[:, self._free.part]
+        members, n_points = self._free.members, gathered.position.shape[1]
+        points = members < n_points
+        gathered.position[:, members[points]] = centres[:, points]
+        bodies = np.flatnonzero(self._driven)[members[~points] - n_points]
         gathered.bodies.position[:, bodies] = centres[:, ~points]
         return kinetic, energy.potential(self._forces, flat, states.memory)
 

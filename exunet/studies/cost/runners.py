@@ -209,7 +209,7 @@ def _by_reference(subject: Subject, setting: Setting) -> TimedTrajectory:
     # No term of a case acts on rigid bodies, so the scale of energies does not depend on where they are.
     resting = [np.repeat(part[None], len(found.t), axis=0) for part in both.start.state.bodies.parts()]
     states = States(both.start.system, found.t, x, v, RigidStates(*resting), both.start.state.memory)
-    scales = EnergyScale(both.start.system, both.start.state)
+    scales = EnergyScale(States.of(both.start.system, both.start.state))
     scale = scales.start + float(scales.gained(states, found.dissipated)[0].max())
     error = float(np.abs(books.total - books.total[0]).max()) / (scale or float(books.kinetic.max()) or 1.0)
     n = both.start.net.n_nodes
