@@ -47,8 +47,8 @@ def work_precision(study: Study) -> Figure:
         resolved = max(study.converged.uncertainty, _LEAST)
         for axes in (left, right):
             axes.axhspan(_LEAST, resolved, color="0.93", zorder=0, label="not resolved")
-    least = min((_drawn(study, entry) for entry in study.measured), default=_LEAST)
-    left.set_ylim(_LEAST / 3 if least < 1e-11 else least / 5, 3.0)
+    drawn = [_drawn(study, entry) for entry in study.measured] or [_LEAST]
+    left.set_ylim(_LEAST / 3 if min(drawn) < 1e-11 else min(drawn) / 5, 3.0 * max(1.0, *drawn))
     legend_above(figure, *left.get_legend_handles_labels())
     return figure
 
