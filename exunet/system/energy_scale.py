@@ -52,7 +52,7 @@ def free_parts(system: System) -> FreeParts:
         free = free[:1]
     members = np.flatnonzero(np.isin(part, free))
     number = np.searchsorted(free, part[members])
-    of_parts = np.bincount(number, mass[members], minlength=len(free))
+    of_parts = np.bincount(number, mass[members], minlength=len(free)).astype(float)
     mean = np.zeros((len(free), n))
     mean[number, members] = mass[members] / of_parts[number]
     return FreeParts(members, number, of_parts, mean)
