@@ -43,8 +43,8 @@ def work_precision(study: Study) -> Figure:
     _panel(right, study, shown, "evaluations of the forces", evaluations)
     predicts = study.converged.predicts
     left.set_ylabel("speed error / launch speed" if predicts else "error of the energy balance")
-    if predicts:
-        resolved = max(study.converged.uncertainty, _LEAST)
+    resolved = study.converged.uncertainty
+    if predicts and resolved > _LEAST:
         for axes in (left, right):
             axes.axhspan(_LEAST, resolved, color="0.93", zorder=0, label="not resolved")
     drawn = [_drawn(study, entry) for entry in study.measured] or [_LEAST]
