@@ -43,6 +43,10 @@ COMMON = """format title seed time.end time.output_step time.output_times net.to
     bodies.NAME.parts.NAME.shape bodies.NAME.parts.NAME.size bodies.NAME.parts.NAME.radius
     bodies.NAME.parts.NAME.length bodies.NAME.parts.NAME.radii bodies.NAME.parts.NAME.position
     bodies.NAME.parts.NAME.attitude bodies.NAME.parts.NAME.axis bodies.NAME.parts.NAME.angle
+    tethers.NAME.diameter tethers.NAME.area tethers.NAME.density tethers.NAME.youngs_modulus
+    tethers.NAME.length tethers.NAME.divisions tethers.NAME.start.node tethers.NAME.start.bullet
+    tethers.NAME.start.body tethers.NAME.start.point tethers.NAME.end.node tethers.NAME.end.bullet
+    tethers.NAME.end.body tethers.NAME.end.point
     effects.choose effects.threshold"""
 THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
     net.strings.length net.strings.divisions net.bullets.mass"""

@@ -43,12 +43,12 @@ def within(table: str, faults: Iterable[Fault]) -> Iterator[Fault]:
 
 
 def exactly_one(keys: Table) -> Iterator[Fault]:
-    """A fault for each table, this one or inside it, that has none or both of its two keys."""
-    if pair := type(keys).EXACTLY_ONE:
-        one, other = pair
-        if keys.is_given(one) == keys.is_given(other):
-            where = other if keys.is_given(other) else ""
-            yield Fault(where, f"give either {one} or {other}, exactly one of them")
+    """A fault for each table, this one or inside it, that has none or more than one of its choices."""
+    if choices := type(keys).EXACTLY_ONE:
+        given = [name for name in choices if keys.is_given(name)]
+        if len(given) != 1:
+            words = f"{', '.join(choices[:-1])} or {choices[-1]}"
+            yield Fault(given[-1] if given else "", f"give either {words}, exactly one of them")
     for name, value in keys.__dict__.items():
         if isinstance(value, Table):
             yield from within(name, exactly_one(value))

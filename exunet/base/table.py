@@ -25,11 +25,11 @@ class Table(BaseModel):
     plain functions (exunet.case.cross_checks), which may be given the valid part of a table that has faults.
     There, to ask for a key that is missing or not valid raises Unknown.
 
-    EXACTLY_ONE : two keys of which a case gives exactly one, for reader and JSON schema; or none
+    EXACTLY_ONE : keys of which a case gives exactly one, for reader and JSON schema; or none
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-    EXACTLY_ONE: ClassVar[tuple[str, str] | None] = None
+    EXACTLY_ONE: ClassVar[tuple[str, ...] | None] = None
 
     if not TYPE_CHECKING:
 

@@ -19,7 +19,7 @@ from exunet.forces import effects
 from exunet.forces.requirements import RestOfCase
 from exunet.methods import keys as solver
 from exunet.methods.method import COMPILED_METHODS, TimeLoop
-from exunet.net import explicit, folding
+from exunet.net import explicit, folding, tether
 from exunet.net.base import ThrownNetTable, other_length
 
 MAX_STATES = 10_000_000
@@ -42,6 +42,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         inside(scene, "launch", _one_form),
         _launch_has_bullets(scene),
         _bodies(scene),
+        within("tethers", tether.cross_checks(scene.tethers, scene.bodies)),
         within("effects", effects.cross_checks(scene)),
     )
 

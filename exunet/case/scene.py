@@ -15,6 +15,7 @@ from exunet.methods.keys import Solver
 from exunet.methods.method import NetForm, TimeLoop
 from exunet.net import NetKeys
 from exunet.net.canister import Fold
+from exunet.net.tether import Tethers
 
 if TYPE_CHECKING:
     Effects = Table
@@ -169,6 +170,11 @@ class Scene(Table):
     bodies: Bodies = Field(
         {},
         description="rigid bodies, by any names; free unless a force acts on them",
+        json_schema_extra={"additionalProperties": False},
+    )
+    tethers: Tethers = Field(
+        {},
+        description="cables from the net or a body to a body, by any names",
         json_schema_extra={"additionalProperties": False},
     )
     effects: Effects = Field(default_factory=_Effects, description="a table present switches its effect on")

@@ -134,7 +134,7 @@ def template(topology: str = "square") -> str:
         "# A case of exunet, in SI units. What is commented out is optional:",
         "# remove the first '# ' of a key, or of each line of a table, to use it.",
         *_keys((), topology),
-        *_tables((), topology),
+        *_tables((), topology, needed=True),
     ]
     return "\n".join(lines) + "\n"
 
@@ -151,19 +151,19 @@ def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
         yield from _other_topologies(topology)
 
 
-def _tables(path: tuple[str, ...], topology: str) -> Iterator[str]:
-    """Lines of the tables in a table, each with its header."""
+def _tables(path: tuple[str, ...], topology: str, *, needed: bool) -> Iterator[str]:
+    """Lines of the tables in a table, which is itself needed or optional, each with its header."""
     node = resolve(path, topology)
     for name, raw in _properties(node).items():
         key = _plain(raw, topology)
         if key.get("type") != "object":
             continue
-        inner = (*path, name)
+        inner, on = (*path, name), needed and name in node.get("required", ())
         if keys := list(_keys(inner, topology)):  # a table of nothing but tables needs no header
             yield ""
             for line in (f"[{'.'.join(inner)}]  # {key.get('description', '')}", *keys):
-                yield line if name in node.get("required", ()) else "# " + line
-        yield from _tables(inner, topology)
+                yield line if on else "# " + line
+        yield from _tables(inner, topology, needed=on)
 
 
 def _properties(node: Node) -> Node:

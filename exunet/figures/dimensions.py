@@ -32,10 +32,11 @@ def dimensions(net: Net) -> list[Dimension]:
 
     Empty for a net without openings and for one that does not lie in a plane z = constant.
     """
-    points = net.reference_position[:, :2]
-    if not any(len(face) > 2 for face in net.faces) or np.ptp(net.reference_position[:, 2]) > 0.0:
+    points, height = net.reference_position[:, :2], net.reference_position[: net.n_net_nodes, 2]
+    if not any(len(face) > 2 for face in net.faces) or np.ptp(height) > 0.0:
         return []
-    woven = points[np.unique(net.element_nodes[~net.is_string])]
+    sides = net.element_nodes[: net.n_net_elements][~net.is_string[: net.n_net_elements]]
+    woven = points[np.unique(sides)]
     low, high = woven.min(axis=0), woven.max(axis=0)
     away = 0.07 * net_size(net)
     knots = _top_face(net, points)

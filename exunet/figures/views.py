@@ -67,12 +67,17 @@ def broadness(net: Net) -> float:
 def draw_net(
     axes: Axes, net: Net, position: Floats, plane: tuple[int, int], color: str, width: float
 ) -> None:
-    """The elements (a border broader, strings twice as broad), bullets as dots; position (n_nodes, 3) [m]."""
+    """The elements (a border broader, strings and tethers twice as broad), bullets as dots.
+
+    position : (n_nodes, 3) [m]
+    """
     size = net_size(net)
     points = np.clip(position[:, plane], *(np.array([-1e3, 1e3]) * size))
     broad = width * broadness(net)
     border = of_border(net)
-    for chosen, factor in ((~net.is_string & ~border, 1.0), (border, 1.6), (net.is_string, 2.0)):
+    woven = np.arange(net.n_elements) < net.n_net_elements
+    broader = net.is_string | ~woven
+    for chosen, factor in ((~broader & ~border, 1.0), (border, 1.6), (broader, 2.0)):
         if chosen.any():
             style: dict[str, Any] = {"colors": color, "linewidths": factor * broad, "capstyle": "round"}
             lines = LineCollection(_bundles(points[net.element_nodes[chosen]]), **style)
@@ -84,7 +89,8 @@ def draw_net(
 
 def of_border(net: Net) -> NDArray[np.bool_]:
     """(n_elements,) which elements of the sides are of another cross section than the first: of a border."""
-    return np.asarray(~net.is_string & (net.area != net.area[:1]))
+    woven = np.arange(net.n_elements) < net.n_net_elements
+    return np.asarray(woven & ~net.is_string & (net.area != net.area[:1]))
 
 
 def _bundles(segments: Floats, most: int = 256) -> list[Floats]:

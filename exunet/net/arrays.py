@@ -46,6 +46,19 @@ class Mesh:
 
 
 @dataclass(frozen=True)
+class Tether:
+    """A cable beside the net.
+
+    first : its own nodes are numbered from here on; an end may be a node of the net
+    nodes : along it
+    """
+
+    name: str
+    first: int
+    nodes: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class Net:
     """A cable net in its reference configuration, ready for either engine. The arrays are read-only.
 
@@ -66,6 +79,7 @@ class Net:
     faces              : loops of nodes round each mesh opening (inner nodes of sides included), anticlockwise
                          seen from +z
     mouth              : loop of corner nodes, anticlockwise; empty if the topology has none
+    tethers            : cables beside the net: their own nodes and elements are the last ones
     """
 
     reference_position: Floats
@@ -80,6 +94,7 @@ class Net:
     fixed_nodes: Ints
     faces: tuple[tuple[int, ...], ...] = ()
     mouth: tuple[int, ...] = ()
+    tethers: tuple[Tether, ...] = ()
 
     @property
     def n_nodes(self) -> int:
@@ -90,9 +105,27 @@ class Net:
         return len(self.reference_length)
 
     @property
+    def n_net_nodes(self) -> int:
+        """Nodes of the net itself: those before the tethers' own."""
+        return self.tethers[0].first if self.tethers else self.n_nodes
+
+    @property
+    def n_net_elements(self) -> int:
+        """Elements of the net itself, strings included: those before the tethers'."""
+        return self.n_elements - sum(len(tether.nodes) - 1 for tether in self.tethers)
+
+    @property
+    def tether_elements(self) -> dict[str, range]:
+        """The elements of each tether, by name."""
+        found, first = {}, self.n_net_elements
+        for tether in self.tethers:
+            found[tether.name] = range(first, first := first + len(tether.nodes) - 1)
+        return found
+
+    @property
     def size(self) -> float:
-        """Largest side of the box around the reference configuration [m]; 1 if it is a point."""
-        return float(np.ptp(self.reference_position, axis=0).max(initial=0.0)) or 1.0
+        """Largest side of the box around the net's reference configuration [m]; 1 if it is a point."""
+        return float(np.ptp(self.reference_position[: self.n_net_nodes], axis=0).max(initial=0.0)) or 1.0
 
     @property
     def axial_stiffness(self) -> Floats:

@@ -113,11 +113,11 @@ class AnyNet(ThrownNetTable):
 
 def cross_checks(keys: NetTable) -> Iterator[Fault]:
     """For nets of every topology: cables have mass and stiffness, and there are not too many elements."""
-    strings = [inside(keys, "strings", _within_floats)] if isinstance(keys, ThrownNetTable) else []
-    yield from each(inside(keys, "cable", _within_floats), *strings, _not_too_many(keys))
+    strings = [inside(keys, "strings", within_floats)] if isinstance(keys, ThrownNetTable) else []
+    yield from each(inside(keys, "cable", within_floats), *strings, _not_too_many(keys))
 
 
-def _within_floats(cable: Cable) -> Iterator[Fault]:
+def within_floats(cable: Cable) -> Iterator[Fault]:
     """Mass per length and axial stiffness of a cable are numbers above 0; one fault for both."""
     if cable.is_given("diameter") == cable.is_given("area"):
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -182,7 +183,7 @@ def _net(
     def spread(values: list[float]) -> Floats:
         return np.repeat(np.array(values, dtype=float), counts)
 
-    arrays = of_nodes | {
+    arrays: dict[str, Any] = of_nodes | {
         "element_nodes": np.concatenate([kind.element_nodes for kind in cables]),
         "reference_length": np.concatenate([np.repeat(kind.length, kind.divisions) for kind in cables]),
         "area": spread([kind.made_of.cross_section for kind in cables]),

@@ -56,10 +56,13 @@ def mouth_areas(result: Result) -> Floats:
 
 
 def net_centre(net: Net, position: Floats) -> Floats:
-    """Centre of mass of net, strings and bullets in each state: (t, 3) [m]; position (t, n_nodes, 3) [m]."""
+    """Centre of mass of net, strings and bullets, without tethers, in each state: (t, 3) [m].
+
+    position : (t, n_nodes, 3) [m]
+    """
     # By an element: in files of format 1 a chaser is the last node of the net, which no element holds.
     held = np.zeros(net.n_nodes, dtype=bool)
-    held[net.element_nodes] = True
+    held[net.element_nodes[: net.n_net_elements]] = True
     mass = np.where(held, net.mass, 0.0) if held.any() else net.mass
     return np.einsum("n,tnk->tk", mass / mass.sum(), position)
 

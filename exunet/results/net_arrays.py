@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.net.arrays import Net
+from exunet.net.arrays import Net, Tether
 
 Ints = NDArray[np.int64]
 Loops = tuple[tuple[int, ...], ...]
@@ -39,6 +39,12 @@ _PLAIN = {
     "bullet_nodes": NetArray("b", "1", "nodes that carry a bullet", "<i8"),
     "fixed_nodes": NetArray("f", "1", "nodes that are held still", "<i8"),
 }
+_TETHERS = {
+    "tether_first": NetArray("t", "1", "from where on the nodes of each tether are its own", "<i8"),
+    "tether_names": NetArray("q", "1", "names of the tethers, a line each, in bytes of UTF-8", "|u1"),
+    "tether_values": NetArray("x", "1", "nodes along the tethers, one after another", "<i8"),
+    "tether_offsets": NetArray("y", "1", "tether k is tether_values[offsets[k]:offsets[k + 1]]", "<i8"),
+}
 _FACES = "loops of nodes round the mesh openings, one after another"
 _MOUTH = "loop of corner nodes round the net's mouth, one after another"
 NET_ARRAYS = _PLAIN | {
@@ -46,7 +52,9 @@ NET_ARRAYS = _PLAIN | {
     "face_offsets": NetArray("o", "1", "loop k is face_values[offsets[k]:offsets[k + 1]]", "<i8"),
     "mouth_values": NetArray("w", "1", _MOUTH, "<i8"),
     "mouth_offsets": NetArray("p", "1", "loop k is mouth_values[offsets[k]:offsets[k + 1]]", "<i8"),
+    **_TETHERS,
 }
+_LOOPS = ("face", "mouth", "tether")
 
 
 def to_arrays(net: Net, where: str) -> dict[str, NDArray[Any]]:
@@ -54,15 +62,20 @@ def to_arrays(net: Net, where: str) -> dict[str, NDArray[Any]]:
     arrays = {
         name: np.asarray(getattr(net, name), dtype=kind.dtype, order="C") for name, kind in _PLAIN.items()
     }
-    for name, loops in (("face", net.faces), ("mouth", (net.mouth,) if net.mouth else ())):
+    mouths, chains = (net.mouth,) if net.mouth else (), tuple(one.nodes for one in net.tethers)
+    for name, loops in zip(_LOOPS, (net.faces, mouths, chains), strict=True):
         arrays[f"{name}_values"] = np.array([node for loop in loops for node in loop], dtype="<i8")
         arrays[f"{name}_offsets"] = np.cumsum([0, *map(len, loops)], dtype="<i8")
+    names = "\n".join(one.name for one in net.tethers)
+    arrays["tether_names"] = np.frombuffer(names.encode(), dtype="|u1")
+    arrays["tether_first"] = np.array([one.first for one in net.tethers], dtype="<i8")
     _check(arrays, where)
     return arrays
 
 
 def from_arrays(arrays: Mapping[str, NDArray[Any]], where: str) -> Net:
     """The net that `to_arrays` was given; raises InputError, which begins with `where`, as that does."""
+    arrays = _no_tethers() | dict(arrays)  # files from before there were any
     for name in NET_ARRAYS:
         if name not in arrays:
             raise InputError(f"{where}: damaged or cut short (the net has no {name})")
@@ -70,10 +83,23 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]], where: str) -> Net:
     plain = {name: np.asarray(arrays[name]) for name in _PLAIN}
     for values in plain.values():
         values.setflags(write=False)
-    faces, mouths = (
-        _loops(arrays[f"{name}_values"], arrays[f"{name}_offsets"]) for name in ("face", "mouth")
+    faces, mouths, chains = (_loops(arrays[f"{name}_values"], arrays[f"{name}_offsets"]) for name in _LOOPS)
+    return Net(
+        **plain, faces=faces, mouth=mouths[0] if mouths else (), tethers=_tethers(arrays, chains, where)
     )
-    return Net(**plain, faces=faces, mouth=mouths[0] if mouths else ())
+
+
+def _no_tethers() -> dict[str, NDArray[Any]]:
+    none = {name: np.zeros(0, dtype=kind.dtype) for name, kind in _TETHERS.items()}
+    return none | {"tether_offsets": np.zeros(1, dtype="<i8")}
+
+
+def _tethers(arrays: Mapping[str, NDArray[Any]], chains: Loops, where: str) -> tuple[Tether, ...]:
+    text = bytes(np.asarray(arrays["tether_names"])).decode(errors="replace")
+    names, first = text.split("\n") if chains else [], np.asarray(arrays["tether_first"]).tolist()
+    if not len(names) == len(first) == len(chains):
+        raise InputError(f"{where}: damaged or cut short (tethers without names)")
+    return tuple(Tether(*one) for one in zip(names, first, chains, strict=True))
 
 
 def _check(arrays: Mapping[str, NDArray[Any]], where: str) -> None:
@@ -86,13 +112,14 @@ def _check(arrays: Mapping[str, NDArray[Any]], where: str) -> None:
             raise InputError(f"{where}: {name} of the net has shape {values.shape}, unlike the other arrays")
         if not np.all(np.isfinite(values)):
             raise InputError(f"{where}: {name} of the net contains NaN or infinity")
-    for name in ("face", "mouth"):
+    for name in _LOOPS:
         offsets = arrays[f"{name}_offsets"]
         if not len(offsets) or offsets[0] != 0 or offsets[-1] != len(arrays[f"{name}_values"]):
             raise InputError(f"{where}: damaged or cut short (loops of nodes with wrong offsets)")
         if np.any(np.diff(offsets) < 0):
             raise InputError(f"{where}: damaged or cut short (loops of nodes with wrong offsets)")
-    for name in ("element_nodes", "bullet_nodes", "fixed_nodes", "face_values", "mouth_values"):
+    nodes = ("element_nodes", "bullet_nodes", "fixed_nodes", *(f"{name}_values" for name in _LOOPS))
+    for name in (*nodes, "tether_first"):
         if np.any((arrays[name] < 0) | (arrays[name] >= sizes["n"])):
             raise InputError(f"{where}: the net refers to a node that it does not have")
 

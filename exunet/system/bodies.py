@@ -22,6 +22,7 @@ from exunet.bodies.rigid import RigidStates, product, rotation_matrix
 from exunet.case.scene import Scene
 from exunet.forces.blocks import FirstOrder
 from exunet.net.arrays import Net
+from exunet.net.tether import TiedPoint
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,21 +41,23 @@ class BodiesAtStart:
     given: tuple[FirstOrder, ...] = ()
 
 
-def bodies_at_start(scene: Scene, net: Net, faults: list[Fault]) -> BodiesAtStart:
+def bodies_at_start(
+    scene: Scene, net: Net, tied: tuple[TiedPoint, ...], faults: list[Fault]
+) -> BodiesAtStart:
     """The rigid bodies of a scene, with the nodes of the net that are fixed to them.
 
+    tied   : the nodes at ends of tethers among them
     faults : takes those of bodies that overlap
     Raises CaseError for bodies that cannot be made, and for attachments to nodes that are not there.
     """
     if not scene.bodies:
         return BodiesAtStart()
     bodies: list[RigidBody] = []
-    nodes, wrong = attached_nodes(scene, net)
+    attached, wrong = attached_points(scene, net, tied)
     for name in sorted(scene.bodies, key=lambda name: scene.bodies[name].motion != "free"):
         with joining(wrong):
             keys = scene.bodies[name]
-            points = [one.point for one in keys.attachments.values()]
-            carried = [point_mass(net.mass[node], at) for node, at in zip(nodes[name], points, strict=False)]
+            carried = [point_mass(net.mass[one.node], one.point) for one in attached[name]]
             bodies.append(make_body(name, keys, carried))
     if wrong:
         raise CaseError(wrong)
@@ -64,24 +67,25 @@ def bodies_at_start(scene: Scene, net: Net, faults: list[Fault]) -> BodiesAtStar
     )
     states = [_start_of(body, keys) for body, keys in zip(bodies, tables, strict=True)]
     whole = RigidStates(*(np.array(part) for part in zip(*states, strict=True)))
-    kinematics = Kinematics(len(bodies) - len(guides), guides, *_attached(bodies, tables, nodes))
+    kinematics = Kinematics(len(bodies) - len(guides), guides, *_attached(bodies, attached))
     whole = kinematics.all_bodies(np.array(0.0), whole)
     faults += _overlaps(bodies, whole)
     given = tuple(one for body in bodies[kinematics.n_free :] for one in given_states(body.name))
     return BodiesAtStart(tuple(bodies), whole, kinematics, given)
 
 
-def attached_nodes(scene: Scene, net: Net) -> tuple[dict[str, list[int]], list[Fault]]:
-    """The nodes of each body's attachments, in their order, and what is wrong with these."""
+def attached_points(
+    scene: Scene, net: Net, tied: tuple[TiedPoint, ...]
+) -> tuple[dict[str, list[TiedPoint]], list[Fault]]:
+    """The nodes that are fixed to each body, those of tethers last, and what is wrong with them."""
+    found: dict[str, list[TiedPoint]] = {name: [] for name in scene.bodies}
     owner: dict[int, str] = {}
-    found: dict[str, list[int]] = {}
     faults = []
     for name, keys in scene.bodies.items():
-        found[name] = []
         for label, one in keys.attachments.items():
             key, kind = f"bodies.{name}.attachments.{label}", "bullet" if one.node is None else "node"
             number = one.bullet if one.node is None else one.node
-            nodes = net.bullet_nodes if kind == "bullet" else np.arange(net.n_nodes)
+            nodes = net.bullet_nodes if kind == "bullet" else np.arange(net.n_net_nodes)
             assert number is not None
             if number >= len(nodes):
                 words = f"there is no {kind} {number}: the net has {len(nodes)}, numbered from 0"
@@ -93,22 +97,19 @@ def attached_nodes(scene: Scene, net: Net) -> tuple[dict[str, list[int]], list[F
             if node in owner:
                 faults.append(Fault(f"{key}.{kind}", f"node {node} is fixed to a body by {owner[node]} too"))
             owner[node] = key
-            found[name].append(node)
+            found[name].append(TiedPoint(node, name, one.point, key))
+    for point in tied:
+        found[point.body].append(point)
     return found, faults
 
 
-def _attached(
-    bodies: list[RigidBody], tables: list[BodyKeys], nodes: dict[str, list[int]]
-) -> tuple[Ints, Ints, Floats]:
+def _attached(bodies: list[RigidBody], attached: dict[str, list[TiedPoint]]) -> tuple[Ints, Ints, Floats]:
     """The attached points, the number of the body of each, and their arms."""
-    points = [node for body in bodies for node in nodes[body.name]]
-    owners = [k for k, body in enumerate(bodies) for _ in nodes[body.name]]
-    arms = [
-        body.in_principal_axes(one.point)
-        for body, keys in zip(bodies, tables, strict=True)
-        for one in keys.attachments.values()
-    ]
-    return np.array(points, dtype=np.int64), np.array(owners, dtype=np.int64), np.array(arms).reshape(-1, 3)
+    every = [(k, body, one) for k, body in enumerate(bodies) for one in attached[body.name]]
+    points = [one.node for _, _, one in every]
+    arms = [body.in_principal_axes(one.point) for _, body, one in every]
+    owners = np.array([k for k, _, _ in every], dtype=np.int64)
+    return np.array(points, dtype=np.int64), owners, np.array(arms).reshape(-1, 3)
 
 
 def _start_of(body: RigidBody, keys: BodyKeys) -> tuple[Floats, Floats, Floats, Floats]:

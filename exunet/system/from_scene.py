@@ -11,8 +11,9 @@ from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks
 from exunet.forces.effects import first_order_states, forces_of, point_masses
 from exunet.net import weave
+from exunet.net.tether import with_tethers
 from exunet.system.bodies import bodies_at_start
-from exunet.system.initial import common_velocity, initial_state
+from exunet.system.initial import along_tethers, common_velocity, initial_state
 from exunet.system.system import State, System
 
 
@@ -22,10 +23,13 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     faults : takes what is wrong with the bodies and the effects, which does not hide other faults
     Raises CaseError if there is no net.
     """
-    net = weave(scene.net)
-    position, velocity = initial_state(scene, net)
-    rigid = bodies_at_start(scene, net, faults)
+    woven = weave(scene.net)
+    net, tied = with_tethers(woven, scene.tethers)
+    room = np.zeros((net.n_nodes - woven.n_nodes, 3))
+    position, velocity = (np.concatenate([part, room]) for part in initial_state(scene, woven))
+    rigid = bodies_at_start(scene, net, tied, faults)
     position, velocity, _ = rigid.kinematics.completed(np.array(0.0), position, velocity, rigid.states)
+    faults += along_tethers(net, position, velocity)
     names = tuple(body.name for body in rigid.bodies)
     states = (*rigid.given, *first_order_states(scene.effects))
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from exunet.base.errors import Fault
 from exunet.case.scene import Initial, Launch, Scene
 from exunet.net import explicit
 from exunet.net.arrays import Floats, Ints, Net
 from exunet.net.folding import folded
 from exunet.net.weave import between
+
+_ROUND_OFF = 1e-9  # of a tether's length
 
 
 def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
@@ -30,6 +35,23 @@ def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
         velocity[net.bullet_nodes] += _launch_velocity(scene.launch, net)
     velocity[net.fixed_nodes] = 0.0
     return position, velocity
+
+
+def along_tethers(net: Net, position: Floats, velocity: Floats) -> Iterator[Fault]:
+    """Put the inner nodes of tethers evenly between their ends, in place; a fault for each that is too short.
+
+    position, velocity : (n_nodes, 3) [m], [m/s], right at the ends
+    """
+    for tether in net.tethers:
+        chain = np.array(tether.nodes)
+        part = np.linspace(0.0, 1.0, len(chain))[1:-1, None]
+        for values in (position, velocity):
+            values[chain[1:-1]] = (1.0 - part) * values[chain[0]] + part * values[chain[-1]]
+        length = float(net.reference_length[net.tether_elements[tether.name]].sum())
+        apart = float(np.linalg.norm(position[chain[-1]] - position[chain[0]]))
+        if apart > length * (1.0 + _ROUND_OFF):
+            words = f"is shorter than the {apart:.6g} m between its ends at the start"
+            yield Fault(f"tethers.{tether.name}.length", words)
 
 
 def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.Keys) -> Floats:

@@ -108,11 +108,12 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
     if not len(natural):
         return []
     with np.errstate(all="ignore"):  # speeds beyond floats are refused here too
-        stretch = cable.lengths(net, position) / natural
+        # Tethers are straight at the start: those that are too short have been told.
+        stretch = (cable.lengths(net, position) / natural)[: net.n_net_elements]
         rate = np.linalg.norm(cable.spans(net, velocity), axis=-1) / natural
-    longest, fastest = int(np.argmax(stretch)), int(np.argmax(rate))
+    longest, fastest = int(np.argmax(stretch)) if len(stretch) else -1, int(np.argmax(rate))
     faults = []
-    if not stretch[longest] <= STRETCH_BOUND:
+    if longest >= 0 and not stretch[longest] <= STRETCH_BOUND:
         keys = (key for key in ("node_positions", "fold", "packing") if scene.initial.is_given(key))
         reason = (
             f"{_element(net, longest)} starts {stretch[longest]:.4g} times as long as when free of stress; "
@@ -214,4 +215,6 @@ def _fastest(net: Net) -> tuple[str, float]:
 def _element(net: Net, element: int) -> str:
     i, j = net.element_nodes[element]
     kind = "string element" if net.is_string[element] else "element"
+    for name, own in net.tether_elements.items():
+        kind = f"tether {name}'s element" if element in own else kind
     return f"{kind} {element} between nodes {i} and {j}"

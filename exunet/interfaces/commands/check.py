@@ -13,6 +13,7 @@ from exunet.forces.effects import EFFECTS, switched_on
 from exunet.interfaces.commands.estimates import estimated
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.net.folding import folded
+from exunet.net.tether import EndKeys
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.stability import (
     WEAK_GROWTH,
@@ -41,6 +42,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("bullets, fixed nodes", f"{len(net.bullet_nodes)}, {len(net.fixed_nodes)}"),
         ("mass", f"{net.mass.sum():.6f} kg"),
         *_bodies(start),
+        *_tethers(start),
         ("packing", _packing(start)),
         ("simulated time", f"{case.scene.time.end:g} s, {len(times)} stored states"),
         ("effects on", ", ".join(on) or "none"),
@@ -81,6 +83,23 @@ def _bodies(start: Start) -> list[tuple[str, str]]:
         moving = _motion(state.position[point], state.velocity[point])
         found.append((f"point mass {name}", f"{blocks.mass[point]:g} kg, {moving}"))
     return found
+
+
+def _tethers(start: Start) -> list[tuple[str, str]]:
+    """A row for each tether: how long it is, what it joins, how far these are apart at the start."""
+    found = []
+    for tether in start.net.tethers:
+        keys = start.scene.tethers[tether.name]
+        apart = float(np.linalg.norm(start.position[tether.nodes[-1]] - start.position[tether.nodes[0]]))
+        ends = f"{_tied(keys.start)} to {_tied(keys.end)}, {apart:g} m apart at the start"
+        found.append((f"tether {tether.name}", f"{keys.length:g} m, elements: {keys.divisions}, from {ends}"))
+    return found
+
+
+def _tied(end: EndKeys) -> str:
+    if end.body is not None:
+        return f"body {end.body}"
+    return f"bullet {end.bullet}" if end.node is None else f"node {end.node}"
 
 
 def _attached(start: Start, body: int) -> str:

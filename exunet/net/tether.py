@@ -1,0 +1,169 @@
+"""Tethers: cables from the net, or from a body, to a body, as further elements of the net.
+
+A tether's own nodes follow those of the net, its elements those of the net. Where it ends at a point of a
+body it has a node of its own, which the system fixes there (see `exunet.system.bodies`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic import Field, StringConstraints
+
+from exunet.base.errors import CaseError, Fault
+from exunet.base.faults import each, exactly_one, inside, within
+from exunet.base.table import Count, Positive, Table, Vector
+from exunet.net.arrays import Floats, Net, Tether
+from exunet.net.base import MAX_ELEMENTS, Cable, within_floats
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
+
+
+_NODE = "number of a node of the net, as in results and in lists of nodes"
+
+
+class EndKeys(Table):
+    """What an end of a tether is tied to."""
+
+    EXACTLY_ONE: ClassVar = ("node", "bullet", "body")
+
+    node: Annotated[int, Field(ge=0)] | None = Field(None, description=_NODE, examples=[0])
+    bullet: Annotated[int, Field(ge=0)] | None = Field(
+        None, description="number of a bullet, from 0, instead of node", examples=[0]
+    )
+    body: str | None = Field(None, description="name of a body, instead of node", examples=["chaser"])
+    point: Vector | None = Field(
+        None, description="of the body, in its frame [m]; absent: its origin", examples=[[0.5, 0.0, 0.0]]
+    )
+
+
+class OtherEndKeys(EndKeys):
+    """The same, with an example of its own."""
+
+    node: Annotated[int, Field(ge=0)] | None = Field(None, description=_NODE, examples=[1])
+
+
+class TetherKeys(Cable):
+    """A cable between two points: straight at time 0, and slack if they are nearer than its length."""
+
+    length: Positive = Field(description="reference length of the tether [m]", examples=[20.0])
+    divisions: Count = Field(1, description="elements on the tether")
+    start: EndKeys = Field(description="where it begins")
+    end: OtherEndKeys = Field(description="where it ends")
+
+
+Tethers = Mapping[Name, TetherKeys]
+
+
+def cross_checks(tethers: Tethers, bodies: Mapping[str, object]) -> Iterator[Fault]:
+    """What is wrong with tethers whose keys are valid by themselves."""
+    for name, keys in tethers.items():
+        ends = (inside(keys, end, lambda one: _end(one, bodies)) for end in ("start", "end"))
+        yield from within(name, each(exactly_one(keys), within_floats(keys), *ends, _two_places(keys)))
+
+
+def _end(keys: EndKeys, bodies: Mapping[str, object]) -> Iterator[Fault]:
+    if keys.is_given("body") and keys.body not in bodies:
+        known = ", ".join(bodies) or "none"
+        yield Fault("body", f'there is no body "{keys.body}" (bodies: {known})')
+    if keys.is_given("point") and not keys.is_given("body"):
+        yield Fault("point", "needs body: it is a point in the frame of one")
+
+
+def _two_places(keys: TetherKeys) -> Iterator[Fault]:
+    one, other = keys.start, keys.end
+    if one.__dict__ == other.__dict__ or (one.body is not None and one.body == other.body):
+        yield Fault("end", "is tied to the same thing as start: a tether joins two")
+
+
+@dataclass(frozen=True)
+class TiedPoint:
+    """A node that is fixed to a point of a body, in its frame [m], and the key that says so."""
+
+    node: int
+    body: str
+    point: tuple[float, float, float]
+    key: str
+
+
+def with_tethers(net: Net, tethers: Tethers) -> tuple[Net, tuple[TiedPoint, ...]]:
+    """The net with the elements of its tethers, and which of their nodes are fixed to bodies.
+
+    Raises CaseError for an end at a node or bullet that is not there, and for too many elements.
+    """
+    if not tethers:
+        return net, ()
+    number = net.n_elements + sum(keys.divisions for keys in tethers.values())
+    if number > MAX_ELEMENTS:
+        words = (
+            f"with its tethers the net would have {number:,} elements; at most {MAX_ELEMENTS:,} are allowed"
+        )
+        raise CaseError([Fault("tethers", words)])
+    faults = [fault for name, keys in tethers.items() for fault in _missing(name, keys, net)]
+    if faults:
+        raise CaseError(faults)
+    tied: list[TiedPoint] = []
+    for name, keys in tethers.items():
+        net = _with_one(net, name, keys, tied)
+    return net, tuple(tied)
+
+
+def _missing(name: str, keys: TetherKeys, net: Net) -> Iterator[Fault]:
+    for label, end in (("start", keys.start), ("end", keys.end)):
+        for kind, given, there in (
+            ("node", end.node, net.n_nodes),
+            ("bullet", end.bullet, len(net.bullet_nodes)),
+        ):
+            if given is not None and given >= there:
+                words = f"there is no {kind} {given}: the net has {there}, numbered from 0"
+                yield Fault(f"tethers.{name}.{label}.{kind}", words)
+
+
+def _with_one(net: Net, name: str, keys: TetherKeys, tied: list[TiedPoint]) -> Net:
+    new = net.n_nodes
+    ends = []
+    for label, end in (("start", keys.start), ("end", keys.end)):
+        if end.body is not None:
+            key = f"tethers.{name}.{label}.body"
+            tied.append(TiedPoint(new, end.body, end.point or (0.0, 0.0, 0.0), key))
+            ends.append(new)
+            new += 1
+        else:
+            ends.append(int(net.bullet_nodes[end.bullet]) if end.node is None else end.node)
+    chain = np.array([ends[0], *range(new, new + keys.divisions - 1), ends[1]], dtype=np.int64)
+    number = int(np.count_nonzero(chain >= net.n_nodes))
+    length = keys.length / keys.divisions
+    mass = np.concatenate([net.mass, np.zeros(number)])
+    half = 0.5 * keys.density * keys.cross_section * length
+    for one in (chain[:-1], chain[1:]):
+        np.add.at(mass, one, half)
+    # Drawn below what it begins at; no force depends on it.
+    begin = net.reference_position[chain[0]] if chain[0] < net.n_nodes else np.zeros(3)
+    along = np.flatnonzero(chain >= net.n_nodes)
+    places = begin - np.outer(along * length, [0.0, 0.0, 1.0])
+    order = np.argsort(chain[along])
+    return _extended(
+        net,
+        Tether(name, net.n_nodes, tuple(chain.tolist())),
+        mass=mass,
+        reference_position=np.concatenate([net.reference_position, places[order]]),
+        element_nodes=np.concatenate([net.element_nodes, np.stack([chain[:-1], chain[1:]], axis=1)]),
+        reference_length=_appended(net.reference_length, length, keys.divisions),
+        area=_appended(net.area, keys.cross_section, keys.divisions),
+        youngs_modulus=_appended(net.youngs_modulus, keys.youngs_modulus, keys.divisions),
+        density=_appended(net.density, keys.density, keys.divisions),
+        is_string=np.concatenate([net.is_string, np.zeros(keys.divisions, dtype=bool)]),
+    )
+
+
+def _appended(values: Floats, value: float, times: int) -> Floats:
+    return np.concatenate([values, np.full(times, value)])
+
+
+def _extended(net: Net, tether: Tether, **arrays: Any) -> Net:
+    for array in arrays.values():
+        array.flags.writeable = False
+    return replace(net, tethers=(*net.tethers, tether), **arrays)

@@ -1,0 +1,211 @@
+"""Tethers: what they add to the net, the snap of two bodies, books, files, and what is refused."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import exunet
+from exunet.bodies.rigid import rotation_matrix
+from exunet.interfaces.commands.check import describe
+from exunet.results.measures import net_centre
+from exunet.results.reading import load_result
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.run import run_into, simulate
+from exunet.system.states import States
+
+PAIR = """
+format = 1
+title = "Two bodies and a slack tether"
+time = { end = 0.06, output_step = 0.01 }
+solver = { method = "RK44", step = 2e-6 }
+initial.packing = 1.0
+net.topology = "explicit"
+net.nodes = [[0.0, 5.0, 0.0], [0.0, 6.0, 0.0]]
+net.elements = [[0, 1]]
+net.node_masses = [0.3, 0.1]
+net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }
+
+[tethers.tow]
+diameter = 0.001
+density = 1390.0
+youngs_modulus = 70e9
+length = 1.0
+start = { body = "left" }
+end = { body = "right" }
+"""
+LUMP = 1390.0 * math.pi * 0.0005**2 / 2.0  # half of a tether of 1 m [kg]
+
+
+def pair(folder: Path, *overrides: str, mass: float = 0.5 - LUMP) -> exunet.Case:
+    path = folder / "pair.toml"
+    path.write_text(PAIR)
+    keys = f"mass={mass!r}, inertia=[0.1, 0.1, 0.1]"
+    bodies = (
+        f"bodies.left={{{keys}}}",
+        f"bodies.right={{{keys}, position=[0.9, 0, 0], velocity=[2.5, 0, 0]}}",
+    )
+    return exunet.load(path, [*bodies, *overrides])
+
+
+def start(folder: Path, *overrides: str) -> Start:
+    return prepare_case(pair(folder, *overrides))
+
+
+def test_what_a_tether_adds(tmp_path: Path) -> None:
+    """Two nodes for its ends, then its inner ones; their masses are those of lumped elements, eq. (9)."""
+    net = start(tmp_path, "tethers.tow.divisions=4").net
+    assert (net.n_net_nodes, net.n_nodes, net.n_net_elements, net.n_elements) == (2, 7, 1, 5)
+    (tether,) = net.tethers
+    assert tether.nodes == (2, 4, 5, 6, 3)
+    assert net.tether_elements == {"tow": range(1, 5)}
+    assert net.element_nodes[1:].tolist() == [[2, 4], [4, 5], [5, 6], [6, 3]]
+    np.testing.assert_allclose(net.reference_length[1:], 0.25, rtol=1e-15)
+    np.testing.assert_allclose(net.mass[2:], np.array([1, 1, 2, 2, 2]) * LUMP / 4, rtol=1e-14)
+    assert net.size == 1.0  # of the net alone
+
+
+def test_it_lies_straight_and_moves_with_its_ends(tmp_path: Path) -> None:
+    """Nodes at a quarter, a half and three quarters of the way between the ends, and of their velocities."""
+    turned = (
+        "bodies.left.axis=[0, 0, 1]",
+        "bodies.left.angle=0.5",
+        "bodies.left.angular_velocity=[0, 0, 2]",
+        "tethers.tow.start.point=[0.1, 0.2, 0.0]",
+        "tethers.tow.divisions=4",
+    )
+    begin = start(tmp_path, *turned)
+    arm = rotation_matrix(np.array([math.cos(0.25), 0.0, 0.0, math.sin(0.25)])) @ [0.1, 0.2, 0.0]
+    place, speed = arm, np.cross([0.0, 0.0, 2.0], arm)
+    body = begin.state.bodies  # the tether's end moves the centre of mass, which has the given velocity
+    centre = body.position[0]
+    speed = np.cross([0.0, 0.0, 2.0], place - centre)
+    for k, part in ((2, 0.0), (4, 0.25), (5, 0.5), (6, 0.75), (3, 1.0)):
+        np.testing.assert_allclose(
+            begin.position[k], (1 - part) * place + part * np.array([0.9, 0, 0]), atol=1e-14
+        )
+        np.testing.assert_allclose(
+            begin.velocity[k], (1 - part) * speed + part * np.array([2.5, 0, 0]), atol=1e-13
+        )
+
+
+@pytest.mark.parametrize("form", ["connectors", "fused", "compiled"])
+def test_the_snap_of_two_bodies(form: str, tmp_path: Path) -> None:
+    """As of two masses: E11 = v sqrt(mu / EA L0), N = EA E11 sqrt(1 + 2 E11): 294.65036 N for E = 70 GPa,
+    d = 1 mm, L0 = 1 m, mu = 0.25 kg, v = 2.5 m/s; the undamped rebound reverses the relative velocity."""
+    engine = ["engine.loop=compiled"] if form == "compiled" else [f"engine.net={form}", "engine.loop=exudyn"]
+    sim = exunet.Simulation(prepare_case(pair(tmp_path, *engine)))
+    sim.advance_to(0.06)
+    assert sim.largest_tension["tension_N"] == pytest.approx(294.65036, rel=1e-6)
+    assert sim.largest_tension["element"] == 1
+    assert sim.bodies["right"].velocity[0] == pytest.approx(0.0, abs=1e-6)
+    assert sim.bodies["left"].velocity[0] == pytest.approx(2.5, rel=1e-6)
+
+
+OFF_CENTRE = (
+    "tethers.tow.start.point=[0.1, 0.2, -0.1]",
+    "tethers.tow.end.point=[-0.1, 0.1, 0.1]",
+    "tethers.tow.divisions=3",
+    "solver.step=1e-5",
+    "time.end=0.2",
+)
+
+
+def test_books_of_a_snap_off_the_centres(tmp_path: Path) -> None:
+    """Momentum and energy before, in and after the snap, to 1e-8 of their scales."""
+    begin = start(tmp_path, *OFF_CENTRE)
+    result = simulate(begin)
+    assert result.tension.max() > 10.0  # it did snap
+    assert result.tension[-1].max() == 0.0  # and is slack again
+    system = begin.system
+    first, last = (States.of(system, one) for one in (begin.state, exunet.Simulation(begin).state))
+    assert first.momentum.tolist() == last.momentum.tolist()
+    scale = 2.5 * 0.5
+    momentum = result.momentum
+    np.testing.assert_allclose(momentum, np.broadcast_to(momentum[0], momentum.shape), atol=1e-12 * scale)
+    turning = result.angular_momentum
+    np.testing.assert_allclose(turning, np.broadcast_to(turning[0], turning.shape), atol=1e-8 * scale)
+    total = result.kinetic + result.elastic
+    assert np.abs(total / total[0] - 1.0).max() < 1e-5
+
+
+def test_the_forms_agree_on_a_snap_off_the_centres(tmp_path: Path) -> None:
+    """As native bodies and connectors of the engine, and as one object of compiled forces."""
+    found = [
+        simulate(start(tmp_path, *OFF_CENTRE, *engine)).position
+        for engine in (
+            ("engine.loop=exudyn", "engine.net=connectors"),
+            ("engine.loop=exudyn", "engine.net=fused"),
+        )
+    ]
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+
+
+def test_from_the_net_to_a_body(tmp_path: Path) -> None:
+    """Tied to a node of the net, whose mass takes half an element; the centre of the net is without the tether."""
+    case = pair(tmp_path, "tethers.tow.start={node=1}", "tethers.tow.length=9.0", "tethers.tow.divisions=3")
+    begin = prepare_case(case)
+    net = begin.net
+    assert net.tethers[0].nodes == (1, 3, 4, 2)
+    half = LUMP * 9.0 / 3.0
+    assert net.mass[1] == pytest.approx(0.1 + LUMP + half, rel=1e-14)
+    centre = net_centre(net, begin.position[None, : net.n_nodes])[0]
+    own = net.mass[:2]
+    np.testing.assert_allclose(centre, own @ begin.position[:2] / own.sum(), rtol=1e-14)
+
+
+def test_a_result_keeps_its_tethers(tmp_path: Path) -> None:
+    case = pair(
+        tmp_path,
+        "time.end=0.01",
+        "tethers.line={diameter=0.001, density=1e3, youngs_modulus=1e9, "
+        "length=9.0, start={node=0}, end={body='left', point=[0, 0.1, 0]}}",
+    )
+    (tmp_path / "out").mkdir()
+    result = run_into(tmp_path / "out", case)
+    assert [tether.name for tether in result.net.tethers] == ["tow", "line"]
+    again = load_result(tmp_path / "out" / "result.h5")
+    assert again.net.tethers == result.net.tethers
+    assert again.net.tether_elements == {"tow": range(1, 2), "line": range(2, 3)}
+
+
+def test_check_tells_of_tethers(tmp_path: Path) -> None:
+    rows = dict(describe(pair(tmp_path, "tethers.tow.start={node=1}", "tethers.tow.length=9.0")))
+    assert rows["tether tow"] == "9 m, elements: 1, from node 1 to body right, 6.06712 m apart at the start"
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("length=0.8", "length: is shorter than the 0.9 m between its ends at the start"),
+        ("end={body='nobody'}", 'end.body: there is no body "nobody" (bodies: left, right)'),
+        ("end={node=7}", "end.node: there is no node 7: the net has 2, numbered from 0"),
+        ("end={bullet=0}", "end.bullet: there is no bullet 0: the net has 0"),
+        ("end={body='left', point=[1, 0, 0]}", "end: is tied to the same thing as start"),
+        ("end={node=0, body='left'}", "end.body: give either node, bullet or body, exactly one"),
+        ("end={node=0, point=[1, 0, 0]}", "end.point: needs body"),
+        ("end={}", "end: give either node, bullet or body"),
+        ("area=1e-6", "area: give either diameter or area"),
+        ("lenght=1.0", "lenght"),
+    ],
+)
+def test_what_is_refused(keys: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(exunet.CaseError, match=re.escape(f"tethers.tow.{words}")):
+        start(tmp_path, f"tethers.tow.{keys}")
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("end=", "tethers.tow.end: missing table: where it ends"),
+        ("divisions=2000000", "tethers: with its tethers the net would have 2,000,001 elements"),
+        ("diameter=1e160", "outside the range of floating-point numbers"),
+    ],
+)
+def test_what_is_refused_of_a_whole_tether(keys: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(exunet.CaseError, match=re.escape(words)):
+        start(tmp_path, f"tethers.tow.{keys}")
