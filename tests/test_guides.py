@@ -11,10 +11,11 @@ import pytest
 from own_terms import FORMS, PAIR, case_file, continue_alike, start_of
 
 import exunet
-from exunet.bodies.constraint_loops import add_arm, in_body_axes, in_scene_axes, place_guided
+from exunet.bodies.constraint_loops import add_arm, place_guided
 from exunet.bodies.guide import Guide
 from exunet.bodies.rigid import angular_velocity_of, rotation_matrix
 from exunet.forces.blocks import Blocks
+from exunet.forces.rotation_loops import in_body_axes, in_scene_axes
 from exunet.forces.terms import KernelTerm
 from exunet.interfaces.commands.check import describe
 from exunet.results.summary import rows, summarise

@@ -146,7 +146,7 @@ def test_the_forms_agree_on_a_snap_off_the_centres(tmp_path: Path) -> None:
 
 
 def test_from_the_net_to_a_body(tmp_path: Path) -> None:
-    """Tied to a node of the net, whose mass takes half an element; the centre of the net is without the tether."""
+    """Tied to a node of the net, whose mass takes half an element; the net has its centre without it."""
     case = pair(tmp_path, "tethers.tow.start={node=1}", "tethers.tow.length=9.0", "tethers.tow.divisions=3")
     begin = prepare_case(case)
     net = begin.net

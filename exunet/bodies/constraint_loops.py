@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.loops import Index
+from exunet.forces.rotation_loops import in_body_axes, in_scene_axes
 
 Floats = NDArray[np.float64]
 Indexes = NDArray[Index]
@@ -56,27 +57,6 @@ class Attached(NamedTuple):
     quaternion: Indexes
     spin: Indexes
     arm: Floats
-
-
-def in_scene_axes(x: Any, q: int, a: float, b: float, c: float) -> Any:
-    """A vector of a body's axes in the scene's; its unit quaternion begins at x[q].
-
-    r + 2 w (u x r) + 2 u x (u x r): Schwab and Meijaard, DETC2006-99307, eq. (8).
-    """
-    w, i, j, k = x[q], x[q + 1], x[q + 2], x[q + 3]
-    d = 2.0 * (j * c - k * b)
-    e = 2.0 * (k * a - i * c)
-    f = 2.0 * (i * b - j * a)
-    return a + w * d + j * f - k * e, b + w * e + k * d - i * f, c + w * f + i * e - j * d
-
-
-def in_body_axes(x: Any, q: int, a: float, b: float, c: float) -> Any:
-    """A vector of the scene's axes in a body's."""
-    w, i, j, k = x[q], x[q + 1], x[q + 2], x[q + 3]
-    d = 2.0 * (j * c - k * b)
-    e = 2.0 * (k * a - i * c)
-    f = 2.0 * (i * b - j * a)
-    return a - w * d + j * f - k * e, b - w * e + k * d - i * f, c - w * f + i * e - j * d
 
 
 def place_guided(t: float, x: Any, v: Any, guided: Any) -> None:

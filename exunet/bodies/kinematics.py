@@ -13,6 +13,7 @@ from exunet.bodies.guide import Guide
 from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.loops import Index
+from exunet.forces.rotation_loops import in_body_axes, in_scene_axes
 from exunet.forces.terms import Constraint, KernelCall
 
 Floats = NDArray[np.float64]
@@ -85,11 +86,11 @@ class Kinematics:
         calls = []
         if len(self.point):
             data, place = _attached(self, blocks), loops.place_attached
-            helpers = (loops.in_scene_axes, loops.in_body_axes, loops.add_arm)
+            helpers = (in_scene_axes, in_body_axes, loops.add_arm)
             calls.append(KernelCall(loops.carry_forces, data, place=place, helpers=helpers))
         if self.guides:
             guided = _guided(self, blocks)
-            both = (loops.in_scene_axes, loops.add_arm)
+            both = (in_scene_axes, loops.add_arm)
             calls.append(KernelCall(loops.give_to_others, guided, place=loops.place_guided, helpers=both))
         pulled = {blocks.rigid[k] for k in self.body.tolist() if k < self.n_free}
         return Constraint(tuple(calls), tuple(sorted(pulled)))

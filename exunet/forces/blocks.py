@@ -53,6 +53,20 @@ class FirstOrder:
 
 
 @dataclass(frozen=True, eq=False)
+class Inertia:
+    """What forces by the mass need to know of rigid bodies.
+
+    mass    : (n,) of those that move freely, which come first among the rigid bodies [kg]
+    moments : (n, 3) their principal moments of inertia [kg m2]
+    points  : the points that are fixed to any body, whose mass is the body's
+    """
+
+    mass: Floats = field(default_factory=lambda: np.zeros(0))
+    moments: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    points: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+
+@dataclass(frozen=True, eq=False)
 class Blocks:
     """The blocks of a scene; nodes of the net come first, so a node's number is its point's number.
 
@@ -64,6 +78,7 @@ class Blocks:
     states   : the first-order states, in their order
     awake    : (n_points,) at the start, 1.0 for points that are awake and 0.0 for those that sleep: these
                rest, whatever pulls them, until an event wakes them. None: none ever sleeps
+    inertia  : of the rigid bodies
     """
 
     net: Net
@@ -73,6 +88,7 @@ class Blocks:
     rigid: tuple[str, ...] = ()
     states: tuple[FirstOrder, ...] = ()
     awake: Floats | None = None
+    inertia: Inertia = field(default_factory=Inertia)
 
     @classmethod
     def of_net(cls, net: Net, position: Floats | None = None) -> Blocks:
@@ -87,16 +103,32 @@ class Blocks:
         masses: Sequence[PointMass],
         rigid: tuple[str, ...] = (),
         states: tuple[FirstOrder, ...] = (),
+        inertia: Inertia | None = None,
     ) -> Blocks:
         """The nodes at position (n_nodes, 3) [m], point masses, rigid bodies by name, first-order states."""
         mass = np.append(net.mass, [body.mass for body in masses])
         places = np.array([body.position for body in masses], dtype=float).reshape(-1, 3)
         numbers = {body.name: net.n_nodes + k for k, body in enumerate(masses)}
-        return cls(net, mass, np.concatenate([position, places]), numbers, rigid, states)
+        every = np.concatenate([position, places])
+        return cls(net, mass, every, numbers, rigid, states, inertia=inertia or Inertia())
 
     @property
     def n_points(self) -> int:
         return len(self.mass)
+
+    @cached_property
+    def own_mass(self) -> Floats:
+        """(n_points,) [kg], by which forces act on points: zero where a body has the mass."""
+        if not len(self.inertia.points):
+            return self.mass
+        mass = self.mass.copy()
+        mass[self.inertia.points] = 0.0
+        return mass
+
+    @property
+    def free_bodies(self) -> tuple[str, ...]:
+        """Names of the rigid bodies that move freely."""
+        return self.rigid[: len(self.inertia.mass)]
 
     @cached_property
     def n_states(self) -> int:

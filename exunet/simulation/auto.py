@@ -174,4 +174,4 @@ def _between(at: float, x: Floats, y: Floats) -> float:
     """Straight lines in the logarithms; infinite where the nearest is."""
     if np.isinf(y).any():
         return float("inf")
-    return float(np.exp(np.interp(np.log(at), np.log(x), np.log(y))))
+    return float(np.exp(np.interp(np.log(max(at, x[0])), np.log(x), np.log(y))))

@@ -16,6 +16,7 @@ from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.effects import on_the_net_alone
 from exunet.forces.terms import KernelTerm
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
@@ -99,6 +100,8 @@ def prepare(scene: Scene) -> Start:
         wrong_steps += step_faults(scene, system.net, plan)
         faults += [fault for fault in wrong_steps if fault.key != "net" or not overflows]
         faults += form_faults(system, state, plan, scene.engine)
+    if scene.bodies and (names := on_the_net_alone(scene.effects)):
+        notes += (f"on the net and its tethers, not on bodies: {', '.join(names)}",)
     with np.errstate(all="ignore"):
         plan = settled_on_the_start(scene, system, state, plan)
     scene, plan = with_forms(scene, system, plan)

@@ -40,6 +40,13 @@ class BodiesAtStart:
     kinematics: Kinematics = field(default_factory=Kinematics)
     given: tuple[FirstOrder, ...] = ()
 
+    @property
+    def free_inertia(self) -> tuple[Floats, Floats]:
+        """Masses (n,) [kg] and principal moments (n, 3) [kg m2] of the bodies that move freely."""
+        free = self.bodies[: self.kinematics.n_free]
+        masses = np.array([body.mass for body in free], dtype=float)
+        return masses, np.array([body.inertia for body in free], dtype=float).reshape(-1, 3)
+
 
 def bodies_at_start(
     scene: Scene, net: Net, tied: tuple[TiedPoint, ...], faults: list[Fault]

@@ -44,11 +44,7 @@ class System:
     @cached_property
     def mass(self) -> Floats:
         """(n_points,) [kg]; zero for points that are fixed to bodies, which have their mass."""
-        if not len(self.kinematics.point):
-            return self.blocks.mass
-        mass = self.blocks.mass.copy()
-        mass[self.kinematics.point] = 0.0
-        return mass
+        return self.blocks.own_mass
 
     @cached_property
     def moves_freely(self) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ An effect's module has
 - for whatever else its keys demand of each other and of the rest of the case,
   `cross_checks(keys, rest) -> Iterator[Fault]` (`exunet.base.errors.Fault`; rest is an
   `exunet.forces.requirements.RestOfCase`);
+- if it would act on rigid bodies too, but only does on the net, `ON_THE_NET_ALONE = True`, which runs tell;
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
 - if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`;
 - if it has first-order states, `first_order_states(keys) -> tuple[FirstOrder, ...]`.
@@ -129,6 +130,11 @@ def _threshold(effects: Table) -> Iterator[Fault]:
         yield Fault("", 'choose = "auto" needs threshold, a part of the net\'s size')
     if effects.is_given("threshold") and not effects.is_given("choose"):
         yield Fault("threshold", 'is for choose = "auto" only')
+
+
+def on_the_net_alone(effects: Table) -> tuple[str, ...]:
+    """Names of the effects that leave rigid bodies out, though they would act on them."""
+    return tuple(name for name in switched_on(effects) if getattr(EFFECTS[name], "ON_THE_NET_ALONE", False))
 
 
 def point_masses(effects: Table) -> tuple[PointMass, ...]:

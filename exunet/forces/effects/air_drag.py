@@ -30,6 +30,7 @@ EXCLUDES = {
     "orbit": "there is no continuous air in orbit; use molecular_drag",
 }
 BULLET_KEYS = ("bullet_drag_coefficient", "bullet_area")
+ON_THE_NET_ALONE = True
 
 
 class Keys(Table):

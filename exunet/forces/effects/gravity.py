@@ -1,4 +1,4 @@
-"""Uniform gravity: force m g on every node, potential energy -m g . x."""
+"""Uniform gravity: force m g on every node and body, potential energy -m g . x."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from pydantic import Field
 from exunet.base.table import Table, Vector
 from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.terms import LinearTerm
+from exunet.forces.on_bodies import weight_on_bodies
+from exunet.forces.terms import LinearTerm, Term
 
 ON_THE_GROUND = True  # what is off in a case is not advised for a scene in space
 EXCLUDES = {"orbit": "in the frame of an orbit the Earth's gravity is already in it; keep one"}
@@ -22,9 +23,10 @@ class Keys(Table):
     acceleration: Vector = Field(description="g [m/s2]")
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
-    """Load m g on each node."""
-    return (LinearTerm(load=np.outer(blocks.mass, keys.acceleration).ravel()),)
+def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
+    """Load m g on each node, and at the centre of mass of each body."""
+    load = LinearTerm(load=np.outer(blocks.own_mass, keys.acceleration).ravel())
+    return load, *weight_on_bodies(blocks, keys.acceleration)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

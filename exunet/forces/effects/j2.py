@@ -22,8 +22,9 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.directions import EARTH_MU, EARTH_RADIUS, NOMINAL, OrbitKeys, at_right_angles
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.lumped import each_node
+from exunet.forces.on_bodies import field_on_bodies
 from exunet.forces.requirements import RestOfCase
-from exunet.forces.terms import LinearTerm
+from exunet.forces.terms import LinearTerm, Term
 
 REQUIRES = {"orbit": "of which it is a correction"}
 J2 = 1.08262668e-3  # EGM-96, Vallado table D-1
@@ -52,9 +53,10 @@ def gradient(keys: Keys) -> NDArray[np.float64]:
     return np.asarray(-0.5 * EARTH_MU * J2 * EARTH_RADIUS**2 / keys.radius**5 * shape)
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
-    """A constant stiffness -m G on each node."""
-    return (LinearTerm(stiffness=each_node(blocks.mass, -gradient(keys))),)
+def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
+    """A constant stiffness -m G on each node; on bodies the force at the centre, and the torque."""
+    stiffness = each_node(blocks.own_mass, -gradient(keys))
+    return LinearTerm(stiffness=stiffness), *field_on_bodies(blocks, gradient(keys))
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:

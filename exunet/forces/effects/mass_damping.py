@@ -9,7 +9,8 @@ from scipy.sparse import csr_array, diags_array
 from exunet.base.table import NonNegative, Table
 from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.terms import LinearTerm
+from exunet.forces.on_bodies import braking_on_bodies
+from exunet.forces.terms import LinearTerm, Term
 
 
 class Keys(Table):
@@ -18,11 +19,12 @@ class Keys(Table):
     alpha: NonNegative = Field(description="decay rate of the velocity [1/s]")
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
-    """The diagonal damping matrix alpha M; nothing if alpha is zero."""
+def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
+    """The diagonal damping matrix alpha M, and the same on bodies; nothing if alpha is zero."""
     if keys.alpha == 0.0:
         return ()
-    return (LinearTerm(damping=csr_array(diags_array(np.repeat(keys.alpha * blocks.mass, 3)))),)
+    damping = csr_array(diags_array(np.repeat(keys.alpha * blocks.own_mass, 3)))
+    return LinearTerm(damping=damping), *braking_on_bodies(blocks, keys.alpha)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

@@ -29,6 +29,7 @@ Floats = NDArray[np.float64]
 
 EXCLUDES = {"gravity": "uniform gravity is for the ground, free-molecular flow for orbits"}
 BULLET_KEYS = ("bullet_area",)
+ON_THE_NET_ALONE = True
 
 
 class Keys(Table):

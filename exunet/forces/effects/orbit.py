@@ -21,6 +21,7 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.directions import OrbitKeys, at_right_angles
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.lumped import each_node
+from exunet.forces.on_bodies import field_on_bodies
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm, LinearTerm, Term
 
@@ -36,21 +37,29 @@ class Keys(OrbitKeys):
 
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
-    """Coriolis force as a constant matrix; the rest as one too (linear), or as a kernel term (two_body)."""
+    """Coriolis force as a constant matrix; the rest as one too (linear), or as a kernel term (two_body).
+
+    On bodies both, and the torque of the gradient and of the turning frame; of the linear gradient in either
+    model, whose error is the ratio of a body's size to the orbit's radius.
+    """
     radial, normal = np.array(keys.radial), np.cross(keys.radial, keys.along_track)
     rate = keys.rate
     turning = 2.0 * rate * np.cross(normal, np.eye(3)).T  # turning @ v = 2 n h x v
-    gyroscopic = each_node(blocks.mass, turning)
-    if keys.model == "linear":
-        gradient = rate**2 * (np.outer(normal, normal) - 3.0 * np.outer(radial, radial))
-        return (LinearTerm(gyroscopic=gyroscopic, stiffness=each_node(blocks.mass, gradient)),)
-    data = CircularOrbit(blocks.mass, rate, keys.radius, radial, normal)
-    two_body = KernelTerm("nodes", add_two_body, data, two_body_potential)
-    return LinearTerm(gyroscopic=gyroscopic), two_body
+    gyroscopic = each_node(blocks.own_mass, turning)
+    gradient = rate**2 * (3.0 * np.outer(radial, radial) - np.outer(normal, normal))
+    linear, spin = keys.model == "linear", 2.0 * rate * normal
+    bodies = field_on_bodies(blocks, gradient, spin, at_centre=linear)
+    if linear:
+        return LinearTerm(gyroscopic=gyroscopic, stiffness=each_node(blocks.own_mass, -gradient)), *bodies
+    masses = np.concatenate([blocks.own_mass, blocks.inertia.mass])  # centres follow the points in x
+    data = CircularOrbit(masses, rate, keys.radius, radial, normal)
+    two_body = KernelTerm("nodes", add_two_body, data, two_body_potential, bodies=blocks.free_bodies)
+    return LinearTerm(gyroscopic=gyroscopic), two_body, *bodies
 
 
 class CircularOrbit(NamedTuple):
-    """mass : (n_points,) [kg]; rate n [rad/s]; radius R [m]; radial r, normal h : (3,) unit vectors."""
+    """mass : (n,) of points, then centres [kg]; rate n [rad/s]; radius R [m]; radial r, normal h : (3,), of
+    length 1."""
 
     mass: Floats
     rate: float

@@ -14,7 +14,8 @@ from exunet.base.table import NonNegative, Table
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable import reference_tangent_stiffness
 from exunet.forces.estimate import Estimate, EstimateBasis
-from exunet.forces.terms import LinearTerm
+from exunet.forces.on_bodies import braking_on_bodies
+from exunet.forces.terms import LinearTerm, Term
 
 
 class Keys(Table):
@@ -24,13 +25,20 @@ class Keys(Table):
     beta: NonNegative = Field(description="factor of the tangent stiffness matrix [s]")
 
 
-def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
-    """The constant damping matrix of eq. (13)."""
+def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
+    """The constant damping matrix of eq. (13); its part by the mass on bodies too."""
+    damping = matrix(keys, blocks)
+    on_points = (LinearTerm(damping=damping),) if damping.nnz else ()
+    return *on_points, *braking_on_bodies(blocks, keys.alpha)
+
+
+def matrix(keys: Keys, blocks: Blocks) -> csr_array:
+    """D of eq. (13), (3 n_points, 3 n_points) [N s/m]."""
     stiffness = reference_tangent_stiffness(blocks.net, blocks.n_points)
-    damping = diags_array(np.repeat(keys.alpha * blocks.mass, 3)) + keys.beta * stiffness
+    damping = diags_array(np.repeat(keys.alpha * blocks.own_mass, 3)) + keys.beta * stiffness
     damping = csr_array(damping)
     damping.eliminate_zeros()
-    return (LinearTerm(damping=damping),) if damping.nnz else ()
+    return damping
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
@@ -40,11 +48,11 @@ def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     """The way lost by a speed that changes at the rate |M^-1 D v| / |v| of the start."""
-    found = terms(keys, basis.blocks)
     speed = basis.rms(basis.velocity)
     rate = 0.0
-    if found and found[0].damping is not None and speed > 0.0:
-        rate = basis.of_force((found[0].damping @ basis.velocity.ravel()).reshape(-1, 3)) / speed
+    if speed > 0.0:
+        force = matrix(keys, basis.blocks) @ basis.velocity.ravel()
+        rate = basis.of_force(force.reshape(-1, 3)) / speed
     return Estimate(
         rate * basis.speed,
         basis.held(basis.braked(rate)),

@@ -21,6 +21,7 @@ from exunet.forces.terms import LinearTerm
 EXCLUDES = {"gravity": "uniform gravity is for the ground, sunlight in vacuum for orbits"}
 BULLET_KEYS = ("bullet_area",)
 LIGHT = 299792458.0  # [m/s]
+ON_THE_NET_ALONE = True
 
 
 class Keys(Table):

@@ -1,0 +1,183 @@
+"""Forces by the mass, on the rigid bodies that move freely: what every element of their mass feels, summed.
+
+For dm at the place rho from the centre of mass, of a body with second moments J = int rho rho^T dm, which are
+J_i = (I_x + I_y + I_z) / 2 - I_i along its principal axes:
+
+- an acceleration G x, G symmetric, has the resultant m G x and the torque int rho x (G rho) dm, whose x
+  part in the body's axes is (I_z - I_y) G_yz, and so on round (for the Earth's: Wie, "Space Vehicle Dynamics
+  and Control", sec. 6.10); the potential is -(m x.Gx + trace(G J)) / 2;
+- the Coriolis acceleration -w x (velocity), w = 2 n h, has the torque -int rho x (w x (omega x rho)) dm
+  = omega x (J w), which does no work.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from exunet.forces.blocks import Blocks
+from exunet.forces.loops import Index
+from exunet.forces.rotation_loops import in_body_axes
+from exunet.forces.terms import KernelTerm
+
+Floats = NDArray[np.float64]
+Indexes = NDArray[Index]
+
+
+class WeightOfBodies(NamedTuple):
+    """centre : (n,) where the places of the centres begin in x; load : (n, 3) [N]."""
+
+    centre: Indexes
+    load: Floats
+
+
+class BodiesInField(NamedTuple):
+    """Bodies in accelerations that are linear in place and velocity, in the scene's axes.
+
+    centre, attitude, spin : (n,) where their entries begin in x and force
+    mass, moments : (n,) [kg], (n, 3) principal moments [kg m2]
+    gradient      : (3, 3) G [1/s2], symmetric
+    at_centre     : 1.0: on the centres too; 0.0: their share is in another term
+    turning       : (3,) w = 2 n h [1/s]
+    """
+
+    centre: Indexes
+    attitude: Indexes
+    spin: Indexes
+    mass: Floats
+    moments: Floats
+    gradient: Floats
+    at_centre: float
+    turning: Floats
+
+
+class BrakedBodies(NamedTuple):
+    """factor : (n,) alpha m [kg/s]; turning : (n, 3) alpha I [kg m2/s]; centre, spin as above."""
+
+    centre: Indexes
+    spin: Indexes
+    factor: Floats
+    turning: Floats
+
+
+def weight_on_bodies(blocks: Blocks, acceleration: ArrayLike) -> tuple[KernelTerm, ...]:
+    """m g at each centre of mass, g (3,) [m/s2]."""
+    if not len(blocks.inertia.mass):
+        return ()
+    data = WeightOfBodies(_where(blocks)[0], np.outer(blocks.inertia.mass, np.array(acceleration)))
+    names = blocks.free_bodies
+    return (KernelTerm("bodies", add_weight, data, weight_potential, bodies=names),)
+
+
+def field_on_bodies(
+    blocks: Blocks, gradient: Floats, turning: ArrayLike = (0.0, 0.0, 0.0), *, at_centre: bool = True
+) -> tuple[KernelTerm, ...]:
+    """An acceleration G x - w x v of every element of mass; see `BodiesInField`."""
+    if not len(blocks.inertia.mass):
+        return ()
+    inertia, turns = blocks.inertia, np.array(turning, dtype=float)
+    data = BodiesInField(
+        *_where(blocks), inertia.mass, inertia.moments, gradient, 1.0 if at_centre else 0.0, turns
+    )
+    fastest = float(np.linalg.norm(gradient, 2))
+    return (
+        KernelTerm(
+            "bodies",
+            add_field,
+            data,
+            field_potential,
+            helpers=(in_body_axes, gradient_in_body_axes),
+            bodies=blocks.free_bodies,
+            stiffness_rate=fastest,
+        ),
+    )
+
+
+def braking_on_bodies(blocks: Blocks, alpha: float) -> tuple[KernelTerm, ...]:
+    """-alpha v on every element of mass: -alpha m v at the centre, and a torque -alpha I omega."""
+    if not len(blocks.inertia.mass) or alpha == 0.0:
+        return ()
+    centre, _, spin = _where(blocks)
+    data = BrakedBodies(centre, spin, alpha * blocks.inertia.mass, alpha * blocks.inertia.moments)
+    return (KernelTerm("bodies", add_braking, data, bodies=blocks.free_bodies, damping_rate=alpha),)
+
+
+def _where(blocks: Blocks) -> tuple[Indexes, Indexes, Indexes]:
+    """Where the entries of the free bodies begin: centres, attitudes, spins."""
+    names = blocks.free_bodies
+    found = ([of(name) for name in names] for of in (blocks.centre, blocks.attitude, blocks.spin))
+    centre, attitude, spin = (np.array(numbers, dtype=Index) for numbers in found)
+    return centre, attitude, spin
+
+
+def add_weight(t: float, x: Any, v: Any, weight: Any, force: Any) -> None:
+    """m g at the centres."""
+    for b in range(weight.centre.size):
+        for axis in range(3):
+            force[weight.centre[b] + axis] += weight.load[b, axis]
+
+
+def weight_potential(x: Any, weight: Any) -> float:
+    """-m g . x [J]."""
+    total = 0.0
+    for b in range(weight.centre.size):
+        for axis in range(3):
+            total -= weight.load[b, axis] * x[weight.centre[b] + axis]
+    return total
+
+
+def gradient_in_body_axes(x: Any, q: int, g: Any) -> Any:
+    """The elements xx, yy, zz, yz, zx, xy of a symmetric matrix (3, 3) of the scene's axes in a body's."""
+    a, b, c = in_body_axes(x, q, g[0, 0], g[1, 0], g[2, 0])
+    d, e, f = in_body_axes(x, q, g[0, 1], g[1, 1], g[2, 1])
+    h, i, j = in_body_axes(x, q, g[0, 2], g[1, 2], g[2, 2])
+    xx, xy, _ = in_body_axes(x, q, a, d, h)
+    _, yy, yz = in_body_axes(x, q, b, e, i)
+    zx, _, zz = in_body_axes(x, q, c, f, j)
+    return xx, yy, zz, yz, zx, xy
+
+
+def add_field(t: float, x: Any, v: Any, field: Any, force: Any) -> None:
+    """Resultants and torques of G x - w x v; see the module."""
+    g, w = field.gradient, field.turning
+    for b in range(field.centre.size):
+        k, q, s, m = field.centre[b], field.attitude[b], field.spin[b], field.mass[b]
+        for axis in range(3):
+            pull = g[axis, 0] * x[k] + g[axis, 1] * x[k + 1] + g[axis, 2] * x[k + 2]
+            force[k + axis] += field.at_centre * m * pull
+        force[k] -= m * (w[1] * v[k + 2] - w[2] * v[k + 1])
+        force[k + 1] -= m * (w[2] * v[k] - w[0] * v[k + 2])
+        force[k + 2] -= m * (w[0] * v[k + 1] - w[1] * v[k])
+        i = field.moments[b]
+        _, _, _, yz, zx, xy = gradient_in_body_axes(x, q, g)
+        half = 0.5 * (i[0] + i[1] + i[2])
+        wx, wy, wz = in_body_axes(x, q, w[0], w[1], w[2])
+        jx, jy, jz = (half - i[0]) * wx, (half - i[1]) * wy, (half - i[2]) * wz
+        force[s] += (i[2] - i[1]) * yz + v[s + 1] * jz - v[s + 2] * jy
+        force[s + 1] += (i[0] - i[2]) * zx + v[s + 2] * jx - v[s] * jz
+        force[s + 2] += (i[1] - i[0]) * xy + v[s] * jy - v[s + 1] * jx
+
+
+def field_potential(x: Any, field: Any) -> float:
+    """-(m x.Gx + trace(G J)) / 2 [J]."""
+    g = field.gradient
+    total = 0.0
+    for b in range(field.centre.size):
+        k, i = field.centre[b], field.moments[b]
+        for axis in range(3):
+            pull = g[axis, 0] * x[k] + g[axis, 1] * x[k + 1] + g[axis, 2] * x[k + 2]
+            total -= 0.5 * field.at_centre * field.mass[b] * x[k + axis] * pull
+        xx, yy, zz, _, _, _ = gradient_in_body_axes(x, field.attitude[b], g)
+        half = 0.5 * (i[0] + i[1] + i[2])
+        total -= 0.5 * ((half - i[0]) * xx + (half - i[1]) * yy + (half - i[2]) * zz)
+    return total
+
+
+def add_braking(t: float, x: Any, v: Any, braked: Any, force: Any) -> None:
+    """-alpha m v, and -alpha I omega."""
+    for b in range(braked.centre.size):
+        for axis in range(3):
+            force[braked.centre[b] + axis] -= braked.factor[b] * v[braked.centre[b] + axis]
+            force[braked.spin[b] + axis] -= braked.turning[b, axis] * v[braked.spin[b] + axis]
