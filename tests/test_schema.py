@@ -31,6 +31,7 @@ CONTRACT = (Path(__file__).parents[1] / "cases" / "README.md").read_text(encodin
 COMMON = """format title seed time.end time.output_step time.output_times net.topology net.divisions
     net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
     initial.packing initial.fold.pattern initial.fold.box initial.fold.cylinder
+    initial.frame.body initial.frame.position initial.frame.attitude initial.frame.axis initial.frame.angle
     initial.velocity initial.spin initial.node_positions initial.node_velocities
     launch.radial_speed launch.axial_speed launch.speed launch.spread_angle
     bodies.NAME.mass bodies.NAME.density bodies.NAME.inertia bodies.NAME.products_of_inertia

@@ -21,7 +21,7 @@ def cross_checks(bodies: Mapping[str, BodyKeys], rest: RestOfCase) -> Iterator[F
 def _of_body(keys: BodyKeys, rest: RestOfCase) -> Iterator[Fault]:
     yield from each(
         exactly_one(keys),
-        _turned_once(keys),
+        turned_once(keys),
         _mass_of_something(keys),
         _about_inertia(keys),
         _shape_or_parts(keys),
@@ -44,10 +44,11 @@ def _attachments(keys: BodyKeys) -> Iterator[Fault]:
 
 def _parts(keys: BodyKeys) -> Iterator[Fault]:
     for name, part in keys.parts.items():
-        yield from within(f"parts.{name}", each(_turned_once(part), _dimensions(part)))
+        yield from within(f"parts.{name}", each(turned_once(part), _dimensions(part)))
 
 
-def _turned_once(keys: Placed) -> Iterator[Fault]:
+def turned_once(keys: Placed) -> Iterator[Fault]:
+    """An attitude given in one way, and whole."""
     if keys.is_given("attitude") and keys.is_given("axis"):
         yield Fault("axis", "give either attitude, or axis and angle")
     for one, other in (("axis", "angle"), ("angle", "axis")):

@@ -35,6 +35,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _loop_has_the_method(scene),
         _positions_in_place_of_packing(scene),
         _net_can_be_folded(scene),
+        _net_on_a_body(scene),
         _list_fits_the_net(scene, "node_positions"),
         _list_fits_the_net(scene, "node_velocities"),
         inside(scene, "solver", solver.cross_checks),
@@ -92,6 +93,16 @@ def _positions_in_place_of_packing(scene: Scene) -> Iterator[Fault]:
 def _net_can_be_folded(scene: Scene) -> Iterator[Fault]:
     if scene.initial.is_given("fold") and scene.initial.fold is not None:
         yield from within("initial.fold", folding.cross_checks(scene.net, scene.initial.fold))
+
+
+def _net_on_a_body(scene: Scene) -> Iterator[Fault]:
+    frame = scene.initial.frame if scene.initial.is_given("frame") else None
+    if frame is None:
+        return
+    yield from within("initial.frame", bodies.turned_once(frame))
+    if frame.is_given("body") and frame.body not in scene.bodies:
+        known = ", ".join(scene.bodies) or "none"
+        yield Fault("initial.frame.body", f'there is no body "{frame.body}" (bodies: {known})')
 
 
 def _list_fits_the_net(scene: Scene, name: str) -> Iterator[Fault]:

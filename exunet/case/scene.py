@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import ConfigDict, Field, field_validator
 
 from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector
-from exunet.bodies.keys import Bodies
+from exunet.bodies.keys import Bodies, Placed, Quaternion
 from exunet.forces.effects import Effects as _Effects
 from exunet.methods.keys import Solver
 from exunet.methods.method import NetForm, TimeLoop
@@ -53,6 +53,18 @@ class Time(Table):
         return end
 
 
+class NetFrame(Placed):
+    """The axes in which the net starts, in the frame of a body that carries them."""
+
+    body: str = Field(description="name of the body that carries the packed net", examples=["chaser"])
+    position: Vector = Field((0.0, 0.0, 0.0), description="of the net's origin in the body's frame [m]")
+    attitude: Quaternion = Field(
+        (1.0, 0.0, 0.0, 0.0),
+        description="quaternion [w, x, y, z] that turns the net's axes into those of the body's frame; "
+        "brought to length 1",
+    )
+
+
 class Initial(Table):
     """State at time 0."""
 
@@ -63,6 +75,11 @@ class Initial(Table):
     )
     fold: Fold | None = Field(
         None, description="the net folded into a canister with 90 to 100 % of each length, instead of packing"
+    )
+    frame: NetFrame | None = Field(
+        None,
+        description="the net starts in axes that a body carries, and a launch acts back on the body; without "
+        "it, in the scene's axes",
     )
     velocity: Vector | None = Field(
         None, description="velocity of every node [m/s]", examples=[[0.0, 0.0, 1.0]]

@@ -37,6 +37,15 @@ def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
     return position, velocity
 
 
+def kicks(scene: Scene, net: Net) -> Floats:
+    """(n_nodes, 3) what of those velocities a launch has added [m/s]."""
+    found = np.zeros((net.n_nodes, 3))
+    if scene.launch:
+        found[net.bullet_nodes] = _launch_velocity(scene.launch, net)
+    found[net.fixed_nodes] = 0.0
+    return found
+
+
 def along_tethers(net: Net, position: Floats, velocity: Floats) -> Iterator[Fault]:
     """Put the inner nodes of tethers evenly between their ends, in place; a fault for each that is too short.
 
