@@ -12,6 +12,7 @@ import pytest
 import exunet
 from exunet.bodies.rigid import rotation_matrix
 from exunet.interfaces.commands.check import describe
+from exunet.results.headlines import course_of, headline, headlines_of
 from exunet.results.measures import net_centre
 from exunet.results.reading import load_result
 from exunet.simulation.preparation import Start, prepare_case
@@ -209,3 +210,18 @@ def test_what_is_refused(keys: str, words: str, tmp_path: Path) -> None:
 def test_what_is_refused_of_a_whole_tether(keys: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(exunet.CaseError, match=re.escape(words)):
         start(tmp_path, f"tethers.tow.{keys}")
+
+
+def test_headlines_of_tethers_and_bodies(tmp_path: Path) -> None:
+    """The peak of 294.65 N lasts for a few ms: 601 stored times find it to 1 %."""
+    case = pair(tmp_path, "time.output_step=1e-4")
+    result = exunet.run(case)
+    found = headlines_of(course_of(result))
+    assert found["tether_tow_largest_tension_N"] == pytest.approx(294.65, rel=0.01)
+    assert found["tether_tow_largest_tension_N"] <= found["largest_tension_N"]
+    way = result.bodies["left"].position[-1, 0]
+    assert found["body_left_displacement_m"] == pytest.approx(way, rel=1e-12)
+    assert headline("tether_tow_largest_tension_N").unit == "N"
+    assert headline("body_my_body_displacement_m").words == "displacement of my_body"
+    with pytest.raises(KeyError):
+        headline("tether_tow_length_m")

@@ -14,7 +14,7 @@ from exunet.base.files import replacing
 from exunet.figures.page import FORMATS, INCH, Page, legend_above, write
 from exunet.figures.style import BLACK, SMALL, blank, drawing
 from exunet.results.ensemble_result import EnsembleResult
-from exunet.results.headlines import CURVES, HEADLINES
+from exunet.results.headlines import CURVES, headline
 
 FIGURES = {
     "histograms": "how often each value of each headline occurs; needs a headline that differs between runs",
@@ -65,9 +65,8 @@ def histograms(result: EnsembleResult, page: Page) -> Figure | None:
     """One panel for each headline that is not the same in all runs; None if there is none."""
     shown = [
         (one, values[~np.isnan(values)])
-        for one in HEADLINES
-        if (values := result.headlines.get(one.key)) is not None
-        and np.nanmax(values) - np.nanmin(values) > one.least
+        for one, values in ((headline(key), values) for key, values in result.headlines.items())
+        if np.nanmax(values) - np.nanmin(values) > one.least
     ]
     if not shown:
         return None

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.results.frame import table
-from exunet.results.headlines import CURVES, HEADLINES, Course
+from exunet.results.headlines import CURVES, Course, headline, headlines_for
 from exunet.results.reading import damage, refuse_unreadable
 from exunet.results.writing import new_file, put, put_text
 
@@ -85,7 +85,7 @@ def ensemble_result(
     """The result of at least one course."""
     found = {
         one.key: np.array([np.nan if (value := one.value(course)) is None else value for course in courses])
-        for one in HEADLINES
+        for one in headlines_for(courses[0])
     }
     curves = {
         curve.name: np.quantile([curve.value(course) for course in courses], LEVELS, axis=0)
@@ -114,8 +114,6 @@ def save_ensemble(result: EnsembleResult, path: str | Path, *, overwrite: bool =
     path = path_of(path, "save_ensemble")
     if not overwrite and path.exists():
         raise InputError(f"{path}: there is a file of that name: give another, or overwrite=True")
-    units = {one.key: one.unit for one in HEADLINES}
-    words = {one.key: one.words for one in HEADLINES}
     with new_file(path) as (file, _):
         put_text(file, "kind", KIND)
         file.attrs["format"] = FORMAT
@@ -123,7 +121,8 @@ def save_ensemble(result: EnsembleResult, path: str | Path, *, overwrite: bool =
         put_text(file, "verdict", result.verdict)
         put_text(file, "provenance", json.dumps(dict(result.provenance), sort_keys=True, allow_nan=False))
         for key, values in result.headlines.items():
-            put(file, f"headlines/{key}", values, units.get(key, "1"), words.get(key, key))
+            one = headline(key)
+            put(file, f"headlines/{key}", values, one.unit, one.words)
         put(file, "elements", result.elements, "1", "element with the largest tension of each run")
         put(file, "time", result.time, "s", "instants")
         put(file, "quantiles/levels", result.levels, "1", "levels of the quantiles over the runs")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -26,9 +26,10 @@ from exunet.results.measures import (
     mouth_areas,
     net_centre,
     speeds_of,
+    tensions_of_tethers,
 )
 from exunet.results.result import Result
-from exunet.results.rows import StoredRows
+from exunet.results.rows import StoredRows, over_blocks
 
 Floats = NDArray[np.float64]
 
@@ -61,6 +62,8 @@ class Course:
     kinetic, elastic, dissipated : (t,) [J]
     tension         : (t,) largest tension of all elements at each time [N]
     peak            : the largest of all steps
+    body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
+    tether_names, tether_tension  : (t, n_tethers) largest tension along each [N]
     """
 
     time: Floats
@@ -73,11 +76,17 @@ class Course:
     dissipated: Floats
     tension: Floats
     peak: Peak
+    body_names: tuple[str, ...] = ()
+    body_centre: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    tether_names: tuple[str, ...] = ()
+    tether_tension: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     def at_every_second(self) -> Course:
         """The same at half as many times, the last one included."""
         rows = np.arange(len(self.time) - 1, -1, -2)[::-1]
-        names = ("time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension")
+        names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
+        names += ["body_centre"] if self.body_names else []
+        names += ["tether_tension"] if self.tether_names else []
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
@@ -165,6 +174,51 @@ HEADLINES = (
 )
 
 
+_OF_BODY, _OF_TETHER = ("body_", "_displacement"), ("tether_", "_largest_tension")
+
+
+def of_body(name: str) -> Headline:
+    """How far the centre of mass of a body is from its start at the end."""
+
+    def value(course: Course) -> float | None:
+        if name not in course.body_names:
+            return None
+        centre = course.body_centre[:, course.body_names.index(name)]
+        return float(np.linalg.norm(centre[-1] - centre[0]))
+
+    words = f"displacement of {name}"
+    return Headline(name.join(_OF_BODY), words, "m", value, least=1e-8, remark="at the end")
+
+
+def of_tether(name: str) -> Headline:
+    """The largest tension along a tether."""
+
+    def value(course: Course) -> float | None:
+        if name not in course.tether_names:
+            return None
+        return float(course.tether_tension[:, course.tether_names.index(name)].max(initial=0.0))
+
+    words = f"largest tension of tether {name}"
+    return Headline(name.join(_OF_TETHER), words, "N", value, remark="at stored times")
+
+
+def headlines_for(course: Course) -> tuple[Headline, ...]:
+    """The headlines of a scene: those of every net, then of the tethers and bodies of a course."""
+    return (*HEADLINES, *map(of_tether, course.tether_names), *map(of_body, course.body_names))
+
+
+def headline(key: str) -> Headline:
+    """The headline of a key; raises KeyError if there is none."""
+    for one in HEADLINES:
+        if one.key == key:
+            return one
+    for (begin, end), made in ((_OF_BODY, of_body), (_OF_TETHER, of_tether)):
+        end += f"_{made('').unit}"
+        if key.startswith(begin) and key.endswith(end):
+            return made(key[len(begin) : -len(end)])
+    raise KeyError(key)
+
+
 @dataclass(frozen=True)
 class Curve:
     """One quantity over time, of which an ensemble has quantiles: name, words, unit, (t,) values of a course.
@@ -200,7 +254,7 @@ CURVES = (
 
 def headlines_of(course: Course) -> dict[str, float | None]:
     """All headlines of a course, by key."""
-    return {one.key: one.value(course) for one in HEADLINES}
+    return {one.key: one.value(course) for one in headlines_for(course)}
 
 
 def course_of(result: Result) -> Course:
@@ -217,7 +271,17 @@ def course_of(result: Result) -> Course:
         dissipated=result.dissipated,
         tension=tension,
         peak=_peak(result, tension),
+        body_names=tuple(result.bodies),
+        body_centre=_centres(result),
+        tether_names=tuple(result.net.tether_elements),
+        tether_tension=over_blocks(partial(tensions_of_tethers, result.net), result.tension),
     )
+
+
+def _centres(result: Result) -> Floats:
+    """(t, n_bodies, 3) [m]."""
+    centres = [np.asarray(body.position[:]) for body in result.bodies.values()]
+    return np.stack(centres, axis=1) if centres else np.zeros((len(result.time), 0, 3))
 
 
 def _of_rows(measure: Callable[[Floats], Floats], values: Any, width: int) -> Any:

@@ -67,6 +67,12 @@ def net_centre(net: Net, position: Floats) -> Floats:
     return np.einsum("n,tnk->tk", mass / mass.sum(), position)
 
 
+def tensions_of_tethers(net: Net, tension: Floats) -> Floats:
+    """Largest tension along each tether: (t, n_tethers) [N], from those of all elements (t, n_elements)."""
+    found = [tension[:, own.start : own.stop].max(axis=1) for own in net.tether_elements.values()]
+    return np.stack(found, axis=1) if found else np.zeros((len(tension), 0))
+
+
 def bullet_speeds(result: Result) -> Floats:
     """Speeds of the bullets, in the order of `net.bullet_nodes`: (n_times, n_bullets) [m/s]."""
     return over_blocks(partial(speeds_of, result.net.bullet_nodes), result.velocity)

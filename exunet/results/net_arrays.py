@@ -39,7 +39,7 @@ _PLAIN = {
     "bullet_nodes": NetArray("b", "1", "nodes that carry a bullet", "<i8"),
     "fixed_nodes": NetArray("f", "1", "nodes that are held still", "<i8"),
 }
-_TETHERS = {
+OF_TETHERS = {
     "tether_first": NetArray("t", "1", "from where on the nodes of each tether are its own", "<i8"),
     "tether_names": NetArray("q", "1", "names of the tethers, a line each, in bytes of UTF-8", "|u1"),
     "tether_values": NetArray("x", "1", "nodes along the tethers, one after another", "<i8"),
@@ -52,13 +52,16 @@ NET_ARRAYS = _PLAIN | {
     "face_offsets": NetArray("o", "1", "loop k is face_values[offsets[k]:offsets[k + 1]]", "<i8"),
     "mouth_values": NetArray("w", "1", _MOUTH, "<i8"),
     "mouth_offsets": NetArray("p", "1", "loop k is mouth_values[offsets[k]:offsets[k + 1]]", "<i8"),
-    **_TETHERS,
+    **OF_TETHERS,
 }
 _LOOPS = ("face", "mouth", "tether")
 
 
 def to_arrays(net: Net, where: str) -> dict[str, NDArray[Any]]:
-    """The arrays of NET_ARRAYS; raises InputError, which begins with `where`, if one is not in order."""
+    """The arrays of NET_ARRAYS, those of tethers if there are any.
+
+    Raises InputError, which begins with `where`, if one is not in order.
+    """
     arrays = {
         name: np.asarray(getattr(net, name), dtype=kind.dtype, order="C") for name, kind in _PLAIN.items()
     }
@@ -70,7 +73,7 @@ def to_arrays(net: Net, where: str) -> dict[str, NDArray[Any]]:
     arrays["tether_names"] = np.frombuffer(names.encode(), dtype="|u1")
     arrays["tether_first"] = np.array([one.first for one in net.tethers], dtype="<i8")
     _check(arrays, where)
-    return arrays
+    return {name: values for name, values in arrays.items() if net.tethers or name not in OF_TETHERS}
 
 
 def from_arrays(arrays: Mapping[str, NDArray[Any]], where: str) -> Net:
@@ -90,7 +93,7 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]], where: str) -> Net:
 
 
 def _no_tethers() -> dict[str, NDArray[Any]]:
-    none = {name: np.zeros(0, dtype=kind.dtype) for name, kind in _TETHERS.items()}
+    none = {name: np.zeros(0, dtype=kind.dtype) for name, kind in OF_TETHERS.items()}
     return none | {"tether_offsets": np.zeros(1, dtype="<i8")}
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
-from exunet.results.headlines import HEADLINES, Course, Headline, printed, shown, unit_of_last_digit
+from exunet.results.headlines import Course, Headline, headlines_for, printed, shown, unit_of_last_digit
 
 Floats = NDArray[np.float64]
 
@@ -116,7 +116,7 @@ class Spread:
     @cached_property
     def judged(self) -> dict[str, Judged]:
         """The headlines that the runs have, by key."""
-        found = (_judge(one, self.courses, self.plain, self.finer) for one in HEADLINES)
+        found = (_judge(one, self.courses, self.plain, self.finer) for one in headlines_for(self.plain))
         return {one.headline.key: one for one in found if one is not None}
 
     @property

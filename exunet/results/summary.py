@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from exunet.base.files import replacing
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
-from exunet.results.headlines import HEADLINES, Course, Headline, course_of, headlines_of, shown
+from exunet.results.headlines import Course, Headline, course_of, headline, headlines_of, shown
 from exunet.results.measures import NEARLY_OPEN, energy_balance, energy_scale
 from exunet.results.result import BodyStates, Result
 from exunet.results.spread import Judged, Spread, description, numbers
@@ -109,8 +109,7 @@ def _retry(story: dict[str, Any]) -> dict[str, Any]:
 
 
 def _body(body: BodyStates) -> dict[str, float]:
-    way = np.linalg.norm(body.position[-1] - body.position[0])
-    return {"mass_kg": body.mass, "displacement_m": float(way)}
+    return {"mass_kg": body.mass}
 
 
 def _given(result: Result, name: str) -> dict[str, Any]:
@@ -212,13 +211,7 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
 
 
 def _body_rows(bodies: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
-    return [
-        (f"body {name}", f"{one['mass_kg']:.6g} kg, {_way(one)}{_gave(one)}") for name, one in bodies.items()
-    ]
-
-
-def _way(body: dict[str, Any]) -> str:
-    return f"at the end {body['displacement_m']:.4g} m from its start"
+    return [(f"body {name}", f"{one['mass_kg']:.6g} kg{_gave(one)}") for name, one in bodies.items()]
 
 
 def _gave(body: dict[str, Any]) -> str:
@@ -240,9 +233,7 @@ def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
 def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list[tuple[str, str]]:
     judged = spread.judged if isinstance(spread, Spread) else {}
     found = []
-    for one in HEADLINES:
-        if one.key not in summary["headlines"]:
-            continue
+    for one in map(headline, summary["headlines"]):
         value = summary["headlines"][one.key]["this_run"]
         if one.key in judged:
             words = judged[one.key].words() + _where(judged[one.key])

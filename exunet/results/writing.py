@@ -92,7 +92,7 @@ def join(
         file.attrs["complete"] = bool(complete)
         put_text(file, "verdict", verdict)
         put_text(file, "provenance", story)
-        for name, kind in NET_ARRAYS.items():
+        for name, kind in ((name, NET_ARRAYS[name]) for name in arrays):
             put(file, f"{NET_GROUP}/{name}", arrays[name], kind.units, kind.description)
         for name, body in bodies.items():
             put(file, body_path(name, "mass"), np.array([body.mass], dtype="<f8"), "kg", "mass")

@@ -45,9 +45,12 @@ class Ensemble:
     kinetic, elastic, potential, dissipated : (runs, t) [J]
     centre        : (runs, t, 3) centre of mass of the net [m]
     tension       : (runs, t) largest tension of all elements at that time [N]
+    body_centre   : (runs, t, n_bodies, 3) centres of mass of point masses and rigid bodies [m]
+    tether_tension : (runs, t, n_tethers) largest tension along each tether [N]
     largest_tension, time_of_largest_tension : (runs,) of all steps, stored or not [N], [s]
     element_of_largest_tension : (runs,) in which element; -1: none was ever taut
     right_hand_sides : (runs,) evaluations of the forces
+    body_names, tether_names : of those bodies and tethers
     """
 
     time: Floats
@@ -59,10 +62,14 @@ class Ensemble:
     dissipated: Floats
     centre: Floats
     tension: Floats
+    body_centre: Floats
+    tether_tension: Floats
     largest_tension: Floats
     time_of_largest_tension: Floats
     element_of_largest_tension: NDArray[np.int64]
     right_hand_sides: NDArray[np.int64]
+    body_names: tuple[str, ...] = ()
+    tether_names: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.area)
@@ -84,6 +91,10 @@ class Ensemble:
                 float(self.time_of_largest_tension[run]),
                 int(self.element_of_largest_tension[run]),
             ),
+            body_names=self.body_names,
+            body_centre=self.body_centre[run],
+            tether_names=self.tether_names,
+            tether_tension=self.tether_tension[run],
         )
 
 
@@ -175,7 +186,9 @@ def run_ensemble(
             stop.set()
             pool.shutdown(wait=True, cancel_futures=True)
             raise
-    return Ensemble(times, *_stacked(found))
+    blocks = start.system.blocks
+    bodies, tethers = (*blocks.body, *blocks.rigid), tuple(start.net.tether_elements)
+    return replace(Ensemble(times, *_stacked(found)), body_names=bodies, tether_names=tethers)
 
 
 def whole_number(name: str, given: object, at_least: int) -> None:
@@ -211,8 +224,9 @@ def _stacked(found: Sequence[tuple[Any, ...]]) -> list[Any]:
 
 
 def _measured(states: States, dissipated: Floats) -> tuple[Floats, ...]:
-    """What `Ensemble` has of states (k,), from `bullet_speed` to `tension`."""
+    """What `Ensemble` has of states (k,), from `bullet_speed` to `tether_tension`."""
     net = states.system.net
+    masses = list(states.system.blocks.body.values())
     position = states.position[:, : net.n_nodes]
     return (
         metrics.speeds_of(net.bullet_nodes, states.velocity),
@@ -223,6 +237,8 @@ def _measured(states: States, dissipated: Floats) -> tuple[Floats, ...]:
         dissipated,
         metrics.net_centre(net, position),
         states.tension.max(axis=1, initial=0.0),
+        np.concatenate([states.position[:, masses], states.bodies.position], axis=1),
+        metrics.tensions_of_tethers(net, states.tension),
     )
 
 

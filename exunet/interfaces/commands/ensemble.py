@@ -21,7 +21,7 @@ from exunet.interfaces.commands.folders import opened, ready, silent, to_stderr
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_ensemble
-from exunet.results.headlines import HEADLINES, Headline, printed, unit_of_last_digit
+from exunet.results.headlines import HEADLINES, Headline, headline, printed, unit_of_last_digit
 from exunet.results.run_folder import held
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.preparation import prepare_case
@@ -129,7 +129,7 @@ def rows(found: EnsembleResult) -> list[tuple[str, str]]:
         ("method", f"{story['method']}, {setting}, compiled loop"),
         ("wall time", f"{story['seconds']:.2f} s, {found.runs / story['seconds']:.3g} runs a second"),
     ]
-    table += [(one.words, _quantiles(one, found)) for one in HEADLINES if one.key in found.headlines]
+    table += [(one.words, _quantiles(one, found)) for one in map(headline, found.headlines)]
     return [*table, *_elements(found)]
 
 
