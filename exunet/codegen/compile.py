@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 from exunet.base.errors import MissingExtra
+from exunet.codegen.compilation import KERNELS, listen
 
 WIDTH = 8  # runs that go side by side (see `lanes`): doubles of one register of AVX-512, two of AVX2
 
@@ -61,6 +62,7 @@ def compiled_module(source: str) -> ModuleType:
     name = _name(source)
     if name in sys.modules:
         return sys.modules[name]
+    listen()
     path = _kept(name, _with_decorators(source, cache=True))
     if path is None:
         module = ModuleType(name)
@@ -77,7 +79,7 @@ def compiled_module(source: str) -> ModuleType:
 
 def _name(source: str) -> str:
     versions = f"{numba_version()} {platform.python_version()} {platform.machine()} {version_of('borrowing')}"
-    return "exunet_kernel_" + hashlib.sha256((versions + source).encode()).hexdigest()[:20]
+    return KERNELS + hashlib.sha256((versions + source).encode()).hexdigest()[:20]
 
 
 def interpreted_module(source: str) -> ModuleType:

@@ -17,6 +17,7 @@ import typer
 
 from exunet.base.errors import ExunetError, InputError
 from exunet.base.version import VERSION
+from exunet.codegen.compilation import told_compilation
 
 app = typer.Typer(
     add_completion=False,
@@ -60,8 +61,11 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a title may hold what the terminal cannot show
+    say = _silent if "--quiet" in sys.argv else _to_stderr
     try:
-        sys.exit(app(prog_name="exunet", standalone_mode=False) or 0)
+        with told_compilation(say):
+            code = app(prog_name="exunet", standalone_mode=False) or 0
+        sys.exit(code)
     except ExunetError as error:
         _leave(str(error), error.exit_code)
     except _UsageError as error:
@@ -78,6 +82,14 @@ def main() -> None:
             _leave(f"{error.filename}: {reason}", 2)
         sys.stdout = None  # the terminal or a pipe: nothing more to flush at the interpreter's end
         _leave(f"cannot print: {reason}", 2)
+
+
+def _to_stderr(words: str) -> None:
+    sys.stderr.write(f"{words}\n")
+
+
+def _silent(_words: str) -> None:
+    """Nothing is said."""
 
 
 def _leave(words: str, code: int) -> NoReturn:
