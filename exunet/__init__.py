@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from exunet.results.ensemble_result import EnsembleResult as EnsembleResult
     from exunet.results.ensemble_result import load_ensemble as load_ensemble
     from exunet.results.ensemble_result import save_ensemble as save_ensemble
+    from exunet.results.loads import Loads as Loads
+    from exunet.results.loads import loads as loads
     from exunet.results.measures import Deployment as Deployment
     from exunet.results.measures import achievable_area as achievable_area
     from exunet.results.measures import bullet_speeds as bullet_speeds
@@ -85,6 +87,8 @@ API = {
         "peak_tensions": "exunet.results.measures",
         "largest_tensions": "exunet.results.measures",
         "energy_balance": "exunet.results.measures",
+        "loads": "exunet.results.loads",
+        "Loads": "exunet.results.loads",
     },
     "Compare runs": {
         "compare": "exunet.results.comparison",

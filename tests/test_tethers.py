@@ -225,3 +225,41 @@ def test_headlines_of_tethers_and_bodies(tmp_path: Path) -> None:
     assert headline("body_my_body_displacement_m").words == "displacement of my_body"
     with pytest.raises(KeyError):
         headline("tether_tow_length_m")
+
+
+def test_loads_on_the_bodies(tmp_path: Path) -> None:
+    """One thread: equal and opposite pulls of its tension along it, with the torques of its arms."""
+    result = simulate(start(tmp_path, *OFF_CENTRE, "tethers.tow.divisions=1"))
+    left, right = exunet.loads(result, "left"), exunet.loads(result, "right")
+    assert (left.nodes.tolist(), right.nodes.tolist()) == ([2], [3])
+    np.testing.assert_allclose(left.size[:, 0], result.tension[:, 1], rtol=1e-12)
+    np.testing.assert_allclose(left.force, -right.force, rtol=1e-12)
+    span = result.position[:, 3] - result.position[:, 2]
+    assert np.abs(np.cross(left.force[:, 0], span)).max() < 1e-9 * left.size.max()
+    assert (np.einsum("ta,ta->t", left.force[:, 0], span) >= 0.0).all()  # towards the other body
+    arm = result.position[:, 2] - result.bodies["left"].position
+    np.testing.assert_allclose(left.torque[:, 0], np.cross(arm, left.force[:, 0]), atol=1e-12)
+    force, torque = left.total
+    np.testing.assert_array_equal(force, left.force[:, 0])
+    np.testing.assert_array_equal(torque, left.torque[:, 0])
+
+
+def test_loads_change_the_momentum(tmp_path: Path) -> None:
+    """Their integral over the snap is the change of the body's momentum and of its angular momentum."""
+    result = simulate(start(tmp_path, *OFF_CENTRE, "time.output_step=1e-4"))
+    left = result.bodies["left"]
+    force, torque = exunet.loads(result, "left").total
+    mass = left.mass
+    np.testing.assert_allclose(
+        np.trapezoid(force, result.time, axis=0), mass * (left.velocity[-1] - left.velocity[0]), atol=2e-3
+    )
+    assert np.abs(np.trapezoid(torque, result.time, axis=0)).max() > 0.01
+
+
+def test_loads_of_nothing(tmp_path: Path) -> None:
+    result = simulate(
+        start(tmp_path, "tethers.tow.start={node=1}", "tethers.tow.length=9.0", "time.end=0.01")
+    )
+    assert exunet.loads(result, "left").force.shape == (2, 0, 3)
+    with pytest.raises(exunet.InputError, match=r"no body 'nobody' \(bodies: left, right\)"):
+        exunet.loads(result, "nobody")

@@ -28,6 +28,7 @@ FIGURES = {
     "area": "mouth area and mesh area over time; needs a mouth or mesh openings",
     "tensions": "largest tension of each element at the stored times, on the reference net; needs elements",
     "largest_tension": "largest tension of all elements over time; needs elements",
+    "loads": "pull of the threads on each body at the nodes that are fixed to it; needs such nodes",
     "rotation": "angular velocity of each rigid body over time; needs a rigid body",
     "agreement": "differences between two codes over time; needs an `agreement`",
 }
@@ -154,6 +155,7 @@ def _drawers(
         "area": lambda result, page: curves.area(result, page, spread),
         "tensions": tensions.tensions,
         "largest_tension": lambda result, page: curves.largest_tension(result, page, spread),
+        "loads": curves.loads_on_bodies,
         "rotation": curves.rotation,
         "agreement": lambda result, page: (
             None if agreement is None else curves.agreement(result, page, agreement)

@@ -16,6 +16,7 @@ from exunet.figures.thinning import thinned, thinned_band
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
 from exunet.results.ensemble_result import EnsembleResult
+from exunet.results.loads import loads
 from exunet.results.result import Result
 from exunet.results.rows import over_blocks
 
@@ -168,6 +169,25 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
             axes.plot(times, peaks, "x", label=words, **dots)
         top = max(top, float(peaks.max()))
     axes.set_ylim(0, 1.05 * top or 1.0)
+    _legend(figure, axes)
+    return figure
+
+
+def loads_on_bodies(result: Result, page: Page) -> Figure | None:
+    """Size of the pull at each node that is fixed to a body, over time; None if there is none."""
+    found = {name: loads(result, name) for name, body in result.bodies.items() if body.nodes is not None}
+    if not found:
+        return None
+    figure, axes = _curve_axes(result, page, "Pull of the threads on the bodies", "force [N]")
+    drawn = [(name, k, node) for name, of in found.items() for k, node in enumerate(of.nodes.tolist())]
+    sizes = {one: found[one[0]].size[:, one[1]] for one in drawn}
+    largest = sorted(drawn, key=lambda one: -float(sizes[one].max(initial=0.0)))[:MOST_CURVES]
+    for place, (one, style) in enumerate(zip(largest, curve_styles(len(largest)), strict=True)):
+        label = f"{one[0]}, node {one[2]}"
+        _curve(axes, result.time, sizes[one], place / len(largest), label=label, markersize=4.5, **style)
+    if len(drawn) > len(largest):
+        axes.plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
+    axes.set_ylim(bottom=0.0)
     _legend(figure, axes)
     return figure
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,26 +44,34 @@ class BodyConstants:
     inertia   : (3, 3) about the centre of mass, in body axes [kg m2]; None: a point mass
     wireframe : (k, 2, 3) ends of lines that show its shape, from the centre of mass, in body axes [m]; None:
                 it has no shape
+    nodes     : (m,) nodes of the net and of tethers that are fixed to it; None: none
     """
 
     mass: float
     inertia: Floats | None = None
     wireframe: Floats | None = None
+    nodes: NDArray[np.int64] | None = None
 
-    def arrays(self) -> dict[str, Floats]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """Those of its values that are arrays, by name."""
-        named = {"inertia": self.inertia, "wireframe": self.wireframe}
-        return {name: values for name, values in named.items() if values is not None}
+        return {name: values for name in CONSTANTS if (values := getattr(self, name)) is not None}
 
 
-# Arrays of `BodyConstants`: shape (k: any number), units, description.
-CONSTANTS: dict[str, tuple[tuple[int | None, ...], str, str]] = {
-    "inertia": ((3, 3), "kg m2", "inertia about the centre of mass, in body axes"),
-    "wireframe": (
-        (None, 2, 3),
-        "m",
-        "ends of lines that show the shape, from the centre of mass, in body axes",
+class Constant(NamedTuple):
+    """An array of `BodyConstants`: shape (None: any number), units, description, type."""
+
+    shape: tuple[int | None, ...]
+    units: str
+    description: str
+    dtype: str = "<f8"
+
+
+CONSTANTS = {
+    "inertia": Constant((3, 3), "kg m2", "inertia about the centre of mass, in body axes"),
+    "wireframe": Constant(
+        (None, 2, 3), "m", "ends of lines that show the shape, from the centre of mass, in body axes"
     ),
+    "nodes": Constant((None,), "1", "nodes of the net and of tethers that are fixed to the body", "<i8"),
 }
 
 
@@ -72,11 +80,11 @@ def body_constants(mass: float, arrays: Mapping[str, Any]) -> BodyConstants:
     if not np.isfinite(mass):
         raise ValueError("mass contains NaN or infinity")
     for name, values in arrays.items():
-        shape, _, _ = CONSTANTS[name]
+        shape, kind = CONSTANTS[name].shape, np.dtype(CONSTANTS[name].dtype).kind
         fits = values.ndim == len(shape) and all(
             want in (None, size) for want, size in zip(shape, values.shape, strict=True)
         )
-        if not fits or values.dtype.kind != "f" or not np.all(np.isfinite(values)):
+        if not fits or values.dtype.kind != kind or not np.all(np.isfinite(values)):
             words = " x ".join("k" if size is None else str(size) for size in shape)
             raise ValueError(f"{name} is not an array of {words} finite numbers")
     return BodyConstants(mass, **arrays)

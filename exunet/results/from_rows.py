@@ -77,7 +77,7 @@ _OPTIONAL_PATHS = {PATHS[name] for name in OPTIONAL}
 
 def _body(found: Mapping[str, Any], name: str, body: BodyConstants) -> BodyStates:
     states = {quantity: found[body_path(name, quantity)] for quantity in body_quantities(body)}
-    return BodyStates(body.mass, body.inertia, wireframe=body.wireframe, **states)
+    return BodyStates(body.mass, body.inertia, wireframe=body.wireframe, nodes=body.nodes, **states)
 
 
 def check_values(values: Any, column: Column, where: str) -> None:

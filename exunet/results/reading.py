@@ -145,7 +145,8 @@ def _of_terms(file: h5py.File) -> Iterator[Column]:
 
 
 def _constants(group: h5py.Group) -> BodyConstants:
-    arrays = {name: _native(group[name][()], "<f8") for name in CONSTANTS if name in group}
+    there = ((name, kind.dtype) for name, kind in CONSTANTS.items() if name in group)
+    arrays = {name: _native(group[name][()], dtype) for name, dtype in there}
     try:
         return body_constants(float(group["mass"][0]), arrays)
     except ValueError as error:

@@ -35,6 +35,7 @@ class BodyStates:
     angular_velocity : (n_times, 3) [rad/s], in body axes; None for a point mass
     wireframe        : (k, 2, 3) ends of lines that show its shape, from the centre of mass, in body axes [m];
                        None: it has no shape
+    nodes            : (m,) nodes of the net and of tethers that are fixed to it; None: none
     """
 
     mass: float
@@ -44,6 +45,7 @@ class BodyStates:
     attitude: Floats | None = None
     angular_velocity: Floats | None = None
     wireframe: Floats | None = None
+    nodes: NDArray[np.int64] | None = None
 
 
 @dataclass(frozen=True)

@@ -201,7 +201,7 @@ class SegmentStore(Segments):
             "provenance": dict(provenance),
         }
         for name, body in bodies.items():
-            arrays |= {f"{one} of {name}": np.asarray(values, float) for one, values in body.arrays().items()}
+            arrays |= {f"{one} of {name}": np.asarray(values) for one, values in body.arrays().items()}
         try:
             folder.mkdir(parents=True, exist_ok=True)
             lock = _locked(folder)

@@ -63,7 +63,8 @@ def save(result: Result, path: str | Path, *, overwrite: bool = False) -> None:
     if not overwrite and path.is_file():
         raise InputError(f"{path}: there is a file of that name: give another, or overwrite=True")
     bodies = {
-        name: BodyConstants(body.mass, body.inertia, body.wireframe) for name, body in result.bodies.items()
+        name: BodyConstants(body.mass, body.inertia, body.wireframe, body.nodes)
+        for name, body in result.bodies.items()
     }
     source = _ResultRows(result, bodies, _where(path))
     join(source, path, result.net, bodies, result.provenance, result.verdict, result.complete)
@@ -97,8 +98,9 @@ def join(
         for name, body in bodies.items():
             put(file, body_path(name, "mass"), np.array([body.mass], dtype="<f8"), "kg", "mass")
             for one, values in body.arrays().items():
-                _, units, words = CONSTANTS[one]
-                put(file, body_path(name, one), np.asarray(values, "<f8"), units, words)
+                stored = CONSTANTS[one]
+                values = np.asarray(values, stored.dtype)
+                put(file, body_path(name, one), values, stored.units, stored.description)
         for column in sorted(source.columns, key=lambda column: column.path):
             _put_rows(file, sink, source, column, where)
 

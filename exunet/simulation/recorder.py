@@ -40,10 +40,16 @@ def constants_of_bodies(system: System) -> dict[str, BodyConstants]:
             body.mass,
             body.inertia_in_frame,
             None if body.shape is None else wireframe(body.shape) - body.centre,
+            _fixed_to(system, k),
         )
-        for body in system.bodies
+        for k, body in enumerate(system.bodies)
     }
     return points | rigid
+
+
+def _fixed_to(system: System, number: int) -> NDArray[np.int64] | None:
+    nodes = system.kinematics.point[system.kinematics.body == number]
+    return nodes if len(nodes) else None
 
 
 def columns_of(system: System) -> tuple[Column, ...]:

@@ -1,0 +1,73 @@
+"""What threads pull on bodies, at each node that is fixed to one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import InputError
+from exunet.net.arrays import Net
+from exunet.results.result import Result
+from exunet.results.rows import blocks
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Loads:
+    """The pull of the threads at the nodes that are fixed to a body, over the stored times.
+
+    nodes  : (m,) these nodes
+    force  : (n_times, m, 3) on the body at each [N], in the axes of the scene
+    torque : (n_times, m, 3) of each about the body's centre of mass [N m], in the axes of the scene
+    """
+
+    nodes: Ints
+    force: Floats
+    torque: Floats
+
+    @property
+    def size(self) -> Floats:
+        """(n_times, m) size of each force [N]."""
+        return np.asarray(np.linalg.norm(self.force, axis=-1))
+
+    @property
+    def total(self) -> tuple[Floats, Floats]:
+        """Force [N] and torque about the centre of mass [N m] of all together, (n_times, 3) each."""
+        return self.force.sum(axis=1), self.torque.sum(axis=1)
+
+
+def loads(result: Result, body: str) -> Loads:
+    """What the threads, those of tethers too, pull on a body; of no nodes if none is fixed to it.
+
+    Forces that act on the nodes themselves, such as drag, are not in it, nor is the inertia of their lumped
+    masses, which are part of the body. Raises InputError if there is no body of this name.
+    """
+    if body not in result.bodies:
+        known = ", ".join(result.bodies) or "none"
+        raise InputError(f"loads: there is no body {body!r} (bodies: {known})")
+    states = result.bodies[body]
+    nodes = np.zeros(0, dtype=np.int64) if states.nodes is None else states.nodes
+    measure = partial(_pulls, result.net, nodes)
+    rows = zip(blocks(result.position), blocks(result.tension), strict=True)
+    force = np.concatenate([measure(*row) for row in rows])
+    places = np.concatenate([block[:, nodes] for block in blocks(result.position)])
+    arms = places - np.asarray(states.position[:])[:, None]
+    return Loads(nodes, force, np.cross(arms, force))
+
+
+def _pulls(net: Net, nodes: Ints, position: Floats, tension: Floats) -> Floats:
+    """(k, m, 3) sum of the forces of the elements that end at each node [N]."""
+    found = np.zeros((len(position), len(nodes), 3))
+    for k, node in enumerate(nodes.tolist()):
+        for near, far in ((0, 1), (1, 0)):
+            elements = np.flatnonzero(net.element_nodes[:, near] == node)
+            span = position[:, net.element_nodes[elements, far]] - position[:, [node]]
+            length = np.linalg.norm(span, axis=-1, keepdims=True)
+            way = np.divide(span, length, out=np.zeros_like(span), where=length > 0.0)
+            found[:, k] += (tension[:, elements, None] * way).sum(axis=1)
+    return found
