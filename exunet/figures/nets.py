@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ MOST_LABELS = 24
 
 def reference_net(result: Result, page: Page) -> Figure:
     """The net in its reference configuration, with node numbers and, if it has openings, its dimensions."""
-    net = result.net
+    net = result.net.alone
     shown = dimensions(net)
     arrows = [
         np.append(end + a.offset, net.reference_position[0, 2]) for a in shown for end in (a.start, a.end)
@@ -52,21 +53,22 @@ def snapshots(result: Result, page: Page) -> Figure:
 
     A net whose centre of mass travels by more than half the net's size is drawn relative to that centre.
     """
-    net = result.net
+    net, alone = result.net, result.net.alone
     chosen = snapshot_indices(result.time, SNAPSHOTS)
     centre = centre_of_mass(result)
     follows = bool(np.linalg.norm(centre - centre[0], axis=1).max() > 0.5 * net_size(net))
-    reference = net.reference_position
+    reference = alone.reference_position
     states = [result.position[k] for k in chosen]
     if follows:
-        reference = reference - net.mass @ reference / net.mass.sum()
+        reference = reference - alone.mass @ reference / alone.mass.sum()
         states = [state - centre[k] for state, k in zip(states, chosen, strict=True)]
     moved = centre[chosen] if follows else np.zeros((len(chosen), 3))
     view = best_view(net, [reference, *states, *(_places(result, chosen) - moved[:, None])])
-    entries = [
-        Line2D([], [], color=BLUE, linewidth=1.2, label="net"),
-        Line2D([], [], color=GREY, linewidth=1.2, label="reference configuration"),
-    ]
+    entries = [Line2D([], [], color=BLUE, linewidth=1.2, label="net")]
+    if net.tethers:
+        entries.append(Line2D([], [], color=BLUE, linewidth=2.4, label="tether"))
+    if alone.n_elements:
+        entries.append(Line2D([], [], color=GREY, linewidth=1.2, label="reference configuration"))
     if result.bodies:
         style: dict[str, Any] = {"linewidth": 1.2, "marker": "D", "markersize": 3.5}
         label = "bodies" if len(result.bodies) > 1 else next(iter(result.bodies))
@@ -84,18 +86,31 @@ def snapshots(result: Result, page: Page) -> Figure:
         170.0 if count > 1 else 120.0,
         names,
     )
-    scale = line_scale(figure)
+    scale, told = line_scale(figure), _plane_of_names(result, chosen, view.planes)
     for k, state, panel in zip(chosen, states, grid, strict=True):
         for ax, plane in zip(panel, view.planes, strict=True):
-            draw_net(ax, net, reference, plane, GREY, 0.8 * scale)
+            draw_net(ax, alone, reference, plane, GREY, 0.8 * scale)
             draw_net(ax, net, state, plane, BLUE, scale)
-            named = len(result.bodies) > 1 and ax is panel[0]
+            named = len(result.bodies) > 1 and plane == told
             _draw_bodies(ax, result, k, centre[k] if follows else np.zeros(3), plane, named)
         text = f"$t$ = {number(result.time[k])} s"
         if follows:
             text += "\n$c$ = ({}) m".format(", ".join(f"{c + 0.0:.3g}" for c in np.round(centre[k], 2)))
         panel[0].set_title(text.replace("-", "\N{MINUS SIGN}"), loc="left", fontsize=SMALL, pad=3)
     return figure
+
+
+def _plane_of_names(
+    result: Result, chosen: list[int], planes: tuple[tuple[int, int], ...]
+) -> tuple[int, int]:
+    """The plane in which the bodies are seen farthest apart, at the worst of the chosen stored times."""
+    places = [np.asarray(body.position[chosen]) for body in result.bodies.values()]
+    apart = np.array([one - other for one, other in combinations(places, 2)] or [np.zeros((1, 3))])
+
+    def least(plane: tuple[int, int]) -> float:
+        return float(np.linalg.norm(apart[..., list(plane)], axis=-1).min())
+
+    return max(planes, key=least)
 
 
 def _places(result: Result, chosen: list[int]) -> Floats:
@@ -124,7 +139,7 @@ def _draw_bodies(
     The y axis is thin.
     """
     reach = 0.12 * net_size(result.net)
-    for name, body in result.bodies.items():
+    for body in result.bodies.values():
         at = (body.position[k] - origin)[list(plane)]
         if body.wireframe is not None:
             lines = (_lines(body, k) - origin)[..., list(plane)]
@@ -134,9 +149,25 @@ def _draw_bodies(
             for axis, width in ((0, 2.2), (1, 1.0)):
                 axes.plot(*np.stack([at, at + arms[:, axis]], axis=1), color=RED, linewidth=width)
         axes.plot(*at, marker="D", markersize=3.5, color=RED)
-        offset: dict[str, Any] = {"xytext": (0, -11), "textcoords": "offset points", "ha": "center"}
-        if named:
-            axes.annotate(name, at, fontsize=SMALL, color=RED, annotation_clip=True, **offset)
+    if named:
+        _name_bodies(
+            axes, {name: body.position[k] - origin for name, body in result.bodies.items()}, plane, reach
+        )
+
+
+def _name_bodies(axes: Axes, places: dict[str, Floats], plane: tuple[int, int], reach: float) -> None:
+    """Names below the marks; bodies that are seen nearly at one place share a line of names."""
+    groups: list[tuple[Floats, list[str]]] = []
+    for name, place in places.items():
+        at = place[list(plane)]
+        near = [names for where, names in groups if np.linalg.norm(at - where) < reach]
+        if near:
+            near[0].append(name)
+        else:
+            groups.append((at, [name]))
+    offset: dict[str, Any] = {"xytext": (0, -11), "textcoords": "offset points", "ha": "center"}
+    for at, names in groups:
+        axes.annotate(", ".join(names), at, fontsize=SMALL, color=RED, annotation_clip=True, **offset)
 
 
 def snapshot_indices(time: Floats, count: int) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +113,18 @@ class Net:
     def n_net_elements(self) -> int:
         """Elements of the net itself, strings included: those before the tethers'."""
         return self.n_elements - sum(len(tether.nodes) - 1 for tether in self.tethers)
+
+    @property
+    def alone(self) -> Net:
+        """The same without tethers; masses stay what they are with them."""
+        if not self.tethers:
+            return self
+        nodes, elements = self.n_net_nodes, self.n_net_elements
+        of_nodes = ("reference_position", "mass")
+        of_elements = ("element_nodes", "reference_length", "area", "youngs_modulus", "density", "is_string")
+        parts = {name: getattr(self, name)[:nodes] for name in of_nodes}
+        parts |= {name: getattr(self, name)[:elements] for name in of_elements}
+        return replace(self, tethers=(), **parts)
 
     @property
     def tether_elements(self) -> dict[str, range]:
