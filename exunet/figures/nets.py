@@ -167,7 +167,9 @@ def _name_bodies(axes: Axes, places: dict[str, Floats], plane: tuple[int, int], 
             groups.append((at, [name]))
     offset: dict[str, Any] = {"xytext": (0, -11), "textcoords": "offset points", "ha": "center"}
     for at, names in groups:
-        axes.annotate(", ".join(names), at, fontsize=SMALL, color=RED, annotation_clip=True, **offset)
+        axes.annotate(
+            ", ".join(names), (at[0], at[1]), fontsize=SMALL, color=RED, annotation_clip=True, **offset
+        )
 
 
 def snapshot_indices(time: Floats, count: int) -> list[int]:

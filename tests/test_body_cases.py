@@ -1,0 +1,74 @@
+"""The shipped scenes of bodies: what the head of each file expects."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import exunet
+
+CASES = Path(exunet.__file__).parent / "cases" / "bodies"
+
+
+def result(name: str, *overrides: str) -> exunet.Result:
+    return exunet.run(exunet.load(CASES / f"{name}.toml", overrides))
+
+
+def stays(found: exunet.Result) -> None:
+    """Linear momentum to 1e-10 and angular momentum to 1e-8 of what single parts have."""
+    mass = sum(body.mass for body in found.bodies.values())
+    speed = max(float(np.linalg.norm(body.velocity, axis=1).max()) for body in found.bodies.values())
+    reach = float(np.abs(found.position).max())
+    for values, bound in ((found.momentum, 1e-10), (found.angular_momentum, 1e-8 * reach)):
+        assert np.abs(values - values[0]).max() < bound * mass * speed
+
+
+def test_the_dumbbell_swings() -> None:
+    """2 pi / (sqrt(3) n), longer by 0.1^2 / 4: in twice the angle it is a pendulum of amplitude 0.2."""
+    found = result("dumbbell")
+    span = found.bodies["above"].position - found.bodies["below"].position
+    angle = np.arctan2(span[:, 1], span[:, 0])
+    zeros = CubicSpline(found.time, angle).roots(extrapolate=False)
+    period = 2.0 * math.pi / (math.sqrt(3.0) * 1.1e-3) * (1.0 + 0.1**2 / 4.0)
+    assert 2.0 * float(zeros[1] - zeros[0]) == pytest.approx(period, rel=1e-3)
+    assert found.tension[5:].min() > 0.0
+    assert np.abs(angle).max() == pytest.approx(0.1, rel=1e-3)
+
+
+def test_the_snap_throws_back() -> None:
+    found = result("snap", "time.end=1.4")
+    stays(found)
+    slack = found.tension.max(axis=1) == 0.0
+    assert slack[0]
+    assert not slack.all()
+    chaser, target = found.bodies["chaser"], found.bodies["target"]
+    assert target.velocity[-1, 2] < 0.5 < 1.0 < chaser.velocity[-1, 2]  # 2/3 - 1/3, 2/3 + 2/3 if on the line
+    assert np.abs(chaser.angular_velocity[-1]).max() > 0.5
+    total = found.kinetic + found.elastic
+    assert np.abs(total / total[0] - 1.0).max() < 1e-5
+
+
+def test_the_throw_turns_the_chaser() -> None:
+    found = result("launch", "time.end=0.4")
+    stays(found)
+    chaser = found.bodies["chaser"]
+    assert chaser.velocity[0] @ [0.0, -math.sin(0.3), math.cos(0.3)] < -0.02  # against the throw
+    bullets = found.net.bullet_nodes
+    way = found.velocity[0, bullets].mean(axis=0)
+    assert way @ [0.0, -math.sin(0.3), math.cos(0.3)] == pytest.approx(3.0 * math.cos(0.5), rel=0.01)
+    assert found.kinetic[0] == pytest.approx(0.5 * 4 * 0.2 * 9.0, rel=0.2)
+
+
+def test_the_frame_takes_its_net_along() -> None:
+    found = result("frame", "time.end=0.3")
+    stays(found)
+    corners = found.position[:, found.bodies["frame"].nodes]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1)
+    np.testing.assert_allclose(sides, 1.96, rtol=1e-12)  # rigid
+    assert found.tension.max() > 0.1
+    total = found.kinetic + found.elastic + found.dissipated
+    assert np.abs(total / total[0] - 1.0).max() < 1e-5
