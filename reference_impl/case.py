@@ -38,6 +38,42 @@ class Strings:
 
 
 @dataclass(frozen=True)
+class NetNode:
+    """A node of the net by its number in the case format: `kind` is "node" or "bullet"."""
+
+    kind: str
+    number: int
+
+
+@dataclass(frozen=True)
+class BodyPoint:
+    """A point of a body, in its frame [m]."""
+
+    body: str
+    point: Vector
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """A node of the net that is a point of a body."""
+
+    node: NetNode
+    place: BodyPoint
+
+
+@dataclass(frozen=True)
+class Tether:
+    """A cable beside the net, of this reference length [m], between two nodes or points of bodies."""
+
+    name: str
+    cable: Cable
+    length: float
+    divisions: int
+    start: NetNode | BodyPoint
+    end: NetNode | BodyPoint
+
+
+@dataclass(frozen=True)
 class Start:
     """Packing factor [-], velocity [m/s] and spin [rad/s] of all nodes, lists for explicit nets."""
 
@@ -63,4 +99,6 @@ class Case:
     launch: tuple[float, float] | None  # radial and axial speed [m/s]
     bodies: tuple[Body, ...]
     effects: Effects
+    attachments: tuple[Attachment, ...] = ()
+    tethers: tuple[Tether, ...] = ()
     source: str = ""  # the file's text, for the record

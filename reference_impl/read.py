@@ -19,6 +19,7 @@ from reference_impl.case import Cable, Case, Refused, Start, Strings
 from reference_impl.effects import Surroundings, read_effects
 from reference_impl.effects.launch_force import CHASER
 from reference_impl.read_bodies import read_bodies
+from reference_impl.read_ties import read_tethers, tie_faults
 from reference_impl.shape import LARGEST_COUNT, Explicit, Hexagonal, bullets_of, read_shape
 from reference_impl.table import Table, count, number, numbers, refusal, text, triples
 
@@ -76,7 +77,8 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
     start = _start(root.table("initial"))
     launch_table = root.table("launch", required=False)
     launch = _launch(launch_table)
-    bodies = read_bodies(root.table("bodies", required=False))
+    bodies, attachments = read_bodies(root.table("bodies", required=False))
+    tethers = read_tethers(root.table("tethers", required=False), _section)
     there = 0 if not bullets else bullets_of(shape) if shape is not None else None
     around = Surroundings(there or (None if bullets else 0), times[-1] if times else None, bool(launch_table))
     effects = read_effects(root.table("effects", required=False), around)
@@ -94,6 +96,8 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
         launch,
         bodies,
         effects,
+        attachments,
+        tethers,
     )
     faults += _misfits(case, bool(bullets), bool(launch_table))
     if faults:
@@ -243,4 +247,4 @@ def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
         faults.append("launch: needs net.bullets")
     if case.effects.launch_force is not None and any(body.name == CHASER for body in case.bodies):
         faults.append(f"bodies.{CHASER}: effects.launch_force has a body of this name; choose another")
-    return faults
+    return faults + tie_faults(case, bullets)

@@ -12,7 +12,9 @@ import numpy as np
 from reference_impl import solids
 from reference_impl.arrays import Floats
 from reference_impl.bodies import Body, rotation, turn
+from reference_impl.case import Attachment
 from reference_impl.effects.values import one_of
+from reference_impl.read_ties import read_attachments
 from reference_impl.solids import Solid
 from reference_impl.table import Table, number, numbers, refusal, text
 
@@ -22,16 +24,17 @@ _NEEDLE = 1e-14  # least over greatest principal moment that a full matrix still
 _HALF = 0.5 * (1.0 + 1e-12)
 
 
-def read_bodies(table: Table) -> tuple[Body, ...]:
-    """Reads and closes the table `[bodies]`."""
+def read_bodies(table: Table) -> tuple[tuple[Body, ...], tuple[Attachment, ...]]:
+    """Reads and closes the table `[bodies]`: the bodies, and the nodes that are points of them."""
+    attached: list[Attachment] = []
     with np.errstate(all="ignore"):  # what leaves the range of numbers is a fault, found in `_mass`
-        bodies = [_body(table.table(name, required=False), name) for name in table.values]
+        bodies = [_body(table.table(name, required=False), name, attached) for name in table.values]
     table.close()
-    return tuple(body for body in bodies if body is not None)
+    return tuple(body for body in bodies if body is not None), tuple(attached)
 
 
-def _body(table: Table, name: str) -> Body | None:
-    """One body; None with faults noted where it cannot be read."""
+def _body(table: Table, name: str, attached: list[Attachment]) -> Body | None:
+    """One body; None with faults noted where it cannot be read.  Its attachments are added to `attached`."""
     before = len(table.faults)
     _check_name(table, name)
     if not table:
@@ -43,6 +46,7 @@ def _body(table: Table, name: str) -> Body | None:
         table.get(key, numbers(3), (0.0, 0.0, 0.0)) for key in ("position", "velocity", "angular_velocity")
     )
     of_scene = table.get("angular_velocity_frame", _frame, "body") == "scene"
+    attached += read_attachments(table.table("attachments", required=False), name)
     table.close()
     if len(table.faults) > before or made is None or attitude is None:
         return None

@@ -1,7 +1,8 @@
-"""Initial state of a case: x(0) and v(0), eq. (17).
+"""Initial state of a case: x(0) and v(0), eq. (17), and the bodies.
 
 Packing is a homothety about the origin; velocity and spin together are one twist (screw theory: Murray, Li &
 Sastry, A Mathematical Introduction to Robotic Manipulation, 2.4).  Both are 4 x 4 matrices on (x, y, z, 1).
+Points of bodies and tethers between them come last: they follow from what they hang on.
 """
 
 from __future__ import annotations
@@ -9,22 +10,57 @@ from __future__ import annotations
 import numpy as np
 
 from reference_impl.arrays import Floats
-from reference_impl.bodies import skew
+from reference_impl.bodies import Body, loaded, skew
 from reference_impl.case import Case
+from reference_impl.effects.launch_force import CHASER
 from reference_impl.launch import outwards
-from reference_impl.net import Net
-from reference_impl.weave import between
+from reference_impl.net import Net, between
 
 
 def initial_state(case: Case, net: Net) -> tuple[Floats, Floats]:
     """Positions (n, 3) [m] and velocities (n, 3) [m/s] at t = 0.  Fixed nodes start, and stay, at rest."""
-    start = case.start
+    position, velocity, _ = _start(case, net)
+    return position, velocity
+
+
+def initial_bodies(case: Case, net: Net) -> tuple[Body, ...]:
+    """The bodies of a case: the chaser of launch_force first, in the origin, then those listed.
+
+    With the mass of the nodes that are points of them.
+    """
+    launch = case.effects.launch_force
+    chaser = (
+        () if launch is None else (Body(CHASER, launch.chaser_mass, velocity=np.array(case.start.velocity)),)
+    )
+    return (*chaser, *_start(case, net)[2])
+
+
+def _start(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...]]:
+    """Positions, velocities (n, 3), and the listed bodies."""
+    position, velocity = _cast(case, net)
+    bodies = tuple(_with_nodes(body, net, number) for number, body in enumerate(case.bodies))
+    for node, number, point in zip(net.anchors.node, net.anchors.body, net.anchors.point, strict=True):
+        position[node], velocity[node] = bodies[number].at(point)
+    for values in (position, velocity):
+        values[net.woven :] = between(values, net.parents, net.shares)[net.woven :]
+    return position, velocity, bodies
+
+
+def _with_nodes(body: Body, net: Net, number: int) -> Body:
+    mine = np.flatnonzero(net.anchors.body == number)
+    return loaded(body, net.mass[net.anchors.node[mine]], net.anchors.point[mine])
+
+
+def _cast(case: Case, net: Net) -> tuple[Floats, Floats]:
+    """Positions and velocities (n, 3) by `[initial]` and `[launch]`; zero for nodes of tethers."""
+    start, position = case.start, np.zeros_like(net.reference_position)
     if start.node_positions is None:
-        position = _mapped(np.diag([start.packing] * 3 + [1.0]), net.reference_position)
+        packed = _mapped(np.diag([start.packing] * 3 + [1.0]), net.reference_position[: net.woven])
     else:
-        position = _spread(net, start.node_positions)
+        packed = _spread(net, start.node_positions)
+    position[: net.woven] = packed
     velocity = np.zeros_like(position)
-    moving = np.setdiff1d(np.arange(len(position)), net.fixed_nodes)
+    moving = np.setdiff1d(np.arange(net.woven), net.fixed_nodes)
     twist = np.zeros((4, 4))
     twist[:3, :3], twist[:3, 3] = skew(np.array(start.spin)), start.velocity
     velocity[moving] = _mapped(twist, position[moving])
@@ -47,5 +83,5 @@ def _mapped(matrix: Floats, points: Floats) -> Floats:
 
 
 def _spread(net: Net, listed: tuple[tuple[float, ...], ...]) -> Floats:
-    """Values (n, 3) of all nodes from those of the listed ones; between these along divided sides."""
-    return between(np.array(listed, dtype=float), net.parents, net.shares)
+    """Values (n, 3) of the net's nodes from those of the listed ones; between these along divided sides."""
+    return between(np.array(listed, dtype=float), net.parents[: net.woven], net.shares[: net.woven])
