@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from reference_impl.arrays import Vector
+from reference_impl.arrays import Floats, Vector
 from reference_impl.bodies import Body
 from reference_impl.effects import Effects
 from reference_impl.shape import Shape
@@ -73,6 +73,15 @@ class Tether:
     end: NetNode | BodyPoint
 
 
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    """The net's axes at time 0, carried by a body: origin (3,) [m], rotation (3, 3) in the body's frame."""
+
+    body: str
+    position: Floats
+    attitude: Floats
+
+
 @dataclass(frozen=True)
 class Start:
     """Packing factor [-], velocity [m/s] and spin [rad/s] of all nodes, lists for explicit nets."""
@@ -82,6 +91,7 @@ class Start:
     spin: Vector
     node_positions: tuple[Vector, ...] | None
     node_velocities: tuple[Vector, ...] | None
+    carrier: Carrier | None = None
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ def accelerations(system: System, x: Floats, v: Floats) -> Floats:
 
 
 def torques(system: System, attitude: Floats, turning: Floats) -> Floats:
-    """(r, 3) [N m] on rigid bodies of attitudes (r, 3, 3) that turn with (r, 3) [rad/s], in the scene's axes."""
+    """(r, 3) [N m] on rigid bodies of attitudes (r, 3, 3) that turn with (r, 3) [rad/s], in scene axes."""
     effects = system.effects
     by_velocity = -damping_rate(system) * np.eye(3)
     if effects.orbit is not None:

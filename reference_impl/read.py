@@ -15,10 +15,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from reference_impl.case import Cable, Case, Refused, Start, Strings
+import numpy as np
+
+from reference_impl.case import Cable, Carrier, Case, Refused, Start, Strings
 from reference_impl.effects import Surroundings, read_effects
 from reference_impl.effects.launch_force import CHASER
-from reference_impl.read_bodies import read_bodies
+from reference_impl.read_bodies import read_attitude, read_bodies
 from reference_impl.read_ties import read_tethers, tie_faults
 from reference_impl.shape import LARGEST_COUNT, Explicit, Hexagonal, bullets_of, read_shape
 from reference_impl.table import Table, count, number, numbers, refusal, text, triples
@@ -212,9 +214,24 @@ def _start(table: Table) -> Start:
         table.get("spin", numbers(3), zero),
         table.get("node_positions", triples, None),
         table.get("node_velocities", triples, None),
+        _carrier(table.table("frame", required=False)),
     )
     table.close()
     return start
+
+
+def _carrier(table: Table) -> Carrier | None:
+    """What carries the net's axes; None where nothing does, or with faults noted where it cannot be read."""
+    if not table:
+        return None
+    body, position = table.need("body", text), table.get("position", numbers(3), (0.0, 0.0, 0.0))
+    attitude = read_attitude(table)
+    table.close()
+    return (
+        None
+        if body is None or position is None or attitude is None
+        else Carrier(body, np.array(position), attitude)
+    )
 
 
 def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
@@ -247,4 +264,10 @@ def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
         faults.append("launch: needs net.bullets")
     if case.effects.launch_force is not None and any(body.name == CHASER for body in case.bodies):
         faults.append(f"bodies.{CHASER}: effects.launch_force has a body of this name; choose another")
+    if (carrier := case.start.carrier) is not None:
+        if all(body.name != carrier.body for body in case.bodies):
+            faults.append(f"initial.frame.body: there is no body {carrier.body}")
+        if case.effects.launch_force is not None:
+            why = "the case format does not say in which axes the barrels are"
+            faults.append(refusal("effects.launch_force with initial.frame", why))
     return faults + tie_faults(case, bullets)

@@ -41,7 +41,7 @@ def _body(table: Table, name: str, attached: list[Attachment]) -> Body | None:
         return None
     solid, shaped = _material(table)
     made = _mass(table, solid, shaped)
-    attitude = _attitude(table)
+    attitude = read_attitude(table)
     position, velocity, spin = (
         table.get(key, numbers(3), (0.0, 0.0, 0.0)) for key in ("position", "velocity", "angular_velocity")
     )
@@ -113,7 +113,7 @@ def _part(table: Table, name: str) -> Solid | None:
     _check_name(table, name)
     if not table:
         return None
-    solid, attitude = _shape(table), _attitude(table)
+    solid, attitude = _shape(table), read_attitude(table)
     position = table.get("position", numbers(3), (0.0, 0.0, 0.0))
     table.close()
     if solid is None or attitude is None or position is None:
@@ -188,7 +188,7 @@ def _holds(inertia: Floats) -> bool:
     return bool(principal[0] > _NEEDLE * principal[2])
 
 
-def _attitude(table: Table) -> Floats | None:
+def read_attitude(table: Table) -> Floats | None:
     """Rotation matrix (3, 3) of `attitude`, or of `axis` and `angle`; None with faults noted."""
     about = [key for key in ("axis", "angle") if key in table.values]
     quaternion = table.get("attitude", numbers(4), (1.0, 0.0, 0.0, 0.0))

@@ -117,7 +117,7 @@ def test_gravity_gradient_libration(orbiting, scene, model):
 
 
 def test_spin_in_orbit_agrees_with_eulers_equations_in_inertial_axes(orbiting, scene, unbalanced):
-    """H' = 3 n^2 r x I r for the spin w + n h, carried out in axes that do not turn."""
+    """H' = 3 n^2 r x I r for the spin w + n h, in axes that do not turn."""
     inertia, n = np.diag(BODY["inertia"]), N
     spin = np.array([2.0 * n, -n, 3.0 * n])
     end = 2000.0
@@ -141,7 +141,7 @@ def test_spin_in_orbit_agrees_with_eulers_equations_in_inertial_axes(orbiting, s
 
 
 def test_a_body_feels_what_two_far_nodes_feel(explicit, scene):
-    """A rod's ends as nodes on a light body: orbit with j2 turns it as it does one rigid body of the same J."""
+    """Two nodes on a light body: orbit with j2 turns it as it does one rigid body of the same J."""
     j2 = {**ORBIT, "inclination": 1.0, "argument_of_latitude": 0.7}
     effects = {"orbit": {**ORBIT, "model": "linear"}, "j2": j2}
     nodes = [[0.6, 0.8, 0.0], [-0.6, -0.8, 0.0]]
