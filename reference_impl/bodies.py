@@ -1,19 +1,18 @@
-"""Bodies beside the net: free rigid bodies `[bodies.NAME]`, and point masses such as the chaser of a launch.
+"""Bodies beside the net: rigid bodies `[bodies.NAME]`, and point masses such as the chaser of a launch.
 
 A rigid body is carried as its rotation matrix R, which turns the body's axes into the scene's, and its
 angular momentum h about the centre of mass in the scene's axes (Goldstein, Classical Mechanics, ch. 5):
 
-    h' = 0,  R' = [w]x R,  w = R J^-1 R^T h,
+    h' = torque,  R' = [w]x R,  w = R J^-1 R^T h,
 
-J the matrix of inertia about the centre of mass in the body's axes, which need not be principal ones.  No
-torque acts, so h stays what it was to the last bit.  The centre of mass moves by itself: where it is in the
-body's frame matters for the start, and for finding the frame again (position - R c), not for the motion.
+J the matrix of inertia about the centre of mass in the body's axes, which need not be principal ones.  Where
+no torque acts, h stays what it was to the last bit.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +36,12 @@ class Body:
     velocity: Floats = field(default_factory=_zeros)  # (3,) [m/s] of the centre of mass
     attitude: Floats = field(default_factory=lambda: np.eye(3))  # R (3, 3): columns are the body's axes
     angular_velocity: Floats = field(default_factory=_zeros)  # (3,) [rad/s] in the body's axes
+
+    def at(self, point: Floats) -> tuple[Floats, Floats]:
+        """Place [m] and velocity [m/s] (3,) in the scene of a point (3,) [m] of the body's frame."""
+        lever = self.attitude @ (point - self.centre_of_mass)
+        turning = self.attitude @ self.angular_velocity
+        return self.position + self.attitude @ point, self.velocity + np.cross(turning, lever)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +69,16 @@ class Bodies:
         return np.flatnonzero(np.any(self.inertia, axis=(1, 2)))
 
     @cached_property
+    def free(self) -> Floats:
+        """1 for each body (b,) that forces move."""
+        return np.ones(len(self.names))
+
+    @cached_property
+    def unlisted(self) -> int:
+        """How many of them, the first, are not of the table `[bodies]`: point masses."""
+        return len(self.names) - len(self.rigid)
+
+    @cached_property
     def resistance(self) -> Floats:
         """J (r, 3, 3) [kg m2] of the rigid ones."""
         return self.inertia[self.rigid]
@@ -85,6 +100,22 @@ def collect(bodies: tuple[Body, ...]) -> tuple[Bodies, BodyStates]:
     kinds = Bodies(names, rows("mass", 1)[:, 0], rows("inertia", 3, 3), centre)
     position = rows("position", 3) + np.einsum("bij,bj->bi", attitude, centre)
     return kinds, BodyStates(position, rows("velocity", 3), attitude, rows("angular_velocity", 3))
+
+
+def loaded(body: Body, mass: Floats, point: Floats) -> Body:
+    """The body with point masses (q,) [kg] at points (q, 3) [m] of its frame: one rigid body of both.
+
+    By Steiner's theorem, J + m |d|^2 - m d d^T about the common centre of mass, written with [d]x^T [d]x.
+    """
+    if not len(mass):
+        return body
+    masses = np.concatenate(((body.mass,), mass))
+    places = np.concatenate((body.centre_of_mass[None], point))
+    total = math.fsum(masses)
+    centre = np.array([math.fsum(column) for column in (masses[:, None] * places).T.tolist()]) / total
+    arm = skew(places - centre)
+    shifted = np.einsum("q,qji,qjk->ik", masses, arm, arm)
+    return replace(body, mass=total, inertia=body.inertia + shifted, centre_of_mass=centre)
 
 
 def rotation(quaternion: tuple[float, ...]) -> Floats:
@@ -128,6 +159,12 @@ def turning(attitude: Floats, spin: Floats, mobility: Floats) -> Floats:
 def attitude_rate(attitude: Floats, spin: Floats, mobility: Floats) -> Floats:
     """R' (r, 3, 3) [1/s] of attitudes R and angular momenta h (r, 3) [kg m2/s]."""
     return np.asarray(skew(turning(attitude, spin, mobility)) @ attitude)
+
+
+def turning_rate(attitude: Floats, spin: Floats, torque: Floats, bodies: Bodies) -> Floats:
+    """w' (..., r, 3) [rad/s2] in the scene's axes, R J^-1 R^T (torque - w x h): Euler's equations."""
+    left = torque - np.cross(turning(attitude, spin, bodies.mobility), spin)
+    return turning(attitude, left, bodies.mobility)
 
 
 def orthonormal(attitude: Floats) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from reference_impl.arrays import Vector
+from reference_impl.arrays import Floats, Vector
 from reference_impl.bodies import Body
 from reference_impl.effects import Effects
 from reference_impl.shape import Shape
@@ -38,6 +38,51 @@ class Strings:
 
 
 @dataclass(frozen=True)
+class NetNode:
+    """A node of the net by its number in the case format: `kind` is "node" or "bullet"."""
+
+    kind: str
+    number: int
+
+
+@dataclass(frozen=True)
+class BodyPoint:
+    """A point of a body, in its frame [m]."""
+
+    body: str
+    point: Vector
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """A node of the net that is a point of a body."""
+
+    node: NetNode
+    place: BodyPoint
+
+
+@dataclass(frozen=True)
+class Tether:
+    """A cable beside the net, of this reference length [m], between two nodes or points of bodies."""
+
+    name: str
+    cable: Cable
+    length: float
+    divisions: int
+    start: NetNode | BodyPoint
+    end: NetNode | BodyPoint
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    """The net's axes at time 0, carried by a body: origin (3,) [m], rotation (3, 3) in the body's frame."""
+
+    body: str
+    position: Floats
+    attitude: Floats
+
+
+@dataclass(frozen=True)
 class Start:
     """Packing factor [-], velocity [m/s] and spin [rad/s] of all nodes, lists for explicit nets."""
 
@@ -46,6 +91,7 @@ class Start:
     spin: Vector
     node_positions: tuple[Vector, ...] | None
     node_velocities: tuple[Vector, ...] | None
+    carrier: Carrier | None = None
 
 
 @dataclass(frozen=True)
@@ -63,4 +109,6 @@ class Case:
     launch: tuple[float, float] | None  # radial and axial speed [m/s]
     bodies: tuple[Body, ...]
     effects: Effects
+    attachments: tuple[Attachment, ...] = ()
+    tethers: tuple[Tether, ...] = ()
     source: str = ""  # the file's text, for the record

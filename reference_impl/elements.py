@@ -42,9 +42,7 @@ class Elements:
     @cached_property
     def reference_direction(self) -> Floats:
         """Unit vectors (m, 3) from i to j in the reference configuration."""
-        i, j = self.ends
-        position = self.net.reference_position
-        return np.asarray((position[j] - position[i]) / self.net.reference_length[:, None])
+        return self.net.direction
 
     @cached_property
     def free_strain(self) -> float:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from reference_impl import fields
 from reference_impl.arrays import Bools, Floats
 from reference_impl.bodies import BodyStates
 from reference_impl.effects.orbit import orbital_potential
@@ -21,7 +22,7 @@ from reference_impl.system import System
 
 def kinetic(system: System, v: Floats, bodies: BodyStates | None = None) -> Floats:
     """K = 1/2 v^T M v (...) [J], eq. (18), and that of the `bodies`, 1/2 m v^2 + 1/2 w.J w, if given."""
-    total = np.asarray(0.5 * np.einsum("n,...nc,...nc->...", system.net.mass, v, v))
+    total = np.asarray(0.5 * np.einsum("n,...nc,...nc->...", system.net.own_mass, v, v))
     if bodies is None:
         return total
     moving = np.einsum("b,...bc,...bc->...", system.bodies.mass, bodies.velocity, bodies.velocity)
@@ -41,9 +42,11 @@ def elastic(system: System, x: Floats, intact: Bools | None = None) -> Floats:
 def potential(system: System, x: Floats, bodies: BodyStates | None = None) -> Floats:
     """Potential (...) [J] of gravity, orbit, j2, sunlight, bending and launch_force, fixed nodes included.
 
+    With that of the `bodies`, if given.
+
     Raises ValueError where launch_force needs the states of the `bodies`.
     """
-    mass, effects = system.net.mass, system.effects
+    mass, effects = system.net.own_mass, system.effects
     total = -np.einsum("n,...nc,c->...", mass, x, np.array(effects.gravity))
     if effects.orbit is not None:
         total = total + orbital_potential(effects.orbit, x) @ mass
@@ -53,6 +56,8 @@ def potential(system: System, x: Floats, bodies: BodyStates | None = None) -> Fl
         total = total - np.einsum("nc,...nc->...", system.sunlight, x)
     if effects.bending is not None:
         total = total + system.hinges.energy(span(system, x))
+    if bodies is not None and fields.act(system):
+        total = total + fields.potential(system, bodies.position, bodies.attitude)
     if effects.launch_force is not None:
         if bodies is None:
             raise ValueError(
@@ -65,7 +70,7 @@ def potential(system: System, x: Floats, bodies: BodyStates | None = None) -> Fl
 
 def momentum(system: System, v: Floats, bodies: BodyStates | None = None) -> Floats:
     """Linear momentum (..., 3) [kg m/s], of net and bodies."""
-    total = np.asarray(np.einsum("n,...nc->...c", system.net.mass, v))
+    total = np.asarray(np.einsum("n,...nc->...c", system.net.own_mass, v))
     if bodies is None:
         return total
     return np.asarray(total + np.einsum("b,...bc->...c", system.bodies.mass, bodies.velocity))
@@ -73,7 +78,7 @@ def momentum(system: System, v: Floats, bodies: BodyStates | None = None) -> Flo
 
 def angular_momentum(system: System, x: Floats, v: Floats, bodies: BodyStates | None = None) -> Floats:
     """Angular momentum about the origin (..., 3) [kg m2/s], of net and bodies."""
-    total = np.asarray(np.einsum("n,...nc->...c", system.net.mass, np.cross(x, v)))
+    total = np.asarray(np.einsum("n,...nc->...c", system.net.own_mass, np.cross(x, v)))
     if bodies is None:
         return total
     orbital = np.cross(bodies.position, bodies.velocity)

@@ -162,7 +162,7 @@ def _between(layout: Layout, ends: tuple[Floats, Floats], rates: Floats, h: floa
     s = _SAMPLES[:, None, None]
     x0, x1 = (layout.positions(y) for y in ends)
     v0, v1 = (h * layout.velocities(y) for y in ends)
-    a0, a1 = (h * h * layout.velocities(rate) for rate in rates)
+    a0, a1 = (h * h * layout.accelerations(y, rate) for y, rate in zip(ends, rates, strict=True))
     gap, slope0, slope1 = x1 - x0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
     cubic = 10.0 * gap - 4.0 * slope0 + 0.5 * slope1
     quartic = -15.0 * gap + 7.0 * slope0 - slope1

@@ -60,7 +60,8 @@ class Verlet(Fixed):
 
     Drag, damping and Coriolis forces at the end of a step would need the velocity that they determine; they
     take v + h a(x, v) instead, which differs by O(h^2) and leaves the order.  Without them it is symplectic.
-    Rigid bodies turn by the exponential of the angular velocity at half the step, which half a turn gives.
+    Rigid bodies turn by the exponential of the angular velocity at half the step, which half a turn gives;
+    torques kick their angular momenta as forces kick momenta.
     """
 
     def __init__(self, run: Run, step: float) -> None:
@@ -71,23 +72,28 @@ class Verlet(Fixed):
         self.rate = self.run.rate(self.run.t, self.run.y)
 
     def take(self, arrival: float) -> None:
-        run, rate, n3 = self.run, self.rate, self.run.half
+        run, rate, where = self.run, self.rate, self.run.layout
+        n3, books = where.half, where.moved
         h, y = arrival - run.t, run.y
         x, v, a = y[:n3], y[n3 : 2 * n3], rate[n3 : 2 * n3]
         half_kicked = v + 0.5 * h * a
         position = x + h * half_kicked
-        rotation = self._turn(h)
-        after = run.rate(arrival, np.concatenate((position, v + h * a, rotation, (0.0,))))
+        attitude, torque = self._turn(h), rate[where.turned : books]
+        spin = y[where.turned : books]
+        guessed = (position, v + h * a, attitude, spin + h * torque, y[books:] + h * rate[books:])
+        after = run.rate(arrival, np.concatenate(guessed))
         velocity = half_kicked + 0.5 * h * after[n3 : 2 * n3]
-        dissipated = y[-1] + 0.5 * h * (rate[-1] + after[-1])
-        run.arrive(arrival, np.concatenate((position, velocity, rotation, (dissipated,))))
+        kicked = spin + 0.5 * h * (torque + after[where.turned : books])
+        booked = y[books:] + 0.5 * h * (rate[books:] + after[books:])
+        run.arrive(arrival, np.concatenate((position, velocity, attitude, kicked, booked)))
         self.rate = after
 
     def _turn(self, h: float) -> Floats:
-        """R, h (12 r,) of the rigid bodies after h [s]."""
-        where, y, mobility = self.run.layout, self.run.y, self.run.system.bodies.mobility
+        """R (9 r,) of the rigid bodies after h [s], with their angular momenta at half the step."""
+        run, mobility = self.run, self.run.system.bodies.mobility
         if not len(mobility):
             return np.empty(0)
-        attitude, spin = where.attitudes(y), where.spins(y)
-        middle = turned(attitude, 0.5 * h * turning(attitude, spin, mobility))
-        return np.concatenate((turned(attitude, h * turning(middle, spin, mobility)).ravel(), spin.ravel()))
+        now = run.layout.held(run.y)
+        spin = now.spin + 0.5 * h * run.layout.held(self.rate).spin
+        middle = turned(now.attitude, 0.5 * h * turning(now.attitude, spin, mobility))
+        return turned(now.attitude, h * turning(middle, spin, mobility)).ravel()

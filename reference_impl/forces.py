@@ -6,13 +6,14 @@ x is the array (n, 3) of nodal positions [m], v that of velocities [m/s]; d_e = 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from reference_impl import mirror
+from reference_impl import fields, mirror
 from reference_impl.arrays import Bools, Floats, dot
-from reference_impl.bodies import BodyStates
+from reference_impl.bodies import BodyStates, turning, turning_rate
 from reference_impl.effects.air_drag import bullet_drag, cable_drag
 from reference_impl.effects.molecular_drag import molecular_force
 from reference_impl.effects.orbit import orbital_acceleration
@@ -22,7 +23,9 @@ from reference_impl.stiffness import damping, secant, tangent, tangent_element
 from reference_impl.system import System, assemble
 
 __all__ = [
+    "Response",
     "System",
+    "Whole",
     "acceleration",
     "assemble",
     "damping",
@@ -32,6 +35,7 @@ __all__ = [
     "greatest_frequency",
     "length",
     "motion",
+    "response",
     "secant",
     "span",
     "strain",
@@ -41,6 +45,25 @@ __all__ = [
     "tension",
     "ways",
 ]
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """All that moves: N = n + b particles, nodes and then bodies, and r rigid bodies."""
+
+    x: Floats  # (..., N, 3) [m]
+    v: Floats  # (..., N, 3) [m/s]
+    attitude: Floats  # R (..., r, 3, 3)
+    spin: Floats  # h (..., r, 3) [kg m2/s] about the centres of mass, in the scene's axes
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What the forces do: accelerations (zero without a motion of one's own), torques, power that leaves."""
+
+    acceleration: Floats  # (N, 3) [m/s2]
+    torque: Floats  # (r, 3) [N m] about the centres of mass
+    power: float  # [W]
 
 
 def gather(system: System, element_force: Floats) -> Floats:
@@ -99,24 +122,48 @@ def acceleration(
 ) -> Floats:
     """dv/dt (n, 3) [m/s2], eq. (16), at any finite x, v (n, 3) [m, m/s]; zero at fixed nodes.
 
-    `bodies` (b, ...) is needed where a body acts on the net (launch_force); elements that are not `intact`
-    (m,) carry no load.  Raises ValueError without the bodies that it needs.
+    `bodies` (b, ...) is needed where a body acts on the net (launch_force, points of bodies); these points
+    are where it says, with their accelerations.  Elements that are not `intact` (m,) carry no load.  Raises
+    ValueError without the bodies that it needs.
     """
-    if bodies is not None:
-        x, v = np.concatenate((x, bodies.position)), np.concatenate((v, bodies.velocity))
-    elif system.effects.launch_force is not None:
-        raise ValueError("launch_force acts between bullets and chaser: give the states of the bodies")
-    return motion(system, t, x, v, Mode(intact))[0][: len(system.net.mass)]
+    n, levers, rigid = len(system.net.mass), system.levers, system.bodies.rigid
+    if bodies is None:
+        if system.effects.launch_force is not None:
+            raise ValueError("launch_force acts between bullets and chaser: give the states of the bodies")
+        if len(levers):
+            raise ValueError("nodes are points of bodies: give the states of the bodies")
+        return motion(system, t, x, v, Mode(intact))[0][:n]
+    attitude, own = bodies.attitude[rigid], bodies.angular_velocity[rigid]
+    spin = np.einsum("bij,bjk,bk->bi", attitude, system.bodies.resistance, own)
+    w, lever = np.einsum("bij,bj->bi", attitude, own), levers.turned(attitude)
+    x, v = np.concatenate((x, bodies.position)), np.concatenate((v, bodies.velocity))
+    x[levers.node] = levers.places(bodies.position[rigid], lever)
+    v[levers.node] = levers.velocities(bodies.velocity[rigid], w, lever)
+    found = response(system, t, Whole(x, v, attitude, spin), Mode(intact))
+    angular = turning_rate(attitude, spin, found.torque, system.bodies)
+    result = found.acceleration[:n].copy()
+    result[levers.node] = levers.accelerations(found.acceleration[n:][rigid], angular, w, lever)
+    return result
 
 
 def motion(system: System, t: float, x: Floats, v: Floats, mode: Mode = BY_STATE) -> tuple[Floats, float]:
     """dv/dt of eq. (16) (N, 3) [m/s2] of nodes and bodies, and the power that leaves the system [W].
 
-    x, v (N, 3) [m, m/s] are those of the n nodes and then of the bodies; without bodies, N = n.  The power is
-    v^T D v of eq. (10), what the drags take, and, negative, what thrust puts in.  An absent effect takes a
-    comparison.
+    x, v (N, 3) [m, m/s] are those of the n nodes and then of the bodies; without bodies, N = n.  Bodies
+    are taken to rest in the scene's axes; `response` knows how they turn.
     """
-    n = len(system.net.mass)
+    r = len(system.bodies.rigid)
+    found = response(system, t, Whole(x, v, np.tile(np.eye(3), (r, 1, 1)), np.zeros((r, 3))), mode)
+    return found.acceleration, found.power
+
+
+def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> Response:
+    """What the forces of eq. (10) do to nodes and bodies in this state.
+
+    The power is v^T D v of eq. (10), what the drags take, and, negative, what thrust puts in.  An absent
+    effect takes a comparison.
+    """
+    x, v, n = whole.x, whole.v, len(system.net.mass)
     nodes, speeds = (x, v) if len(x) == n else (x[:n], v[:n])
     push, power = (_assembled_forces if system.assembled else _element_forces)(system, nodes, speeds, mode)
     effects = system.effects
@@ -139,7 +186,29 @@ def motion(system: System, t: float, x: Floats, v: Floats, mode: Mode = BY_STATE
         if effects.j2 is not None:
             orbital = orbital + nodes @ system.oblate.T
         result += np.where(system.compliance_of_inertia > 0.0, orbital, 0.0)
-    return (np.concatenate((result, beside)) if len(beside) else np.asarray(result)), power
+    torque, taken = _on_bodies(system, whole, push, beside)
+    return Response(
+        np.concatenate((result, beside)) if len(beside) else np.asarray(result), torque, power + taken
+    )
+
+
+def _on_bodies(system: System, whole: Whole, push: Floats, beside: Floats) -> tuple[Floats, float]:
+    """Torques (r, 3) [N m] on the bodies, and the power taken from them [W]; adds to accelerations `beside`.
+
+    `push` (n, 3) [N] are the forces on the nodes, of which those on points of bodies act on these.
+    """
+    torque, taken, rigid = np.zeros_like(whole.spin), 0.0, system.bodies.rigid
+    if len(system.levers) and len(torque):
+        levers = system.levers
+        force, torque = levers.wrench(push[levers.node], levers.turned(whole.attitude))
+        beside[rigid] += force / system.bodies.mass[rigid, None]
+    if len(beside) and fields.act(system):
+        n = len(push)
+        beside += fields.accelerations(system, whole.x[n:], whole.v[n:])
+        w = turning(whole.attitude, whole.spin, system.bodies.mobility)
+        torque = torque + fields.torques(system, whole.attitude, w)
+        taken = fields.taken(system, whole.v[n:], whole.attitude, w)
+    return torque, taken
 
 
 def _working(system: System, t: float, x: Floats, v: Floats, mode: Mode) -> list[Floats]:

@@ -26,9 +26,10 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
+from reference_impl import fields
 from reference_impl.arrays import Floats, Ints, dot
 from reference_impl.bodies import conserving_turn
-from reference_impl.effects.orbit import coriolis, gradient
+from reference_impl.effects.orbit import coriolis
 from reference_impl.elements import excess, span, strain
 from reference_impl.fixed import Fixed
 from reference_impl.forces import gather, ways
@@ -56,6 +57,10 @@ def unsupported(system: System) -> str:
         reasons.append("effects.thrust, which puts energy in")
     if effects.breaking is not None:
         reasons.append("effects.breaking, which ends an element's energy")
+    if len(system.levers):
+        reasons.append("nodes that are points of bodies, which would couple its steps to their turning")
+    if fields.turn(system):
+        reasons.append("effects that turn bodies (effects.orbit, or damping by the mass)")
     if system.assembled:
         reasons.append("assembled arithmetic, which it does not have")
     return "; ".join(reasons)
@@ -99,11 +104,11 @@ def _turn(run: Run, h: float) -> Floats:
     bodies = run.system.bodies
     if not len(bodies.rigid):
         return np.empty(0)
-    spins = run.layout.spins(run.y)
-    attitude = conserving_turn(run.layout.attitudes(run.y), spins, bodies, h)
+    now = run.layout.held(run.y)
+    attitude = conserving_turn(now.attitude, now.spin, bodies, h)
     if attitude is None:
         raise _NoRoot(0, np.nan, -1)
-    return np.concatenate((attitude.ravel(), spins.ravel()))
+    return np.concatenate((attitude.ravel(), now.spin.ravel()))
 
 
 class _NoRoot(Exception):
@@ -142,12 +147,12 @@ class _Scheme:
         self.mass = np.concatenate((net.mass, system.bodies.mass))[:, None]
         self.free = np.concatenate((system.compliance_of_inertia[:, 0] > 0.0, system.bodies.mass > 0.0))
         self.damping = damping(system)
-        self.load = system.weight if effects.solar_pressure is None else system.weight + system.sunlight
-        zero = np.zeros((3, 3))
-        self.gradient = gradient(effects.orbit) if effects.orbit else zero
-        if effects.j2:
-            self.gradient = self.gradient + system.oblate
-        self.coriolis = coriolis(effects.orbit) if effects.orbit else zero
+        self.drag = fields.damping_rate(system) * self.mass
+        self.load = self.mass * np.array(effects.gravity)
+        if effects.solar_pressure is not None:
+            self.load[:n] += system.sunlight
+        self.gradient = fields.gradient_of(system)
+        self.coriolis = coriolis(effects.orbit) if effects.orbit else np.zeros((3, 3))
         direction = system.reference_direction
         self.viscous = (effects.beta * system.axial_stiffness)[:, None, None] * (
             direction[:, :, None] * direction[:, None, :]
@@ -165,7 +170,6 @@ class _Scheme:
         self.shape, self.slots, self.pattern = _pattern(
             np.concatenate(rows), np.concatenate(columns), self.free
         )
-        self.nothing = np.zeros((len(self.mass) - n, 3))
 
     def elements(self, x: Floats, u: Floats, h: float) -> _Element:
         """Stresses of the step u (N, 3) [m] from x."""
@@ -202,12 +206,14 @@ class _Scheme:
         if system.effects.bending is not None:
             pull = pull + system.hinges.pull(state.mid)
         result = 2.0 / h * self.mass * (mean - v)
-        drag = (self.damping @ mean[:n].ravel()).reshape(-1, 3)
-        field = (x[:n] + 0.5 * u[:n]) @ self.gradient.T + mean[:n] @ self.coriolis.T
-        push = self.load + self.mass[:n] * field
-        at_work = 2.0 / h * self.mass * (np.abs(mean) + np.abs(v))
-        at_work[:n] += np.abs(drag) + np.abs(push) + system.touching @ np.abs(pull)
-        result[:n] = result[:n] + gather(system, pull) + drag - push
+        drag = self.drag * mean
+        drag[:n] = (self.damping @ mean[:n].ravel()).reshape(-1, 3)
+        field = (x + 0.5 * u) @ self.gradient.T + mean @ self.coriolis.T
+        push = self.load + self.mass * field
+        at_work = 2.0 / h * self.mass * (np.abs(mean) + np.abs(v)) + np.abs(drag) + np.abs(push)
+        at_work[:n] += system.touching @ np.abs(pull)
+        result[:n] = result[:n] + gather(system, pull)
+        result += drag - push
         if system.effects.launch_force is not None:
             thrown = state.thrown[:, None] * system.barrels
             for sums, sign, force in ((result, 1.0, thrown), (at_work, -1.0, np.abs(thrown))):
@@ -218,13 +224,12 @@ class _Scheme:
 
     def tangent(self, h: float, state: _Element) -> csc_array:
         """Derivative (3f, 3f) [N/m] of the residual at the f free particles with respect to u."""
-        system, n = self.system, self.nodes
+        system = self.system
         direction = state.slope / system.squared_reference_length
         block = direction[:, None, None] * (state.mid[:, :, None] * state.end[:, None, :]) + self.viscous / h
         block += (0.5 * state.total)[:, None, None] * np.eye(3)
-        drag = np.concatenate((system.drag, np.zeros((len(self.nothing), 1))))
-        diagonal = (2.0 / h**2 * self.mass + drag / h)[:, :, None] * np.eye(3)
-        diagonal[:n] -= self.mass[:n, :, None] * (0.5 * self.gradient + self.coriolis / h)
+        diagonal = (2.0 / h**2 * self.mass + self.drag / h)[:, :, None] * np.eye(3)
+        diagonal -= self.mass[:, :, None] * (0.5 * self.gradient + self.coriolis / h)
         parts = [block, block, -block, -block, diagonal, self.bent]
         if system.effects.launch_force is not None:
             eased = -state.easing[:, None, None] * self.barrel
@@ -268,6 +273,7 @@ class _Scheme:
                 raise _NoRoot(solved, float(size / scale), worst)
         mean = u[: self.nodes] / h
         taken = h * float(mean.ravel() @ (self.damping @ mean.ravel()))
+        taken += float(np.sum(self.drag[self.nodes :] * u[self.nodes :] ** 2)) / h
         taken += float(np.sum(state.viscous * state.change * self.system.squared_reference_length))
         return u, taken, solved
 

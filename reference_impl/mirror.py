@@ -32,7 +32,7 @@ def leaves(net: Net) -> Ints:
     """
     m, n = len(net.reference_length), len(net.mass)
     i, j = net.element_nodes.T
-    along = (net.reference_position[j] - net.reference_position[i]) / net.reference_length[:, None]
+    along = net.direction
     node = np.concatenate((j, i)).tolist()
     classes: list[dict[tuple[float, ...], Ints]] = [{} for _ in range(n)]
     for contribution, (x, y, z) in enumerate(np.concatenate((-along, along)).tolist()):

@@ -15,10 +15,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from reference_impl.case import Cable, Case, Refused, Start, Strings
+import numpy as np
+
+from reference_impl.case import Cable, Carrier, Case, Refused, Start, Strings
 from reference_impl.effects import Surroundings, read_effects
 from reference_impl.effects.launch_force import CHASER
-from reference_impl.read_bodies import read_bodies
+from reference_impl.read_bodies import read_attitude, read_bodies
+from reference_impl.read_ties import read_tethers, tie_faults
 from reference_impl.shape import LARGEST_COUNT, Explicit, Hexagonal, bullets_of, read_shape
 from reference_impl.table import Table, count, number, numbers, refusal, text, triples
 
@@ -76,7 +79,8 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
     start = _start(root.table("initial"))
     launch_table = root.table("launch", required=False)
     launch = _launch(launch_table)
-    bodies = read_bodies(root.table("bodies", required=False))
+    bodies, attachments = read_bodies(root.table("bodies", required=False))
+    tethers = read_tethers(root.table("tethers", required=False), _section)
     there = 0 if not bullets else bullets_of(shape) if shape is not None else None
     around = Surroundings(there or (None if bullets else 0), times[-1] if times else None, bool(launch_table))
     effects = read_effects(root.table("effects", required=False), around)
@@ -94,6 +98,8 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
         launch,
         bodies,
         effects,
+        attachments,
+        tethers,
     )
     faults += _misfits(case, bool(bullets), bool(launch_table))
     if faults:
@@ -208,9 +214,24 @@ def _start(table: Table) -> Start:
         table.get("spin", numbers(3), zero),
         table.get("node_positions", triples, None),
         table.get("node_velocities", triples, None),
+        _carrier(table.table("frame", required=False)),
     )
     table.close()
     return start
+
+
+def _carrier(table: Table) -> Carrier | None:
+    """What carries the net's axes; None where nothing does, or with faults noted where it cannot be read."""
+    if not table:
+        return None
+    body, position = table.need("body", text), table.get("position", numbers(3), (0.0, 0.0, 0.0))
+    attitude = read_attitude(table)
+    table.close()
+    return (
+        None
+        if body is None or position is None or attitude is None
+        else Carrier(body, np.array(position), attitude)
+    )
 
 
 def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
@@ -243,4 +264,10 @@ def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
         faults.append("launch: needs net.bullets")
     if case.effects.launch_force is not None and any(body.name == CHASER for body in case.bodies):
         faults.append(f"bodies.{CHASER}: effects.launch_force has a body of this name; choose another")
-    return faults
+    if (carrier := case.start.carrier) is not None:
+        if all(body.name != carrier.body for body in case.bodies):
+            faults.append(f"initial.frame.body: there is no body {carrier.body}")
+        if case.effects.launch_force is not None:
+            why = "the case format does not say in which axes the barrels are"
+            faults.append(refusal("effects.launch_force with initial.frame", why))
+    return faults + tie_faults(case, bullets)

@@ -12,7 +12,9 @@ import numpy as np
 from reference_impl import solids
 from reference_impl.arrays import Floats
 from reference_impl.bodies import Body, rotation, turn
+from reference_impl.case import Attachment
 from reference_impl.effects.values import one_of
+from reference_impl.read_ties import read_attachments
 from reference_impl.solids import Solid
 from reference_impl.table import Table, number, numbers, refusal, text
 
@@ -22,27 +24,29 @@ _NEEDLE = 1e-14  # least over greatest principal moment that a full matrix still
 _HALF = 0.5 * (1.0 + 1e-12)
 
 
-def read_bodies(table: Table) -> tuple[Body, ...]:
-    """Reads and closes the table `[bodies]`."""
+def read_bodies(table: Table) -> tuple[tuple[Body, ...], tuple[Attachment, ...]]:
+    """Reads and closes the table `[bodies]`: the bodies, and the nodes that are points of them."""
+    attached: list[Attachment] = []
     with np.errstate(all="ignore"):  # what leaves the range of numbers is a fault, found in `_mass`
-        bodies = [_body(table.table(name, required=False), name) for name in table.values]
+        bodies = [_body(table.table(name, required=False), name, attached) for name in table.values]
     table.close()
-    return tuple(body for body in bodies if body is not None)
+    return tuple(body for body in bodies if body is not None), tuple(attached)
 
 
-def _body(table: Table, name: str) -> Body | None:
-    """One body; None with faults noted where it cannot be read."""
+def _body(table: Table, name: str, attached: list[Attachment]) -> Body | None:
+    """One body; None with faults noted where it cannot be read.  Its attachments are added to `attached`."""
     before = len(table.faults)
     _check_name(table, name)
     if not table:
         return None
     solid, shaped = _material(table)
     made = _mass(table, solid, shaped)
-    attitude = _attitude(table)
+    attitude = read_attitude(table)
     position, velocity, spin = (
         table.get(key, numbers(3), (0.0, 0.0, 0.0)) for key in ("position", "velocity", "angular_velocity")
     )
     of_scene = table.get("angular_velocity_frame", _frame, "body") == "scene"
+    attached += read_attachments(table.table("attachments", required=False), name)
     table.close()
     if len(table.faults) > before or made is None or attitude is None:
         return None
@@ -109,7 +113,7 @@ def _part(table: Table, name: str) -> Solid | None:
     _check_name(table, name)
     if not table:
         return None
-    solid, attitude = _shape(table), _attitude(table)
+    solid, attitude = _shape(table), read_attitude(table)
     position = table.get("position", numbers(3), (0.0, 0.0, 0.0))
     table.close()
     if solid is None or attitude is None or position is None:
@@ -184,7 +188,7 @@ def _holds(inertia: Floats) -> bool:
     return bool(principal[0] > _NEEDLE * principal[2])
 
 
-def _attitude(table: Table) -> Floats | None:
+def read_attitude(table: Table) -> Floats | None:
     """Rotation matrix (3, 3) of `attitude`, or of `axis` and `angle`; None with faults noted."""
     about = [key for key in ("axis", "angle") if key in table.values]
     quaternion = table.get("attitude", numbers(4), (1.0, 0.0, 0.0, 0.0))

@@ -11,7 +11,7 @@ from reference_impl.arrays import Bools, Floats
 from reference_impl.bodies import BodyStates, orthonormal
 from reference_impl.elements import strain
 from reference_impl.events import Break, Watch
-from reference_impl.forces import motion, ways
+from reference_impl.forces import response, ways
 from reference_impl.mode import Mode
 from reference_impl.state import Layout, layout
 from reference_impl.system import System
@@ -109,14 +109,8 @@ class Run:
     def rate(self, t: float, y: Floats) -> Floats:
         """dy/dt, eqs. (15), (16), the turning of bodies, and the power that leaves."""
         self.n_rhs += 1
-        half = self.half
-        velocity = y[half : 2 * half]
-        acceleration, power = motion(
-            self.system, t, y[:half].reshape(-1, 3), velocity.reshape(-1, 3), self.mode
-        )
-        if not len(self.system.bodies.rigid):
-            return np.concatenate((velocity, acceleration.ravel(), (power,)))
-        return np.concatenate((velocity, acceleration.ravel(), *self.layout.rotation_rates(y), (power,)))
+        whole = self.layout.whole(y)
+        return self.layout.rate(y, whole, response(self.system, t, whole, self.mode))
 
     def arrive(self, t: float, y: Floats) -> None:
         """Ends a step at t in y, which must be finite; attitudes are made orthonormal."""
@@ -124,7 +118,7 @@ class Run:
             raise Breakdown(f"the state became infinite in a step of {t - self.t:.3g} s")
         if len(self.system.bodies.rigid):
             y = y.copy()
-            y[2 * self.half : self.layout.turned] = orthonormal(self.layout.attitudes(y)).ravel()
+            y[2 * self.half : self.layout.turned] = orthonormal(self.layout.held(y).attitude).ravel()
         self.t, self.y = t, y
         self.n_steps += 1
 

@@ -15,8 +15,8 @@ from reference_impl.case import Case
 from reference_impl.integration import Progress, Trajectory, integrate
 from reference_impl.net import Net
 from reference_impl.read import read
-from reference_impl.start import initial_state
-from reference_impl.system import System, assemble, bodies_of
+from reference_impl.start import initial_bodies, initial_state
+from reference_impl.system import System, assemble
 from reference_impl.weave import weave
 
 
@@ -61,7 +61,7 @@ class Scene:
 def prepare(case: Case, symmetric: bool = False, assembled: bool = False) -> Scene:
     """The scene of a case; the arithmetic is one of plain, `symmetric`, `assembled` (README.md)."""
     net = weave(case)
-    system, (_, bodies0) = assemble(case, net, symmetric, assembled), collect(bodies_of(case))
+    system, (_, bodies0) = assemble(case, net, symmetric, assembled), collect(initial_bodies(case, net))
     return Scene(case, net, system, *initial_state(case, net), bodies0)
 
 

@@ -1,40 +1,119 @@
-"""Initial state of a case: x(0) and v(0), eq. (17).
+"""Initial state of a case: x(0) and v(0), eq. (17), and the bodies.
 
 Packing is a homothety about the origin; velocity and spin together are one twist (screw theory: Murray, Li &
 Sastry, A Mathematical Introduction to Robotic Manipulation, 2.4).  Both are 4 x 4 matrices on (x, y, z, 1).
+Points of bodies and tethers between them come last: they follow from what they hang on.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from reference_impl.arrays import Floats
-from reference_impl.bodies import skew
+from reference_impl.bodies import Body, loaded, skew
 from reference_impl.case import Case
+from reference_impl.effects.launch_force import CHASER
 from reference_impl.launch import outwards
-from reference_impl.net import Net
-from reference_impl.weave import between
+from reference_impl.net import Net, between
 
 
 def initial_state(case: Case, net: Net) -> tuple[Floats, Floats]:
     """Positions (n, 3) [m] and velocities (n, 3) [m/s] at t = 0.  Fixed nodes start, and stay, at rest."""
-    start = case.start
+    position, velocity, _ = _start(case, net)
+    return position, velocity
+
+
+def initial_bodies(case: Case, net: Net) -> tuple[Body, ...]:
+    """The bodies of a case: the chaser of launch_force first, in the origin, then those listed.
+
+    With the mass of the nodes that are points of them.
+    """
+    launch = case.effects.launch_force
+    chaser = (
+        () if launch is None else (Body(CHASER, launch.chaser_mass, velocity=np.array(case.start.velocity)),)
+    )
+    return (*chaser, *_start(case, net)[2])
+
+
+def _start(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...]]:
+    """Positions, velocities (n, 3), and the listed bodies."""
+    position, velocity = _cast(case, net)
+    throw = _throw(case, net)
+    bodies = tuple(_with_nodes(body, net, number) for number, body in enumerate(case.bodies))
+    if case.start.carrier is not None:
+        bodies, throw = _carry(case, net, bodies, position, velocity, throw)
+    velocity[net.bullet_nodes] += throw
+    for node, number, point in zip(net.anchors.node, net.anchors.body, net.anchors.point, strict=True):
+        position[node], velocity[node] = bodies[number].at(point)
+    for values in (position, velocity):
+        values[net.woven :] = between(values, net.parents, net.shares)[net.woven :]
+    return position, velocity, bodies
+
+
+def _with_nodes(body: Body, net: Net, number: int) -> Body:
+    mine = np.flatnonzero(net.anchors.body == number)
+    return loaded(body, net.mass[net.anchors.node[mine]], net.anchors.point[mine])
+
+
+def _cast(case: Case, net: Net) -> tuple[Floats, Floats]:
+    """Positions and velocities (n, 3) by `[initial]`, in the net's axes; zero for nodes of tethers."""
+    start, position = case.start, np.zeros_like(net.reference_position)
     if start.node_positions is None:
-        position = _mapped(np.diag([start.packing] * 3 + [1.0]), net.reference_position)
+        packed = _mapped(np.diag([start.packing] * 3 + [1.0]), net.reference_position[: net.woven])
     else:
-        position = _spread(net, start.node_positions)
+        packed = _spread(net, start.node_positions)
+    position[: net.woven] = packed
     velocity = np.zeros_like(position)
-    moving = np.setdiff1d(np.arange(len(position)), net.fixed_nodes)
+    moving = np.setdiff1d(np.arange(net.woven), net.fixed_nodes)
     twist = np.zeros((4, 4))
     twist[:3, :3], twist[:3, 3] = skew(np.array(start.spin)), start.velocity
     velocity[moving] = _mapped(twist, position[moving])
     if start.node_velocities is not None:
         velocity[moving] += _spread(net, start.node_velocities)[moving]
+    return position, velocity
+
+
+def _throw(case: Case, net: Net) -> Floats:
+    """What `[launch]` adds to the velocities of the bullets (k, 3) [m/s]; nothing to points of bodies."""
+    throw = np.zeros((len(net.bullet_nodes), 3))
     if case.launch is not None:
         radial, axial = case.launch
-        throw = np.column_stack((outwards(net)[:, :2] * radial, np.full(len(net.bullet_nodes), axial)))
-        velocity[net.bullet_nodes] += throw
-    return position, velocity
+        throw = np.column_stack((outwards(net)[:, :2] * radial, np.full(len(throw), axial)))
+    throw[np.isin(net.bullet_nodes, net.anchors.node)] = 0.0
+    return throw
+
+
+def _carry(
+    case: Case, net: Net, bodies: tuple[Body, ...], position: Floats, velocity: Floats, throw: Floats
+) -> tuple[tuple[Body, ...], Floats]:
+    """Takes the net from its own axes, carried by a body, to those of the scene; changes both (n, 3) arrays.
+
+    Returns the bodies, of which this one has given the bullets momentum and angular momentum, and the throw
+    (k, 3) in the scene's axes.
+    """
+    carrier, nodes = case.start.carrier, slice(net.woven)
+    assert carrier is not None
+    number = [body.name for body in bodies].index(carrier.body)
+    body = bodies[number]
+    axes, origin = body.attitude @ carrier.attitude, body.at(carrier.position)[0]
+    position[nodes] = origin + position[nodes] @ axes.T
+    turning = skew(body.attitude @ body.angular_velocity)
+    carried = body.velocity + (position[nodes] - body.at(body.centre_of_mass)[0]) @ turning.T
+    velocity[nodes] = velocity[nodes] @ axes.T + carried
+    velocity[net.fixed_nodes] = 0.0
+    throw = throw @ axes.T
+    given = net.mass[net.bullet_nodes, None] * throw
+    return (*bodies[:number], _recoil(body, position[net.bullet_nodes], given), *bodies[number + 1 :]), throw
+
+
+def _recoil(body: Body, place: Floats, given: Floats) -> Body:
+    """The body after it has given momenta (k, 3) [kg m/s] at places (k, 3) [m], with their moments."""
+    lost = np.cross(place - body.at(body.centre_of_mass)[0], given).sum(axis=0)
+    slower = body.velocity - given.sum(axis=0) / body.mass
+    turning = body.angular_velocity - np.linalg.solve(body.inertia, body.attitude.T @ lost)
+    return replace(body, velocity=slower, angular_velocity=turning)
 
 
 def _mapped(matrix: Floats, points: Floats) -> Floats:
@@ -47,5 +126,5 @@ def _mapped(matrix: Floats, points: Floats) -> Floats:
 
 
 def _spread(net: Net, listed: tuple[tuple[float, ...], ...]) -> Floats:
-    """Values (n, 3) of all nodes from those of the listed ones; between these along divided sides."""
-    return between(np.array(listed, dtype=float), net.parents, net.shares)
+    """Values (n, 3) of the net's nodes from those of the listed ones; between these along divided sides."""
+    return between(np.array(listed, dtype=float), net.parents[: net.woven], net.shares[: net.woven])

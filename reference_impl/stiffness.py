@@ -73,4 +73,4 @@ def damping(system: Elements, x: Floats | None = None) -> csr_array:
 def mass_proportional(system: Elements) -> Floats:
     """Damping of each node (n, 1) [N s/m] in proportion to its mass: of Rayleigh's kind and mass_damping."""
     effects = system.effects
-    return np.asarray(((effects.alpha + effects.mass_damping) * system.net.mass)[:, None])
+    return np.asarray(((effects.alpha + effects.mass_damping) * system.net.own_mass)[:, None])

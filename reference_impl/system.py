@@ -12,8 +12,9 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from reference_impl import mirror
+from reference_impl.anchors import Levers
 from reference_impl.arrays import Floats, Ints
-from reference_impl.bodies import Bodies, Body, collect
+from reference_impl.bodies import Bodies, collect
 from reference_impl.case import Case
 from reference_impl.effects.areas import diameter, exposed
 from reference_impl.effects.bending import Hinges, hinges
@@ -24,7 +25,7 @@ from reference_impl.effects.solar_pressure import solar_force
 from reference_impl.elements import Elements
 from reference_impl.launch import spread
 from reference_impl.net import Net
-from reference_impl.start import initial_state
+from reference_impl.start import initial_bodies, initial_state
 from reference_impl.stiffness import damping, mass_proportional
 
 ALONE = collect(())[0]
@@ -45,9 +46,10 @@ class System(Elements):
 
     @cached_property
     def compliance_of_inertia(self) -> Floats:
-        """1/m of each node (n, 1) [1/kg]; zero for fixed nodes, which therefore never accelerate."""
+        """1/m of each node (n, 1) [1/kg]; zero for those with no motion of their own: fixed, or of a body."""
         inverse = 1.0 / self.net.mass
         inverse[self.net.fixed_nodes] = 0.0
+        inverse[self.net.anchors.node] = 0.0
         return inverse[:, None]
 
     @cached_property
@@ -58,7 +60,7 @@ class System(Elements):
     @cached_property
     def weight(self) -> Floats:
         """Force of gravity (n, 3) [N]."""
-        return np.asarray(self.net.mass[:, None] * np.array(self.effects.gravity))
+        return np.asarray(self.net.own_mass[:, None] * np.array(self.effects.gravity))
 
     @cached_property
     def sunlight(self) -> Floats:
@@ -109,6 +111,14 @@ class System(Elements):
         return len(self.net.mass) + self.bodies.names.index(CHASER)
 
     @cached_property
+    def levers(self) -> Levers:
+        """The nodes that are points of bodies, from these bodies' centres of mass."""
+        anchors, bodies = self.net.anchors, self.bodies
+        listed = anchors.body + bodies.unlisted
+        arm = anchors.point - bodies.centre_of_mass[listed]
+        return Levers(anchors.node, np.searchsorted(bodies.rigid, listed), arm, len(bodies.rigid))
+
+    @cached_property
     def thrusters(self) -> Ints:
         """Nodes of the bullets that `thrust` pushes."""
         assert self.effects.thrust is not None
@@ -153,14 +163,5 @@ def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = Fa
     """The system of a case."""
     launched = case.effects.launch_force is not None
     start = initial_state(case, net)[0][net.bullet_nodes] if launched else None
-    bodies, _ = collect(bodies_of(case))
+    bodies, _ = collect(initial_bodies(case, net))
     return System(net, case.effects, symmetric, assembled, bodies, start)
-
-
-def bodies_of(case: Case) -> tuple[Body, ...]:
-    """The bodies of a case: the chaser of launch_force first, in the origin, then those listed."""
-    launch = case.effects.launch_force
-    chaser = (
-        () if launch is None else (Body(CHASER, launch.chaser_mass, velocity=np.array(case.start.velocity)),)
-    )
-    return (*chaser, *case.bodies)

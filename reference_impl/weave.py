@@ -17,12 +17,15 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from reference_impl.anchors import none
 from reference_impl.arrays import Floats, Ints
 from reference_impl.case import Cable, Case, Refused
-from reference_impl.net import Net
+from reference_impl.division import divide, lump
+from reference_impl.net import Net, between
 from reference_impl.shape import LARGEST_COUNT, Explicit, Hexagonal, Radial, Rectangular
+from reference_impl.tethers import tie
 
-__all__ = ["Net", "weave"]
+__all__ = ["Net", "divide", "lump", "weave"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +37,12 @@ class _Segments:
 
 
 def weave(case: Case) -> Net:
-    """The net of the case."""
+    """The net of the case, its tethers included."""
+    return tie(case, _woven(case))
+
+
+def _woven(case: Case) -> Net:
+    """The net without tethers."""
     if isinstance(case.shape, Explicit):
         knots, net_sides, length = _listed(case.shape)
         string_sides, tips = np.empty((0, 2), dtype=np.intp), np.empty(0, dtype=np.intp)
@@ -52,14 +60,15 @@ def weave(case: Case) -> Net:
     if case.strings is not None and len(string_sides):
         string_length = np.full(len(string_sides), case.strings.length)
         families.append((string_sides, string_length, case.strings.cable, case.strings.divisions))
-    bullets = (
-        _anticlockwise(knots, np.unique(tips)) if case.bullet_mass is not None else np.empty(0, dtype=np.intp)
-    )
-    return _finish(case, knots, families, bullets)
+    return _finish(case, knots, families, _anticlockwise(knots, np.unique(tips)))
 
 
-def _finish(case: Case, knots: Floats, families: list[tuple[Ints, Floats, Cable, int]], bullets: Ints) -> Net:
-    """Divides the sides of each family (sides, lengths, cable, divisions) and lumps the masses."""
+def _finish(case: Case, knots: Floats, families: list[tuple[Ints, Floats, Cable, int]], tips: Ints) -> Net:
+    """Divides the sides of each family (sides, lengths, cable, divisions) and lumps the masses.
+
+    `tips`: where bullets are, if there are any.
+    """
+    bullets = tips if case.bullet_mass is not None else tips[:0]
     for sides, _, _, divisions in families:
         if len(sides) * divisions > LARGEST_COUNT:
             raise Refused([f"net.divisions: more than {LARGEST_COUNT} elements"])
@@ -81,8 +90,10 @@ def _finish(case: Case, knots: Floats, families: list[tuple[Ints, Floats, Cable,
     mass = lump(n, element_nodes, cables[:, 2] * cables[:, 0] * reference_length, extra)
     if (bare := np.flatnonzero(~(mass > 0.0))).size:
         raise Refused([f"net: node {bare[0]} has no mass"])
+    place = between(knots, parents, shares)
+    i, j = element_nodes.T
     return Net(
-        between(knots, parents, shares),
+        place,
         element_nodes,
         reference_length,
         cables[:, 0],
@@ -95,60 +106,12 @@ def _finish(case: Case, knots: Floats, families: list[tuple[Ints, Floats, Cable,
         _numbered(case, knots, bullets),
         parents,
         shares,
+        np.asarray((place[j] - place[i]) / reference_length[:, None]),
+        np.full(len(kind), -1),
+        n,
+        _numbered_nodes(case, knots, tips),
+        none(),
     )
-
-
-def divide(knots: int, sides: Ints, pieces: Ints) -> tuple[Ints, Ints, Floats]:
-    """Cuts sides (s, 2) into `pieces` (s,) elements each: element_nodes, parents, shares of Net.
-
-    The pieces lie loose at first, each with two ends of its own; ends at the same place of a side are glued,
-    and those at its ends to the knots.  What hangs together is one node.
-    """
-    side = np.repeat(np.arange(len(sides)), pieces)
-    place = np.concatenate([np.arange(d) for d in pieces.tolist()] or [np.empty(0)]).astype(np.intp)
-    count, whole = len(side), pieces[side]
-    tail = knots + 2 * np.arange(count)
-    head = tail + 1
-    first, last = place == 0, place + 1 == whole
-    one = np.concatenate((head[~last], tail[first], head[last]))
-    other = np.concatenate((tail[~first], sides[side[first], 0], sides[side[last], 1]))
-    size = knots + 2 * count
-    glue = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
-    label = connected_components(glue, directed=False)[1]
-    _, member, node = np.unique(label, return_index=True, return_inverse=True)
-    order = np.argsort(member)  # by their first member: knots first
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    node = rank[node]
-    parents = np.repeat(np.arange(knots)[:, None], 2, axis=1)
-    shares = np.tile([1.0, 0.0], (knots, 1))
-    inner = member[order][knots:] - knots  # every other node is first met as the head of a piece
-    piece = inner // 2
-    reached = place[piece] + 1
-    far = np.column_stack((whole[piece] - reached, reached)) / whole[piece][:, None]
-    return (
-        np.column_stack((node[tail], node[head])),
-        np.concatenate((parents, sides[side[piece]])),
-        np.concatenate((shares, far)),
-    )
-
-
-def lump(n: int, element_nodes: Ints, element_mass: Floats, extra: Floats) -> Floats:
-    """Lumped masses (n,) [kg], eqs. (9), (11): half of each element to either end, plus `extra` (n,).
-
-    Correctly rounded sums: the masses of mirrored nodes agree to the last bit whatever the elements' order.
-    """
-    shares: list[list[float]] = [[float(m)] for m in extra]
-    for (i, j), half in zip(element_nodes.tolist(), (0.5 * element_mass).tolist(), strict=True):
-        shares[i].append(half)
-        shares[j].append(half)
-    return np.array([math.fsum(share) for share in shares])
-
-
-def between(values: Floats, parents: Ints, shares: Floats) -> Floats:
-    """Values (n, 3) at all nodes, from those of the knots: their mean, weighted by the shares."""
-    one, two = values[parents[:, 0]], values[parents[:, 1]]
-    return np.asarray(one * shares[:, :1] + two * shares[:, 1:])
 
 
 def merge_points(points: Floats, tolerance: float) -> tuple[Floats, Ints]:
@@ -187,6 +150,15 @@ def _numbered(case: Case, points: Floats, bullets: Ints) -> Ints:
     angle = np.arctan2(points[bullets, 1], points[bullets, 0])
     angle[angle < -1e-9] += 2.0 * math.pi
     return bullets[np.argsort(angle)]
+
+
+def _numbered_nodes(case: Case, points: Floats, tips: Ints) -> Ints:
+    """Nodes with a number in the case format: those listed, or free ends of strings without bullets."""
+    if isinstance(case.shape, Explicit):
+        return np.arange(len(points))
+    if case.strings is None or case.bullet_mass is not None:
+        return tips[:0]
+    return _numbered(case, points, tips)
 
 
 def _listed(shape: Explicit) -> tuple[Floats, Ints, Floats]:

@@ -61,9 +61,9 @@ class Hinges:
 
 
 def hinges(bending: Bending, net: Net) -> Hinges:
-    """The pairs of a net: of one kind (cables, or strings) and area, straight within STRAIGHT."""
-    d = net.reference_position[net.element_nodes[:, 1]] - net.reference_position[net.element_nodes[:, 0]]
-    away = d / np.linalg.norm(d, axis=1, keepdims=True)
+    """The pairs of a net: of one kind (cables, strings, a tether) and area, straight within STRAIGHT."""
+    size = np.linalg.norm(net.direction, axis=1, keepdims=True)
+    away = net.direction / np.where(size > 0.0, size, 1.0)  # a tether whose ends coincide has no direction
     leaving: dict[int, list[tuple[int, float]]] = defaultdict(list)  # node: element, sign of d away from it
     for e, (i, j) in enumerate(net.element_nodes.tolist()):
         leaving[i].append((e, 1.0))
@@ -72,7 +72,9 @@ def hinges(bending: Bending, net: Net) -> Hinges:
     for ends in leaving.values():
         for count, (e, out) in enumerate(ends):
             for f, other in ends[:count]:
-                if net.of_string[e] != net.of_string[f] or net.area[e] != net.area[f]:
+                if (net.of_string[e], net.tether[e]) != (net.of_string[f], net.tether[f]):
+                    continue
+                if net.area[e] != net.area[f]:
                     continue
                 gap = np.linalg.norm(out * away[e] + other * away[f])  # 0 where opposite: 2 sin(angle/2)
                 if gap <= 2.0 * math.sin(0.5 * STRAIGHT):
