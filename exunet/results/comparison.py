@@ -62,6 +62,7 @@ class ComparedRun:
 
     bodies : those beside the net, by name
     broken : elements that broke and when [s], in order of time
+    n_of_tethers : how many of the nodes, the last ones, are tethers' own; 0 too where that is not known
     """
 
     time: Floats
@@ -77,6 +78,7 @@ class ComparedRun:
     axial_stiffness: Floats
     bodies: Mapping[str, BodyStates] = field(default_factory=dict)
     broken: tuple[tuple[int, float], ...] = ()
+    n_of_tethers: int = 0
 
     @classmethod
     def of_net(
@@ -102,7 +104,8 @@ class ComparedRun:
         """The states of one of exunet's results."""
         net = cls.of_net(result.net, result.time, result.position, result.velocity, result.complete)
         broken = tuple((one["element"], one["time_s"]) for one in result.provenance.get("broken") or ())
-        return replace(net, bodies=result.bodies, broken=broken)
+        of_tethers = result.net.n_nodes - result.net.n_net_nodes
+        return replace(net, bodies=result.bodies, broken=broken, n_of_tethers=of_tethers)
 
 
 def read_states(path: str | Path) -> ComparedRun:
@@ -141,20 +144,23 @@ def _states(run: Run) -> ComparedRun:
 def match_nodes(a: ComparedRun, b: ComparedRun) -> Ints:
     """(n_nodes,) for each node of a, the node of b at the same reference position.
 
-    Nets that list their nodes alike are matched by number, others by place. Raises InputError if the nets
+    Nets that list their nodes alike are matched by number, others by place; nodes of tethers, which have no
+    place of their own in the reference configuration, by number. Raises InputError if the nets
     differ in nodes, elements or bullets.
     """
     if len(a.reference_position) != len(b.reference_position):
         raise InputError(
             f"not the same net: {len(a.reference_position)} nodes and {len(b.reference_position)} nodes"
         )
-    near = 1e-9 * (float(np.ptp(a.reference_position, axis=0).max(initial=0.0)) or 1.0)
     match = np.arange(len(a.reference_position))
-    if np.abs(a.reference_position - b.reference_position).max(initial=0.0) > near:
-        gap, match = cKDTree(b.reference_position).query(a.reference_position)
+    n = len(match) - max(a.n_of_tethers, b.n_of_tethers)
+    ours, theirs = a.reference_position[:n], b.reference_position[:n]
+    near = 1e-9 * (float(np.ptp(ours, axis=0).max(initial=0.0)) or 1.0)
+    if np.abs(ours - theirs).max(initial=0.0) > near:
+        gap, match[:n] = cKDTree(theirs).query(ours)
         worst = int(np.argmax(gap))
         if gap[worst] > near:
-            where = ", ".join(f"{c:.6g}" for c in a.reference_position[worst])
+            where = ", ".join(f"{c:.6g}" for c in ours[worst])
             raise InputError(f"not the same net: no counterpart of node {worst} at ({where}) m")
         if len(np.unique(match)) < len(match):
             raise InputError("cannot match the nodes: some share their reference position")

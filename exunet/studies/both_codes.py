@@ -104,6 +104,7 @@ class BothCodes:
         """(n_nodes,) for each node of exunet the node of the reference at the same place."""
         start, theirs = self.start, self.theirs
         ours = _at_start(start.net, start.position, start.velocity)
+        ours = replace(ours, n_of_tethers=start.net.n_nodes - start.net.n_net_nodes)
         return match_nodes(ours, _at_start(theirs.net, theirs.x0, theirs.v0))
 
     @cached_property
