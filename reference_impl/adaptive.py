@@ -108,7 +108,7 @@ class Dop853:
     def __init__(self, run: Run, rtol: float, atol: float, times: Floats) -> None:
         self.run, self.rtol, self.atol = run, max(rtol, 100.0 * np.finfo(float).eps), atol
         self.stages = _Stages(run, _pair(DOP853, DOP853.E5))
-        self.controlled = run.y.size - (0 if run.system.effects.relaxation_time else 1)
+        self.controlled = run.y.size if run.system.effects.relaxation_time else run.layout.controlled
         self.h = self._first_step(float(times[-1] - times[0]))
 
     def _rms(self, ratio: Floats) -> float:
@@ -117,10 +117,11 @@ class Dop853:
     def _first_step(self, span: float) -> float:
         """A first step [s] from the sizes of y' and y'' (HNW, II.4, starting step size)."""
         run, rate = self.run, self.stages.rates[-1]
-        scale = self.atol + self.rtol * np.abs(run.y[:-1])
-        size, speed = self._rms(run.y[:-1] / scale), self._rms(rate[:-1] / scale)
+        end = run.layout.controlled
+        scale = self.atol + self.rtol * np.abs(run.y[:end])
+        size, speed = self._rms(run.y[:end] / scale), self._rms(rate[:end] / scale)
         h = min(0.01 * size / speed if size > 1e-5 and speed > 1e-5 else 1e-6, span)
-        change = self._rms((run.rate(run.t + h, run.y + h * rate) - rate)[:-1] / scale) / h
+        change = self._rms((run.rate(run.t + h, run.y + h * rate) - rate)[:end] / scale) / h
         greatest = max(speed, change)
         if not math.isfinite(greatest):
             raise Breakdown("the initial acceleration is not finite")
@@ -183,8 +184,9 @@ class Ode45:
         self.stages = _Stages(run, _pair(RK45, RK45.E))
         self.powers = np.asarray(RK45.P, dtype=float)
         self.before = (run.t, run.y, run.mode)
-        scale = np.maximum(np.abs(run.y[:-1]), self.threshold)
-        speed = float(np.max(np.abs(self.stages.rates[-1][:-1] / scale))) / (0.8 * self.rtol**0.2)
+        moved = run.layout.controlled
+        scale = np.maximum(np.abs(run.y[:moved]), self.threshold)
+        speed = float(np.max(np.abs(self.stages.rates[-1][:moved] / scale))) / (0.8 * self.rtol**0.2)
         h = min(self.longest, float(times[1] - times[0])) if len(times) > 1 else 0.0
         self.h = 1.0 / speed if h * speed > 1.0 else h
 
@@ -215,7 +217,8 @@ class Ode45:
                 h = self.end - run.t
             arrival = self.end if last else run.t + h
             y = stages.attempt(h, arrival)
-            scale = np.maximum(np.maximum(np.abs(run.y[:-1]), np.abs(y[:-1])), self.threshold)
+            larger = np.maximum(np.abs(run.y), np.abs(y))[: run.layout.controlled]
+            scale = np.maximum(larger, self.threshold)
             error = float(np.max(np.abs(stages.scaled_error(h, scale))))
             if error <= self.rtol:
                 break

@@ -14,10 +14,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from reference_impl.arrays import Floats, Ints
+
+if TYPE_CHECKING:
+    from reference_impl.drive import Drive
 
 
 def _zeros() -> Floats:
@@ -36,6 +40,7 @@ class Body:
     velocity: Floats = field(default_factory=_zeros)  # (3,) [m/s] of the centre of mass
     attitude: Floats = field(default_factory=lambda: np.eye(3))  # R (3, 3): columns are the body's axes
     angular_velocity: Floats = field(default_factory=_zeros)  # (3,) [rad/s] in the body's axes
+    drive: Drive | None = None  # its motion, where that is given
 
     def at(self, point: Floats) -> tuple[Floats, Floats]:
         """Place [m] and velocity [m/s] (3,) in the scene of a point (3,) [m] of the body's frame."""
@@ -62,6 +67,7 @@ class Bodies:
     mass: Floats  # (b,) [kg]
     inertia: Floats  # J (b, 3, 3) [kg m2] about the centres of mass, zero for point masses
     centre_of_mass: Floats  # c (b, 3) [m] in the bodies' frames
+    drives: tuple[Drive | None, ...] = ()  # of each body, where its motion is given; (): all are free
 
     @cached_property
     def rigid(self) -> Ints:
@@ -70,8 +76,15 @@ class Bodies:
 
     @cached_property
     def free(self) -> Floats:
-        """1 for each body (b,) that forces move."""
-        return np.ones(len(self.names))
+        """1 for each body (b,) that forces move, 0 for those whose motion is given."""
+        free = np.ones(len(self.names))
+        free[self.driven] = 0.0
+        return free
+
+    @cached_property
+    def driven(self) -> Ints:
+        """Which bodies (d,) have a given motion."""
+        return np.array([k for k, drive in enumerate(self.drives) if drive is not None], dtype=np.intp)
 
     @cached_property
     def unlisted(self) -> int:
@@ -97,13 +110,17 @@ def collect(bodies: tuple[Body, ...]) -> tuple[Bodies, BodyStates]:
 
     centre, attitude = rows("centre_of_mass", 3), rows("attitude", 3, 3)
     names = tuple(body.name for body in bodies)
-    kinds = Bodies(names, rows("mass", 1)[:, 0], rows("inertia", 3, 3), centre)
+    kinds = Bodies(
+        names, rows("mass", 1)[:, 0], rows("inertia", 3, 3), centre, tuple(body.drive for body in bodies)
+    )
     position = rows("position", 3) + np.einsum("bij,bj->bi", attitude, centre)
     return kinds, BodyStates(position, rows("velocity", 3), attitude, rows("angular_velocity", 3))
 
 
 def loaded(body: Body, mass: Floats, point: Floats) -> Body:
     """The body with point masses (q,) [kg] at points (q, 3) [m] of its frame: one rigid body of both.
+
+    One whose motion is given keeps its own centre of mass, and its inertia has no effect.
 
     By Steiner's theorem, J + m |d|^2 - m d d^T about the common centre of mass, written with [d]x^T [d]x.
     """
@@ -112,6 +129,8 @@ def loaded(body: Body, mass: Floats, point: Floats) -> Body:
     masses = np.concatenate(((body.mass,), mass))
     places = np.concatenate((body.centre_of_mass[None], point))
     total = math.fsum(masses)
+    if body.drive is not None:
+        return replace(body, mass=total)
     centre = np.array([math.fsum(column) for column in (masses[:, None] * places).T.tolist()]) / total
     arm = skew(places - centre)
     shifted = np.einsum("q,qji,qjk->ik", masses, arm, arm)

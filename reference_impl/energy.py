@@ -25,8 +25,9 @@ def kinetic(system: System, v: Floats, bodies: BodyStates | None = None) -> Floa
     total = np.asarray(0.5 * np.einsum("n,...nc,...nc->...", system.net.own_mass, v, v))
     if bodies is None:
         return total
-    moving = np.einsum("b,...bc,...bc->...", system.bodies.mass, bodies.velocity, bodies.velocity)
-    inertia, spin = system.bodies.inertia, bodies.angular_velocity
+    free = system.bodies.free
+    moving = np.einsum("b,...bc,...bc->...", free * system.bodies.mass, bodies.velocity, bodies.velocity)
+    inertia, spin = free[:, None, None] * system.bodies.inertia, bodies.angular_velocity
     return np.asarray(total + 0.5 * (moving + np.einsum("bcd,...bc,...bd->...", inertia, spin, spin)))
 
 
@@ -73,7 +74,9 @@ def momentum(system: System, v: Floats, bodies: BodyStates | None = None) -> Flo
     total = np.asarray(np.einsum("n,...nc->...c", system.net.own_mass, v))
     if bodies is None:
         return total
-    return np.asarray(total + np.einsum("b,...bc->...c", system.bodies.mass, bodies.velocity))
+    return np.asarray(
+        total + np.einsum("b,...bc->...c", system.bodies.free * system.bodies.mass, bodies.velocity)
+    )
 
 
 def angular_momentum(system: System, x: Floats, v: Floats, bodies: BodyStates | None = None) -> Floats:
@@ -81,11 +84,17 @@ def angular_momentum(system: System, x: Floats, v: Floats, bodies: BodyStates | 
     total = np.asarray(np.einsum("n,...nc->...c", system.net.own_mass, np.cross(x, v)))
     if bodies is None:
         return total
+    free = system.bodies.free
     orbital = np.cross(bodies.position, bodies.velocity)
     own = np.einsum(
-        "...bij,bjk,...bk->...bi", bodies.attitude, system.bodies.inertia, bodies.angular_velocity
+        "...bij,bjk,...bk->...bi",
+        bodies.attitude,
+        free[:, None, None] * system.bodies.inertia,
+        bodies.angular_velocity,
     )
-    return np.asarray(total + np.einsum("b,...bc->...c", system.bodies.mass, orbital) + np.sum(own, axis=-2))
+    return np.asarray(
+        total + np.einsum("b,...bc->...c", free * system.bodies.mass, orbital) + np.sum(own, axis=-2)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +104,7 @@ class Books:
     kinetic: Floats
     elastic: Floats
     potential: Floats
-    dissipated: Floats  # what has left the system: to damping, drag, breaks, less what thrust put in
+    dissipated: Floats  # what has left: to damping, drag, breaks, less what thrust and driven bodies put in
     momentum: Floats
     angular_momentum: Floats
 

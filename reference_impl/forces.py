@@ -64,6 +64,7 @@ class Response:
     acceleration: Floats  # (N, 3) [m/s2]
     torque: Floats  # (r, 3) [N m] about the centres of mass
     power: float  # [W]
+    given: Floats  # (d, 7) by driven bodies: force [N], torque about the origin [N m], power [W]
 
 
 def gather(system: System, element_force: Floats) -> Floats:
@@ -172,6 +173,7 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
     if effects.solar_pressure is not None:
         push += system.sunlight
     for force in _working(system, t, nodes, speeds, mode):
+        force[system.led] = 0.0  # what acts on these from outside is taken up by what drives them
         push += force
         power -= float(np.vdot(force, speeds))
     beside = np.zeros((len(x) - n, 3))
@@ -187,9 +189,23 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
             orbital = orbital + nodes @ system.oblate.T
         result += np.where(system.compliance_of_inertia > 0.0, orbital, 0.0)
     torque, taken = _on_bodies(system, whole, push, beside)
+    given = _given(system, whole, push)
+    power += taken - float(np.sum(given[:, 6]))
     return Response(
-        np.concatenate((result, beside)) if len(beside) else np.asarray(result), torque, power + taken
+        np.concatenate((result, beside)) if len(beside) else np.asarray(result), torque, power, given
     )
+
+
+def _given(system: System, whole: Whole, push: Floats) -> Floats:
+    """What driven bodies give (d, 7): the opposite of what pulls on their nodes."""
+    given = np.zeros((len(system.bodies.driven), 7))
+    for row, k in zip(given, system.bodies.driven.tolist(), strict=True):
+        mine = system.levers.node[system.bodies.rigid[system.levers.body] == k]
+        force = -push[mine]
+        row[:3] = force.sum(axis=0)
+        row[3:6] = np.cross(whole.x[mine], force).sum(axis=0)
+        row[6] = np.vdot(force, whole.v[mine])
+    return given
 
 
 def _on_bodies(system: System, whole: Whole, push: Floats, beside: Floats) -> tuple[Floats, float]:
@@ -208,6 +224,9 @@ def _on_bodies(system: System, whole: Whole, push: Floats, beside: Floats) -> tu
         w = turning(whole.attitude, whole.spin, system.bodies.mobility)
         torque = torque + fields.torques(system, whole.attitude, w)
         taken = fields.taken(system, whole.v[n:], whole.attitude, w)
+    if len(system.bodies.driven) and len(beside):
+        beside *= system.bodies.free[:, None]
+        torque = torque * system.bodies.free[rigid, None]
     return torque, taken
 
 

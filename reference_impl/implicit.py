@@ -59,6 +59,8 @@ def unsupported(system: System) -> str:
         reasons.append("effects.breaking, which ends an element's energy")
     if len(system.levers):
         reasons.append("nodes that are points of bodies, which would couple its steps to their turning")
+    if len(system.bodies.driven):
+        reasons.append("bodies whose motion is given")
     if fields.turn(system):
         reasons.append("effects that turn bodies (effects.orbit, or damping by the mass)")
     if system.assembled:

@@ -15,6 +15,7 @@ import numpy as np
 from reference_impl.adaptive import PAIRS
 from reference_impl.arrays import Floats
 from reference_impl.bodies import BodyStates
+from reference_impl.drive import Poses
 from reference_impl.fixed import Classical, Fixed, Verlet
 from reference_impl.implicit import EnergyMomentum, unsupported
 from reference_impl.mode import Mode
@@ -73,7 +74,7 @@ def integrate(
     times = np.asarray(times, dtype=float)
     _check(system, x0, v0, times, method, rtol, atol, step)
     _check_bodies(system, bodies)
-    run = Run(system, float(times[0]), layout(system).pack(x0, v0, bodies))
+    run = Run(system, float(times[0]), layout(system).pack(x0, v0, bodies, float(times[0])))
     try:
         with np.errstate(all="ignore"):
             run.begin(located=method in PAIRS)
@@ -97,9 +98,12 @@ def integrate(
 
 
 def _follow(run: Run, stepper: Stepper, times: Floats, progress: Progress | None) -> None:
-    """Takes the run from stored time to stored time; steps end at the knots of thrust too."""
+    """Takes the run from stored time to stored time; steps end at the knots of thrust and poses too."""
     thrust, end = run.system.effects.thrust, float(times[-1])
-    knots = [] if thrust is None else [t for t in thrust.time if run.t < t <= end]
+    kinks = set(() if thrust is None else thrust.time)
+    for drive in run.system.bodies.drives:
+        kinks.update(drive.times if isinstance(drive, Poses) else ())
+    knots = sorted(t for t in kinks if run.t < t <= end)
     if knots:
         stepper.renew(knots[0])
     for time in times[1:].tolist():

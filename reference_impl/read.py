@@ -79,7 +79,7 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
     start = _start(root.table("initial"))
     launch_table = root.table("launch", required=False)
     launch = _launch(launch_table)
-    bodies, attachments = read_bodies(root.table("bodies", required=False))
+    bodies, attachments = read_bodies(root.table("bodies", required=False), times[-1] if times else None)
     tethers = read_tethers(root.table("tethers", required=False), _section)
     there = 0 if not bullets else bullets_of(shape) if shape is not None else None
     around = Surroundings(there or (None if bullets else 0), times[-1] if times else None, bool(launch_table))

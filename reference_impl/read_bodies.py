@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,11 @@ from reference_impl import solids
 from reference_impl.arrays import Floats
 from reference_impl.bodies import Body, rotation, turn
 from reference_impl.case import Attachment
+from reference_impl.drive import Poses, driven
 from reference_impl.effects.values import one_of
 from reference_impl.read_ties import read_attachments
 from reference_impl.solids import Solid
-from reference_impl.table import Table, number, numbers, refusal, text
+from reference_impl.table import Table, number, numbers, refusal, text, triples
 
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _PLATE = 1e-12  # round-off in the moments of a flat body, the greatest of which is the sum of the others
@@ -24,16 +26,19 @@ _NEEDLE = 1e-14  # least over greatest principal moment that a full matrix still
 _HALF = 0.5 * (1.0 + 1e-12)
 
 
-def read_bodies(table: Table) -> tuple[tuple[Body, ...], tuple[Attachment, ...]]:
-    """Reads and closes the table `[bodies]`: the bodies, and the nodes that are points of them."""
+def read_bodies(table: Table, end: float | None) -> tuple[tuple[Body, ...], tuple[Attachment, ...]]:
+    """Reads and closes the table `[bodies]`: the bodies, and the nodes that are points of them.
+
+    `end` [s] of the scene, if it is known.
+    """
     attached: list[Attachment] = []
     with np.errstate(all="ignore"):  # what leaves the range of numbers is a fault, found in `_mass`
-        bodies = [_body(table.table(name, required=False), name, attached) for name in table.values]
+        bodies = [_body(table.table(name, required=False), name, attached, end) for name in table.values]
     table.close()
     return tuple(body for body in bodies if body is not None), tuple(attached)
 
 
-def _body(table: Table, name: str, attached: list[Attachment]) -> Body | None:
+def _body(table: Table, name: str, attached: list[Attachment], end: float | None) -> Body | None:
     """One body; None with faults noted where it cannot be read.  Its attachments are added to `attached`."""
     before = len(table.faults)
     _check_name(table, name)
@@ -45,13 +50,68 @@ def _body(table: Table, name: str, attached: list[Attachment]) -> Body | None:
     position, velocity, spin = (
         table.get(key, numbers(3), (0.0, 0.0, 0.0)) for key in ("position", "velocity", "angular_velocity")
     )
+    motion = table.get("motion", text, "free")
+    poses = _poses(table, motion, end)
     of_scene = table.get("angular_velocity_frame", _frame, "body") == "scene"
     attached += read_attachments(table.table("attachments", required=False), name)
     table.close()
     if len(table.faults) > before or made is None or attitude is None:
         return None
     turning = attitude.T @ spin if of_scene else np.array(spin)
-    return Body(name, *made, np.array(position), np.array(velocity), attitude, turning)
+    body = Body(name, *made, np.array(position), np.array(velocity), attitude, turning)
+    return body if motion == "free" else driven(body, poses)
+
+
+_STARTS = ("position", "velocity", "attitude", "axis", "angle", "angular_velocity", "angular_velocity_frame")
+_POSES = ("pose_times", "pose_positions", "pose_attitudes")
+
+
+def _poses(table: Table, motion: str | None, end: float | None) -> Poses | None:
+    """The table of poses; None where there is none, or with faults noted."""
+    if motion not in ("free", "fixed", "prescribed", None):
+        table.faults.append(
+            refusal(f'{table.name("motion")} = "{motion}"', "it knows free, fixed, prescribed")
+        )
+    if motion == "fixed":
+        for key in ("velocity", "angular_velocity"):
+            if key in table.values and any(table.get(key, numbers(3), None) or ()):
+                table.faults.append(f"{table.name(key)}: a fixed body rests at its start")
+    given = [key for key in _POSES if key in table.values]
+    if not given or motion != "prescribed":
+        table.seen.update(given)
+        table.faults += [f'{table.name(key)}: only with motion = "prescribed"' for key in given]
+        return None
+    table.faults += [
+        f"{table.name(key)}: leave it out, {table.name('pose_positions')} are in its place"
+        for key in _STARTS
+        if key in table.values
+    ]
+    times, positions = table.need("pose_times", numbers(None)), table.need("pose_positions", triples)
+    attitudes = table.get("pose_attitudes", _quaternions, None)
+    if times is None or positions is None or (attitudes is None and "pose_attitudes" in table.values):
+        return None
+    faults = len(table.faults)
+    if len(times) < 2 or any(b <= a for a, b in pairwise(times)):
+        table.faults.append(f"{table.name('pose_times')}: must be at least two times that increase")
+    elif times[0] > 0.0 or (end is not None and times[-1] < end):
+        table.faults.append(f"{table.name('pose_times')}: must go from 0 or before to time.end or later")
+    for key, rows in (("pose_positions", positions), ("pose_attitudes", attitudes)):
+        if rows is not None and len(rows) != len(times):
+            table.faults.append(f"{table.name(key)}: {len(rows)} entries for {len(times)} times")
+    if len(table.faults) > faults:
+        return None
+    turned = np.tile(np.eye(3), (len(times), 1, 1)) if attitudes is None else np.array(attitudes)
+    return Poses(times, positions, turned)
+
+
+def _quaternions(value: Any) -> tuple[Floats, ...]:
+    """Reads a list of quaternions, as rotation matrices."""
+    if not isinstance(value, list):
+        raise ValueError("must be a list of [w, x, y, z]")
+    rows = [numbers(4)(v) for v in value]
+    if not all(any(row) for row in rows):
+        raise ValueError("must not be zero")
+    return tuple(rotation(row) for row in rows)
 
 
 def _material(table: Table) -> tuple[Solid | None, bool]:

@@ -13,7 +13,7 @@ from reference_impl.elements import strain
 from reference_impl.events import Break, Watch
 from reference_impl.forces import response, ways
 from reference_impl.mode import Mode
-from reference_impl.state import Layout, layout
+from reference_impl.state import Given, Layout, layout
 from reference_impl.system import System
 
 
@@ -33,6 +33,7 @@ class Trajectory:
     bodies: BodyStates  # (nt, b, ...)
     intact: Bools  # (nt, m) false from the instant an element broke
     breaks: tuple[Break, ...]  # in order of time
+    given: Given  # (nt, b, ...) by bodies whose motion is given
 
 
 class Diverged(ArithmeticError):
@@ -166,6 +167,7 @@ class Run:
             self.layout.body_states(y),
             np.array(intact).reshape(len(y), m),
             tuple(self.breaks),
+            self.layout.given(y),
         )
 
     def diverged(self, why: str) -> Diverged:

@@ -105,7 +105,8 @@ def _carry(
     velocity[net.fixed_nodes] = 0.0
     throw = throw @ axes.T
     given = net.mass[net.bullet_nodes, None] * throw
-    return (*bodies[:number], _recoil(body, position[net.bullet_nodes], given), *bodies[number + 1 :]), throw
+    after = body if body.drive is not None else _recoil(body, position[net.bullet_nodes], given)
+    return (*bodies[:number], after, *bodies[number + 1 :]), throw
 
 
 def _recoil(body: Body, place: Floats, given: Floats) -> Body:

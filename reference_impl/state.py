@@ -3,7 +3,8 @@
 x, v: positions and velocities of N = n + b particles, the net's nodes and the bodies' centres of mass; R, h:
 rotation matrices and angular momenta of the r rigid bodies (`bodies`); W: the energy that has left.
 
-Nodes that are points of bodies have rows in x and v that rest; `Layout.whole` puts in what the bodies say.
+Where motions are given, time and what these d bodies gave stand before W: impulse, angular impulse, work.
+Nodes that are points of bodies and driven bodies have rows that rest; `Layout.whole` puts in what they do.
 """
 
 from __future__ import annotations
@@ -22,13 +23,23 @@ from reference_impl.bodies import (
     turning,
     turning_rate,
 )
+from reference_impl.drive import Guided
 from reference_impl.forces import Response, Whole
 from reference_impl.system import System
 
 
 @dataclass(frozen=True, eq=False)
+class Given:
+    """What bodies with a given motion gave to all else since the start; zero for free bodies."""
+
+    impulse: Floats  # (..., b, 3) [N s]
+    angular_impulse: Floats  # (..., b, 3) [N m s] about the origin
+    work: Floats  # (..., b) [J]
+
+
+@dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the parts of y (..., 6 N + 12 r + 1) are."""
+    """Where the parts of y are: size 6 N + 12 r + 1, or 6 N + 12 r + 7 d + 2 with d > 0 driven bodies."""
 
     system: System
 
@@ -56,6 +67,16 @@ class Layout:
         """Where the motion ends and the books begin."""
         return self.turned + 3 * len(self.bodies.rigid)
 
+    @property
+    def controlled(self) -> int:
+        """How much of y, from its beginning, adaptive methods keep accurate: the motion and the clock."""
+        return self.moved + self.clocks
+
+    @property
+    def clocks(self) -> int:
+        """1 where given motions need the time t, else 0."""
+        return int(len(self.bodies.driven) > 0)
+
     def held(self, y: Floats) -> Whole:
         """The rows of y as they stand."""
         lead, r = y.shape[:-1], len(self.bodies.rigid)
@@ -68,7 +89,7 @@ class Layout:
 
     def whole(self, y: Floats) -> Whole:
         """x, v (..., N, 3), R (..., r, 3, 3) and h (..., r, 3) of all particles and rigid bodies."""
-        held, levers = self.held(y), self.system.levers
+        held, levers = self._driven(y, self.held(y)), self.system.levers
         if not len(levers):
             return held
         x, v = held.x.copy(), held.v.copy()
@@ -78,6 +99,29 @@ class Layout:
         x[..., levers.node, :] = levers.places(x[..., rigid, :], lever)
         v[..., levers.node, :] = levers.velocities(v[..., rigid, :], w, lever)
         return Whole(x, v, held.attitude, held.spin)
+
+    def _driven(self, y: Floats, held: Whole) -> Whole:
+        """With the given motions put in."""
+        if not self.clocks:
+            return held
+        whole = Whole(held.x.copy(), held.v.copy(), held.attitude.copy(), held.spin.copy())
+        for k, rigid, motion in self._motions(y):
+            whole.x[..., self.nodes + k, :] = motion.position
+            whole.v[..., self.nodes + k, :] = motion.velocity
+            whole.attitude[..., rigid, :, :] = motion.attitude
+            own = np.einsum("...ji,...j->...i", motion.attitude, motion.turning)
+            carried = own @ self.bodies.resistance[rigid].T
+            whole.spin[..., rigid, :] = np.einsum("...ij,...j->...i", motion.attitude, carried)
+        return whole
+
+    def _motions(self, y: Floats) -> list[tuple[int, int, Guided]]:
+        """Driven bodies: number, number among the rigid ones, motion in the states y."""
+        bodies, t = self.bodies, y[..., self.moved] if self.clocks else np.empty(0)
+        return [
+            (int(k), int(np.searchsorted(bodies.rigid, k)), drive.at(t))
+            for k, drive in enumerate(bodies.drives)
+            if drive is not None
+        ]
 
     def positions(self, y: Floats) -> Floats:
         """(..., N, 3) [m]."""
@@ -90,18 +134,21 @@ class Layout:
     def accelerations(self, y: Floats, rate: Floats) -> Floats:
         """(..., N, 3) [m/s2] in the states y, whose rates are dy/dt."""
         change, levers = self.held(rate), self.system.levers
-        if not len(levers):
+        if not len(levers) and not self.clocks:
             return change.v
         whole, result = self.whole(y), change.v.copy()
         w = turning(whole.attitude, whole.spin, self.bodies.mobility)
         angular = turning_rate(whole.attitude, whole.spin, change.spin, self.bodies)
+        for k, rigid, motion in self._motions(y):
+            result[..., self.nodes + k, :] = motion.acceleration
+            angular[..., rigid, :] = motion.angular
         linear = result[..., self.nodes + self.bodies.rigid, :]
         lever = levers.turned(whole.attitude)
         result[..., levers.node, :] = levers.accelerations(linear, angular, w, lever)
         return result
 
-    def pack(self, x: Floats, v: Floats, bodies: BodyStates | None) -> Floats:
-        """y (6 N + 12 r + 1,) with W = 0."""
+    def pack(self, x: Floats, v: Floats, bodies: BodyStates | None, t: float = 0.0) -> Floats:
+        """y at t [s] with empty books."""
         if bodies is None:
             return np.concatenate((np.ravel(x), np.ravel(v), (0.0,)))
         rigid = self.bodies.rigid
@@ -110,16 +157,30 @@ class Layout:
         spin = np.einsum("bij,bj->bi", attitude, own)
         moving = np.array(v, dtype=float)
         moving[self.system.levers.node] = 0.0
-        parts = (x, bodies.position, moving, bodies.velocity, attitude, spin, 0.0)
+        drifting = self.bodies.free[:, None] * bodies.velocity
+        spin = self.bodies.free[rigid, None] * spin
+        books = np.zeros(7 * len(self.bodies.driven) + 1)
+        parts = (x, bodies.position, moving, drifting, attitude, spin, np.full(self.clocks, t), books)
         return np.concatenate([np.ravel(part) for part in parts])
 
     def rate(self, y: Floats, whole: Whole, response: Response) -> Floats:
         """dy/dt in a state y with these particles, whose forces have this response."""
         parts = [y[self.half : 2 * self.half], response.acceleration.ravel()]
         if len(self.bodies.rigid):
-            parts.append(attitude_rate(whole.attitude, whole.spin, self.bodies.mobility).ravel())
-            parts.append(response.torque.ravel())
+            turned = attitude_rate(whole.attitude, whole.spin, self.bodies.mobility)
+            if self.clocks:
+                turned = self.bodies.free[self.bodies.rigid, None, None] * turned
+            parts += [turned.ravel(), response.torque.ravel()]
+        if self.clocks:
+            parts += [np.ones(1), response.given.ravel()]
         return np.concatenate((*parts, (response.power,)))
+
+    def given(self, y: Floats) -> Given:
+        """What driven bodies have given up to the states y; zero for the others."""
+        books = np.zeros((*y.shape[:-1], len(self.bodies.names), 7))
+        driven = self.bodies.driven
+        books[..., driven, :] = y[..., self.controlled : -1].reshape(*y.shape[:-1], len(driven), 7)
+        return Given(books[..., :3], books[..., 3:6], books[..., 6])
 
     def body_states(self, y: Floats) -> BodyStates:
         """States (..., b, ...) of the bodies, attitudes made orthonormal."""

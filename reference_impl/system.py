@@ -67,7 +67,9 @@ class System(Elements):
         """Force of solar_pressure (n, 3) [N]."""
         light = self.effects.solar_pressure
         assert light is not None
-        return solar_force(light, exposed(self.net, light.bullet_area))
+        force = solar_force(light, exposed(self.net, light.bullet_area))
+        force[self.led] = 0.0
+        return force
 
     @cached_property
     def oblate(self) -> Floats:
@@ -117,6 +119,11 @@ class System(Elements):
         listed = anchors.body + bodies.unlisted
         arm = anchors.point - bodies.centre_of_mass[listed]
         return Levers(anchors.node, np.searchsorted(bodies.rigid, listed), arm, len(bodies.rigid))
+
+    @cached_property
+    def led(self) -> Ints:
+        """The nodes that are points of driven bodies: what acts on them from outside changes nothing else."""
+        return self.levers.node[self.bodies.free[self.bodies.rigid][self.levers.body] == 0.0]
 
     @cached_property
     def thrusters(self) -> Ints:

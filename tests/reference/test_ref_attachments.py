@@ -214,3 +214,33 @@ def test_a_launched_bullet_can_be_held(document, scene):
     books = energy.books(made.system, run)
     assert books.momentum[1] == pytest.approx(books.momentum[0], abs=1e-11)
     assert books.total[1] == pytest.approx(books.total[0], rel=1e-7)
+
+
+def test_the_chaser_of_a_launch_falls_with_the_net(scene, unbalanced):
+    """It is a free body, without attitude; all that is not held falls alike."""
+    weight = {
+        "effects.gravity": {"acceleration": [0.0, 0.5, -2.0]},
+        "time.end": 0.05,
+        "time.output_step": 0.05,
+    }
+    made = scene("effects/launch_force.toml", weight)
+    run = made.integrate()
+    books = energy.books(made.system, run)
+    mass = made.net.mass.sum() + made.system.bodies.mass.sum()
+    gained = books.momentum[-1] - books.momentum[0]
+    assert gained == pytest.approx(mass * 0.05 * np.array([0.0, 0.5, -2.0]), abs=1e-11)
+    assert unbalanced(made, run) < 1e-9
+
+
+def test_light_and_thrust_on_a_fixed_body_change_nothing_else(document, scene, unbalanced):
+    """Their work would be done on what holds the body; the books of all else close without it."""
+    light = {"flux": 1e9, "direction": [1.0, 0, 0], "pressure_coefficient": 1.0, "bullet_area": 0.1}
+    thrust = {"bullets": [1], "time": [0.0, 1.0], "force": [[5.0, 0, 0], [5.0, 0, 0]]}
+    case = document("radial", cable={"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e7})
+    case["net"]["strings"] = {**case["net"]["strings"], "youngs_modulus": 1e7}
+    hook = {"attachments": {"k": {"point": [0.3, 0.3, 0], "bullet": 1}}}
+    guided = {**BODY, **hook, "motion": "prescribed", "velocity": [2.0, 0.5, 0]}
+    case |= {"bodies": {"tug": guided}, "effects": {"solar_pressure": light, "thrust": thrust}}
+    made = scene(case)
+    run = made.integrate([0.0, 0.1, 0.3])
+    assert unbalanced(made, run) < 1e-8

@@ -80,7 +80,7 @@ LINE = {
 )
 def test_an_off_centre_snap_keeps_momentum_angular_momentum_and_energy(tied, scene, options, bound):
     made = scene(tied(LINE, OFF_CENTRE))
-    run = made.integrate([0.0, 0.25, 0.6], **options)
+    run = made.integrate([0.0, 0.2, 0.45], **options)
     books = energy.books(made.system, run)
     assert np.abs(run.bodies.angular_velocity[-1] - run.bodies.angular_velocity[0]).max() > 0.1
     assert np.abs(books.momentum - books.momentum[0]).max() < 1e-10
@@ -144,7 +144,7 @@ def test_dumbbell_librates_with_the_orbit(tied, scene, rate, axis):
     line = {"length": length, "youngs_modulus": 1.5e7, "start": {"body": "up"}, "end": {"body": "down"}}
     made = scene(tied(line, bodies, {"orbit": orbit}))
     taut = {**vars(made.bodies0), "position": made.bodies0.position * 1.0001 / 0.9998}
-    run = made.integrate([0.0, math.pi / (rate * n)], rtol=1e-8, bodies0=BodyStates(**taut))
+    run = made.integrate([0.0, math.pi / (rate * n)], rtol=1e-7, bodies0=BodyStates(**taut))
     across = run.bodies.position[:, 0, axis] / np.linalg.norm(run.bodies.position[:, 0], axis=1)
     assert across == pytest.approx([angle, -angle], abs=2e-3 * angle)
 
