@@ -43,13 +43,17 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         inside(scene, "launch", _one_form),
         _launch_has_bullets(scene),
         _bodies(scene),
-        within("tethers", tether.cross_checks(scene.tethers, scene.bodies)),
+        _tethers(scene),
         within("effects", effects.cross_checks(scene)),
     )
 
 
 def _bodies(scene: Scene) -> Iterator[Fault]:
     yield from within("bodies", bodies.cross_checks(scene.bodies, RestOfCase(scene)))
+
+
+def _tethers(scene: Scene) -> Iterator[Fault]:
+    yield from within("tethers", tether.cross_checks(scene.tethers, scene.bodies))
 
 
 def _states_fit(scene: Scene) -> Iterator[Fault]:
