@@ -14,14 +14,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from reference_impl.arrays import Floats, Ints
-
-if TYPE_CHECKING:
-    from reference_impl.drive import Drive
+from reference_impl.drive import Drive, Poses, Steady
+from reference_impl.turns import skew
 
 
 def _zeros() -> Floats:
@@ -156,14 +154,6 @@ def turn(axis: Floats, angle: float) -> Floats:
     return np.asarray(np.eye(3) + math.sin(angle) * cross + 2.0 * math.sin(0.5 * angle) ** 2 * cross @ cross)
 
 
-def skew(a: Floats) -> Floats:
-    """Matrices (..., 3, 3) of the cross product a x, of vectors a (..., 3)."""
-    x, y, z = a[..., 0], a[..., 1], a[..., 2]
-    zero = np.zeros_like(x)
-    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
 def own_turning(attitude: Floats, spin: Floats, mobility: Floats) -> Floats:
     """Angular velocities (..., r, 3) [rad/s] in the bodies' axes, J^-1 R^T h; J^-1 is (r, 3, 3)."""
     own = np.einsum("...rji,...rj->...ri", attitude, spin)
@@ -192,15 +182,6 @@ def orthonormal(attitude: Floats) -> Floats:
     return np.asarray(left @ right)
 
 
-def turned(attitude: Floats, angle: Floats) -> Floats:
-    """exp([angle]x) R: attitudes turned about axes of the scene by rotation vectors (r, 3) [rad]."""
-    size = np.linalg.norm(angle, axis=-1)[..., None, None]
-    cross = skew(angle)
-    first = np.sinc(size / np.pi)  # sin(a)/a
-    second = 0.5 * np.sinc(0.5 * size / np.pi) ** 2  # (1 - cos(a))/a^2
-    return np.asarray(attitude + first * cross @ attitude + second * cross @ cross @ attitude)
-
-
 def conserving_turn(attitude: Floats, spin: Floats, bodies: Bodies, h: float) -> Floats | None:
     """Attitudes (r, 3, 3) after a step of h [s] that keeps each body's energy h.w/2; None: no root found.
 
@@ -223,3 +204,21 @@ def conserving_turn(attitude: Floats, spin: Floats, bodies: Bodies, h: float) ->
         return None
     half = 0.5 * h * skew(w)
     return np.asarray(np.linalg.solve(np.eye(3) - half, (np.eye(3) + half) @ attitude))
+
+
+def driven(body: Body, poses: Poses | None) -> Body:
+    """The body with a given motion: through poses, or else with the velocities that it starts with."""
+    if poses is None:
+        centre = body.position + body.attitude @ body.centre_of_mass
+        turning = body.attitude @ body.angular_velocity
+        return replace(body, drive=Steady(centre, body.velocity, body.attitude, turning))
+    drive = replace(poses, centre=body.centre_of_mass)
+    start = drive.at(np.zeros(()))
+    return replace(
+        body,
+        position=start.position - start.attitude @ body.centre_of_mass,
+        velocity=start.velocity,
+        attitude=start.attitude,
+        angular_velocity=start.attitude.T @ start.turning,
+        drive=drive,
+    )

@@ -7,7 +7,7 @@ acceleration (SciPy's RotationSpline).  After the last pose the last piece goes 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from reference_impl.arrays import Floats, Vector
-from reference_impl.bodies import Body, turned
+from reference_impl.turns import turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,21 +92,3 @@ class Poses:
 
 
 Drive = Steady | Poses
-
-
-def driven(body: Body, poses: Poses | None) -> Body:
-    """The body with a given motion: through poses, or else with the velocities that it starts with."""
-    if poses is None:
-        centre = body.position + body.attitude @ body.centre_of_mass
-        turning = body.attitude @ body.angular_velocity
-        return replace(body, drive=Steady(centre, body.velocity, body.attitude, turning))
-    drive = replace(poses, centre=body.centre_of_mass)
-    start = drive.at(np.zeros(()))
-    return replace(
-        body,
-        position=start.position - start.attitude @ body.centre_of_mass,
-        velocity=start.velocity,
-        attitude=start.attitude,
-        angular_velocity=start.attitude.T @ start.turning,
-        drive=drive,
-    )

@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 
 from reference_impl.arrays import Floats
-from reference_impl.bodies import skew
 from reference_impl.effects.orbit import coriolis, gradient, orbital_acceleration, orbital_potential
 from reference_impl.system import System
+from reference_impl.turns import skew
 
 
 def act(system: System) -> bool:

@@ -12,9 +12,10 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from reference_impl.arrays import Floats
-from reference_impl.bodies import turned, turning
+from reference_impl.bodies import turning
 from reference_impl.mode import Mode
 from reference_impl.run import Run
+from reference_impl.turns import turned
 
 
 class Fixed(ABC):

@@ -12,9 +12,9 @@ import numpy as np
 
 from reference_impl import solids
 from reference_impl.arrays import Floats
-from reference_impl.bodies import Body, rotation, turn
+from reference_impl.bodies import Body, driven, rotation, turn
 from reference_impl.case import Attachment
-from reference_impl.drive import Poses, driven
+from reference_impl.drive import Poses
 from reference_impl.effects.values import one_of
 from reference_impl.read_ties import read_attachments
 from reference_impl.solids import Solid

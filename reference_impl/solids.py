@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reference_impl.arrays import Floats
-from reference_impl.bodies import skew
+from reference_impl.turns import skew
 
 _SIGNS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 _SQUARE = _SIGNS / np.sqrt(3.0), 1.0  # of [-1, 1]^2: points (4, 2), weight of each

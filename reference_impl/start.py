@@ -12,11 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from reference_impl.arrays import Floats
-from reference_impl.bodies import Body, loaded, skew
+from reference_impl.bodies import Body, loaded
 from reference_impl.case import Case
 from reference_impl.effects.launch_force import CHASER
 from reference_impl.launch import outwards
 from reference_impl.net import Net, between
+from reference_impl.turns import skew
 
 
 def initial_state(case: Case, net: Net) -> tuple[Floats, Floats]:
