@@ -88,6 +88,7 @@ def one(folder: Path, case: str, overrides: tuple[str, ...]) -> tuple[float, flo
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--before", type=Path, required=True, help="checkout of the earlier version")
+    parser.add_argument("--commit", default="ef793bf", help="of that checkout, for the report")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--only", default="", help="rows whose names have this in them; writes nothing")
     asked = parser.parse_args()
@@ -96,8 +97,8 @@ def main() -> None:
         "# Before and after the rebuilding",
         "",
         f"`python benchmarks/before_after.py --before CHECKOUT --rounds {asked.rounds}` with a checkout of "
-        f"commit ef793bf, {time.strftime('%Y-%m-%d')}, {platform.platform()}, {os.cpu_count()} cores, Python "
-        f"{platform.python_version()}. Wall time, medians of processes by turns; the range is that of the "
+        f"commit {asked.commit}, {time.strftime('%Y-%m-%d')}, {platform.platform()}, {os.cpu_count()} cores, "
+        f"Python {platform.python_version()}. Wall time, medians of processes by turns; the range is that of the "
         "rounds; ratio of the integrations' medians, after by before, with the range of the ratios of "
         f"neighbours. At most {BOUND} is meant.",
         "",

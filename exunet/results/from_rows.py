@@ -43,8 +43,12 @@ def result_of_rows(
 
     Columns of up to 64 MB in all are copied to memory; of larger ones all but the times become
     `StoredRows`, which read from `source`; it must not change then. Raises InputError, which begins with
-    `where`, if a column is absent, if a value is NaN or infinite, or if the times do not increase.
+    `where`, if a column is absent, if a value is NaN or infinite, if the times do not increase, or if a node
+    that is fixed to a body is not there.
     """
+    for name, body in bodies.items():
+        if body.nodes is not None and np.any((body.nodes < 0) | (body.nodes >= net.n_nodes)):
+            raise InputError(f"{where}: a node is fixed to body {name} that the net does not have")
     there = {column.path: column for column in source.columns}
     small = len(source) * sum(column.row_bytes for column in source.columns) <= IN_MEMORY
     found: dict[str, Any] = {}

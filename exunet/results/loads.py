@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +10,12 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.net.arrays import Net
 from exunet.results.result import Result
-from exunet.results.rows import blocks
+from exunet.results.rows import row_ranges
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+_ROWS = 512  # states that are looked at in one go
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,13 @@ def loads(result: Result, body: str) -> Loads:
         raise InputError(f"loads: there is no body {body!r} (bodies: {known})")
     states = result.bodies[body]
     nodes = np.zeros(0, dtype=np.int64) if states.nodes is None else states.nodes
-    measure = partial(_pulls, result.net, nodes)
-    rows = zip(blocks(result.position), blocks(result.tension), strict=True)
-    force = np.concatenate([measure(*row) for row in rows])
-    places = np.concatenate([block[:, nodes] for block in blocks(result.position)])
-    arms = places - np.asarray(states.position[:])[:, None]
+    forces, places = [], []
+    for first, last in row_ranges(len(result.time), _ROWS):  # both arrays may be too large for memory
+        position = result.position[first:last]
+        forces.append(_pulls(result.net, nodes, position, result.tension[first:last]))
+        places.append(position[:, nodes])
+    force = np.concatenate(forces)
+    arms = np.concatenate(places) - np.asarray(states.position[:])[:, None]
     return Loads(nodes, force, np.cross(arms, force))
 
 

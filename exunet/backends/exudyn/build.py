@@ -46,7 +46,7 @@ def build(system: System, state: State, plan: Plan, *, fused: bool, pushed: bool
 def _collector_paused() -> Iterator[None]:
     """The engine's items are made of many short-lived objects, none of which is part of a circle.
 
-    Python's collector would look at all objects of the process again and again: a quarter of the time.
+    Python's collector would look at all objects of the process again and again: a fifth of the time.
     """
     collects = gc.isenabled()
     gc.disable()
