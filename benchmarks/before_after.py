@@ -98,8 +98,8 @@ def main() -> None:
         "",
         f"`python benchmarks/before_after.py --before CHECKOUT --rounds {asked.rounds}` with a checkout of "
         f"commit {asked.commit}, {time.strftime('%Y-%m-%d')}, {platform.platform()}, {os.cpu_count()} cores, "
-        f"Python {platform.python_version()}. Wall time, medians of processes by turns; the range is that of the "
-        "rounds; ratio of the integrations' medians, after by before, with the range of the ratios of "
+        f"Python {platform.python_version()}. Wall time, medians of processes by turns; the range is that of "
+        "the rounds; ratio of the integrations' medians, after by before, with the range of the ratios of "
         f"neighbours. At most {BOUND} is meant.",
         "",
         "| run | before [s] | after [s] | ratio | ratio of whole runs | right-hand sides |",
