@@ -80,9 +80,10 @@ def test_random_scenes_for_ci():
 @pytest.mark.slow
 def test_two_thousand_random_scenes():
     ends = run(range(SCENES))
-    assert ends["sound"] >= 1000
-    assert ends["stopped"] >= 200
-    assert ends["refused"] >= 100
+    # Else one of the ends is hardly tried: a half, a twentieth, a twentieth of the scenes.
+    assert ends["sound"] >= SCENES // 2
+    assert ends["stopped"] >= SCENES // 20
+    assert ends["refused"] >= SCENES // 20
 
 
 @pytest.mark.parametrize("path", sorted(FOUND.glob("*.toml")), ids=lambda path: path.stem)

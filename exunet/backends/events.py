@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from exunet.backends.protocol import Arrays, Observer
 from exunet.forces.blocks import AWAKE
 from exunet.forces.terms import Change, Switch
-from exunet.forces.total import Forces
+from exunet.system.energy import total
+from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
@@ -28,15 +29,16 @@ class Events:
     in_steps : True if one may come at a time that is not known beforehand
     """
 
-    def __init__(self, forces: Forces, memory: Arrays, observer: Observer) -> None:
+    def __init__(self, system: System, memory: Arrays, observer: Observer) -> None:
+        self._system = system
         self.memory = {name: np.array(values, dtype=float) for name, values in memory.items()}
         self._observer = observer
         self._switches: list[tuple[str, Switch]] = []
-        for term, switch in forces.switches:
+        for term, switch in system.forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
         self.any = bool(self._switches)
-        self.in_steps = any(not switch.times for _, switch in self._switches)
+        self.in_steps = any(switch.in_steps for _, switch in self._switches)
 
     def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
         """All memories once a change of one has come into force."""
@@ -51,6 +53,15 @@ class Events:
         speed = (v if change.v is None else change.v).copy()
         speed[: 3 * len(change.awake)] *= np.repeat(change.awake, 3)
         return replace(change, v=speed)
+
+    def _booked(self, change: Change, name: str, time: float, x: Floats, v: Floats) -> Change:
+        """With the energy that is lost, where that is what the energy of the system changes by."""
+        if change.energy_lost is not None:
+            return change
+        after = x if change.x is None else change.x, v if change.v is None else change.v
+        before = total(self._system, time, x, v, self.memory)
+        lost = before - total(self._system, time, *after, self.memory_after(name, change))
+        return replace(change, energy_lost=lost)
 
     def next_instant(self, after: float, until: float) -> float:
         """The first known instant of an event later than `after`, or `until` [s]."""
@@ -71,7 +82,8 @@ class Events:
         for name, switch in self._switches:
             items = switch.crossed(time, x, v, self.memory[name])
             if len(items):
-                change = self._at_rest(switch.change(time, x, v, self.memory[name], items), v)
+                change = switch.change(time, x, v, self.memory[name], items, self.memory)
+                change = self._booked(self._at_rest(change, v), name, time, x, v)
                 yield name, change  # the integrator hands over the states before first
                 self.memory |= _memories(name, change)
                 self._observer.changed(time, name, change)

@@ -41,6 +41,10 @@ def _valid(kinds: list[Any], value: Any, faults: Sequence[KeyPath]) -> Any:
             kind = [get_args(kinds[0])[1]]
             return {key: _valid(kind, value[key], of_item[key]) for key in value if () not in of_item[key]}
         return valid_part(_table(kinds, value), value, faults)
+    if (table := _of_rows(kinds)) is not None and isinstance(value, list):
+        of_row = [[loc[1:] for loc in faults if loc[0] == k] for k in range(len(value))]
+        rows = zip(value, of_row, strict=True)
+        return tuple(None if () in wrong else valid_part(table, row, wrong) for row, wrong in rows)
     if not faults:
         return _frozen(value)
     if not any(get_origin(kind) is tuple and Ellipsis in get_args(kind) for kind in kinds):
@@ -68,6 +72,14 @@ def _table(kinds: list[Any], value: Mapping[str, Any]) -> type[BaseModel]:
     return next(
         table for table in tables if value["topology"] in get_args(table.model_fields["topology"].annotation)
     )
+
+
+def _of_rows(kinds: list[Any]) -> type[BaseModel] | None:
+    """The record that each item of a list is, if these types are such lists."""
+    items = [get_args(kind)[0] for kind in kinds if get_origin(kind) is tuple]
+    if len(items) == 1 and isinstance(items[0], type) and issubclass(items[0], BaseModel):
+        return items[0]
+    return None
 
 
 def _frozen(value: Any) -> Any:

@@ -59,6 +59,26 @@ class Attached(NamedTuple):
     arm: Floats
 
 
+class HeldMasses(NamedTuple):
+    """Bodies with masses that they hold for a while, beside those that are always fixed to them.
+
+    centre, quaternion, spin : (n,) where the entries of each body begin
+    mass, moments : (n,) [kg], (n, 3) [kg m2] of the body itself
+    first         : (n, 3) sum of m p over the held masses, p from the centre of mass in principal axes [kg m]
+    second        : (n, 3, 3) sum of m p p^T [kg m2]
+    inverse       : (n, 6, 6) of the mass matrix of body and held masses, see `exunet.forces.held`
+    """
+
+    centre: Indexes
+    quaternion: Indexes
+    spin: Indexes
+    mass: Floats
+    moments: Floats
+    first: Floats
+    second: Floats
+    inverse: Floats
+
+
 def place_guided(t: float, x: Any, v: Any, guided: Any) -> None:
     """Put the poses at time t [s], and their rates, of the guided bodies into x and v."""
     angle = np.empty(3)
@@ -142,6 +162,42 @@ def carry_forces(t: float, x: Any, v: Any, attached: Any, force: Any) -> None:
         force[k] = 0.0
         force[k + 1] = 0.0
         force[k + 2] = 0.0
+
+
+def share_with_held(t: float, x: Any, v: Any, held: Any, force: Any) -> None:
+    """Leave to a body the part of its force and torque that accelerates itself, not the masses it holds.
+
+    In principal axes, f and c force and torque about the centre of mass, P = sum of m p p^T:
+
+        A (a, alpha) = (f - w x (w x sum m p), c - w x J w + w x P w)
+
+    with A of body and held masses. What is left is M a and J alpha + w x J w, by which the body alone moves
+    so: Newton's and Euler's laws with the forces that hold the masses, m (a + alpha x p + w x (w x p)).
+    """
+    given = np.empty(6)
+    for b in range(held.centre.size):
+        base, q, n = held.centre[b], held.quaternion[b], held.spin[b]
+        i, j, k = v[n], v[n + 1], v[n + 2]
+        s, p, m = held.first[b], held.second[b], held.moments[b]
+        f, g, h = in_body_axes(x, q, force[base], force[base + 1], force[base + 2])
+        along, square = i * s[0] + j * s[1] + k * s[2], i * i + j * j + k * k
+        given[0] = f - along * i + square * s[0]
+        given[1] = g - along * j + square * s[1]
+        given[2] = h - along * k + square * s[2]
+        # J w - P w, which w x turns
+        d = m[0] * i - (p[0, 0] * i + p[0, 1] * j + p[0, 2] * k)
+        e = m[1] * j - (p[1, 0] * i + p[1, 1] * j + p[1, 2] * k)
+        c = m[2] * k - (p[2, 0] * i + p[2, 1] * j + p[2, 2] * k)
+        given[3] = force[n] - (j * c - k * e)
+        given[4] = force[n + 1] - (k * d - i * c)
+        given[5] = force[n + 2] - (i * e - j * d)
+        own = held.inverse[b] @ given
+        mass = held.mass[b]
+        f, g, h = in_scene_axes(x, q, mass * own[0], mass * own[1], mass * own[2])
+        force[base], force[base + 1], force[base + 2] = f, g, h
+        force[n] = m[0] * own[3] + (m[2] - m[1]) * j * k
+        force[n + 1] = m[1] * own[4] + (m[0] - m[2]) * k * i
+        force[n + 2] = m[2] * own[5] + (m[1] - m[0]) * i * j
 
 
 def give_to_others(t: float, x: Any, v: Any, guided: Any, force: Any) -> None:

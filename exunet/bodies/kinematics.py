@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +14,10 @@ from exunet.bodies import constraint_loops as loops
 from exunet.bodies.guide import Guide
 from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.held import Held, held_by, mass_matrix
 from exunet.forces.loops import Index
 from exunet.forces.rotation_loops import in_body_axes, in_scene_axes
-from exunet.forces.terms import Constraint, KernelCall
+from exunet.forces.terms import Constraint, KernelCall, Memories
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -28,6 +31,14 @@ def given_states(name: str) -> tuple[FirstOrder, ...]:
     return tuple(FirstOrder(f"{name}/{quantity}", (0.0,) * size, units) for quantity, size, units in GIVEN)
 
 
+class OnBodies(NamedTuple):
+    """Points (n,), the number of the body that each is fixed to (n,), its arm (n, 3) in principal axes [m]."""
+
+    point: Ints
+    body: Ints
+    arm: Floats
+
+
 @dataclass(frozen=True, eq=False)
 class Kinematics:
     """The constraints of a system.
@@ -37,6 +48,7 @@ class Kinematics:
     point  : (n,) points that are fixed to bodies
     body   : (n,) the number of the body of each
     arm    : (n, 3) of each from the centre of mass, in principal axes [m]
+    held   : points that bodies hold for a while
     """
 
     n_free: int = 0
@@ -44,28 +56,46 @@ class Kinematics:
     point: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     body: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     arm: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    held: tuple[Held, ...] = ()
 
     def __bool__(self) -> bool:
         return bool(self.guides) or len(self.point) > 0
 
+    def on_bodies(self, memory: Memories) -> OnBodies:
+        """The points that are fixed to bodies at these memories, held ones last."""
+        fixed = OnBodies(self.point, self.body, self.arm)
+        if not self.held:
+            return fixed
+        parts = [fixed]
+        for one in self.held:
+            n = one.number(memory)
+            parts.append(OnBodies(one.points[:n], np.full(n, one.body), one.arm[:n]))
+        return OnBodies(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+    def holds(self, memory: Memories) -> Ints:
+        """The points that bodies hold for a while, at these memories."""
+        every = [one.points[: one.number(memory)] for one in self.held]
+        return np.concatenate(every) if every else np.zeros(0, dtype=np.int64)
+
     def completed(
-        self, time: Floats, position: Floats, velocity: Floats, bodies: RigidStates
+        self, time: Floats, position: Floats, velocity: Floats, bodies: RigidStates, memory: Memories
     ) -> tuple[Floats, Floats, RigidStates]:
         """States at times (...) [s] with what has no equations of motion put in; copies.
 
-        position, velocity : (..., n_points, 3); bodies : the free ones, or all
+        position, velocity : (..., n_points, 3); bodies : the free ones, or all; memory : of all the states
         """
         if not self:
             return position, velocity, bodies
         bodies = self.all_bodies(time, bodies)
-        if len(self.point):
-            turn = rotation_matrix(bodies.attitude[..., self.body, :])
-            spin = bodies.angular_velocity[..., self.body, :]
+        point, body, arm = self.on_bodies(memory)
+        if len(point):
+            turn = rotation_matrix(bodies.attitude[..., body, :])
+            spin = bodies.angular_velocity[..., body, :]
             position, velocity = position.copy(), velocity.copy()
-            arm = np.einsum("...nij,nj->...ni", turn, self.arm)
-            swing = np.einsum("...nij,...nj->...ni", turn, np.cross(spin, self.arm))
-            position[..., self.point, :] = bodies.position[..., self.body, :] + arm
-            velocity[..., self.point, :] = bodies.velocity[..., self.body, :] + swing
+            lever = np.einsum("...nij,nj->...ni", turn, arm)
+            swing = np.einsum("...nij,...nj->...ni", turn, np.cross(spin, arm))
+            position[..., point, :] = bodies.position[..., body, :] + lever
+            velocity[..., point, :] = bodies.velocity[..., body, :] + swing
         return position, velocity, bodies
 
     def all_bodies(self, time: Floats, bodies: RigidStates) -> RigidStates:
@@ -83,24 +113,54 @@ class Kinematics:
         """The constraints as compiled functions take them; None without any."""
         if not self:
             return None
-        calls = []
+        calls: list[KernelCall] = []
+        data: list[Callable[[Memories], tuple[Any, ...]]] = []
+
+        def add(call: KernelCall, of: Callable[[Memories], tuple[Any, ...]]) -> None:
+            calls.append(call)
+            data.append(of)
+
         if len(self.point):
-            data, place = _attached(self, blocks), loops.place_attached
-            helpers = (in_scene_axes, in_body_axes, loops.add_arm)
-            calls.append(KernelCall(loops.carry_forces, data, place=place, helpers=helpers))
+            place, helpers = loops.place_attached, (in_scene_axes, in_body_axes, loops.add_arm)
+            attached = partial(_attached, self, blocks)
+            add(KernelCall(loops.carry_forces, attached({}), place=place, helpers=helpers), attached)
+        if any(one.body < self.n_free for one in self.held):
+            masses = partial(_held_masses, self, blocks)
+            helpers = (in_scene_axes, in_body_axes)
+            add(KernelCall(loops.share_with_held, masses({}), helpers=helpers), masses)
         if self.guides:
-            guided = _guided(self, blocks)
-            both = (in_scene_axes, loops.add_arm)
-            calls.append(KernelCall(loops.give_to_others, guided, place=loops.place_guided, helpers=both))
-        pulled = {blocks.rigid[k] for k in self.body.tolist() if k < self.n_free}
-        return Constraint(tuple(calls), tuple(sorted(pulled)))
+            guided, helpers = _guided(self, blocks), (in_scene_axes, loops.add_arm)
+            call = KernelCall(loops.give_to_others, guided, place=loops.place_guided, helpers=helpers)
+            add(call, lambda _: guided)
+        owners = [*self.body.tolist(), *(one.body for one in self.held)]
+        pulled = {blocks.rigid[k] for k in owners if k < self.n_free}
+        return Constraint(tuple(calls), tuple(data), tuple(sorted(pulled)))
 
 
-def _attached(kinematics: Kinematics, blocks: Blocks) -> loops.Attached:
-    names = [blocks.rigid[k] for k in kinematics.body.tolist()]
-    centre, quaternion, spin = _entries(blocks, names)
-    point = (3 * kinematics.point).astype(Index)
-    return loops.Attached(point, centre, quaternion, spin, kinematics.arm)
+def _attached(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> loops.Attached:
+    point, body, arm = kinematics.on_bodies(memory)
+    centre, quaternion, spin = _entries(blocks, [blocks.rigid[k] for k in body.tolist()])
+    return loops.Attached((3 * point).astype(Index), centre, quaternion, spin, arm)
+
+
+def _held_masses(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> loops.HeldMasses:
+    """Of the free bodies that may hold points."""
+    numbers = sorted({one.body for one in kinematics.held if one.body < kinematics.n_free})
+    first, second, inverse = [], [], []
+    for number in numbers:
+        mass, arm = held_by(kinematics.held, number, memory)
+        first.append(mass @ arm)
+        second.append((mass[:, None] * arm).T @ arm)
+        own = blocks.inertia.mass[number], blocks.inertia.moments[number]
+        inverse.append(np.linalg.inv(mass_matrix(*own, mass, arm)))
+    return loops.HeldMasses(
+        *_entries(blocks, [blocks.rigid[k] for k in numbers]),
+        mass=blocks.inertia.mass[numbers],
+        moments=blocks.inertia.moments[numbers],
+        first=np.array(first),
+        second=np.array(second),
+        inverse=np.array(inverse),
+    )
 
 
 def _guided(kinematics: Kinematics, blocks: Blocks) -> loops.Guided:

@@ -14,6 +14,7 @@ from exunet.forces import cable, loops
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
+from exunet.forces.reel import Winding
 from exunet.forces.terms import Change, Input, KernelCall, Memories, Memory, Switch
 from exunet.net.arrays import Net
 
@@ -58,10 +59,11 @@ class ElementLaw:
 
 @dataclass(frozen=True, eq=False)
 class CableTerm:
-    """All elements of a net under one law."""
+    """All elements of a net under one law, but for those on drums and the outlets of reels."""
 
     net: Net
     changes: ElementLaw = field(default_factory=ElementLaw)
+    reels: tuple[Winding, ...] = ()
     acts_on: str = field(default="elements", init=False)
     damping_rate: float = field(default=0.0, init=False)
     has_potential: bool = field(default=False, init=False)  # beside the elastic energy of the elements
@@ -130,7 +132,13 @@ class CableTerm:
 
     def carrying(self, memory: Memories) -> Floats | None:
         """(n_elements,) 1.0 for elements that carry at these memories, 0.0 for others; None: all do."""
-        return memory.get(_INTACT)
+        intact = memory.get(_INTACT)
+        if not self.reels:
+            return intact
+        carrying = np.ones(self.net.n_elements) if intact is None else intact.copy()
+        for winding in self.reels:
+            carrying[list(winding.left_out(memory))] = 0.0
+        return carrying
 
     @cached_property
     def switch(self) -> Breaking | None:
@@ -180,6 +188,7 @@ class Breaking:
 
     heading = "broken"
     times: tuple[float, ...] = ()
+    in_steps = True
 
     def __init__(self, term: CableTerm) -> None:
         self._net, self._law = term.net, term.law
@@ -209,7 +218,9 @@ class Breaking:
         """(n_nodes, 3) of the nodes."""
         return flat[: 3 * self._net.n_nodes].reshape(-1, 3)
 
-    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints) -> Change:
+    def change(
+        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+    ) -> Change:
         """Take elements out; the elastic energy that they held is lost.
 
         Told of each: element, time [s], that energy [J], and its excess over the energy at the limit, which

@@ -57,7 +57,7 @@ class KernelCall:
               condition on such values is true where it holds in one run, so what stands under it must change
               nothing in the others
 
-    The energy that it stores or takes out comes from one of these; none means a force that does no work:
+    The energy that it stores or takes out comes from these; none means a force that does no work:
     potential : function potential(x, data) -> [J]
     power     : function power(t, x, v, data) -> [W] taken out
     work      : function work(h, begin, middle, end, data) -> [J] taken out in a step of length h, from
@@ -128,6 +128,7 @@ class Switch(Protocol):
 
     heading : under which the record of a run has its events; "" for events that need none
     times   : known instants [s], which steps end at
+    in_steps : it may cross at other instants too, so it is looked at after each step
     """
 
     @property
@@ -136,14 +137,19 @@ class Switch(Protocol):
     @property
     def times(self) -> tuple[float, ...]: ...
 
+    @property
+    def in_steps(self) -> bool: ...
+
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """Which items of the memory have crossed their switching function at the end of an accepted step."""
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """A step [s], not above `step` nor below `least`, that ends near the next crossing, if any."""
 
-    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints) -> Change:
-        """What the crossing of `items` does to the memory, and to the state."""
+    def change(
+        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+    ) -> Change:
+        """What the crossing of `items` does to the memory, and to the state; every : all memories now."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +157,7 @@ class Change:
     """What an event did.
 
     memory      : the new memory of the term
-    energy_lost : [J] with the event; negative: put in
+    energy_lost : [J] with the event; negative: put in. None: what the energy of the system changes by
     events      : a record of each item, JSON-like, with its "time_s"
     x, v        : the new state of all blocks, None: as it was
     awake       : (n_points,) which points are awake from now on (see `Blocks.awake`), None: as before; those
@@ -159,7 +165,7 @@ class Change:
     """
 
     memory: Floats
-    energy_lost: float = 0.0
+    energy_lost: float | None = 0.0
     events: tuple[dict[str, Any], ...] = ()
     x: Floats | None = None
     v: Floats | None = None
@@ -218,6 +224,7 @@ class KernelTerm:
     stiffness_rate : bound [1/s2] of what it adds to the eigenvalues of M^-1 K, for the stable step
     damping_rate : bound [1/s] of what it adds to the eigenvalues of M^-1 D, for the stable step
     memory, switch, inputs : see `Memory`, `Switch`, `Input`
+    power      : as in `KernelCall`, of a force that takes out energy beside its potential
     """
 
     acts_on: str
@@ -232,12 +239,14 @@ class KernelTerm:
     memory: Memory | None = None
     switch: Switch | None = None
     inputs: tuple[Input, ...] = ()
+    power: Function | None = None
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         """One call; a force without a potential does work that is integrated."""
         works = self.potential is None
-        return (KernelCall(self.add, self.data, self.potential, helpers=self.helpers, works=works),)
+        call = KernelCall(self.add, self.data, self.potential, self.power, helpers=self.helpers, works=works)
+        return (call,)
 
     def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
         data: Any = self.data
@@ -248,7 +257,7 @@ class KernelTerm:
 
     @property
     def dissipates(self) -> bool:
-        return self.potential is None
+        return self.potential is None or self.power is not None
 
     @property
     def has_potential(self) -> bool:
@@ -262,12 +271,14 @@ class KernelTerm:
 class Constraint:
     """Entries of x and v without equations of motion: placed before the forces, relieved of them after all.
 
-    calls     : its calls in a kernel, each with a `place`
+    calls     : its calls in a kernel
+    data      : of each call, by the memories in force
     bodies    : names of the free bodies that it hands forces on to
     Energy that it gives is kept by first-order states of the system.
     """
 
     calls: tuple[KernelCall, ...]
+    data: tuple[Callable[[Memories], tuple[Any, ...]], ...]
     bodies: tuple[str, ...] = ()
     dissipates: bool = field(default=False, init=False)
     acts_on: str = field(default="bodies", init=False)
@@ -278,7 +289,7 @@ class Constraint:
     damping_rate: float = field(default=0.0, init=False)
 
     def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
-        return tuple(call.data for call in self.calls)
+        return tuple(of(memory) for of in self.data)
 
     def numbers(self) -> Iterator[Any]:
         for call in self.calls:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from exunet.base.faults import each, exactly_one, inside, within
 from exunet.base.table import Count, Positive, Table, Vector
 from exunet.net.arrays import Floats, Net, Tether
 from exunet.net.base import MAX_ELEMENTS, Cable, within_floats
+from exunet.net.reel import Reel, ReelKeys, cross_checks_of_reel, reel_of
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 
@@ -53,6 +55,7 @@ class TetherKeys(Cable):
     divisions: Count = Field(1, description="elements on the tether")
     start: EndKeys = Field(description="where it begins")
     end: OtherEndKeys = Field(description="where it ends")
+    reel: ReelKeys | None = Field(None, description="a drum that winds it up and pays it out")
 
 
 Tethers = Mapping[Name, TetherKeys]
@@ -62,7 +65,8 @@ def cross_checks(tethers: Tethers, bodies: Mapping[str, object]) -> Iterator[Fau
     """What is wrong with tethers whose keys are valid by themselves."""
     for name, keys in tethers.items():
         ends = (inside(keys, end, lambda one: _end(one, bodies)) for end in ("start", "end"))
-        yield from within(name, each(exactly_one(keys), within_floats(keys), *ends, _two_places(keys)))
+        checks = exactly_one(keys), within_floats(keys), *ends, _two_places(keys), _reel(keys)
+        yield from within(name, each(*checks))
 
 
 def _end(keys: EndKeys, bodies: Mapping[str, object]) -> Iterator[Fault]:
@@ -77,6 +81,12 @@ def _two_places(keys: TetherKeys) -> Iterator[Fault]:
     one, other = keys.start, keys.end
     if one.__dict__ == other.__dict__ or (one.body is not None and one.body == other.body):
         yield Fault("end", "is tied to the same thing as start: a tether joins two")
+
+
+def _reel(keys: TetherKeys) -> Iterator[Fault]:
+    end = keys.start if keys.reel is None or keys.reel.at == "start" else keys.end
+    within_reel = partial(cross_checks_of_reel, body=end.body, length=keys.length, divisions=keys.divisions)
+    yield from inside(keys, "reel", within_reel)
 
 
 @dataclass(frozen=True)
@@ -109,6 +119,19 @@ def with_tethers(net: Net, tethers: Tethers) -> tuple[Net, tuple[TiedPoint, ...]
     for name, keys in tethers.items():
         net = _with_one(net, name, keys, tied)
     return net, tuple(tied)
+
+
+def reels_of(net: Net, tethers: Tethers) -> tuple[Reel, ...]:
+    """The reels of the tethers that `net` has."""
+    found = []
+    for tether in net.tethers:
+        keys = tethers[tether.name]
+        if keys.reel is not None:
+            end = keys.start if keys.reel.at == "start" else keys.end
+            elements = tuple(net.tether_elements[tether.name])
+            assert end.body is not None
+            found.append(reel_of(tether.name, keys.reel, end.body, keys.length, tether.nodes, elements))
+    return tuple(found)
 
 
 def _missing(name: str, keys: TetherKeys, net: Net) -> Iterator[Fault]:

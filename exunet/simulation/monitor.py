@@ -167,13 +167,13 @@ class Monitor:
         self.peaks.take(extremes.time, extremes.tension, extremes.element)
 
     def changed(self, time: float, memory: str, change: Change) -> None:
-        self.dissipated += change.energy_lost
+        self.dissipated += change.energy_lost or 0.0
         told = [{"heading": self._headings[memory], **one} for one in change.events]
         self.events = [*self.events, *told]  # snapshots hold the old list
         asleep = {} if change.awake is None else {AWAKE: change.awake}
         self._remember({**self._memory, memory: change.memory, **asleep})
         if time == self.safe.time:  # a run that goes back there is beyond the event
-            self.safe_dissipated += change.energy_lost
+            self.safe_dissipated += change.energy_lost or 0.0
             x, v = self._system.layout.pack(self.safe.moving)
             x, v = (x if change.x is None else change.x), (v if change.v is None else change.v)
             self.safe = State.of(time, self._system.layout.unpack(x, v), dict(self._memory))

@@ -63,7 +63,7 @@ class Start:
         """The same from other positions, and velocities if given, of the points."""
         speeds = self.velocity if velocity is None else velocity
         state = self.state.at(position, speeds)
-        moving = state.moving.completed(self.system.kinematics, state.time)
+        moving = state.moving.completed(self.system.kinematics, state.time, state.memory)
         return replace(self, state=State.of(state.time, moving, state.memory))
 
     def with_forces(

@@ -21,7 +21,10 @@ from exunet.bodies.overlap import overlap
 from exunet.bodies.rigid import RigidStates, product, rotation_matrix
 from exunet.case.scene import Scene
 from exunet.forces.blocks import FirstOrder
+from exunet.forces.held import Held
+from exunet.forces.reel import memory_name
 from exunet.net.arrays import Net
+from exunet.net.reel import Reel
 from exunet.net.tether import TiedPoint
 
 Floats = NDArray[np.float64]
@@ -49,11 +52,12 @@ class BodiesAtStart:
 
 
 def bodies_at_start(
-    scene: Scene, net: Net, tied: tuple[TiedPoint, ...], faults: list[Fault]
+    scene: Scene, net: Net, tied: tuple[TiedPoint, ...], reels: tuple[Reel, ...], faults: list[Fault]
 ) -> BodiesAtStart:
     """The rigid bodies of a scene, with the nodes of the net that are fixed to them.
 
     tied   : the nodes at ends of tethers among them
+    reels  : whose drums hold nodes for a while
     faults : takes those of bodies that overlap
     Raises CaseError for bodies that cannot be made, and for attachments to nodes that are not there.
     """
@@ -74,7 +78,8 @@ def bodies_at_start(
     )
     states = [_start_of(body, keys) for body, keys in zip(bodies, tables, strict=True)]
     whole = RigidStates(*(np.array(part) for part in zip(*states, strict=True)))
-    kinematics = Kinematics(len(bodies) - len(guides), guides, *_attached(bodies, attached))
+    held = _on_drums(bodies, net, tied, reels)
+    kinematics = Kinematics(len(bodies) - len(guides), guides, *_attached(bodies, attached), held)
     whole = kinematics.all_bodies(np.array(0.0), whole)
     faults += _overlaps(bodies, whole)
     given = tuple(one for body in bodies[kinematics.n_free :] for one in given_states(body.name))
@@ -117,6 +122,20 @@ def _attached(bodies: list[RigidBody], attached: dict[str, list[TiedPoint]]) -> 
     arms = [body.in_principal_axes(one.point) for _, body, one in every]
     owners = np.array([k for k, _, _ in every], dtype=np.int64)
     return np.array(points, dtype=np.int64), owners, np.array(arms).reshape(-1, 3)
+
+
+def _on_drums(
+    bodies: list[RigidBody], net: Net, tied: tuple[TiedPoint, ...], reels: tuple[Reel, ...]
+) -> tuple[Held, ...]:
+    """The inner nodes of tethers on reels, which all lie at the same point when they are on the drum."""
+    found, names = [], [body.name for body in bodies]
+    drums = {one.node: one.point for one in tied}
+    for reel in reels:
+        number, inner = names.index(reel.body), np.array(reel.nodes[1:-1], dtype=np.int64)
+        arm = bodies[number].in_principal_axes(drums[reel.nodes[0]])
+        arms = np.repeat(arm[None], len(inner), axis=0)
+        found.append(Held(memory_name(reel), reel.on_drum, inner, number, arms, net.mass[inner]))
+    return tuple(found)
 
 
 def _start_of(body: RigidBody, keys: BodyKeys) -> tuple[Floats, Floats, Floats, Floats]:

@@ -113,6 +113,15 @@ def power_taken(forces: Forces, time: Floats, x: Floats, v: Floats, memory: Memo
     return power
 
 
+def total(system: System, time: float, x: Floats, v: Floats, memory: Memories) -> float:
+    """Kinetic, elastic and potential energy [J] of one state x (n_x,), v (n_v,)."""
+    moving = system.layout.unpack(x, v).completed(system.kinematics, time, memory)
+    place, speed = system.layout.pack(moving)
+    position = moving.position[: system.net.n_nodes]
+    held = elastic(system.forces, position, memory) + potential(system.forces, place[None], memory)[0]
+    return float(speed @ (system.layout.half_mass(system) * speed) + held)
+
+
 def momentum(mass: Floats, velocity: Floats) -> Floats:
     """Linear momentum [kg m/s]; mass (n,), velocity (..., n, 3) -> (..., 3)."""
     return np.einsum("n,...na->...a", mass, velocity)

@@ -10,10 +10,12 @@ from exunet.base.errors import Fault
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks, Inertia
 from exunet.forces.effects import first_order_states, forces_of, point_masses
+from exunet.forces.reel import Winding, reel_term, states_of
 from exunet.net import weave
-from exunet.net.tether import with_tethers
+from exunet.net.tether import reels_of, with_tethers
 from exunet.system.bodies import bodies_at_start
 from exunet.system.carried import carried
+from exunet.system.drum import Drum
 from exunet.system.initial import along_tethers, common_velocity, initial_state, kicks
 from exunet.system.system import State, System
 
@@ -26,23 +28,33 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     """
     woven = weave(scene.net)
     net, tied = with_tethers(woven, scene.tethers)
-    rigid = bodies_at_start(scene, net, tied, faults)
+    reels = reels_of(net, scene.tethers)
+    rigid = bodies_at_start(scene, net, tied, reels, faults)
     position, velocity = initial_state(scene, woven)
     if (frame := scene.initial.frame) is not None:
         position, velocity, rigid = carried(frame, rigid, net, position, velocity, kicks(scene, woven))
     room = np.zeros((net.n_nodes - woven.n_nodes, 3))
     position, velocity = np.concatenate([position, room]), np.concatenate([velocity, room])
-    position, velocity, _ = rigid.kinematics.completed(np.array(0.0), position, velocity, rigid.states)
-    faults += along_tethers(net, position, velocity)
+    kinematics, begin = rigid.kinematics, np.array(0.0)
+    position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
+    faults += along_tethers(net, reels, position, velocity)
+    if reels:  # whose nodes on the drum turn with the body
+        position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
     names = tuple(body.name for body in rigid.bodies)
-    states = (*rigid.given, *first_order_states(scene.effects))
+    of_reels = (state for reel in reels for state in states_of(reel))
+    states = (*rigid.given, *of_reels, *first_order_states(scene.effects))
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia)
     places = blocks.position[net.n_nodes :]
     velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
     words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
     faults += [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
-    forces = replace(forces_of(scene.effects, blocks, faults), constraint=rigid.kinematics.term(blocks))
-    system = System(blocks, forces, rigid.bodies, rigid.kinematics)
+    forces = replace(forces_of(scene.effects, blocks, faults), constraint=kinematics.term(blocks))
+    if reels:
+        windings = tuple(Winding(reel, blocks, forces.cable.law) for reel in reels)
+        terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)
+        cable = replace(forces.cable, reels=windings)
+        forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
+    system = System(blocks, forces, rigid.bodies, kinematics)
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)

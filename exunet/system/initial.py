@@ -11,6 +11,7 @@ from exunet.case.scene import Initial, Launch, Scene
 from exunet.net import explicit
 from exunet.net.arrays import Floats, Ints, Net
 from exunet.net.folding import folded
+from exunet.net.reel import Reel
 from exunet.net.weave import between
 
 _ROUND_OFF = 1e-9  # of a tether's length
@@ -46,21 +47,29 @@ def kicks(scene: Scene, net: Net) -> Floats:
     return found
 
 
-def along_tethers(net: Net, position: Floats, velocity: Floats) -> Iterator[Fault]:
+def along_tethers(net: Net, reels: tuple[Reel, ...], position: Floats, velocity: Floats) -> Iterator[Fault]:
     """Put the inner nodes of tethers evenly between their ends, in place; a fault for each that is too short.
+
+    Of a tether on a reel, those outside divide the way as they divide the length outside.
 
     position, velocity : (n_nodes, 3) [m], [m/s], right at the ends
     """
+    on_reel = {reel.name: reel for reel in reels}
     for tether in net.tethers:
-        chain = np.array(tether.nodes)
+        chain, key = np.array(tether.nodes), "length"
         part = np.linspace(0.0, 1.0, len(chain))[1:-1, None]
+        length = float(net.reference_length[net.tether_elements[tether.name]].sum())
+        if (reel := on_reel.get(tether.name)) is not None:
+            chain, length = np.array(reel.nodes), reel.length - reel.wound
+            ways = (np.arange(1, len(chain) - 1) * reel.element_length - reel.wound) / length
+            part, key = np.maximum(ways, 0.0)[:, None], "reel.paid_out" if reel.wound else "length"
+            part[: reel.on_drum] = 0.0
         for values in (position, velocity):
             values[chain[1:-1]] = (1.0 - part) * values[chain[0]] + part * values[chain[-1]]
-        length = float(net.reference_length[net.tether_elements[tether.name]].sum())
         apart = float(np.linalg.norm(position[chain[-1]] - position[chain[0]]))
         if apart > length * (1.0 + _ROUND_OFF):
             words = f"is shorter than the {apart:.6g} m between its ends at the start"
-            yield Fault(f"tethers.{tether.name}.length", words)
+            yield Fault(f"tethers.{tether.name}.{key}", words)
 
 
 def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.Keys) -> Floats:

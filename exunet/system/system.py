@@ -80,6 +80,15 @@ class System:
         free[self.kinematics.point] = False
         return free
 
+    def moving(self, memory: Memories) -> Floats | None:
+        """(n_points,) 0.0 for points that sleep, or that a body holds, at these memories; None: all move."""
+        awake = memory.get(AWAKE)
+        if not self.kinematics.held:
+            return awake
+        moving = np.ones(self.blocks.n_points) if awake is None else awake.copy()
+        moving[self.kinematics.holds(memory)] = 0.0
+        return moving
+
     @cached_property
     def inert_mass(self) -> Floats:
         """(n_points,) [kg] no larger than what resists forces on all points at once; infinite for held ones.
@@ -104,9 +113,10 @@ class System:
         return np.concatenate([self.net.fixed_nodes, guided])
 
     def given_work(self, first_order: Floats) -> Floats:
-        """(...,) energy [J] that guided bodies have given to all else, by first-order states (..., n)."""
+        """(...,) energy [J] that guided bodies and reels have given to all else, by states (..., n)."""
         blocks = self.blocks
-        names = blocks.rigid[len(blocks.rigid) - len(self.kinematics.guides) :]
+        guided = blocks.rigid[len(blocks.rigid) - len(self.kinematics.guides) :]
+        names = (*guided, *(reel.name for reel in self.forces.cable.reels))
         first = blocks.n_x - blocks.n_states
         columns = [blocks.state(f"{name}/work") - first for name in names]
         return np.asarray(first_order[..., columns].sum(axis=-1))
@@ -192,11 +202,11 @@ class Moving(NamedTuple):
     bodies: RigidStates
     first_order: Floats
 
-    def completed(self, kinematics: Kinematics, time: float | Floats) -> Moving:
+    def completed(self, kinematics: Kinematics, time: float | Floats, memory: Memories) -> Moving:
         """At times (...) [s], with what has no equations of motion put in; the free bodies suffice."""
         if not kinematics:
             return self
-        return Moving(*kinematics.completed(np.asarray(time), *self[:3]), self.first_order)
+        return Moving(*kinematics.completed(np.asarray(time), *self[:3], memory), self.first_order)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +246,8 @@ class Layout:
 
     def inverse_mass(self, system: System, memory: Memories) -> Floats:
         """(n_force,) 1 / mass or 1 / inertia; zero for what is held or sleeps, 1 for first-order states."""
-        points = np.repeat(system.free * memory.get(AWAKE, 1.0) / self.blocks.mass, 3)
+        moving = system.moving(memory)
+        points = np.repeat(system.free * (1.0 if moving is None else moving) / self.blocks.mass, 3)
         moves = system.moves_freely
         bodies = np.repeat(moves / system.body_mass, 3), (moves[:, None] / system.body_inertia).ravel()
         return np.concatenate([points, *bodies, np.ones(self.blocks.n_states)])

@@ -63,6 +63,7 @@ class CompiledIntegration:
         self._chosen = METHODS[plan.method].kind == Kind.ADAPTIVE
         self._verlet = plan.method == Method.VELOCITY_VERLET
         self._kernel, self._module = kernel, kernel.module
+        self._memory: Arrays = state.memory
         self._motion = motion_of(system, state, kernel.data(state.memory))
         self._clock = clock_at(state.time, plan.first_step)
         self._time, self._tiny = self._clock["time"], self._clock["tiny"]
@@ -97,7 +98,8 @@ class CompiledIntegration:
 
     def _batch(self, kept: Kept, rows: int) -> Batch:
         time, x, v, taken = (values[:rows] for values in kept)
-        return Batch(time, *self._layout.unpack(x, v).completed(self._system.kinematics, time), taken)
+        kinematics = self._system.kinematics
+        return Batch(time, *self._layout.unpack(x, v).completed(kinematics, time, self._memory), taken)
 
     def collapse(self) -> str:
         """What to say when no step is small enough for the tolerance; "" if that is not so."""
@@ -137,7 +139,7 @@ class CompiledLoop(CompiledIntegration):
     ) -> None:
         super().__init__(system, state, plan, kernel or loop_kernel(system))
         self._observer = observer
-        self._events = Events(system.forces, state.memory, observer)
+        self._events = Events(system, state.memory, observer)
         in_steps = self._events.in_steps
         self._limit, self._every = (1, 1) if in_steps else (_ATTEMPTS, _THINNED)
         self._peaks["keep_above"][0] = least_energy_beyond(system)
@@ -159,7 +161,7 @@ class CompiledLoop(CompiledIntegration):
         m = self._motion
         memory = {name: values.copy() for name, values in self._events.memory.items()}
         moving = self._layout.unpack(m.x.copy(), m.v.copy())
-        return State.of(self.time, moving.completed(self._system.kinematics, self.time), memory)
+        return State.of(self.time, moving.completed(self._system.kinematics, self.time, memory), memory)
 
     def push(self, force: Floats) -> None:
         self._motion.push[: force.size] = force.ravel()
@@ -232,7 +234,7 @@ class CompiledLoop(CompiledIntegration):
         m = self._motion
         for name, change in self._events.at(self.time, m.x, m.v):
             self.hand_over()  # so that no batch has states from before and after
-            m.taken[0] += change.energy_lost
+            m.taken[0] += change.energy_lost or 0.0
             if change.x is not None:
                 m.x[:] = change.x
             if change.v is not None:
@@ -243,6 +245,7 @@ class CompiledLoop(CompiledIntegration):
 
     def _remember(self, memory: Arrays) -> None:
         """Let the forces, and what looks at tensions, take all memories into account."""
+        self._memory = memory
         self._motion = self._motion._replace(data=self._kernel.data(memory))
         self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
         self._hold()

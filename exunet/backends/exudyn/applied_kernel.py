@@ -13,8 +13,8 @@ from exunet.backends.exudyn.model import Jacobian, Model
 from exunet.codegen.drivers import Place
 from exunet.codegen.kernel import Kernel
 from exunet.codegen.linearised import Linearised
-from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.loops import Index
+from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
@@ -29,10 +29,11 @@ class AppliedKernel:
     """
 
     def __init__(
-        self, model: Model, kernel: Kernel, memory: Mapping[str, Floats], blocks: Blocks, *, bodies: bool
+        self, model: Model, kernel: Kernel, memory: Mapping[str, Floats], system: System, *, bodies: bool
     ) -> None:
-        self._model, self._kernel, self._blocks, self._bodies = model, kernel, blocks, bodies
-        self._data, self._awake = kernel.data(memory), memory.get(AWAKE)
+        self._model, self._kernel, self._bodies = model, kernel, bodies
+        self._system, self._blocks = system, (blocks := system.blocks)
+        self._data, self._moving = kernel.data(memory), system.moving(memory)
         self._run: Callable[..., None] = kernel.module.engine_forces
         self._states = slice(blocks.n_x - blocks.n_states, blocks.n_x)
         self._place: Place | None = None
@@ -47,9 +48,9 @@ class AppliedKernel:
         if self._blocks.states:
             place.values[X, self._states] = self._model.first_order()
         self._run(t, q, q_t, self._held, out)
-        if self._awake is not None:  # what sleeps is at rest, and stays so without a force
+        if self._moving is not None:  # what sleeps is at rest, and stays so without a force
             free = place.where[1]
-            out[: len(free)] *= self._awake[free // 3]
+            out[: len(free)] *= self._moving[free // 3]
 
     def _hold(self) -> Place:
         place = self._where() if self._place is None else self._place
@@ -85,7 +86,8 @@ class AppliedKernel:
 
     def remember(self, memory: Mapping[str, Floats]) -> None:
         """Take all memories as they are now."""
-        self._data, self._awake, self._held = self._kernel.data(memory), memory.get(AWAKE), None
+        self._data, self._moving = self._kernel.data(memory), self._system.moving(memory)
+        self._held = None
 
     def _where(self) -> Place:
         model, blocks = self._model, self._blocks

@@ -122,7 +122,7 @@ def _apply(
     """Let a kernel push the points; massive: it brings their masses, and the elements' forces too."""
     linearised = Linearised(system.blocks, system.forces, elements=massive) if implicit else None
     bodies = bool(system.driven.any())
-    applied = AppliedKernel(model, kernel, dict(state.memory), system.blocks, bodies=bodies)
+    applied = AppliedKernel(model, kernel, dict(state.memory), system, bodies=bodies)
     mass = system.mass if massive else None
     model.applied_forces(applied.evaluate, applied.jacobian(linearised), mass, bodies=bodies)
     if system.blocks.states:

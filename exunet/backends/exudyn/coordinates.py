@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidStates, quaternion_of, rotation_vector
-from exunet.system.system import Moving
+from exunet.system.system import Memories, Moving
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,9 +39,9 @@ class Places(NamedTuple):
     bodies: Ints
     kinematics: Kinematics
 
-    def unpack(self, now: Coordinates, time: float | Floats) -> Moving:
-        """What moves, by the engine's coordinates at times (...) [s]."""
-        return self.of_coordinates(now).completed(self.kinematics, time)
+    def unpack(self, now: Coordinates, time: float | Floats, memory: Memories) -> Moving:
+        """What moves, by the engine's coordinates at times (...) [s], with these memories."""
+        return self.of_coordinates(now).completed(self.kinematics, time, memory)
 
     def of_coordinates(self, now: Coordinates) -> Moving:
         """What has coordinates; points without are where they were at the start, and at rest."""

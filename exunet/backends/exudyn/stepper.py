@@ -40,7 +40,7 @@ class Stepper:
         self._method = METHODS[plan.method]
         self._adaptive = self._method.kind == Kind.ADAPTIVE
         self._tiny = 4.0 * plan.least_step
-        self._events = Events(system.forces, state.memory, observer)
+        self._events = Events(system, state.memory, observer)
         self._counts = StepCounts()
         self._newton_before = 0  # in solvers that were started before
         self._pushed: Floats | None = None
@@ -221,7 +221,7 @@ class Stepper:
         now = self._model.coordinates()
         # The last stage of the adaptive methods was evaluated at the last step's end.
         after = np.array(self._model.system.systemData.GetODE2Coordinates_tt())
-        position, velocity, *_ = self._model.places.unpack(now, self._step_start)
+        position, velocity, *_ = self._model.places.unpack(now, self._step_start, self._events.memory)
         acceleration = self._model.places.of_coordinates(now._replace(v=after)).velocity
         law = law_of(self._system.forces, self._events.memory)
         state = (position, velocity, acceleration)
@@ -230,7 +230,8 @@ class Stepper:
 
     def _flat(self, time: float) -> tuple[Floats, Floats]:
         """The state now, at a time [s], as x and v, see `exunet.forces.blocks`; copies."""
-        return self._system.layout.pack(self._model.places.unpack(self._model.coordinates(), time))
+        now = self._model.places.unpack(self._model.coordinates(), time, self._events.memory)
+        return self._system.layout.pack(now)
 
     def _look_for_events(self, time: float) -> bool:
         """True if one, at the end of an accepted step, makes the solver begin anew."""
@@ -279,12 +280,13 @@ class Stepper:
         taken = self._accepted.take()
         if taken is not None:
             time, states = taken
-            self._observer.take(Batch(time, *self._model.places.unpack(states, time)))
+            memory = self._events.memory
+            self._observer.take(Batch(time, *self._model.places.unpack(states, time, memory)))
 
     def state(self) -> State:
         memory = {name: values.copy() for name, values in self._events.memory.items()}
         now = Coordinates(*(np.array(part) for part in self._model.coordinates()))
-        return State.of(self.time, self._model.places.unpack(now, self.time), memory)
+        return State.of(self.time, self._model.places.unpack(now, self.time, memory), memory)
 
     def push(self, force: Floats) -> None:
         self._pushed = force.copy()

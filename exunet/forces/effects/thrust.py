@@ -17,7 +17,7 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
 from exunet.forces.requirements import RestOfCase
-from exunet.forces.terms import Change, KernelTerm, Memory
+from exunet.forces.terms import Change, KernelTerm, Memories, Memory
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -99,6 +99,7 @@ class Knots:
     """The known instants at which the thrust has a kink or a jump."""
 
     heading = ""
+    in_steps = False
 
     def __init__(self, times: tuple[float, ...]) -> None:
         self.times = times
@@ -111,7 +112,9 @@ class Knots:
         """Steps end at known instants anyway."""
         return step
 
-    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints) -> Change:
+    def change(
+        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+    ) -> Change:
         """Count the knots; nothing else changes."""
         return Change(np.array([float(np.searchsorted(self.times, time, side="right"))]))
 

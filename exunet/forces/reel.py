@@ -1,0 +1,116 @@
+"""Reels as force terms: the law of the outlet under the command and with the nodes on the drum of now."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.cable import Law
+from exunet.forces.loops import Index
+from exunet.forces.reel_loops import (
+    Outlet,
+    add_outlet,
+    energy_of_outlet,
+    power_in_outlet,
+    pulls,
+    stretched,
+    winding_rate,
+)
+from exunet.forces.terms import KernelTerm, Memories, Memory, Switch
+from exunet.net.reel import LEAST_OUTLET, Reel
+
+Floats = NDArray[np.float64]
+
+
+def memory_name(reel: Reel) -> str:
+    """Of the memory: number of nodes on the drum, number of commands that have come."""
+    return f"{reel.name}/reel"
+
+
+def states_of(reel: Reel) -> tuple[FirstOrder, FirstOrder]:
+    """Length wound up [m], and work that the drum has done on the tether [J]."""
+    wound = FirstOrder(f"{reel.name}/wound_up", (reel.wound,), "m")
+    return wound, FirstOrder(f"{reel.name}/work", (0.0,), "J")
+
+
+def at_start(reel: Reel) -> Floats:
+    """The memory at time 0."""
+    return np.array([float(reel.on_drum), float(np.searchsorted(reel.times, 0.0, side="right"))])
+
+
+@dataclass(frozen=True, eq=False)
+class Winding:
+    """A reel in a scene: the data of its outlet at a memory, and which elements the cable term leaves to it.
+
+    law : of all elements
+    """
+
+    reel: Reel
+    blocks: Blocks
+    law: Law
+
+    def outlet(self, memory: Floats) -> Outlet:
+        """What the loops take."""
+        reel, blocks, on_drum = self.reel, self.blocks, int(memory[0])
+        element, drive = reel.elements[on_drum], reel.drives[int(memory[1])]
+        part, natural = reel.element_length, float(self.law.natural_length[element])
+        time = self.law.relaxation_time
+        drum, far = reel.nodes[0], reel.nodes[on_drum + 1]
+        return Outlet(
+            drum=np.array([3 * drum], dtype=Index),
+            far=np.array([3 * far], dtype=Index),
+            state=np.array([blocks.state(f"{reel.name}/wound_up")], dtype=Index),
+            rate=np.array([blocks.rate(f"{reel.name}/wound_up")], dtype=Index),
+            base=(on_drum + 1) * part,
+            least=0.5 * LEAST_OUTLET * part,
+            ratio=natural / part,
+            stiffness=float(self.law.stiffness[element]),
+            time=0.0 if time is None else float(time[element]),
+            rate_at_rest=drive.rate,
+            force=drive.force,
+            gives_way=drive.gives_way,
+            takes_up=drive.takes_up,
+            largest_rate=reel.largest_rate,
+            longest_wound=reel.length - reel.shortest,
+            slows=LEAST_OUTLET * part,
+        )
+
+    @property
+    def name(self) -> str:
+        """Of the tether."""
+        return self.reel.name
+
+    def on_drum(self, memory: Memories) -> int:
+        """How many nodes are on the drum at these memories; at the start without any."""
+        name = memory_name(self.reel)
+        return int(memory[name][0]) if name in memory else self.reel.on_drum
+
+    def left_out(self, memory: Memories) -> tuple[int, ...]:
+        """The elements on the drum, and the outlet."""
+        return self.reel.elements[: self.on_drum(memory) + 1]
+
+
+def reel_term(winding: Winding, switch: Switch) -> KernelTerm:
+    """The term of a reel; switch : of its events."""
+    reel, blocks = winding.reel, winding.blocks
+    memory = Memory(memory_name(reel), at_start(reel), winding.outlet)
+    data = winding.outlet(memory.initial)
+    natural = data.ratio * LEAST_OUTLET * reel.element_length
+    mass = blocks.mass[list(reel.nodes)].min()
+    slope = data.stiffness / natural  # of the tension over the length
+    drives = max((max(one.gives_way, one.takes_up) for one in reel.drives), default=0.0)
+    return KernelTerm(
+        "tethers",
+        add_outlet,
+        data,
+        potential=energy_of_outlet,
+        power=power_in_outlet if data.time > 0.0 else None,
+        helpers=(winding_rate, stretched, pulls),
+        stiffness_rate=2.0 * slope / mass,
+        damping_rate=slope * (drives + 2.0 * data.time / mass),
+        memory=memory,
+        switch=switch,
+    )

@@ -1,0 +1,155 @@
+"""The events of a reel: commands come in force, nodes of the tether go onto the drum and come off it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.bodies.kinematics import GIVEN, Kinematics
+from exunet.bodies.rigid import rotation_matrix
+from exunet.forces.held import held_by, mass_matrix
+from exunet.forces.reel import Winding, memory_name
+from exunet.forces.reel_loops import pulls
+from exunet.forces.terms import Change, Memories
+from exunet.net.reel import LARGEST_OUTLET, LEAST_OUTLET
+from exunet.system.system import Layout, Moving
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_CLOSE = 1e-9  # of an element, within which the outlet counts as having reached a limit
+_COMMAND, _ON, _OFF = range(3)
+
+
+class _Node(NamedTuple):
+    """A node in motion: its number, place [m] and velocity [m/s]."""
+
+    number: int
+    place: Floats
+    velocity: Floats
+
+
+class Drum:
+    """The switch of a reel's term.
+
+    When a node goes onto the drum or comes off it, the body, what it holds already, and the node keep their
+    momentum and angular momentum together; the energy that this takes is booked as lost.
+    """
+
+    heading = "reels"
+    in_steps = True
+
+    def __init__(self, winding: Winding, kinematics: Kinematics) -> None:
+        self._winding, self._reel, self._blocks = winding, winding.reel, winding.blocks
+        self._kinematics = kinematics
+        self._body = self._blocks.rigid.index(self._reel.body)
+        self.times = self._reel.times
+        part = self._reel.element_length
+        self._least, self._largest = LEAST_OUTLET * part, LARGEST_OUTLET * part
+        self._close = _CLOSE * part
+        self._wound = self._blocks.state(f"{self._reel.name}/wound_up")
+
+    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+        """The next command, a node that goes onto the drum, one that comes off."""
+        commanded = np.searchsorted(self._reel.times, time, side="right") > memory[1]
+        outlet = self._outlet(x, memory)
+        on = outlet <= self._least + self._close and self._may_go_on(memory)
+        off = outlet >= self._largest - self._close and memory[0] > 0.0
+        return np.flatnonzero([commanded, on, off])
+
+    def _outlet(self, x: Floats, memory: Floats) -> float:
+        return self._reel.outlet(int(memory[0]), float(x[self._wound]))
+
+    def _may_go_on(self, memory: Floats) -> bool:
+        return int(memory[0]) + 1 < len(self._reel.elements)
+
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
+        """A step [s] at whose end, at the rate of now, the outlet has just reached a limit."""
+        rate = float(pulls(x, v, self._winding.outlet(memory))[0])
+        if rate > 0.0 and self._may_go_on(memory):
+            way = self._outlet(x, memory) - self._least
+        elif rate < 0.0 and memory[0] > 0.0:
+            way = self._largest - self._outlet(x, memory)
+        else:
+            return step
+        return min(step, max(least, way / abs(rate)))
+
+    def change(
+        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+    ) -> Change:
+        """The memory and the state after one of them; the energy that is lost is the change of all energy."""
+        told = {"tether": self._reel.name, "time_s": time}
+        if _COMMAND in items:
+            number = float(np.searchsorted(self._reel.times, time, side="right"))
+            events = ({**told, "event": f"command {int(number)}"},)
+            return Change(np.array([memory[0], number]), events=events)
+        moving = Layout(self._blocks).unpack(x.copy(), v.copy())
+        on = _ON in items
+        number = memory[0] + 1.0 if on else memory[0]
+        node = self._reel.nodes[int(number)]
+        after = np.array([number if on else number - 1.0, memory[1]])
+        loose = None if on else self._coming_off(moving, memory)
+        both = every, {**every, memory_name(self._reel): after}
+        moved = self._with_same_momenta(time, moving, both, node, loose)
+        x, v = Layout(self._blocks).pack(moved)
+        words = "goes onto the drum" if on else "comes off the drum"
+        event: dict[str, Any] = {**told, "event": f"node {node} {words}", "node": node}
+        return Change(after, None, (event,), x=x, v=v)
+
+    def _coming_off(self, moving: Moving, memory: Floats) -> _Node:
+        """The last node that went onto the drum, on the line from there to the next one.
+
+        Along that line it has the velocity of the next node, since the element between them keeps its length;
+        across it that of its place on the line.
+        """
+        on_drum = int(memory[0])
+        drum, node, far = (self._reel.nodes[k] for k in (0, on_drum, on_drum + 1))
+        outlet = self._outlet(self._flat(moving)[0], memory)
+        part = (outlet - self._reel.element_length) / outlet
+        line = moving.position[far] - moving.position[drum]
+        apart = moving.velocity[far] - moving.velocity[drum]
+        size = float(np.linalg.norm(line))
+        way = line / size if size > 0.0 else np.zeros(3)
+        place = moving.position[drum] + part * line
+        velocity = moving.velocity[drum] + part * apart + (1.0 - part) * (apart @ way) * way
+        return _Node(node, place, velocity)
+
+    def _flat(self, moving: Moving) -> tuple[Floats, Floats]:
+        return Layout(self._blocks).pack(moving)
+
+    def _with_same_momenta(
+        self, time: float, moving: Moving, memories: tuple[Memories, Memories], node: int, loose: _Node | None
+    ) -> Moving:
+        """The state after a node has gone onto the drum, or, `loose`, come off it.
+
+        memories : all, before and after
+        """
+        body, (before, after) = self._body, memories
+        mass = float(self._blocks.mass[node])
+        was, position = moving.velocity[node].copy(), moving.position[node].copy()
+        states, first_order = moving.bodies, moving.first_order.copy()
+        if body < self._kinematics.n_free:
+            turn = rotation_matrix(states.attitude[body])
+            centre = states.position[body]
+            own = self._blocks.inertia.mass[body], self._blocks.inertia.moments[body]
+            held = held_by(self._kinematics.held, body, before)
+            motion = np.concatenate([states.velocity[body] @ turn, states.angular_velocity[body]])
+            momenta = mass_matrix(*own, *held) @ motion
+            sign, one = (1.0, _Node(node, position, was)) if loose is None else (-1.0, loose)
+            impulse = sign * mass * (one.velocity @ turn)
+            momenta += np.concatenate([impulse, np.cross((one.place - centre) @ turn, impulse)])
+            held = held_by(self._kinematics.held, body, after)
+            motion = np.linalg.solve(mass_matrix(*own, *held), momenta)
+            states.velocity[body], states.angular_velocity[body] = turn @ motion[:3], motion[3:]
+        else:  # its support takes the momentum
+            first = self._blocks.n_x - self._blocks.n_states
+            given = self._blocks.state(f"{self._reel.body}/{GIVEN[0][0]}") - first
+            place, velocity = (position, -was) if loose is None else (loose.place, loose.velocity)
+            first_order[given : given + 3] += mass * velocity
+            first_order[given + 3 : given + 6] += np.cross(place, mass * velocity)
+        points = moving.position.copy(), moving.velocity.copy()
+        if loose is not None:
+            points[0][node], points[1][node] = loose.place, loose.velocity
+        return Moving(*points, states, first_order).completed(self._kinematics, time, after)
