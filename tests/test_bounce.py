@@ -63,12 +63,15 @@ class Plane:
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> np.ndarray:
         return np.flatnonzero([x[2] <= 0.0 and v[2] < 0.0])
 
+    def in_steps(self, memory: Floats) -> bool:
+        return True
+
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """To just beyond the plane, on the parabola."""
         until = (v[2] + math.sqrt(v[2] ** 2 + 2.0 * G * max(x[2], 0.0))) / G + least
         return max(least, until) if until < step else step
 
-    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: np.ndarray) -> Change:
+    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: np.ndarray, _: Any) -> Change:
         x, v = x.copy(), v.copy()
         at = -math.sqrt(v[2] ** 2 + 2.0 * G * x[2]) if self._back else v[2]  # the speed at the plane
         after = (at - v[2]) / G if self._back else 0.0  # s since then

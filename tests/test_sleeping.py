@@ -59,10 +59,13 @@ class Release:
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> np.ndarray:
         return np.flatnonzero(np.searchsorted(self.times, time, side="right") > memory)
 
+    def in_steps(self, memory: Floats) -> bool:
+        return False
+
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         return step
 
-    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: np.ndarray) -> Change:
+    def change(self, time: float, x: Floats, v: Floats, memory: Floats, items: np.ndarray, _: Any) -> Change:
         number = int(memory[0]) + 1
         return Change(memory + 1.0, events=({"time_s": time, "node": 1 + number},), awake=awake(number))
 

@@ -26,7 +26,6 @@ class Events:
 
     memory   : the values of each memory now, by name
     any      : True if there are any
-    in_steps : True if one may come at a time that is not known beforehand
     """
 
     def __init__(self, system: System, memory: Arrays, observer: Observer) -> None:
@@ -38,7 +37,11 @@ class Events:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
         self.any = bool(self._switches)
-        self.in_steps = any(switch.in_steps for _, switch in self._switches)
+
+    @property
+    def in_steps(self) -> bool:
+        """True if one may come at a time that is not known beforehand."""
+        return any(switch.in_steps(self.memory[name]) for name, switch in self._switches)
 
     def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
         """All memories once a change of one has come into force."""

@@ -32,7 +32,7 @@ def given_states(name: str) -> tuple[FirstOrder, ...]:
 
 
 class OnBodies(NamedTuple):
-    """Points (n,), the number of the body that each is fixed to (n,), its arm (n, 3) in principal axes [m]."""
+    """Points (n,), the number of each one's body (n,), its arm (n, 3) in principal axes [m]."""
 
     point: Ints
     body: Ints
@@ -120,17 +120,17 @@ class Kinematics:
             calls.append(call)
             data.append(of)
 
+        turns = (in_scene_axes, in_body_axes)
         if len(self.point):
-            place, helpers = loops.place_attached, (in_scene_axes, in_body_axes, loops.add_arm)
+            place, helpers = loops.place_attached, (*turns, loops.add_arm)
             attached = partial(_attached, self, blocks)
             add(KernelCall(loops.carry_forces, attached({}), place=place, helpers=helpers), attached)
         if any(one.body < self.n_free for one in self.held):
             masses = partial(_held_masses, self, blocks)
-            helpers = (in_scene_axes, in_body_axes)
-            add(KernelCall(loops.share_with_held, masses({}), helpers=helpers), masses)
+            add(KernelCall(loops.share_with_held, masses({}), helpers=turns), masses)
         if self.guides:
-            guided, helpers = _guided(self, blocks), (in_scene_axes, loops.add_arm)
-            call = KernelCall(loops.give_to_others, guided, place=loops.place_guided, helpers=helpers)
+            guided, both = _guided(self, blocks), (in_scene_axes, loops.add_arm)
+            call = KernelCall(loops.give_to_others, guided, place=loops.place_guided, helpers=both)
             add(call, lambda _: guided)
         owners = [*self.body.tolist(), *(one.body for one in self.held)]
         pulled = {blocks.rigid[k] for k in owners if k < self.n_free}
@@ -153,8 +153,11 @@ def _held_masses(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> lo
         second.append((mass[:, None] * arm).T @ arm)
         own = blocks.inertia.mass[number], blocks.inertia.moments[number]
         inverse.append(np.linalg.inv(mass_matrix(*own, mass, arm)))
+    centre, quaternion, spin = _entries(blocks, [blocks.rigid[k] for k in numbers])
     return loops.HeldMasses(
-        *_entries(blocks, [blocks.rigid[k] for k in numbers]),
+        centre,
+        quaternion,
+        spin,
         mass=blocks.inertia.mass[numbers],
         moments=blocks.inertia.moments[numbers],
         first=np.array(first),

@@ -44,6 +44,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _launch_has_bullets(scene),
         _bodies(scene),
         _tethers(scene),
+        _reels(scene),
         within("effects", effects.cross_checks(scene)),
     )
 
@@ -54,6 +55,28 @@ def _bodies(scene: Scene) -> Iterator[Fault]:
 
 def _tethers(scene: Scene) -> Iterator[Fault]:
     yield from within("tethers", tether.cross_checks(scene.tethers, scene.bodies))
+
+
+_NOT_WITH_REELS = {
+    "breaking": "elements of a tether on a reel do not break",
+    "bending": "threads on a drum have no bending stiffness",
+    "rayleigh_damping": "its beta would damp along elements on the drum; use material_damping",
+}
+
+
+def _reels(scene: Scene) -> Iterator[Fault]:
+    for name, keys in scene.tethers.items():
+        if keys is None or keys.reel is None:
+            continue
+        end = keys.start if keys.reel.at == "start" else keys.end
+        body = scene.bodies.get(end.body) if end.body is not None else None
+        if body is not None and body.motion == "prescribed":
+            words = f"the drum's body, {end.body}, must be free or fixed, not prescribed"
+            yield Fault(f"tethers.{name}.reel.at", words)
+        for effect, reason in _NOT_WITH_REELS.items():
+            table = getattr(scene.effects, effect)
+            if table is not None and getattr(table, "beta", 1.0) != 0.0:
+                yield Fault(f"effects.{effect}", f"excludes tethers.{name}.reel: {reason}")
 
 
 def _states_fit(scene: Scene) -> Iterator[Fault]:

@@ -188,13 +188,16 @@ class Breaking:
 
     heading = "broken"
     times: tuple[float, ...] = ()
-    in_steps = True
 
     def __init__(self, term: CableTerm) -> None:
         self._net, self._law = term.net, term.law
         self._limit = breaking_lengths(term)
         self._at_limit = cable.green_lagrange_strain(self._limit, self._law.natural_length)
         self._far = self._law.natural_length * np.sqrt(1.0 + 2.0 * (1.0 + OVERSHOOT) * self._at_limit)
+
+    def in_steps(self, memory: Floats) -> bool:
+        """An element may break at any time."""
+        return True
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """Intact elements that are beyond their limit."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.forces import cable
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
@@ -91,6 +92,34 @@ class Winding:
     def left_out(self, memory: Memories) -> tuple[int, ...]:
         """The elements on the drum, and the outlet."""
         return self.reel.elements[: self.on_drum(memory) + 1]
+
+    def outlets(self, memory: Memories, x: Floats, v: Floats) -> tuple[int, Floats, Floats]:
+        """The outlet's element, and its Green-Lagrange strain and tension [N], (k,) each, in k states.
+
+        x (k, n_x), v (k, n_v) with one memory. The same as `reel_loops.pulls`, for arrays.
+        """
+        name = memory_name(self.reel)
+        held = memory.get(name, at_start(self.reel))
+        outlet = self.outlet(held)
+        drum, far = int(outlet.drum[0]), int(outlet.far[0])
+        span, parting = (part[:, far : far + 3] - part[:, drum : drum + 3] for part in (x, v))
+        length = np.sqrt(np.einsum("ka,ka->k", span, span))
+        wound = x[:, int(outlet.state[0])]
+        reference = np.maximum(outlet.base - wound, outlet.least)
+        natural = outlet.ratio * reference
+        tension = cable.tension(length, natural, outlet.stiffness)
+        if outlet.time > 0.0:
+            along = np.einsum("ka,ka->k", span, parting)
+            rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
+            # An element of constant length parts so too that has this rate of the stretch.
+            rate += length / natural * outlet.ratio * self._rates(wound, tension, outlet)
+            tension = cable.viscous_tension(length, rate, natural, outlet.stiffness, outlet.time)
+        strain = cable.green_lagrange_strain(length, reference)
+        return self.reel.elements[int(held[0])], np.asarray(strain), np.asarray(tension)
+
+    def _rates(self, wound: Floats, pull: Floats, outlet: Outlet) -> Floats:
+        rows = zip(wound.tolist(), pull.tolist(), strict=True)
+        return np.array([winding_rate(s, n, outlet) for s, n in rows])
 
 
 def reel_term(winding: Winding, switch: Switch) -> KernelTerm:

@@ -128,7 +128,6 @@ class Switch(Protocol):
 
     heading : under which the record of a run has its events; "" for events that need none
     times   : known instants [s], which steps end at
-    in_steps : it may cross at other instants too, so it is looked at after each step
     """
 
     @property
@@ -137,8 +136,8 @@ class Switch(Protocol):
     @property
     def times(self) -> tuple[float, ...]: ...
 
-    @property
-    def in_steps(self) -> bool: ...
+    def in_steps(self, memory: Floats) -> bool:
+        """True if it may cross at other instants too with such a memory: it is looked at after each step."""
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """Which items of the memory have crossed their switching function at the end of an accepted step."""

@@ -83,6 +83,11 @@ class Drive:
     gives_way: float = 0.0
     takes_up: float = 0.0
 
+    @property
+    def is_locked(self) -> bool:
+        """True if it does not turn, whatever pulls."""
+        return self.rate == self.gives_way == 0.0
+
 
 @dataclass(frozen=True)
 class Reel:
@@ -159,14 +164,15 @@ def cross_checks_of_reel(reel: ReelKeys, body: str | None, length: float, divisi
             words = f"must be between {least:.6g} m, a quarter of an element, and length = {length:g} m"
             yield Fault(key, f"{words}, got {value:g} m")
     every = (_of_command(k, one, reel) for k, one in enumerate(reel.commands) if one is not None)
-    yield from each(_in_order(reel), *every)
+    valid = ((k, one) for k, one in enumerate(reel.commands) if one is not None)
+    yield from each(*every, *(_in_order(*pair) for pair in pairwise(valid)))
 
 
-def _in_order(reel: ReelKeys) -> Iterator[Fault]:
-    for k, (before, after) in enumerate(pairwise(reel.commands), start=1):
-        if before is not None and after is not None and after.at <= before.at:
-            words = f"must be greater than the time before it, {before.at:g} s, got {after.at:g}"
-            yield Fault(f"commands[{k}].at", words)
+def _in_order(before: tuple[int, Command], after: tuple[int, Command]) -> Iterator[Fault]:
+    (_, first), (k, second) = before, after
+    if second.at <= first.at:
+        words = f"must be greater than the time before it, {first.at:g} s, got {second.at:g}"
+        yield Fault(f"commands[{k}].at", words)
 
 
 def _of_command(number: int, command: Command, reel: ReelKeys) -> Iterator[Fault]:

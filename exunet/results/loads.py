@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,8 +70,32 @@ def _pulls(net: Net, nodes: Ints, position: Floats, tension: Floats) -> Floats:
     for k, node in enumerate(nodes.tolist()):
         for near, far in ((0, 1), (1, 0)):
             elements = np.flatnonzero(net.element_nodes[:, near] == node)
-            span = position[:, net.element_nodes[elements, far]] - position[:, [node]]
-            length = np.linalg.norm(span, axis=-1, keepdims=True)
-            way = np.divide(span, length, out=np.zeros_like(span), where=length > 0.0)
-            found[:, k] += (tension[:, elements, None] * way).sum(axis=1)
+            ends = net.element_nodes[elements, far]
+            found[:, k] += _pull(position, tension, node, elements, ends).sum(axis=1)
+        for elements, ends, at in _on_drum(net, node, position):
+            found[:, k] += at[:, None] * _pull(position, tension, node, elements, ends)[:, 0]
     return found
+
+
+def _pull(position: Floats, tension: Floats, node: int, elements: Ints, ends: Ints) -> Floats:
+    """(k, n, 3) pull of elements from a node towards their far ends [N]."""
+    span = position[:, ends] - position[:, [node]]
+    length = np.linalg.norm(span, axis=-1, keepdims=True)
+    way = np.divide(span, length, out=np.zeros_like(span), where=length > 0.0)
+    return np.asarray(tension[:, elements, None] * way)
+
+
+def _on_drum(net: Net, node: int, position: Floats) -> Iterator[tuple[Ints, Ints, Floats]]:
+    """The elements of a tether that begin at nodes on a drum, and when (k,): 1.0 for those states.
+
+    A node that a reel has wound up is where the tether's end is, to the last bit.
+    """
+    for tether in net.tethers:
+        nodes, elements = tether.nodes, tuple(net.tether_elements[tether.name])
+        if node == nodes[-1]:
+            nodes, elements = nodes[::-1], elements[::-1]
+        for k in range(1, len(nodes) - 1) if node == nodes[0] else ():
+            at = (position[:, nodes[k]] == position[:, node]).all(axis=1)
+            if not at.any():
+                break
+            yield np.array([elements[k]]), np.array([nodes[k + 1]]), at.astype(float)

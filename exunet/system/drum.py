@@ -11,7 +11,7 @@ from exunet.bodies.kinematics import GIVEN, Kinematics
 from exunet.bodies.rigid import rotation_matrix
 from exunet.forces.held import held_by, mass_matrix
 from exunet.forces.reel import Winding, memory_name
-from exunet.forces.reel_loops import pulls
+from exunet.forces.reel_loops import Outlet, pulls
 from exunet.forces.terms import Change, Memories
 from exunet.net.reel import LARGEST_OUTLET, LEAST_OUTLET
 from exunet.system.system import Layout, Moving
@@ -21,6 +21,7 @@ Ints = NDArray[np.int64]
 
 _CLOSE = 1e-9  # of an element, within which the outlet counts as having reached a limit
 _COMMAND, _ON, _OFF = range(3)
+_NOTHING = np.zeros(0, dtype=np.int64)
 
 
 class _Node(NamedTuple):
@@ -39,7 +40,6 @@ class Drum:
     """
 
     heading = "reels"
-    in_steps = True
 
     def __init__(self, winding: Winding, kinematics: Kinematics) -> None:
         self._winding, self._reel, self._blocks = winding, winding.reel, winding.blocks
@@ -49,15 +49,28 @@ class Drum:
         part = self._reel.element_length
         self._least, self._largest = LEAST_OUTLET * part, LARGEST_OUTLET * part
         self._close = _CLOSE * part
+        self._made: tuple[tuple[float, float], Outlet] | None = None
         self._wound = self._blocks.state(f"{self._reel.name}/wound_up")
+
+    def in_steps(self, memory: Floats) -> bool:
+        """Nodes go on and come off while the drum may turn."""
+        return not self._reel.drives[int(memory[1])].is_locked
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The next command, a node that goes onto the drum, one that comes off."""
-        commanded = np.searchsorted(self._reel.times, time, side="right") > memory[1]
+        done = int(memory[1])
+        commanded = done < len(self.times) and self.times[done] <= time
         outlet = self._outlet(x, memory)
         on = outlet <= self._least + self._close and self._may_go_on(memory)
         off = outlet >= self._largest - self._close and memory[0] > 0.0
-        return np.flatnonzero([commanded, on, off])
+        return np.flatnonzero([commanded, on, off]) if commanded or on or off else _NOTHING
+
+    def _outlet_at(self, memory: Floats) -> Outlet:
+        """What the loops take; made anew for another memory only."""
+        key = (memory[0], memory[1])
+        if self._made is None or self._made[0] != key:
+            self._made = key, self._winding.outlet(memory)
+        return self._made[1]
 
     def _outlet(self, x: Floats, memory: Floats) -> float:
         return self._reel.outlet(int(memory[0]), float(x[self._wound]))
@@ -67,7 +80,9 @@ class Drum:
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """A step [s] at whose end, at the rate of now, the outlet has just reached a limit."""
-        rate = float(pulls(x, v, self._winding.outlet(memory))[0])
+        if not self.in_steps(memory):
+            return step
+        rate = float(pulls(x, v, self._outlet_at(memory))[0])
         if rate > 0.0 and self._may_go_on(memory):
             way = self._outlet(x, memory) - self._least
         elif rate < 0.0 and memory[0] > 0.0:

@@ -76,7 +76,7 @@ class EnergyScale:
     def __init__(self, start: States) -> None:
         system = start.system
         self._forces, self._layout, self._driven = system.forces, system.layout, system.driven
-        self._guided = bool(system.kinematics.guides)
+        self._given = bool(system.kinematics.guides or system.forces.cable.reels)
         self._free = free_parts(system)
         self._rest = start.flat[0][0]
         kinetic = energy.kinetic(system.mass, start.velocity[0]) + start.kinetic_of_bodies[0] @ system.driven
@@ -110,7 +110,7 @@ class EnergyScale:
 
         dissipated : (k,) energy taken out until these states [J]
         """
-        if not (self._forces.has_potential or self._forces.dissipates or self._guided):
+        if not (self._forces.has_potential or self._forces.dissipates or self._given):
             return np.zeros((2, len(states)))
         kinetic, common = self._of_centres(states)
         common_change = common - self._common[1]

@@ -100,13 +100,26 @@ class States:
 
     @cached_property
     def strain(self) -> Floats:
-        """(k, n_elements) Green-Lagrange strain E11, eq. (6)."""
-        return np.asarray(cable.green_lagrange_strain(self.length, self.system.net.reference_length))
+        """(k, n_elements) Green-Lagrange strain E11, eq. (6); -1/2 of elements on drums."""
+        strain = cable.green_lagrange_strain(self.length, self.system.net.reference_length)
+        for element, of_outlet, _ in self.outlets:
+            strain[:, element] = of_outlet
+        return np.asarray(strain)
 
     @cached_property
     def tension(self) -> Floats:
         """(k, n_elements) axial forces [N]."""
-        return cable.element_tension(self.system.net, self.law, self.position, self.velocity, self.length)
+        net = self.system.net
+        tension = cable.element_tension(net, self.law, self.position, self.velocity, self.length)
+        for element, _, of_outlet in self.outlets:
+            tension[:, element] = of_outlet
+        return tension
+
+    @cached_property
+    def outlets(self) -> list[tuple[int, Floats, Floats]]:
+        """Of each reel: the element at its drum, and its strain and tension (k,)."""
+        reels = self.system.forces.cable.reels
+        return [winding.outlets(self.memory, *self.flat) for winding in reels]
 
     @cached_property
     def elastic(self) -> Floats:
@@ -173,5 +186,5 @@ class States:
 _SERIES = tuple(
     name
     for name, value in vars(States).items()
-    if isinstance(value, cached_property) and name not in ("law", "flat")
+    if isinstance(value, cached_property) and name not in ("law", "flat", "outlets")
 )

@@ -82,7 +82,8 @@ def random_instants(start: Start, kind: str, count: int, random: np.random.Gener
             state = replace(state, time=random.uniform(0.0, start.scene.time.end))
         for held, switch in timed:
             x, v = system.layout.pack(state.moving)
-            passed = switch.change(state.time, x, v, held.initial, np.zeros(1, dtype=np.int64))
+            first = np.zeros(1, dtype=np.int64)
+            passed = switch.change(state.time, x, v, held.initial, first, state.memory)
             memory[held.name] = passed.memory
         yield replace(state, memory=memory)
 

@@ -99,10 +99,13 @@ class Knots:
     """The known instants at which the thrust has a kink or a jump."""
 
     heading = ""
-    in_steps = False
 
     def __init__(self, times: tuple[float, ...]) -> None:
         self.times = times
+
+    def in_steps(self, memory: Floats) -> bool:
+        """The knots are known."""
+        return False
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The only item, if a knot was passed since the memory was set."""

@@ -92,7 +92,12 @@ def _tethers(start: Start) -> list[tuple[str, str]]:
         keys = start.scene.tethers[tether.name]
         apart = float(np.linalg.norm(start.position[tether.nodes[-1]] - start.position[tether.nodes[0]]))
         ends = f"{_tied(keys.start)} to {_tied(keys.end)}, {apart:g} m apart at the start"
-        found.append((f"tether {tether.name}", f"{keys.length:g} m, elements: {keys.divisions}, from {ends}"))
+        words = f"{keys.length:g} m, elements: {keys.divisions}, from {ends}"
+        if (reel := keys.reel) is not None:
+            drum = _tied(keys.start if reel.at == "start" else keys.end)
+            out = keys.length if reel.paid_out is None else reel.paid_out
+            words += f"; reel at {drum}, {out:g} m outside, commands: {len(reel.commands)}"
+        found.append((f"tether {tether.name}", words))
     return found
 
 

@@ -1,0 +1,421 @@
+"""Reels: the drive's law, the outlet's force and energy, nodes on and off the drum, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from own_terms import FORMS, continue_alike
+from scipy.integrate import solve_ivp
+
+import exunet
+from exunet.base.errors import CaseError
+from exunet.bodies import constraint_loops
+from exunet.bodies.rigid import rotation_matrix
+from exunet.forces import reel_loops
+from exunet.forces.held import mass_matrix
+from exunet.interfaces.commands.check import describe
+from exunet.net.reel import Drive
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.simulation import Simulation
+
+Floats = np.ndarray
+
+# Two bodies, 3 m apart, which fly together or apart; a tether of 4 m in 8 elements of 0.5 m and 1 kN.
+SCENE = """
+format = 1
+title = "A reel between two bodies"
+time = {{ end = 0.4, output_step = 0.02 }}
+solver = {{ method = "RK44", step = 2e-4 }}
+initial.packing = 1.0
+net.topology = "explicit"
+net.nodes = [[0.0, 50.0, 0.0]]
+net.elements = []
+net.node_masses = [1.0]
+net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }}
+
+[bodies.left]
+mass = {left}
+inertia = [0.3, 0.4, 0.5]
+angular_velocity = [0.1, -0.2, 0.3]
+
+[bodies.right]
+mass = {right}
+inertia = [0.5, 0.4, 0.6]
+position = [3.0, 0.1, 0.0]
+velocity = [{speed}, 0.0, 0.0]
+angular_velocity = [-0.2, 0.1, 0.4]
+
+[tethers.line]
+diameter = 0.01
+density = {density}
+youngs_modulus = {modulus}
+length = 4.0
+divisions = 8
+start = {{ body = "left", point = [0.1, 0.05, -0.02] }}
+end = {{ body = "right", point = [-0.1, 0.1, 0.03] }}
+
+[tethers.line.reel]
+paid_out = 2.9
+damping = 20.0
+commands = [{commands}]
+"""
+SECTION = math.pi * 0.005**2
+LUMP = 1390.0 * SECTION * 0.5  # of a node between two elements of 0.5 m [kg]
+
+
+def case_of(folder: Path, *overrides: str, commands: str = "", **given: float) -> exunet.Case:
+    numbers = {"left": 2.0, "right": 3.0, "speed": 0.0, "density": 1390.0, "modulus": 1e3 / SECTION} | given
+    path = folder / "reel.toml"
+    path.write_text(SCENE.format(commands=commands, **numbers))
+    return exunet.load(path, overrides)
+
+
+def start_of(folder: Path, *overrides: str, commands: str = "", **given: float) -> Start:
+    return prepare_case(case_of(folder, *overrides, commands=commands, **given))
+
+
+def command(at: float, mode: str, **numbers: float) -> str:
+    keys = [f"at = {at}", f'mode = "{mode}"', *(f"{key} = {value}" for key, value in numbers.items())]
+    return "{ " + ", ".join(keys) + " },"
+
+
+def test_where_nodes_are_at_the_start(tmp_path: Path) -> None:
+    """1.1 m are wound up: two nodes at the drum, an outlet of 0.4 m, five elements of 0.5 m."""
+    start = start_of(tmp_path)
+    (tether,) = start.net.tethers
+    chain = start.position[list(tether.nodes)]
+    np.testing.assert_array_equal(chain[:3], np.repeat(chain[:1], 3, axis=0))
+    way = (chain - chain[0]) @ (chain[-1] - chain[0]) / ((chain[-1] - chain[0]) @ (chain[-1] - chain[0]))
+    np.testing.assert_allclose(way[2:] * 2.9, [0.0, 0.4, 0.9, 1.4, 1.9, 2.4, 2.9], atol=1e-14)
+    own = 0.5 * LUMP  # of the node at the drum's point, which moves the body's centre of mass
+    speed = np.cross([0.1, -0.2, 0.3], [0.1, 0.05, -0.02]) * 2.0 / (2.0 + own)
+    np.testing.assert_allclose(start.velocity[list(tether.nodes[:3])], np.tile(speed, (3, 1)), rtol=1e-12)
+    assert start.state.first_order.tolist() == [pytest.approx(1.1), 0.0]
+    assert start.state.memory["line/reel"].tolist() == [2.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("paid_out", "nodes"), [(4.0, 0), (3.63, 0), (3.62, 1), (0.13, 7), (0.125, 7), (0.62, 7), (0.63, 6)]
+)
+def test_how_many_nodes_are_on_the_drum(tmp_path: Path, paid_out: float, nodes: int) -> None:
+    """An outlet of a quarter of an element, 0.125 m, or less goes on with the next; the last one stays."""
+    near = "bodies.right.position=[0.25, 0.0, 0.0]"  # a hand's breadth
+    start = start_of(tmp_path, near, f"tethers.line.reel.paid_out={paid_out}")
+    assert start.state.memory["line/reel"][0] == nodes
+
+
+def outlet(**given: Any) -> reel_loops.Outlet:
+    none = np.zeros(1, dtype=np.uint32)
+    numbers = dict.fromkeys(reel_loops.Outlet._fields, 0.0) | {
+        "drum": none, "far": none + 3, "state": none + 6, "rate": none + 6, "base": 1.0, "least": 0.05,
+        "ratio": 1.0, "stiffness": 500.0, "largest_rate": 2.0, "longest_wound": 3.0, "slows": 0.1,
+    }  # fmt: skip
+    return reel_loops.Outlet(**(numbers | given))
+
+
+@pytest.mark.parametrize(
+    ("drive", "pull", "rate"),
+    [
+        (Drive(), 70.0, 0.0),
+        (Drive(0.0, 10.0, 0.05, 0.0), 8.0, 0.0),  # a brake holds below its force
+        (Drive(0.0, 10.0, 0.05, 0.0), 30.0, -1.0),  # 20 N over 20 N s/m
+        (Drive(0.5, 0.0, 0.0, 0.0), 900.0, 0.5),  # no limit of force
+        (Drive(0.5, 10.0, 0.05, 0.0), 4.0, 0.5),
+        (Drive(0.5, 10.0, 0.05, 0.0), 14.0, 0.3),
+        (Drive(0.0, 10.0, 0.05, 0.05), 4.0, 0.3),  # constant tension: winds up what is slack
+        (Drive(0.0, 10.0, 0.05, 0.05), 14.0, -0.2),
+        (Drive(-5.0, 0.0, 0.0, 0.0), 0.0, -2.0),  # the limit of rate
+    ],
+)
+def test_the_law_of_the_drive(drive: Drive, pull: float, rate: float) -> None:
+    """cases/README.md, Reels; far from both limits of length."""
+    asked = outlet(rate_at_rest=drive.rate, **{k: v for k, v in vars(drive).items() if k != "rate"})
+    assert reel_loops.winding_rate(1.5, pull, asked) == pytest.approx(rate)
+
+
+@pytest.mark.parametrize(("wound", "rate"), [(2.95, 0.25), (3.0, 0.0), (3.1, 0.0), (0.0, 0.5), (2.8, 0.5)])
+def test_it_slows_down_before_a_limit(wound: float, rate: float) -> None:
+    assert reel_loops.winding_rate(wound, 0.0, outlet(rate_at_rest=0.5)) == pytest.approx(rate)
+    backwards = reel_loops.winding_rate(3.0 - wound, 0.0, outlet(rate_at_rest=-0.5))
+    assert backwards == pytest.approx(-rate)
+
+
+@pytest.mark.parametrize("time", [0.0, 0.01])
+def test_force_work_and_energy_of_the_outlet(time: float) -> None:
+    """-dU/dx on the ends, dU/ds at the drum, by differences; what is left is what viscosity takes out."""
+    taken = {"time": time, "ratio": 1.02, "rate_at_rest": 0.4, "force": 5.0, "gives_way": 0.01}
+    data = outlet(**taken)
+    rng = np.random.default_rng(5)
+    x = np.array([0.1, -0.2, 0.3, 0.5, 0.3, 0.6, 0.5])  # 0.71 m on 1.02 x (1 m - 0.5 m)
+    v = rng.normal(scale=0.3, size=6)
+    force = np.zeros(8)
+    reel_loops.add_outlet(0.0, x, v, data, force)
+    np.testing.assert_allclose(force[:3], -force[3:6], rtol=1e-15)
+    slope = np.zeros(7)
+    for k in range(7):
+        step = 1e-6 * np.eye(7)[k]
+        ends = [reel_loops.energy_of_outlet(x + sign * step, data) for sign in (1.0, -1.0)]
+        slope[k] = (ends[0] - ends[1]) / 2e-6
+    if time == 0.0:
+        np.testing.assert_allclose(force[:6], -slope[:6], rtol=1e-7)
+        assert force[7] == pytest.approx(slope[6] * force[6], rel=1e-7)
+    balance = force[7] - force[:6] @ v - slope[:6] @ v - slope[6] * force[6]
+    assert reel_loops.power_in_outlet(0.0, x, v, data) == pytest.approx(balance, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_arrays_and_loops_say_the_same(tmp_path: Path, damped: bool) -> None:
+    """Two forms of one law, which are written apart."""
+    damping = ["effects.material_damping.relaxation_time=1e-3"] if damped else []
+    pull = command(0.0, "tension", force=3.0)
+    warm = "effects.thermal_strain={expansion_coefficient=1e-4, temperature_change=80.0}"
+    start = start_of(tmp_path, warm, *damping, commands=pull)
+    (winding,) = start.system.forces.cable.reels
+    rng = np.random.default_rng(3)
+    x, v = start.system.layout.pack(start.state.moving)
+    far = start.net.tethers[0].nodes[3]
+    rows = np.repeat(x[None], 40, axis=0)
+    rows[:, 3 * far : 3 * far + 3] += rng.normal(scale=0.3, size=(40, 3))
+    speeds = rng.normal(size=(40, len(v)))
+    memory = start.state.memory
+    element, strain, tension = winding.outlets(memory, rows, speeds)
+    assert element == 2
+    assert 5 < np.count_nonzero(tension) < 40
+    data = winding.outlet(memory["line/reel"])
+    for k in range(40):
+        natural, length, of_loop = reel_loops.stretched(rows[k], data)
+        assert tension[k] == pytest.approx(reel_loops.pulls(rows[k], speeds[k], data)[1], rel=1e-10, abs=1e-9)
+        assert strain[k] == pytest.approx(0.5 * ((length / 0.4) ** 2 - 1.0), rel=1e-10)
+        assert natural == pytest.approx(0.4 * 1.008, rel=1e-12)  # 80 K times 1e-4 / K
+        assert of_loop == pytest.approx(max(0.0, 0.5 * ((length / natural) ** 2 - 1.0)), rel=1e-10)
+
+
+def random_held(rng: np.random.Generator) -> tuple[Floats, Floats]:
+    return rng.uniform(0.1, 0.5, 4), rng.normal(size=(4, 3))
+
+
+def test_momenta_of_a_body_with_what_it_holds() -> None:
+    """The rows of the mass matrix against sums over the points."""
+    rng = np.random.default_rng(1)
+    held, arm = random_held(rng)
+    velocity, spin = rng.normal(size=(2, 3))
+    moments = np.array([0.3, 0.4, 0.5])
+    momenta = mass_matrix(2.0, moments, held, arm) @ np.append(velocity, spin)
+    speeds = velocity + np.cross(spin, arm)
+    np.testing.assert_allclose(momenta[:3], 2.0 * velocity + held @ speeds, rtol=1e-13)
+    np.testing.assert_allclose(
+        momenta[3:], moments * spin + np.cross(arm, held[:, None] * speeds).sum(axis=0), rtol=1e-13
+    )
+
+
+def test_forces_are_shared_with_what_a_body_holds() -> None:
+    """Newton's and Euler's laws of body and points: the forces that hold the points act back on the body."""
+    rng = np.random.default_rng(2)
+    held, arm = random_held(rng)
+    moments, mass = np.array([0.3, 0.4, 0.5]), 2.0
+    quaternion = rng.normal(size=4)
+    quaternion /= np.linalg.norm(quaternion)
+    x, v, given = np.concatenate([np.zeros(3), quaternion]), rng.normal(size=6), rng.normal(size=6)
+    at = [np.array([k], dtype=np.uint32) for k in (0, 3, 3)]
+    data = constraint_loops.HeldMasses(
+        *at, np.array([mass]), moments[None], (held @ arm)[None], ((held[:, None] * arm).T @ arm)[None],
+        np.linalg.inv(mass_matrix(mass, moments, held, arm))[None],
+    )  # fmt: skip
+    force = given.copy()
+    constraint_loops.share_with_held(0.0, x, v, data, force)
+    turn, spin = rotation_matrix(quaternion), v[3:]
+    along = force[:3] @ turn / mass
+    turning = (force[3:] - np.cross(spin, moments * spin)) / moments
+    of_points = held[:, None] * (along + np.cross(turning, arm) + np.cross(spin, np.cross(spin, arm)))
+    np.testing.assert_allclose(force[:3] @ turn, given[:3] @ turn - of_points.sum(axis=0), atol=1e-13)
+    np.testing.assert_allclose(force[3:], given[3:] - np.cross(arm, of_points).sum(axis=0), atol=1e-13)
+
+
+REEL = "tethers.line.reel"
+REFUSED = [
+    (f"{REEL}.paid_out=4.1", "line.reel.paid_out: must be between 0.125 m"),
+    (f"{REEL}.paid_out=0.1", "line.reel.paid_out: must be between 0.125 m"),
+    (f"{REEL}.paid_out=2.5", r"line.reel.paid_out: is shorter than the 2.8\d+ m between its ends"),
+    (f"{REEL}.shortest=0.1", "line.reel.shortest: must be between"),
+    (f"{REEL}.largest_rate=0.0", "line.reel.largest_rate: must be a number greater than 0"),
+    ("tethers.line.start={node=0}", "line.reel.at: the start of the tether is not tied to a body"),
+    ("bodies.left.motion='prescribed'", "line.reel.at: the drum's body, left, must be free or fixed"),
+    ("effects.breaking.strain=0.1", f"effects.breaking: excludes {REEL}"),
+    ("effects.bending.modulus=1e6", f"effects.bending: excludes {REEL}"),
+    ("effects.rayleigh_damping={alpha=0.0, beta=1e-6}", f"effects.rayleigh_damping: excludes {REEL}"),
+    ("solver={method='GeneralizedAlpha', step=1e-3}", "cannot run a force that"),
+    (f"{REEL}.commands=[{{at=0.0, mode='brake'}}]", r'commands\[0\]: mode "brake" needs force'),
+    (f"{REEL}.commands=[{{at=0.0, mode='rate'}}]", r'commands\[0\]: mode "rate" needs rate'),
+    (f"{REEL}.commands=[{{at=0.0, mode='lock', force=1.0}}]", r'commands\[0\].force: mode "lock" has none'),
+    (f"{REEL}.commands=[{{at=1.0, mode='lock'}}, {{at=1.0, mode='lock'}}]", "must be greater than the time"),
+    (f"{REEL}.commands=[{{at=-1.0, mode='lock'}}]", r"commands\[0\].at: must be a number not less than 0"),
+    (f"{REEL}.commands=[{{at=0.0, mode='wind'}}]", r"commands\[0\].mode: must be one of"),
+    (f"{REEL}={{commands=[{{at=0.0, mode='brake', force=1.0}}]}}", r"commands\[0\].force: needs the damping"),
+]
+
+
+@pytest.mark.parametrize(("override", "words"), REFUSED)
+def test_what_is_refused(tmp_path: Path, override: str, words: str) -> None:
+    with pytest.raises(CaseError, match=words):
+        start_of(tmp_path, override)
+
+
+def test_all_faults_of_a_reel_are_told_at_once(tmp_path: Path) -> None:
+    """A command that is not valid hides neither the others nor their order."""
+    commands = ["{at=2.0, mode='brake'}", "{at='x', mode='lock'}", "3"]
+    commands += ["{at=1.0, mode='lock', rate=1.0}", "{at=0.5, mode='lock'}"]
+    with pytest.raises(CaseError) as refused:
+        start_of(tmp_path, f"{REEL}.commands=[{', '.join(commands)}]")
+    keys = {fault.key.split("reel.")[1] for fault in refused.value.faults}
+    assert keys == {"commands[0]", "commands[1].at", "commands[2]", "commands[3].rate", "commands[4].at"}
+
+
+def test_check_describes_the_reel(tmp_path: Path) -> None:
+    rows = dict(describe(start_of(tmp_path)))
+    assert "reel at body left, 2.9 m outside" in rows["tether line"]
+
+
+FIXED = "bodies.left={mass=2.0, inertia=[0.3, 0.4, 0.5], motion='fixed'}"
+COMPILED = ("engine.loop=compiled", "solver={method='DOPRI5', tolerance=1e-9}")
+ON_AND_OFF = "".join(
+    [
+        command(0.0, "rate", rate=3.0),  # 0.6 m: a node goes on at 0.275 m, one at 0.775 m
+        command(0.3, "lock"),
+        command(0.32, "rate", rate=-4.0),
+    ]
+)
+
+
+def books(found: exunet.Result) -> None:
+    """Linear momentum to 1e-10 and angular momentum to 1e-8 of what single parts have; the energy to 1e-5."""
+    assert found.verdict == "ok"
+    speeds = [np.linalg.norm(body.velocity, axis=1).max() * body.mass for body in found.bodies.values()]
+    reach = float(np.abs(found.position[:, 1:]).max())
+    assert np.abs(found.momentum - found.momentum[0]).max() < 1e-10 * max(speeds)
+    assert np.abs(found.angular_momentum - found.angular_momentum[0]).max() < 1e-8 * max(speeds) * reach
+    total = found.kinetic + found.elastic + found.potential + found.dissipated
+    assert np.abs(total - total[0]).max() < 1e-5 * (found.kinetic + found.elastic + found.potential).max()
+
+
+@pytest.mark.parametrize(
+    "form", ["fused", pytest.param("connectors", marks=pytest.mark.slow), pytest.param("compiled", marks=[])]
+)
+@pytest.mark.parametrize("method", ["solver.step=2e-4", "solver={method='DOPRI5', tolerance=1e-9}"])
+def test_nodes_go_on_and_come_off(tmp_path: Path, form: str, method: str) -> None:
+    damped = "effects.material_damping.relaxation_time=1e-4"
+    found = exunet.run(case_of(tmp_path, FORMS[form], method, damped, commands=ON_AND_OFF))
+    words = [event["event"].split(" ", 2)[-1] for event in found.provenance["reels"] if "node" in event]
+    assert words[:3] == ["goes onto the drum", "goes onto the drum", "comes off the drum"]
+    books(found)
+    assert found.states["line/work"].values[-1, 0] != 0.0
+    chain, elements = found.net.tethers[0].nodes, found.net.tether_elements["line"]
+    held = (found.position[:, chain[1:5]] == found.position[:, [chain[0]]]).all(axis=-1).sum(axis=1)
+    assert (held.min(), held.max()) == (2, 4)
+    pulls = exunet.loads(found, "left")
+    of_outlet = found.tension[np.arange(len(held)), elements.start + held]
+    np.testing.assert_allclose(pulls.size[:, 0], of_outlet, rtol=1e-12, atol=1e-12)
+    assert of_outlet.max() > 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("commands", "speed"),
+    [
+        (command(0.0, "tension", force=2.0), 0.0),
+        (command(0.0, "brake", force=0.5), 0.8),
+        (command(0.0, "rate", rate=0.3), 0.0),
+        (command(0.0, "rate", rate=0.3, force=0.5), 0.0),
+    ],
+)
+def test_one_mass_on_a_light_tether(tmp_path: Path, commands: str, speed: float) -> None:
+    """M x'' = -N(x / (L - s)), s' of the drive: a tether that is light stretches evenly, from a fixed drum.
+
+    Integrated by SciPy, apart from all this. The tether has 2e-6 of the mass.
+    """
+    point = ("tethers.line.start.point=[0.0, 0.0, 0.0]", "tethers.line.end.point=[0.0, 0.0, 0.0]")
+    still = ["bodies.right.angular_velocity=[0.0, 0.0, 0.0]"]
+    scene = ("bodies.right.position=[2.9, 0.0, 0.0]", "time.end=2.0", *COMPILED)
+    light = {"density": 0.02, "modulus": 1e2 / SECTION}
+    case = case_of(tmp_path, FIXED, *point, *still, *scene, commands=commands, speed=speed, **light)
+    found = exunet.run(case)
+    (winding,) = prepare_case(case).system.forces.cable.reels
+    drive = winding.outlet(np.array([2.0, 1.0]))
+
+    def rates(_: float, y: Floats) -> list[float]:
+        stretch = y[0] / (4.0 - y[2])
+        pull = 1e2 * max(0.0, 0.5 * (stretch**2 - 1.0)) * stretch
+        return [y[1], -pull / 3.0, reel_loops.winding_rate(y[2], pull, drive)]
+
+    exact = solve_ivp(rates, (0.0, 2.0), [2.9, speed, 1.1], t_eval=found.time, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(found.bodies["right"].position[:, 0], exact.y[0], atol=2e-5)
+    np.testing.assert_allclose(found.states["line/wound_up"].values[:, 0], exact.y[2], atol=2e-5)
+    assert np.ptp(exact.y[2]) > 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_a_body_with_nodes_on_its_drum_tumbles_as_one_of_their_masses(tmp_path: Path) -> None:
+    """Free and slack: against a body whose mass, centre and inertia have the nodes in them (Steiner)."""
+    point, spin = np.array([0.4, 0.3, -0.2]), "bodies.left.angular_velocity=[2.0, -3.0, 1.0]"
+    both = (f"tethers.line.start.point={point.tolist()}", spin, "time.end=1.0", *COMPILED)
+    found = exunet.run(case_of(tmp_path, *both, modulus=1e-6))  # the tether hardly pulls
+    assert found.tension.max() < 1e-7
+    held, centre = 2.5 * LUMP, 2.5 * LUMP / (2.0 + 2.5 * LUMP) * point
+    before = 0.5 * LUMP / (2.0 + 0.5 * LUMP) * point  # with the node at the drum's point alone
+
+    def steiner(mass: float, at: Floats) -> Floats:
+        return mass * (at @ at * np.eye(3) - np.outer(at, at))
+
+    inertia = np.diag([0.3, 0.4, 0.5]) + steiner(2.0, centre) + steiner(held, point - centre)
+    products = [float(inertia[0, 1]), float(inertia[0, 2]), float(inertia[1, 2])]
+    path = tmp_path / "one.toml"
+    path.write_text(SCENE.partition("[tethers")[0].format(left=2.0 + held, right=3.0, speed=0.0))
+    one = (
+        f"bodies.left.centre_of_mass={centre.tolist()}",
+        f"bodies.left.inertia={np.diag(inertia).tolist()}",
+        f"bodies.left.products_of_inertia={products}",
+        f"bodies.left.velocity={np.cross([2.0, -3.0, 1.0], centre - before).tolist()}",
+    )
+    same = exunet.run(exunet.load(path, [*both[1:], *one])).bodies["left"]
+    body = found.bodies["left"]
+    np.testing.assert_allclose(body.angular_velocity, same.angular_velocity, atol=1e-8)
+    np.testing.assert_allclose(np.abs(body.attitude), np.abs(same.attitude), atol=1e-8)
+    arms = np.einsum("kij,j->ki", rotation_matrix(same.attitude), before - centre)
+    np.testing.assert_allclose(body.position, same.position + arms, atol=1e-8)
+    assert np.abs(body.angular_velocity[-1] - body.angular_velocity[0]).max() > 0.1
+
+
+def test_restart(tmp_path: Path) -> None:
+    """Half, to a file, half: bitwise the whole, with nodes that go on and come off in either half."""
+    case = case_of(tmp_path, FORMS["fused"], commands=ON_AND_OFF)
+    one, other = Simulation(case), Simulation(case)
+    one.advance_to(0.31)
+    continue_alike(one, other, 0.4, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_restart_in_the_compiled_loop(tmp_path: Path) -> None:
+    verlet = "solver={method='VelocityVerlet', step=1e-4}"
+    for solver in ("solver.step=2e-4", COMPILED[1], verlet):
+        case = case_of(tmp_path, FORMS["compiled"], solver, commands=ON_AND_OFF)
+        one, other = Simulation(case), Simulation(case)
+        one.advance_to(0.31)
+        continue_alike(one, other, 0.4, tmp_path)
+
+
+def test_a_fixed_drum_takes_the_momenta(tmp_path: Path) -> None:
+    """What the support has given, in force and in nodes on and off the drum, is the change of the momenta."""
+    case = case_of(tmp_path, FORMS["fused"], FIXED, commands=ON_AND_OFF)
+    found = exunet.run(case)
+    given = found.states["left/impulse"].values, found.states["left/angular_impulse"].values
+    scale = 3.0 * np.abs(found.bodies["right"].velocity).max()
+    assert np.ptp(found.momentum - given[0], axis=0).max() < 1e-9 * scale
+    assert np.ptp(found.angular_momentum - given[1], axis=0).max() < 1e-8 * 3.0 * scale
+    total = found.kinetic + found.elastic + found.potential + found.dissipated
+    assert np.abs(total - total[0]).max() < 1e-5 * (found.kinetic + found.elastic + found.potential).max()
