@@ -13,8 +13,8 @@ from exunet.forces.effects import first_order_states, forces_of, point_masses
 from exunet.net import weave
 from exunet.net.tether import with_tethers
 from exunet.system.bodies import bodies_at_start
-from exunet.system.carried import carried
-from exunet.system.initial import along_tethers, common_velocity, initial_state, kicks
+from exunet.system.carried import carried, net_axes, thrown
+from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
 from exunet.system.system import State, System
 
 
@@ -27,13 +27,15 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     woven = weave(scene.net)
     net, tied = with_tethers(woven, scene.tethers)
     rigid = bodies_at_start(scene, net, tied, faults)
-    position, velocity = initial_state(scene, woven)
-    if (frame := scene.initial.frame) is not None:
-        position, velocity, rigid = carried(frame, rigid, net, position, velocity, kicks(scene, woven))
+    axes = net_axes(scene.initial.frame, rigid)
+    position, velocity = carried(axes, rigid, net, *packed_state(scene, woven))
     room = np.zeros((net.n_nodes - woven.n_nodes, 3))
     position, velocity = np.concatenate([position, room]), np.concatenate([velocity, room])
     position, velocity, _ = rigid.kinematics.completed(np.array(0.0), position, velocity, rigid.states)
     faults += along_tethers(net, position, velocity)
+    gained, rigid = thrown(axes, rigid, net, position, kicks(scene, woven))  # leaves inner nodes as they are
+    velocity[: woven.n_nodes] += gained
+    position, velocity, _ = rigid.kinematics.completed(np.array(0.0), position, velocity, rigid.states)
     names = tuple(body.name for body in rigid.bodies)
     states = (*rigid.given, *first_order_states(scene.effects))
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
