@@ -24,8 +24,6 @@ class Events:
     """The memories of a scene's terms, and who changes them when.
 
     memory   : the values of each memory now, by name
-    any      : True if there are any
-    in_steps : True if one may come at a time that is not known beforehand
     """
 
     def __init__(self, forces: Forces, memory: Arrays, observer: Observer) -> None:
@@ -35,8 +33,22 @@ class Events:
         for term, switch in forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
-        self.any = bool(self._switches)
-        self.in_steps = any(not switch.times for _, switch in self._switches)
+
+    @property
+    def any(self) -> bool:
+        """True if one may come."""
+        return any(True for _ in self._awaited())
+
+    @property
+    def in_steps(self) -> bool:
+        """True if one may come at a time that is not known beforehand."""
+        return any(not switch.times for switch in self._awaited())
+
+    def _awaited(self) -> Iterator[Switch]:
+        for name, switch in self._switches:
+            over = getattr(switch, "over", None)
+            if over is None or not over(self.memory[name]):
+                yield switch
 
     def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
         """All memories once a change of one has come into force."""

@@ -30,6 +30,7 @@ _CHOSEN = (
     "mass",
     "inertia",
     "node",
+    "chaser_mass",
 )
 _OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have
 _NAME = "chaser"  # of a body in the template

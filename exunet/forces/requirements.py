@@ -39,6 +39,16 @@ class RestOfCase:
         return float(self.scene.time.end)
 
     @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the rigid bodies."""
+        return tuple(self.scene.bodies)
+
+    @property
+    def is_carried(self) -> bool:
+        """The net starts in axes that a body carries."""
+        return bool(self.scene.initial.is_given("frame"))
+
+    @property
     def method(self) -> str:
         """solver.method."""
         return str(self.scene.solver.method)

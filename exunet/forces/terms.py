@@ -128,6 +128,9 @@ class Switch(Protocol):
 
     heading : under which the record of a run has its events; "" for events that need none
     times   : known instants [s], which steps end at
+
+    One may also have `over(memory) -> bool`, true if nothing more can happen with such a memory: runs then no
+    longer look at it after each step.
     """
 
     @property
@@ -218,6 +221,7 @@ class KernelTerm:
     stiffness_rate : bound [1/s2] of what it adds to the eigenvalues of M^-1 K, for the stable step
     damping_rate : bound [1/s] of what it adds to the eigenvalues of M^-1 D, for the stable step
     memory, switch, inputs : see `Memory`, `Switch`, `Input`
+    internal   : the potential depends only on where things are relative to each other
     """
 
     acts_on: str
@@ -232,6 +236,7 @@ class KernelTerm:
     memory: Memory | None = None
     switch: Switch | None = None
     inputs: tuple[Input, ...] = ()
+    internal: bool = False
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:

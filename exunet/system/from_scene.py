@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from exunet.base.errors import Fault
+from exunet.bodies.rigid import rotation_matrix
 from exunet.case.scene import Scene
-from exunet.forces.blocks import Blocks, Inertia
+from exunet.forces.blocks import Blocks, Inertia, Poses
 from exunet.forces.effects import first_order_states, forces_of, point_masses
 from exunet.net import weave
 from exunet.net.tether import with_tethers
@@ -39,7 +40,8 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     names = tuple(body.name for body in rigid.bodies)
     states = (*rigid.given, *first_order_states(scene.effects))
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
-    blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia)
+    poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
+    blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
     places = blocks.position[net.n_nodes :]
     velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
     words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
