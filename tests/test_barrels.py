@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from own_terms import FORMS, continue_alike
 from scipy.spatial.transform import Rotation
 
 import exunet
+from exunet.backends.events import Events
 from exunet.bodies.rigid import rotation_matrix
 from exunet.forces import barrels
 from exunet.forces.effects import launch_force
@@ -183,6 +185,21 @@ def test_a_bullet_that_has_left_is_not_pushed_again() -> None:
     assert max(barrels.way_in_barrel(x, b, term.data) for b in range(4)) < 0.0
     assert sim.energy.potential == 0.0
     assert sim.energy.kinetic + sim.energy.elastic == pytest.approx(total, rel=1e-6)
+
+
+def test_runs_look_at_each_step_only_until_all_have_left() -> None:
+    begin = prepare_case(case(STILL, launch(SPRING)))
+    events = Events(begin.system.forces, begin.state.memory, Mock())
+    assert events.any
+    assert events.in_steps
+    x, v = begin.system.layout.pack(begin.state.moving)
+    for ahead in (0.04, 0.06):
+        moved = x.copy()
+        moved[3 * begin.net.bullet_nodes + 2] += ahead / math.cos(0.2)
+        assert len(list(events.at(0.0, moved, v))) == (ahead > 0.05)
+    assert events.memory["launch_force/inside"].tolist() == [0.0] * 4
+    assert not events.any
+    assert not events.in_steps
 
 
 def begin_energy(begin: Start) -> float:
