@@ -19,6 +19,8 @@ from exunet.forces import barrels
 from exunet.forces.effects import launch_force
 from exunet.results.measures import energy_balance
 from exunet.simulation.preparation import Start, prepare_case
+from exunet.system.energy_scale import EnergyScale
+from exunet.system.states import States
 
 CASE = Path(__file__).parents[1] / "cases" / "effects" / "launch_force.toml"
 SPIN = "[2.2, 5.5, -3.3]"  # rad/s: the chaser turns by 0.3 rad while the bullets are in their barrels
@@ -118,6 +120,29 @@ def test_the_books_of_a_launch_from_a_turning_chaser(form: str, kind: str) -> No
     assert np.abs(total - total[0]).max() < 1e-5 * stored
     assert energy_balance(result) < 1e-5
     assert result.complete
+
+
+@pytest.mark.parametrize("spin", [0.0, 30.0])
+def test_the_books_at_any_spin(spin: float) -> None:
+    turning = CHASER.replace(SPIN, f"[{0.4 * spin}, {0.7 * spin}, {-0.6 * spin}]")
+    result = exunet.run(
+        case(turning, FRAME, launch(SPRING), "time={end=0.1,output_step=0.01}", FORMS["compiled"])
+    )
+    for values, part in ((result.momentum, 1e-12), (result.angular_momentum, 1e-8)):
+        assert np.abs(values - values[0]).max() < part * np.abs(values).max()
+    total = result.kinetic + result.elastic + result.potential
+    assert np.abs(total - total[0]).max() < 1e-5 * result.potential[0]
+
+
+def test_what_springs_store_is_energy_that_can_deform_the_net() -> None:
+    """All of it, whatever it would be with all at their centre of mass."""
+    begin = prepare_case(case(CHASER, FRAME, launch(SPRING)))
+    scale = EnergyScale(States.of(begin.system, begin.state))
+    sim = exunet.Simulation(begin)
+    sim.advance_to(0.1)
+    own, added = scale.gained(States.of(begin.system, sim.state), np.zeros(1))
+    assert own[0] == pytest.approx(4 * work(SPRING), rel=1e-6)
+    assert added[0] == pytest.approx(4 * work(SPRING), rel=1e-12)
 
 
 def test_barrels_are_fixed_in_the_chaser_as_the_net_lies_at_the_start() -> None:
