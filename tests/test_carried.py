@@ -71,6 +71,26 @@ def test_the_bullets_get_their_speed_relative_to_the_carried_net() -> None:
     np.testing.assert_allclose(other.angular_velocity - one.angular_velocity, [angular], rtol=1e-9)
 
 
+LINE = (
+    "tethers.line={diameter=0.01, density=1390.0, youngs_modulus=1e7, length=30.0, divisions=4, "
+    "start={bullet=0}, end={body='chaser', point=[0.0, 0.2, 1.2]}}"
+)
+
+
+@pytest.mark.parametrize("more", [(), ("bodies.chaser.attachments.held={bullet=2, point=[0.0, 0.3, 1.2]}",)])
+def test_a_throw_leaves_the_inner_nodes_of_a_tether_as_they_are(more: tuple[str, ...]) -> None:
+    """Neither has the bullet that it is tied to more to pay than its own share, nor does one that is held."""
+    before = start("launch=", LINE, *more)
+    after = start("launch={radial_speed=2.5, axial_speed=1.0}", LINE, *more)
+    bullet, *inner, end = before.net.tethers[0].nodes
+    assert len(inner) == 3
+    assert after.velocity[inner].tolist() == before.velocity[inner].tolist()
+    assert np.abs(after.velocity[bullet] - before.velocity[bullet]).max() > 1.0
+    assert (after.velocity[end] != before.velocity[end]).any()  # it moves on with its body
+    for one, other, scale in zip(momenta(before), momenta(after), (10.0, 100.0), strict=True):
+        np.testing.assert_allclose(other, one, atol=1e-12 * scale)
+
+
 @pytest.mark.parametrize("motion", ["fixed", "prescribed"])
 def test_a_guided_body_takes_the_launch_without_moving(motion: str) -> None:
     body = f"bodies.chaser={{mass=200.0, inertia=[40, 60, 80], motion='{motion}'}}"

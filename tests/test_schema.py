@@ -219,6 +219,17 @@ REFUSED = {
         "launch=",
         "effects.launch_force={kind='spring',force=1,stroke=1,spread_angle=0,chaser_mass=1,exponent=1.4}",
     ],
+    "two chasers": [
+        "launch=",
+        "effects.launch_force={kind='spring',force=1,stroke=1,spread_angle=0,chaser_mass=1,body='chaser'}",
+    ],
+    "no chaser": ["launch=", "effects.launch_force={kind='spring',force=1,stroke=1,spread_angle=0}"],
+    "a chaser at the origin of a carried net": [
+        "launch=",
+        "bodies={chaser={mass=1,inertia=[1,1,1]}}",
+        "initial.frame={body='chaser'}",
+        "effects.launch_force={kind='spring',force=1,stroke=1,spread_angle=0,chaser_mass=1}",
+    ],
     "a choice without a threshold": ["effects.choose='auto'"],
     "J2 without its orbit": [
         "effects.j2={altitude=5e5,radial=[0,0,1],along_track=[1,0,0],inclination=1,argument_of_latitude=0}"
@@ -312,6 +323,7 @@ def test_schema_and_reader_agree_on_every_pair_of_effects() -> None:
     effects, launch, bullets = document.pop("effects"), document.pop("launch"), document["net"].pop("bullets")
     effects["molecular_drag"].pop("altitude")  # which would have to be that of the orbit
     effects["molecular_drag"]["density"] = 1e-12
+    document["initial"].pop("frame")  # with which a chaser at the origin does not go
     answers = []
     for pair in itertools.combinations_with_replacement(EFFECTS, 2):
         for thrown, keyed, launched in itertools.product((False, True), repeat=3):

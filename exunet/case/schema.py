@@ -11,7 +11,13 @@ from typing import Any
 from exunet.base.errors import KeyPath
 from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS
-from exunet.forces.requirements import bullet_keys, needs_bullets, needs_fresh_steps, replaces_launch
+from exunet.forces.requirements import (
+    bullet_keys,
+    needs_bullets,
+    needs_fresh_steps,
+    not_carried,
+    replaces_launch,
+)
 from exunet.methods.method import COMPILED_METHODS, METHODS, TimeLoop
 from exunet.net import TOPOLOGIES
 
@@ -30,6 +36,7 @@ _CHOSEN = (
     "mass",
     "inertia",
     "node",
+    "chaser_mass",
 )
 _OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have
 _NAME = "chaser"  # of a body in the template
@@ -66,6 +73,9 @@ def _between_tables() -> Iterator[Node]:
             yield {"if": effect(name), "then": bullets}
         if replaces_launch(module):
             yield {"if": effect(name), "then": {"properties": {"launch": False}}}
+        for key in not_carried(module):
+            given = {"required": [key]}
+            yield {"if": effect(name, given), "then": _at("initial", "frame", False)}
         if keys := bullet_keys(module):
             with_keys, without = {"required": list(keys)}, {"properties": dict.fromkeys(keys, False)}
             yield {
@@ -78,7 +88,7 @@ def _between_tables() -> Iterator[Node]:
             }
 
 
-def _at(table: str, key: str, value: Node) -> Node:
+def _at(table: str, key: str, value: Node | bool) -> Node:
     """What `table.key` must be, if it is there."""
     return {"properties": {table: {"properties": {key: value}}}}
 

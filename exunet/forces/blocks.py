@@ -67,6 +67,25 @@ class Inertia:
 
 
 @dataclass(frozen=True, eq=False)
+class Poses:
+    """Where the rigid bodies are at the start, and in which axes the net starts.
+
+    centre : (n, 3) of mass [m]
+    turn   : (n, 3, 3) from principal axes to the scene's
+    net    : (3, 3) from the net's axes to the scene's
+    """
+
+    centre: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    turn: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    net: Floats = field(default_factory=lambda: np.eye(3))
+
+    @classmethod
+    def at_origin(cls, number: int) -> Poses:
+        """Of bodies whose place does not matter."""
+        return cls(np.zeros((number, 3)), np.tile(np.eye(3), (number, 1, 1)))
+
+
+@dataclass(frozen=True, eq=False)
 class Blocks:
     """The blocks of a scene; nodes of the net come first, so a node's number is its point's number.
 
@@ -79,6 +98,7 @@ class Blocks:
     awake    : (n_points,) at the start, 1.0 for points that are awake and 0.0 for those that sleep: these
                rest, whatever pulls them, until an event wakes them. None: none ever sleeps
     inertia  : of the rigid bodies
+    poses    : of the rigid bodies, and of the net's axes
     """
 
     net: Net
@@ -89,6 +109,7 @@ class Blocks:
     states: tuple[FirstOrder, ...] = ()
     awake: Floats | None = None
     inertia: Inertia = field(default_factory=Inertia)
+    poses: Poses = field(default_factory=Poses)
 
     @classmethod
     def of_net(cls, net: Net, position: Floats | None = None) -> Blocks:
@@ -104,13 +125,15 @@ class Blocks:
         rigid: tuple[str, ...] = (),
         states: tuple[FirstOrder, ...] = (),
         inertia: Inertia | None = None,
+        poses: Poses | None = None,
     ) -> Blocks:
         """The nodes at position (n_nodes, 3) [m], point masses, rigid bodies by name, first-order states."""
         mass = np.append(net.mass, [body.mass for body in masses])
         places = np.array([body.position for body in masses], dtype=float).reshape(-1, 3)
         numbers = {body.name: net.n_nodes + k for k, body in enumerate(masses)}
         every = np.concatenate([position, places])
-        return cls(net, mass, every, numbers, rigid, states, inertia=inertia or Inertia())
+        inertia, poses = inertia or Inertia(), poses or Poses.at_origin(len(rigid))
+        return cls(net, mass, every, numbers, rigid, states, inertia=inertia, poses=poses)
 
     @property
     def n_points(self) -> int:

@@ -39,6 +39,16 @@ class RestOfCase:
         return float(self.scene.time.end)
 
     @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the rigid bodies."""
+        return tuple(self.scene.bodies)
+
+    @property
+    def is_carried(self) -> bool:
+        """The net starts in axes that a body carries."""
+        return bool(self.scene.initial.is_given("frame"))
+
+    @property
     def method(self) -> str:
         """solver.method."""
         return str(self.scene.solver.method)
@@ -86,6 +96,11 @@ def replaces_launch(module: ModuleType) -> bool:
     return getattr(module, "REPLACES_LAUNCH", False)
 
 
+def not_carried(module: ModuleType) -> Mapping[str, str]:
+    """Keys that do not go with a net that a body carries, each with the reason."""
+    return getattr(module, "NOT_CARRIED", {})
+
+
 def declared(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]:
     """Faults of what the module of the effect `name` declares as data."""
     yield from each(
@@ -99,6 +114,7 @@ def declared(module: ModuleType, name: str, rest: RestOfCase) -> Iterator[Fault]
         _bullets(module, rest),
         _launch(module, rest),
         *(_bullet_key(rest, name, key) for key in bullet_keys(module)),
+        *(_carried(rest, name, key, why) for key, why in not_carried(module).items()),
     )
 
 
@@ -139,3 +155,10 @@ def _bullet_key(rest: RestOfCase, name: str, key: str) -> Iterator[Fault]:
         yield Fault("", f"needs {key}, since the net has bullets")
     if not rest.has_bullets and keys.is_given(key):
         yield Fault(key, "there are no bullets: add [net.bullets] or remove this key")
+
+
+def _carried(rest: RestOfCase, name: str, key: str, reason: str) -> Iterator[Fault]:
+    if rest.effect(name).is_given(key) and rest.is_carried:
+        yield Fault(
+            key, f"does not go with [initial.frame], by which a body carries the net, as it is {reason}"
+        )

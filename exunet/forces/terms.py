@@ -224,6 +224,7 @@ class KernelTerm:
     damping_rate : bound [1/s] of what it adds to the eigenvalues of M^-1 D, for the stable step
     memory, switch, inputs : see `Memory`, `Switch`, `Input`
     power      : as in `KernelCall`, of a force that takes out energy beside its potential
+    internal   : the potential depends only on where things are relative to each other
     """
 
     acts_on: str
@@ -239,6 +240,7 @@ class KernelTerm:
     switch: Switch | None = None
     inputs: tuple[Input, ...] = ()
     power: Function | None = None
+    internal: bool = False
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:

@@ -1,47 +1,88 @@
-"""A net that starts in axes that a body carries, and what its launch does to that body."""
+"""The axes that a net starts in, which a body may carry, and what a throw does to that body."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.case.scene import NetFrame
+from exunet.forces.held import held_by, mass_matrix
 from exunet.net.arrays import Net
 from exunet.system.bodies import BodiesAtStart
 
 Floats = NDArray[np.float64]
 
 
-def carried(
-    frame: NetFrame, rigid: BodiesAtStart, net: Net, position: Floats, velocity: Floats, kicks: Floats
-) -> tuple[Floats, Floats, BodiesAtStart]:
-    """Positions and velocities (n, 3) in the scene's axes, and the bodies after the launch.
+@dataclass(frozen=True, eq=False)
+class NetAxes:
+    """The axes in which the net starts; without a body they are the scene's.
 
-    position, velocity : (n, 3) of the net's nodes in the net's axes, relative to the body [m], [m/s]
-    kicks              : (n, 3) the part of the velocities that the launch has added, in the net's axes
-    The nodes move with the body, at the velocity that it has before the launch, which leaves the momentum and
-    the angular momentum of both together what they were. Fixed nodes rest.
+    body   : number of the body that carries them; None: none does
+    origin : (3,) of the net [m]
+    turn   : (3, 3) from the net's axes to the scene's
     """
+
+    body: int | None = None
+    origin: Floats = field(default_factory=lambda: np.zeros(3))
+    turn: Floats = field(default_factory=lambda: np.eye(3))
+
+
+def net_axes(frame: NetFrame | None, rigid: BodiesAtStart) -> NetAxes:
+    """The axes that `[initial.frame]` names."""
+    if frame is None:
+        return NetAxes()
     number = [body.name for body in rigid.bodies].index(frame.body)
     body, states = rigid.bodies[number], rigid.states
-    centre, speed = states.position[number], states.velocity[number]
-    principal = rotation_matrix(states.attitude[number])
-    turn = principal @ body.rotation.T  # of the body's frame
-    origin = centre - turn @ np.array(body.centre)
-    axes = turn @ rotation_matrix(np.array(frame.quaternion))
-    placed = origin + turn @ np.array(frame.position) + position @ axes.T
-    spin = principal @ states.angular_velocity[number]
-    moving = speed + np.cross(spin, placed - centre) + velocity @ axes.T
+    turn = rotation_matrix(states.attitude[number]) @ body.rotation.T  # of the body's frame
+    origin = states.position[number] - turn @ np.array(body.centre) + turn @ np.array(frame.position)
+    return NetAxes(number, origin, turn @ rotation_matrix(np.array(frame.quaternion)))
+
+
+def carried(
+    axes: NetAxes, rigid: BodiesAtStart, net: Net, position: Floats, velocity: Floats
+) -> tuple[Floats, Floats]:
+    """Positions and velocities (n, 3) in the scene's axes, before a throw.
+
+    position, velocity : (n, 3) of the net's nodes in the net's axes, relative to the body [m], [m/s]
+    The nodes move with the body. Fixed nodes rest.
+    """
+    if axes.body is None:
+        return position, velocity
+    states = rigid.states
+    placed = axes.origin + position @ axes.turn.T
+    spin = rotation_matrix(states.attitude[axes.body]) @ states.angular_velocity[axes.body]
+    arms = placed - states.position[axes.body]
+    moving = states.velocity[axes.body] + np.cross(spin, arms) + velocity @ axes.turn.T
     moving[net.fixed_nodes] = 0.0
-    if not kicks.any() or number >= rigid.kinematics.n_free:  # whose motion is given
-        return placed, moving, rigid
-    impulse = net.mass[: len(kicks), None] * (kicks @ axes.T)
-    angular = np.cross(placed - centre, impulse).sum(axis=0)
+    return placed, moving
+
+
+def thrown(
+    axes: NetAxes, rigid: BodiesAtStart, net: Net, position: Floats, kicks: Floats
+) -> tuple[Floats, BodiesAtStart]:
+    """What a throw adds to the velocities (n, 3) in the scene's axes, and the bodies after it.
+
+    position : (n_nodes, 3) in the scene's axes [m]
+    kicks    : (n, 3) what it adds in the net's axes [m/s]
+    A free body that carries the net, with what it holds on drums, takes the opposite impulse and angular impulse, which leaves the momentum
+    and the angular momentum of all together what they were. Points that are fixed to bodies are not thrown.
+    """
+    gained = kicks @ axes.turn.T
+    gained[rigid.kinematics.point[rigid.kinematics.point < len(gained)]] = 0.0
+    number = axes.body
+    if number is None or not gained.any() or number >= rigid.kinematics.n_free:  # whose motion is given
+        return gained, rigid
+    body, states = rigid.bodies[number], rigid.states
+    impulse = net.mass[: len(gained), None] * gained
+    angular = np.cross(position[: len(gained)] - states.position[number], impulse).sum(axis=0)
+    turn = rotation_matrix(states.attitude[number])
+    whole = mass_matrix(body.mass, np.array(body.inertia), *held_by(rigid.kinematics.held, number, {}))
+    back = np.linalg.solve(whole, np.concatenate([impulse.sum(axis=0) @ turn, angular @ turn]))
     velocities, spins = states.velocity.copy(), states.angular_velocity.copy()
-    velocities[number] -= impulse.sum(axis=0) / body.mass
-    spins[number] -= angular @ principal / np.array(body.inertia)
+    velocities[number] -= turn @ back[:3]
+    spins[number] -= back[3:]
     after = RigidStates(states.position, velocities, states.attitude, spins)
-    return placed, moving, replace(rigid, states=after)
+    return gained, replace(rigid, states=after)

@@ -116,7 +116,7 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
         if assumed is None:
             return Finding(name, False, None, "", None, 0.0, 0.0)
         keys, assumption = assumed
-    cost = cost_of(terms_of_alone(name, keys, basis), basis.blocks, _form(scene))
+    cost = cost_of(terms_of_alone(name, keys, basis, tuple(scene.bodies)), basis.blocks, _form(scene))
     estimate: Estimate = EFFECTS[name].magnitude(keys, basis)
     if not np.isfinite([estimate.acceleration, estimate.displacement]).all():
         raise beyond_floats(name)
@@ -126,12 +126,14 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
     return Finding(name, on, keys, assumption, estimate, relative, cost)
 
 
-def terms_of_alone(name: str, keys: Table, basis: EstimateBasis) -> tuple[Contribution, ...]:
-    """The terms that an effect alone adds, with the point masses that it brings."""
+def terms_of_alone(
+    name: str, keys: Table, basis: EstimateBasis, bodies: tuple[str, ...]
+) -> tuple[Contribution, ...]:
+    """The terms that an effect alone adds, with the point masses that it brings; bodies by name."""
     module = EFFECTS[name]
     masses = module.point_masses(keys) if hasattr(module, "point_masses") else ()
     states = module.first_order_states(keys) if hasattr(module, "first_order_states") else ()
-    return terms_of(name, keys, Blocks.of(basis.net, basis.position, masses, states=states))
+    return terms_of(name, keys, Blocks.of(basis.net, basis.position, masses, bodies, states))
 
 
 def cost_of(terms: tuple[Contribution, ...], blocks: Blocks, form: Form) -> float:

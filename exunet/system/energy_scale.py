@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -64,8 +65,9 @@ class EnergyScale:
     By Koenig's theorem the kinetic energy of a part that nothing holds is that of its centre of mass plus
     that in its centre-of-mass frame; only the latter can stretch a cable. Of a potential, the part that the
     nodes would have if all were at their centre of mass goes with the former: all of it in a uniform field,
-    which leaves the motion in that frame alone. By the momentum theorem, what forces without a potential do
-    to the centre of mass is the change of its energy; the rest of their work counts.
+    which leaves the motion in that frame alone; nothing of what acts between parts (`KernelTerm.internal`).
+    By the momentum theorem, what forces without a potential do to the centre of mass is the change of its
+    energy; the rest of their work counts.
 
     A rigid body that no term acts on has a balance of its own (see `exunet.simulation.guards`). One that a
     term acts on may meet every free part: all of these count as one.
@@ -76,6 +78,8 @@ class EnergyScale:
     def __init__(self, start: States) -> None:
         system = start.system
         self._forces, self._layout, self._driven = system.forces, system.layout, system.driven
+        outer = tuple(term for term in system.forces.kernels if not term.internal)
+        self._outer = replace(system.forces, kernels=outer)
         self._given = bool(system.kinematics.guides or system.forces.cable.reels)
         self._free = free_parts(system)
         self._rest = start.flat[0][0]
@@ -93,7 +97,7 @@ class EnergyScale:
             velocity = np.concatenate([velocity, states.bodies.velocity[:, self._driven]], axis=1)
         speeds = self._free.mean @ velocity
         kinetic = 0.5 * np.einsum("kpa,kpa,p->k", speeds, speeds, self._free.mass)
-        if not self._forces.has_potential:
+        if not self._outer.has_potential:
             return kinetic, np.zeros(len(position))
         flat = np.repeat(self._rest[None], len(position), axis=0)
         gathered = self._layout.unpack(flat, np.empty((len(position), self._layout.blocks.n_v)))
@@ -103,7 +107,7 @@ class EnergyScale:
         gathered.position[:, members[points]] = centres[:, points]
         bodies = np.flatnonzero(self._driven)[members[~points] - n_points]
         gathered.bodies.position[:, bodies] = centres[:, ~points]
-        return kinetic, energy.potential(self._forces, flat, states.memory)
+        return kinetic, energy.potential(self._outer, flat, states.memory)
 
     def gained(self, states: States, dissipated: Floats) -> Floats:
         """(2, k) energy [J] that potentials and forces have added to that scale since the start, and in all.

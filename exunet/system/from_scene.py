@@ -7,16 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from exunet.base.errors import Fault
+from exunet.bodies.rigid import rotation_matrix
 from exunet.case.scene import Scene
-from exunet.forces.blocks import Blocks, Inertia
+from exunet.forces.blocks import Blocks, Inertia, Poses
 from exunet.forces.effects import first_order_states, forces_of, point_masses
 from exunet.forces.reel import Winding, reel_term, states_of
 from exunet.net import weave
 from exunet.net.tether import reels_of, with_tethers
 from exunet.system.bodies import bodies_at_start
-from exunet.system.carried import carried
+from exunet.system.carried import carried, net_axes, thrown
 from exunet.system.drum import Drum
-from exunet.system.initial import along_tethers, common_velocity, initial_state, kicks
+from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
 from exunet.system.system import State, System
 
 
@@ -30,21 +31,22 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     net, tied = with_tethers(woven, scene.tethers)
     reels = reels_of(net, scene.tethers)
     rigid = bodies_at_start(scene, net, tied, reels, faults)
-    position, velocity = initial_state(scene, woven)
-    if (frame := scene.initial.frame) is not None:
-        position, velocity, rigid = carried(frame, rigid, net, position, velocity, kicks(scene, woven))
+    axes = net_axes(scene.initial.frame, rigid)
+    position, velocity = carried(axes, rigid, net, *packed_state(scene, woven))
     room = np.zeros((net.n_nodes - woven.n_nodes, 3))
     position, velocity = np.concatenate([position, room]), np.concatenate([velocity, room])
     kinematics, begin = rigid.kinematics, np.array(0.0)
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
     faults += along_tethers(net, reels, position, velocity)
-    if reels:  # whose nodes on the drum turn with the body
-        position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
+    gained, rigid = thrown(axes, rigid, net, position, kicks(scene, woven))  # leaves inner nodes as they are
+    velocity[: woven.n_nodes] += gained
+    position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
     names = tuple(body.name for body in rigid.bodies)
     of_reels = (state for reel in reels for state in states_of(reel))
     states = (*rigid.given, *of_reels, *first_order_states(scene.effects))
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
-    blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia)
+    poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
+    blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
     places = blocks.position[net.n_nodes :]
     velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
     words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"

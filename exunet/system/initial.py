@@ -18,7 +18,13 @@ _ROUND_OFF = 1e-9  # of a tether's length
 
 
 def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
-    """Positions (n_nodes, 3) [m] and velocities (n_nodes, 3) [m/s] at time 0; fixed nodes are at rest.
+    """Positions (n_nodes, 3) [m] and velocities (n_nodes, 3) [m/s] at time 0; fixed nodes are at rest."""
+    position, velocity = packed_state(scene, net)
+    return position, velocity + kicks(scene, net)
+
+
+def packed_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
+    """The same before a launch.
 
     `net` is what `weave(scene.net)` gives. Raises CaseError if it is to be folded and does not fit.
     """
@@ -32,14 +38,12 @@ def initial_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
     velocity = common_velocity(initial, position)
     if isinstance(scene.net, explicit.Keys) and initial.node_velocities is not None:
         velocity += _of_all_nodes(initial.node_velocities, scene.net)
-    if scene.launch:
-        velocity[net.bullet_nodes] += _launch_velocity(scene.launch, net)
     velocity[net.fixed_nodes] = 0.0
     return position, velocity
 
 
 def kicks(scene: Scene, net: Net) -> Floats:
-    """(n_nodes, 3) what of those velocities a launch has added [m/s]."""
+    """(n_nodes, 3) what a launch adds to the velocities [m/s]; nothing at inner nodes of tethers."""
     found = np.zeros((net.n_nodes, 3))
     if scene.launch:
         found[net.bullet_nodes] = _launch_velocity(scene.launch, net)

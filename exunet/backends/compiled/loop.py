@@ -140,8 +140,6 @@ class CompiledLoop(CompiledIntegration):
         super().__init__(system, state, plan, kernel or loop_kernel(system))
         self._observer = observer
         self._events = Events(system, state.memory, observer)
-        in_steps = self._events.in_steps
-        self._limit, self._every = (1, 1) if in_steps else (_ATTEMPTS, _THINNED)
         self._peaks["keep_above"][0] = least_energy_beyond(system)
         self.look_at_tensions()
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
@@ -197,8 +195,8 @@ class CompiledLoop(CompiledIntegration):
         while self.time < until:
             if self._events.in_steps:
                 self._shorten(until)
-            within = self._control, until, self._limit
-            self._row = self._module.chosen_stretch(*within, self._row, self._every, self._held)
+            limit, every = self._stretch
+            self._row = self._module.chosen_stretch(self._control, until, limit, self._row, every, self._held)
             self._make_room()
             self._look_for_events()
             if words := self.collapse():
@@ -211,12 +209,18 @@ class CompiledLoop(CompiledIntegration):
         number = max(1, math.ceil((until - begin) / (self._plan.step or math.inf) * (1 - 1e-9)))
         done = 0
         while done < number:
-            steps = EqualSteps(begin, until, number, done, self._limit)
-            self._row = self._module.equal_stretch(self._verlet, steps, self._row, self._every, self._held)
+            limit, every = self._stretch
+            steps = EqualSteps(begin, until, number, done, limit)
+            self._row = self._module.equal_stretch(self._verlet, steps, self._row, every, self._held)
             done = int(self._clock["steps"][0]) - before
             self._make_room()
             self._look_for_events()
             check_interrupt()
+
+    @property
+    def _stretch(self) -> tuple[int, int]:
+        """How many steps to take without a look at events, and of how many one is handed over."""
+        return (1, 1) if self._events.in_steps else (_ATTEMPTS, _THINNED)
 
     def _shorten(self, until: float) -> None:
         """Make the step that comes end near the next event."""

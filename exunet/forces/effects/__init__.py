@@ -14,6 +14,7 @@ An effect's module has
   acceleration of the step before are refused;
 - if it acts on bullets only, `NEEDS_BULLETS = True`; if it gives them their speed, `REPLACES_LAUNCH = True`;
 - if keys must be given if and only if there are bullets, `BULLET_KEYS`: their names;
+- if keys do not go with a net that a body carries, `NOT_CARRIED`: their names, with the reasons;
 - for whatever else its keys demand of each other and of the rest of the case,
   `cross_checks(keys, rest) -> Iterator[Fault]` (`exunet.base.errors.Fault`; rest is an
   `exunet.forces.requirements.RestOfCase`);

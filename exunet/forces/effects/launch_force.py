@@ -1,30 +1,33 @@
 """Launch by force over a stroke, by springs or gas, with the reaction on the chaser.
 
-Each bullet b is pushed along its barrel's axis a_b with the force F(s), s = (x_b - x_c) . a_b - s_0 the way
-along the barrel since the start, until s exceeds the stroke; the chaser, a point mass at the origin, gets
--F(s) a_b. The force is that of a potential, so energy and linear momentum are kept. A spring that is F0 at
-the start pushes with F0 (1 - s / stroke); gas that expands adiabatically with F0 (V / (V + s))^gamma, V its
-dead volume over the bore's area.
+A spring that is F0 at the start pushes with F(s) = F0 (1 - s / stroke) along the barrel, s the way along it
+since the start, until s reaches the stroke; gas that expands adiabatically with F0 (V / (V + s))^gamma, V its
+dead volume over the bore's area. The barrels do not hold the bullets sideways.
 
-The forces on bullet and chaser do not lie on one line: their torque is for the attitude of a body, which a
-point mass does not have, so the angular momentum about the origin is not kept while the bullets are in the
-barrels. The barrels do not hold the bullets sideways.
+The chaser is a rigid body, in whose frame the barrels are fixed (`exunet.forces.barrels`), or a point mass at
+the origin. Then the barrels' axes a_b stay as they are, s = (x_b - x_c) . a_b - s_0, and the chaser gets
+-F(s) a_b. The force is that of a potential, so energy and linear momentum are kept. The forces on bullet and
+chaser do not lie on one line: their torque is for the attitude of a body, which a point mass does not have,
+so the angular momentum about the origin is not kept while the bullets are in the barrels.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from exunet.base.errors import Fault
+from exunet.base.faults import each
 from exunet.base.table import Positive, Table
+from exunet.forces.barrels import Law, push_term
 from exunet.forces.blocks import Blocks, PointMass
 from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.launch_laws import gas_energy, gas_force, spring_energy, spring_force
 from exunet.forces.loops import Index
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
@@ -34,16 +37,28 @@ Floats = NDArray[np.float64]
 
 NEEDS_BULLETS = True
 REPLACES_LAUNCH = True
+NOT_CARRIED = {"chaser_mass": "a chaser at the origin: give body instead"}
 
 
 class Keys(Table):
-    """Springs or gas push the bullets out of barrels; a chaser at the origin takes the reaction."""
+    """Springs or gas push the bullets out of barrels; a chaser takes the reaction."""
 
+    EXACTLY_ONE: ClassVar = ("chaser_mass", "body")
     model_config = ConfigDict(
         json_schema_extra={
-            "oneOf": [
-                {"properties": {"kind": {"const": "spring"}, "dead_length": False, "exponent": False}},
-                {"properties": {"kind": {"const": "gas"}}, "required": ["dead_length", "exponent"]},
+            "allOf": [
+                {
+                    "oneOf": [
+                        {
+                            "properties": {
+                                "kind": {"const": "spring"},
+                                "dead_length": False,
+                                "exponent": False,
+                            }
+                        },
+                        {"properties": {"kind": {"const": "gas"}}, "required": ["dead_length", "exponent"]},
+                    ]
+                }
             ]
         }
     )
@@ -57,7 +72,14 @@ class Keys(Table):
         description="between barrels and +z, the direction of the throw [rad]",
         examples=[0.6],
     )
-    chaser_mass: Positive = Field(description="point mass at the origin [kg]", examples=[500.0])
+    chaser_mass: Positive | None = Field(
+        None, description="of a chaser that is a point mass at the origin [kg]", examples=[500.0]
+    )
+    body: str | None = Field(
+        None,
+        description="instead of chaser_mass: name of the rigid body that the barrels are fixed to",
+        examples=["chaser"],
+    )
     dead_length: Positive | None = Field(
         None, description='V, gas volume at the start over the bore\'s area [m]; for "gas" only'
     )
@@ -77,26 +99,40 @@ class Keys(Table):
 
 
 def point_masses(keys: Keys) -> tuple[PointMass, ...]:
-    """The chaser, at the origin."""
-    return (PointMass("chaser", keys.chaser_mass),)
+    """The chaser, at the origin; none if it is a rigid body."""
+    return () if keys.chaser_mass is None else (PointMass("chaser", keys.chaser_mass),)
 
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One conservative term over the bullets and the chaser; the stroke counts from the start."""
+    return _from_point(keys, blocks) if keys.body is None else _from_body(keys, blocks, keys.body)
+
+
+def _from_point(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     net, chaser = blocks.net, blocks.body["chaser"]
     nodes = (3 * net.bullet_nodes).astype(Index)
     axes = barrels(keys, net)
     start = np.einsum("ba,ba->b", blocks.position[net.bullet_nodes] - blocks.position[chaser], axes)
     spring = Spring(nodes, 3 * chaser, axes, start, keys.force, keys.stroke)
     couples = np.stack([net.bullet_nodes, np.full(len(nodes), chaser)], axis=1)
-    helpers = (travelled, push_apart)
+    both = (travelled, push_apart)
     if keys.kind == "spring":
-        potential = spring_launch_potential
+        potential, helpers = spring_launch_potential, (*both, spring_force, spring_energy)
         return (KernelTerm(_PUSHED, add_spring_launch, spring, potential, helpers, couples),)
+    gas = Gas(*spring, *_of_gas(keys))
+    by_gas = (*both, gas_force, gas_energy)
+    return (KernelTerm(_PUSHED, add_gas_launch, gas, gas_launch_potential, by_gas, couples),)
+
+
+def _from_body(keys: Keys, blocks: Blocks, body: str) -> tuple[KernelTerm, ...]:
+    law = Law(keys.force, keys.stroke, *(_of_gas(keys) if keys.kind == "gas" else ()))
+    return (push_term(blocks, body, barrels(keys, blocks.net), law),)
+
+
+def _of_gas(keys: Keys) -> tuple[float, float]:
     assert keys.dead_length is not None
     assert keys.exponent is not None
-    gas = Gas(*spring, keys.dead_length, keys.exponent)
-    return (KernelTerm(_PUSHED, add_gas_launch, gas, gas_launch_potential, helpers, couples),)
+    return keys.dead_length, keys.exponent
 
 
 _PUSHED = "bullets and chaser"
@@ -159,53 +195,57 @@ def push_apart(b: int, push: float, barrels: Any, force: Any) -> None:
 
 
 def add_spring_launch(t: float, x: Any, v: Any, springs: Any, force: Any) -> None:
-    """F0 (1 - s / stroke) along each barrel while s < stroke."""
+    """The force of a spring along each barrel while s < stroke."""
     for b in range(springs.bullets.size):
         s = travelled(x, b, springs)
         if s < springs.stroke:
-            push_apart(b, springs.force * (1.0 - s / springs.stroke), springs, force)
+            push_apart(b, spring_force(s, springs), springs, force)
 
 
 def spring_launch_potential(x: Any, springs: Any) -> float:
-    """F0 (stroke - s)^2 / (2 stroke) of each bullet in its barrel."""
+    """The energy of the springs of all bullets in their barrels."""
     total = 0.0
-    stroke = springs.stroke
     for b in range(springs.bullets.size):
         s = travelled(x, b, springs)
-        if s < stroke:
-            total += springs.force * (stroke - s) * (stroke - s) / (2.0 * stroke)
+        if s < springs.stroke:
+            total += spring_energy(s, springs)
     return total
 
 
 def add_gas_launch(t: float, x: Any, v: Any, gas: Any, force: Any) -> None:
-    """F0 (V / (V + s))^gamma along each barrel while s < stroke (F0 behind the start)."""
+    """The force of the gas along each barrel while s < stroke."""
     for b in range(gas.bullets.size):
         s = travelled(x, b, gas)
         if s < gas.stroke:
-            ratio = gas.dead_length / (gas.dead_length + max(s, 0.0))
-            push_apart(b, gas.force * ratio**gas.exponent, gas, force)
+            push_apart(b, gas_force(s, gas), gas, force)
 
 
 def gas_launch_potential(x: Any, gas: Any) -> float:
-    """The work that the gas has still to do on each bullet in its barrel."""
+    """The energy of the gas behind all bullets in their barrels."""
     total = 0.0
-    dead, stroke = gas.dead_length, gas.stroke
-    less = gas.exponent - 1.0
     for b in range(gas.bullets.size):
         s = travelled(x, b, gas)
-        if s < stroke:
-            inside = (dead / (dead + max(s, 0.0))) ** less - (dead / (dead + stroke)) ** less
-            total += gas.force * (dead / less * inside - min(s, 0.0))
+        if s < gas.stroke:
+            total += gas_energy(s, gas)
     return total
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    """The keys of gas if and only if it is gas that pushes."""
+    """The keys of gas if and only if it is gas that pushes; a body that is there."""
+    yield from each(_of_the_kind(keys), _chaser(keys, rest))
+
+
+def _of_the_kind(keys: Keys) -> Iterator[Fault]:
     for name in ("dead_length", "exponent"):
         if keys.kind == "gas" and not keys.is_given(name):
             yield Fault("", f'needs {name} for kind = "gas"')
         if keys.kind == "spring" and keys.is_given(name):
             yield Fault(name, 'is for kind = "gas" only')
+
+
+def _chaser(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    if keys.is_given("body") and keys.body not in rest.bodies:
+        yield Fault("body", f'there is no body "{keys.body}" (bodies: {", ".join(rest.bodies) or "none"})')
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str] | None:
