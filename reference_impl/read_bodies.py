@@ -51,7 +51,7 @@ def _body(table: Table, name: str, attached: list[Attachment], end: float | None
         table.get(key, numbers(3), (0.0, 0.0, 0.0)) for key in ("position", "velocity", "angular_velocity")
     )
     motion = table.get("motion", text, "free")
-    poses = _poses(table, motion, end)
+    poses = _poses(table, motion, end, attitude)
     of_scene = table.get("angular_velocity_frame", _frame, "body") == "scene"
     attached += read_attachments(table.table("attachments", required=False), name)
     table.close()
@@ -62,12 +62,18 @@ def _body(table: Table, name: str, attached: list[Attachment], end: float | None
     return body if motion == "free" else driven(body, poses)
 
 
-_STARTS = ("position", "velocity", "attitude", "axis", "angle", "angular_velocity", "angular_velocity_frame")
+_STARTS = {  # what each list of poses replaces
+    "pose_positions": ("position", "velocity", "angular_velocity", "angular_velocity_frame"),
+    "pose_attitudes": ("attitude", "axis", "angle"),
+}
 _POSES = ("pose_times", "pose_positions", "pose_attitudes")
 
 
-def _poses(table: Table, motion: str | None, end: float | None) -> Poses | None:
-    """The table of poses; None where there is none, or with faults noted."""
+def _poses(table: Table, motion: str | None, end: float | None, attitude: Floats | None) -> Poses | None:
+    """The table of poses; None where there is none, or with faults noted.
+
+    Without `pose_attitudes` the body keeps `attitude` (3, 3), its own at time 0.
+    """
     if motion not in ("free", "fixed", "prescribed", None):
         table.faults.append(
             refusal(f'{table.name("motion")} = "{motion}"', "it knows free, fixed, prescribed")
@@ -82,9 +88,10 @@ def _poses(table: Table, motion: str | None, end: float | None) -> Poses | None:
         table.faults += [f'{table.name(key)}: only with motion = "prescribed"' for key in given]
         return None
     table.faults += [
-        f"{table.name(key)}: leave it out, {table.name('pose_positions')} are in its place"
-        for key in _STARTS
-        if key in table.values
+        f"{table.name(key)}: leave it out, {table.name(poses)} are in its place"
+        for poses, keys in _STARTS.items()
+        for key in keys
+        if key in table.values and (poses == "pose_positions" or poses in given)
     ]
     times, positions = table.need("pose_times", numbers(None)), table.need("pose_positions", triples)
     attitudes = table.get("pose_attitudes", _quaternions, None)
@@ -100,8 +107,9 @@ def _poses(table: Table, motion: str | None, end: float | None) -> Poses | None:
             table.faults.append(f"{table.name(key)}: {len(rows)} entries for {len(times)} times")
     if len(table.faults) > faults:
         return None
-    turned = np.tile(np.eye(3), (len(times), 1, 1)) if attitudes is None else np.array(attitudes)
-    return Poses(times, positions, turned)
+    if attitudes is None:
+        return None if attitude is None else Poses(times, positions, np.tile(attitude, (len(times), 1, 1)))
+    return Poses(times, positions, np.array(attitudes))
 
 
 def _quaternions(value: Any) -> tuple[Floats, ...]:

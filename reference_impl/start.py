@@ -2,7 +2,9 @@
 
 Packing is a homothety about the origin; velocity and spin together are one twist (screw theory: Murray, Li &
 Sastry, A Mathematical Introduction to Robotic Manipulation, 2.4).  Both are 4 x 4 matrices on (x, y, z, 1).
-Points of bodies and tethers between them come last: they follow from what they hang on.
+Points of bodies and tethers between them come last: they follow from what they hang on.  A throw is an
+impulse between bullets and the body that throws, so the inner nodes of tethers get no part of it: they move
+with the ends of their tether as these were before.
 """
 
 from __future__ import annotations
@@ -43,14 +45,21 @@ def _start(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...]]:
     position, velocity = _cast(case, net)
     throw = _throw(case, net)
     bodies = tuple(_with_nodes(body, net, number) for number, body in enumerate(case.bodies))
+    after = bodies
     if case.start.carrier is not None:
-        bodies, throw = _carry(case, net, bodies, position, velocity, throw)
-    velocity[net.bullet_nodes] += throw
-    for node, number, point in zip(net.anchors.node, net.anchors.body, net.anchors.point, strict=True):
-        position[node], velocity[node] = bodies[number].at(point)
+        after, throw = _carry(case, net, bodies, position, velocity, throw)
+    _lead(net, bodies, position, velocity)
     for values in (position, velocity):
         values[net.woven :] = between(values, net.parents, net.shares)[net.woven :]
-    return position, velocity, bodies
+    velocity[net.bullet_nodes] += throw
+    _lead(net, after, position, velocity)
+    return position, velocity, after
+
+
+def _lead(net: Net, bodies: tuple[Body, ...], position: Floats, velocity: Floats) -> None:
+    """Puts points of bodies where they are, in both (n, 3) arrays [m], [m/s]."""
+    for node, number, point in zip(net.anchors.node, net.anchors.body, net.anchors.point, strict=True):
+        position[node], velocity[node] = bodies[number].at(point)
 
 
 def _with_nodes(body: Body, net: Net, number: int) -> Body:
