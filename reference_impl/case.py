@@ -111,4 +111,5 @@ class Case:
     effects: Effects
     attachments: tuple[Attachment, ...] = ()
     tethers: tuple[Tether, ...] = ()
+    border: Cable | None = None  # of cut nets
     source: str = ""  # the file's text, for the record

@@ -112,8 +112,8 @@ def integrate(
     """States at `times` [s] from x0, v0 (n, 3) [m, m/s] and `bodies` (b, ...) at times[0].
 
     `method` to `step`: see `Scheme`.  `progress(t, end)` is called at each stored time; None is silent.
-    Raises ValueError for arguments out of range, Diverged where no finite step is left, Interrupted on Ctrl-C;
-    these two carry what was stored.
+    Raises ValueError for arguments out of range, Diverged where no finite step is left, Interrupted on
+    Ctrl-C; these two carry what was stored.
     """
     scheme = Scheme(method, rtol, atol, step)
     times = np.asarray(times, dtype=float)

@@ -73,6 +73,7 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
     shape = read_shape(net)
     divisions = net.get("divisions", count(1), 1)
     cable = _cable(net.table("cable"))
+    border = _cable(net.table("border")) if net.values.get("topology") == "cut" else None
     strings = _strings(net.table("strings", required=False))
     bullets = net.table("bullets", required=False)
     bullet_mass = bullets.need("mass", number(above=0.0)) if bullets else None
@@ -100,6 +101,7 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
         effects,
         attachments,
         tethers,
+        border,
     )
     faults += _misfits(case, bool(bullets), bool(launch_table))
     if faults:
