@@ -39,7 +39,7 @@ def read(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Case:
         raise Refused([f"{path}: not a text in UTF-8"]) from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise Refused([f"{path}: not TOML: {error}"]) from error
-    return replace(read_document(document, overrides), source=source)
+    return replace(read_document(document, overrides, Path(path).parent), source=source)
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -58,8 +58,13 @@ def parse_override(text: str) -> tuple[str, Any]:
         return key.strip(), value
 
 
-def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Case:
-    """The case in an already parsed TOML document, with `overrides` put in."""
+def read_document(
+    document: Mapping[str, Any], overrides: Mapping[str, Any] | None = None, folder: str | Path = ""
+) -> Case:
+    """The case in an already parsed TOML document, with `overrides` put in.
+
+    Files that it names are relative to `folder`, the present one unless it is given.
+    """
     faults: list[str] = []
     root = Table(_overridden(document, overrides or {}, faults), "", faults)
     if (version := root.need("format", count(0))) not in (1, None):
@@ -80,7 +85,9 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
     start = _start(root.table("initial"))
     launch_table = root.table("launch", required=False)
     launch = _launch(launch_table)
-    bodies, attachments = read_bodies(root.table("bodies", required=False), times[-1] if times else None)
+    bodies, attachments = read_bodies(
+        root.table("bodies", required=False), times[-1] if times else None, Path(folder)
+    )
     tethers = read_tethers(root.table("tethers", required=False), _section)
     there = 0 if not bullets else bullets_of(shape) if shape is not None else None
     around = Surroundings(there or (None if bullets else 0), times[-1] if times else None, bool(launch_table))
