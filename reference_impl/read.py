@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from reference_impl.canister import fold_faults, read_fold
 from reference_impl.case import Cable, Carrier, Case, Refused, Start, Strings
 from reference_impl.effects import Surroundings, read_effects
 from reference_impl.effects.launch_force import CHASER
@@ -217,13 +218,18 @@ def _strings(table: Table) -> Strings | None:
 
 def _start(table: Table) -> Start:
     zero = (0.0, 0.0, 0.0)
+    folded = "fold" in table.values
+    if folded and "packing" in table.values:
+        table.seen.add("packing")
+        table.faults.append("initial: give exactly one of initial.packing and initial.fold")
     start = Start(
-        table.need("packing", number(0.0)),
+        1.0 if folded else table.need("packing", number(0.0)),
         table.get("velocity", numbers(3), zero),
         table.get("spin", numbers(3), zero),
         table.get("node_positions", triples, None),
         table.get("node_velocities", triples, None),
         _carrier(table.table("frame", required=False)),
+        read_fold(table.table("fold", required=False)),
     )
     table.close()
     return start
@@ -269,6 +275,8 @@ def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
         given = strings is not None and strings.length is not None and shape.mesh is not None
         if strings is not None and given and strings.length <= shape.mesh / 2.0:
             faults.append("net.strings.length: must exceed half of net.mesh")
+    if case.start.fold is not None and shape is not None:
+        faults += fold_faults(case.start.fold, shape)
     if thrown and not bullets:
         faults.append("launch: needs net.bullets")
     if case.effects.launch_force is not None and any(body.name == CHASER for body in case.bodies):
