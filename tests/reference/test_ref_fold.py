@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
 from reference_impl import Refused, read_document
@@ -159,13 +160,26 @@ def test_a_star_is_an_isometry(folded):
     flat, at = made.net.reference_position, made.x0
     radius, spoke = np.hypot(*flat.T[:2]), np.rint(np.arctan2(flat[:, 1], flat[:, 0]) * 8 / math.pi) % 2
     beside = (spoke == 1) & (radius < 2.1) & (radius > 0.1)
-    inner = 0.5 * D / math.sin(math.pi / 8)
+    layer = D / math.sin(math.pi / 8)  # threads of rings leave at 22.5 degrees, D apart
     away = np.hypot(at[beside, 0], at[beside, 1])
-    assert away.min() == pytest.approx(inner + D / 2, rel=1e-12)
-    steps = (away - inner) / D * 2
+    assert away.min() == pytest.approx(
+        layer, rel=1e-12
+    )  # half a layer to a crease, and as much to the middle
+    steps = away / layer * 2
     assert steps == pytest.approx(np.round(steps), abs=1e-9)
-    assert steps.max() == pytest.approx(14)  # 8 rings of 0.25 m: the height holds pleats of one
+    assert steps.max() == pytest.approx(15)  # 8 rings of 0.25 m: the height holds pleats of one
     assert np.ptp(at[radius < 2.1, 2]) < 0.5
+
+
+def test_threads_of_a_star_are_a_thickness_apart(scene):
+    """200 points on each element: none nearer than that to an element that it does not share a node with."""
+    made = scene("nets/star.toml")
+    ends, part = made.net.element_nodes[~made.net.of_string], np.linspace(0.0, 1.0, 200)[:, None]
+    first, last = made.x0[ends[:, 0]][:, None], made.x0[ends[:, 1]][:, None]
+    points = (first + part * (last - first)).reshape(-1, 3)
+    near = cKDTree(points).query_pairs(0.002 * (1.0 - 1e-9), output_type="ndarray") // 200
+    assert len(near)
+    assert np.all(np.any(ends[near[:, 0]][:, :, None] == ends[near[:, 1]][:, None, :], axis=(1, 2)))
 
 
 @pytest.mark.parametrize("divisions", [1, 4])
