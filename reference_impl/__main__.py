@@ -17,9 +17,9 @@ from reference_impl.forces import greatest_frequency
 from reference_impl.integration import (
     METHODS,
     STEPPED,
-    TOLERANCES,
     Diverged,
     Interrupted,
+    Scheme,
     Trajectory,
     integrate,
     unsupported,
@@ -104,12 +104,7 @@ def _run(options: argparse.Namespace) -> int:
     system = scene.system
     if options.method == "EM" and (reason := unsupported(system)):
         raise Refused([f"--method EM: reference_impl does not do it with {reason}"])
-    rtol, atol = (
-        given or default
-        for given, default in zip(
-            (options.rtol, options.atol), TOLERANCES.get(options.method, (None, None)), strict=True
-        )
-    )
+    rtol, atol = Scheme(options.method, options.rtol, options.atol, options.step).tolerances
     provenance: dict[str, Any] = {
         "program": "reference_impl",
         "case": scene.case.source,
@@ -129,10 +124,10 @@ def _run(options: argparse.Namespace) -> int:
             scene.x0,
             scene.v0,
             scene.case.times,
-            options.method,
-            rtol,
-            atol,
-            options.step,
+            method=options.method,
+            rtol=rtol,
+            atol=atol,
+            step=options.step,
             bodies=scene.bodies0,
         )
     except Diverged as diverged:

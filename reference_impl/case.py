@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from reference_impl.arrays import Floats, Vector
 from reference_impl.bodies import Body
+from reference_impl.canister import Fold
 from reference_impl.effects import Effects
 from reference_impl.shape import Shape
 
@@ -84,14 +85,15 @@ class Carrier:
 
 @dataclass(frozen=True)
 class Start:
-    """Packing factor [-], velocity [m/s] and spin [rad/s] of all nodes, lists for explicit nets."""
+    """Packing factor [-] or fold, velocity [m/s] and spin [rad/s] of all nodes, lists for explicit nets."""
 
-    packing: float
+    packing: float  # 1 beside a fold
     velocity: Vector
     spin: Vector
     node_positions: tuple[Vector, ...] | None
     node_velocities: tuple[Vector, ...] | None
     carrier: Carrier | None = None
+    fold: Fold | None = None
 
 
 @dataclass(frozen=True)
@@ -111,4 +113,5 @@ class Case:
     effects: Effects
     attachments: tuple[Attachment, ...] = ()
     tethers: tuple[Tether, ...] = ()
+    border: Cable | None = None  # of cut nets
     source: str = ""  # the file's text, for the record

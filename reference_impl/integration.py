@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -47,10 +48,52 @@ __all__ = [
     "Diverged",
     "Interrupted",
     "Progress",
+    "Scheme",
     "Trajectory",
     "integrate",
     "unsupported",
 ]
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """How to integrate: tolerances are for RK45 and DOP853 (with defaults), a step for RK4, Verlet and EM.
+
+    Raises ValueError for what cannot be meant.
+    """
+
+    method: str = "DOP853"
+    rtol: float | None = None
+    atol: float | None = None  # [m, m/s]
+    step: float | None = None  # [s]
+
+    def __post_init__(self) -> None:
+        method = self.method
+        if method not in METHODS:
+            raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method}")
+        if (method in STEPPED) != (self.step is not None):
+            raise ValueError(f"a step goes with {', '.join(STEPPED)}, which need one; this is {method}")
+        if method in STEPPED and (self.rtol is not None or self.atol is not None):
+            raise ValueError(f"{method} must have no tolerances")
+        for name in ("rtol", "atol", "step"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} must be a finite number greater than 0")
+
+    @property
+    def tolerances(self) -> tuple[float | None, float | None]:
+        """rtol [-] and atol [m, m/s], those of the method where none are given; None where it has none."""
+        rtol, atol = TOLERANCES.get(self.method, (None, None))
+        return rtol if self.rtol is None else self.rtol, atol if self.atol is None else self.atol
+
+    def stepper(self, run: Run, times: Floats) -> Stepper:
+        """What takes `run` along to the stored `times` [s]."""
+        if self.method in STEPPED:
+            return STEPPED[self.method](run, float(self.step or 0.0))
+        rtol, atol = self.tolerances
+        assert rtol is not None
+        assert atol is not None
+        return PAIRS[self.method](run, rtol, atol, times)
 
 
 def integrate(
@@ -58,38 +101,32 @@ def integrate(
     x0: Floats,
     v0: Floats,
     times: Sequence[float] | Floats,
+    *,
     method: str = "DOP853",
     rtol: float | None = None,
     atol: float | None = None,
     step: float | None = None,
-    progress: Progress | None = None,
     bodies: BodyStates | None = None,
+    progress: Progress | None = None,
 ) -> Trajectory:
     """States at `times` [s] from x0, v0 (n, 3) [m, m/s] and `bodies` (b, ...) at times[0].
 
-    `rtol`, `atol` [m, m/s] are for RK45 and DOP853, `step` [s] for RK4, Verlet and EM.  `progress(t, end)` is
-    called at each stored time; None is silent.  Raises ValueError for arguments out of range,
-    Diverged where no finite step is left, Interrupted on Ctrl-C; these two carry what was stored.
+    `method` to `step`: see `Scheme`.  `progress(t, end)` is called at each stored time; None is silent.
+    Raises ValueError for arguments out of range, Diverged where no finite step is left, Interrupted on
+    Ctrl-C; these two carry what was stored.
     """
+    scheme = Scheme(method, rtol, atol, step)
     times = np.asarray(times, dtype=float)
-    _check(system, x0, v0, times, method, rtol, atol, step)
+    _check(system, x0, v0, times)
     _check_bodies(system, bodies)
+    if scheme.method == "EM" and (reason := unsupported(system)):
+        raise ValueError(f"EM must do without {reason}")
     run = Run(system, float(times[0]), layout(system).pack(x0, v0, bodies, float(times[0])))
     try:
         with np.errstate(all="ignore"):
-            run.begin(located=method in PAIRS)
+            run.begin(located=scheme.method in PAIRS)
             run.store(run.t, run.y, run.mode)
-            advance: Stepper
-            if method in STEPPED:
-                advance = STEPPED[method](run, float(step or 0.0))
-            else:
-                defaults = TOLERANCES[method]
-                relative, absolute = (
-                    defaults[0] if rtol is None else rtol,
-                    defaults[1] if atol is None else atol,
-                )
-                advance = PAIRS[method](run, relative, absolute, times)
-            _follow(run, advance, times, progress)
+            _follow(run, scheme.stepper(run, times), times, progress)
     except Breakdown as error:
         raise run.diverged(str(error)) from None
     except KeyboardInterrupt:
@@ -130,17 +167,8 @@ def _check_bodies(system: System, bodies: BodyStates | None) -> None:
             raise ValueError(f"bodies.{key} must be finite and have the shape {(count, *shape)}")
 
 
-def _check(
-    system: System,
-    x0: Floats,
-    v0: Floats,
-    times: Floats,
-    method: str,
-    rtol: float | None,
-    atol: float | None,
-    step: float | None,
-) -> None:
-    """Refuses arguments that are out of range."""
+def _check(system: System, x0: Floats, v0: Floats, times: Floats) -> None:
+    """Refuses a start or times that are out of range."""
     shape = system.net.reference_position.shape
     if np.shape(x0) != shape or np.shape(v0) != shape:
         raise ValueError(f"x0 and v0 must have the shape {shape}")
@@ -150,14 +178,3 @@ def _check(
         raise ValueError("fixed nodes must start at rest")
     if times.ndim != 1 or not times.size or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0.0):
         raise ValueError("times must be finite and increase strictly")
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method}")
-    if (method in STEPPED) != (step is not None):
-        raise ValueError(f"a step goes with {', '.join(STEPPED)}, which need one; this is {method}")
-    if method in STEPPED and (rtol is not None or atol is not None):
-        raise ValueError(f"{method} must have no tolerances")
-    for name, value in (("rtol", rtol), ("atol", atol), ("step", step)):
-        if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} must be a finite number greater than 0")
-    if method == "EM" and (reason := unsupported(system)):
-        raise ValueError(f"EM must do without {reason}")

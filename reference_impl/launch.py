@@ -11,13 +11,18 @@ from reference_impl.net import Net
 
 
 def outwards(net: Net) -> Floats:
-    """Unit vectors (k, 3) from the origin to the bullets' reference positions, in the net's plane.
+    """Unit vectors (k, 3) from the origin to the bullets' reference positions, in the net's plane."""
+    return unit_outwards(net.reference_position[net.bullet_nodes])
+
+
+def unit_outwards(place: Floats) -> Floats:
+    """Unit vectors (k, 3) from the origin to places (k, 3), in the net's plane.
 
     As in Givens' rotations (Golub & Van Loan, Matrix Computations, 5.1.8): the larger coordinate gives the
-    cosine 1/sqrt(1 + slope^2), the smaller one the sine, slope times that.  Mirrored bullets, x <-> y among
+    cosine 1/sqrt(1 + slope^2), the smaller one the sine, slope times that.  Mirrored places, x <-> y among
     the mirrors, get mirrored vectors to the last bit.
     """
-    x, y, _ = net.reference_position[net.bullet_nodes].T
+    x, y, _ = place.T
     steep = np.abs(y) > np.abs(x)
     longer, shorter = np.where(steep, y, x), np.where(steep, x, y)
     slope = shorter / longer

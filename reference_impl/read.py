@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from reference_impl.canister import fold_faults, read_fold
 from reference_impl.case import Cable, Carrier, Case, Refused, Start, Strings
 from reference_impl.effects import Surroundings, read_effects
 from reference_impl.effects.launch_force import CHASER
@@ -39,7 +40,7 @@ def read(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Case:
         raise Refused([f"{path}: not a text in UTF-8"]) from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise Refused([f"{path}: not TOML: {error}"]) from error
-    return replace(read_document(document, overrides), source=source)
+    return replace(read_document(document, overrides, Path(path).parent), source=source)
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -58,8 +59,13 @@ def parse_override(text: str) -> tuple[str, Any]:
         return key.strip(), value
 
 
-def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Case:
-    """The case in an already parsed TOML document, with `overrides` put in."""
+def read_document(
+    document: Mapping[str, Any], overrides: Mapping[str, Any] | None = None, folder: str | Path = ""
+) -> Case:
+    """The case in an already parsed TOML document, with `overrides` put in.
+
+    Files that it names are relative to `folder`, the present one unless it is given.
+    """
     faults: list[str] = []
     root = Table(_overridden(document, overrides or {}, faults), "", faults)
     if (version := root.need("format", count(0))) not in (1, None):
@@ -73,13 +79,16 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
     shape = read_shape(net)
     divisions = net.get("divisions", count(1), 1)
     cable = _cable(net.table("cable"))
+    border = _cable(net.table("border")) if net.values.get("topology") == "cut" else None
     strings = _strings(net.table("strings", required=False))
     bullets = net.table("bullets", required=False)
     bullet_mass = bullets.need("mass", number(above=0.0)) if bullets else None
     start = _start(root.table("initial"))
     launch_table = root.table("launch", required=False)
     launch = _launch(launch_table)
-    bodies, attachments = read_bodies(root.table("bodies", required=False), times[-1] if times else None)
+    bodies, attachments = read_bodies(
+        root.table("bodies", required=False), times[-1] if times else None, Path(folder)
+    )
     tethers = read_tethers(root.table("tethers", required=False), _section)
     there = 0 if not bullets else bullets_of(shape) if shape is not None else None
     around = Surroundings(there or (None if bullets else 0), times[-1] if times else None, bool(launch_table))
@@ -100,6 +109,7 @@ def read_document(document: Mapping[str, Any], overrides: Mapping[str, Any] | No
         effects,
         attachments,
         tethers,
+        border,
     )
     faults += _misfits(case, bool(bullets), bool(launch_table))
     if faults:
@@ -208,13 +218,18 @@ def _strings(table: Table) -> Strings | None:
 
 def _start(table: Table) -> Start:
     zero = (0.0, 0.0, 0.0)
+    folded = "fold" in table.values
+    if folded and "packing" in table.values:
+        table.seen.add("packing")
+        table.faults.append("initial: give exactly one of initial.packing and initial.fold")
     start = Start(
-        table.need("packing", number(0.0)),
+        1.0 if folded else table.need("packing", number(0.0)),
         table.get("velocity", numbers(3), zero),
         table.get("spin", numbers(3), zero),
         table.get("node_positions", triples, None),
         table.get("node_velocities", triples, None),
         _carrier(table.table("frame", required=False)),
+        read_fold(table.table("fold", required=False)),
     )
     table.close()
     return start
@@ -260,6 +275,8 @@ def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
         given = strings is not None and strings.length is not None and shape.mesh is not None
         if strings is not None and given and strings.length <= shape.mesh / 2.0:
             faults.append("net.strings.length: must exceed half of net.mesh")
+    if case.start.fold is not None and shape is not None:
+        faults += fold_faults(case.start.fold, shape)
     if thrown and not bullets:
         faults.append("launch: needs net.bullets")
     if case.effects.launch_force is not None and any(body.name == CHASER for body in case.bodies):

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,42 +17,51 @@ from reference_impl.bodies import Body, driven, rotation, turn
 from reference_impl.case import Attachment
 from reference_impl.drive import Poses
 from reference_impl.effects.values import one_of
+from reference_impl.mesh_files import triangles
 from reference_impl.read_ties import read_attachments
 from reference_impl.solids import Solid
-from reference_impl.table import Table, number, numbers, refusal, text, triples
+from reference_impl.surface import enclosed
+from reference_impl.table import Table, number, numbers, one_of_names, refusal, text, triples
 
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _PLATE = 1e-12  # round-off in the moments of a flat body, the greatest of which is the sum of the others
 _NEEDLE = 1e-14  # least over greatest principal moment that a full matrix still holds
+_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # [m]
 _HALF = 0.5 * (1.0 + 1e-12)
 
 
-def read_bodies(table: Table, end: float | None) -> tuple[tuple[Body, ...], tuple[Attachment, ...]]:
+def read_bodies(
+    table: Table, end: float | None, folder: Path
+) -> tuple[tuple[Body, ...], tuple[Attachment, ...]]:
     """Reads and closes the table `[bodies]`: the bodies, and the nodes that are points of them.
 
-    `end` [s] of the scene, if it is known.
+    `end` [s] of the scene, if it is known; files of shapes are relative to `folder`.
     """
     attached: list[Attachment] = []
     with np.errstate(all="ignore"):  # what leaves the range of numbers is a fault, found in `_mass`
-        bodies = [_body(table.table(name, required=False), name, attached, end) for name in table.values]
+        bodies = [
+            _body(table.table(name, required=False), name, attached, end, folder) for name in table.values
+        ]
     table.close()
     return tuple(body for body in bodies if body is not None), tuple(attached)
 
 
-def _body(table: Table, name: str, attached: list[Attachment], end: float | None) -> Body | None:
+def _body(
+    table: Table, name: str, attached: list[Attachment], end: float | None, folder: Path
+) -> Body | None:
     """One body; None with faults noted where it cannot be read.  Its attachments are added to `attached`."""
     before = len(table.faults)
     _check_name(table, name)
     if not table:
         return None
-    solid, shaped = _material(table)
+    solid, shaped = _material(table, folder)
     made = _mass(table, solid, shaped)
     attitude = read_attitude(table)
     position, velocity, spin = (
         table.get(key, numbers(3), (0.0, 0.0, 0.0)) for key in ("position", "velocity", "angular_velocity")
     )
     motion = table.get("motion", text, "free")
-    poses = _poses(table, motion, end)
+    poses = _poses(table, motion, end, attitude)
     of_scene = table.get("angular_velocity_frame", _frame, "body") == "scene"
     attached += read_attachments(table.table("attachments", required=False), name)
     table.close()
@@ -62,12 +72,18 @@ def _body(table: Table, name: str, attached: list[Attachment], end: float | None
     return body if motion == "free" else driven(body, poses)
 
 
-_STARTS = ("position", "velocity", "attitude", "axis", "angle", "angular_velocity", "angular_velocity_frame")
+_STARTS = {  # what each list of poses replaces
+    "pose_positions": ("position", "velocity", "angular_velocity", "angular_velocity_frame"),
+    "pose_attitudes": ("attitude", "axis", "angle"),
+}
 _POSES = ("pose_times", "pose_positions", "pose_attitudes")
 
 
-def _poses(table: Table, motion: str | None, end: float | None) -> Poses | None:
-    """The table of poses; None where there is none, or with faults noted."""
+def _poses(table: Table, motion: str | None, end: float | None, attitude: Floats | None) -> Poses | None:
+    """The table of poses; None where there is none, or with faults noted.
+
+    Without `pose_attitudes` the body keeps `attitude` (3, 3), its own at time 0.
+    """
     if motion not in ("free", "fixed", "prescribed", None):
         table.faults.append(
             refusal(f'{table.name("motion")} = "{motion}"', "it knows free, fixed, prescribed")
@@ -82,9 +98,10 @@ def _poses(table: Table, motion: str | None, end: float | None) -> Poses | None:
         table.faults += [f'{table.name(key)}: only with motion = "prescribed"' for key in given]
         return None
     table.faults += [
-        f"{table.name(key)}: leave it out, {table.name('pose_positions')} are in its place"
-        for key in _STARTS
-        if key in table.values
+        f"{table.name(key)}: leave it out, {table.name(poses)} are in its place"
+        for poses, keys in _STARTS.items()
+        for key in keys
+        if key in table.values and (poses == "pose_positions" or poses in given)
     ]
     times, positions = table.need("pose_times", numbers(None)), table.need("pose_positions", triples)
     attitudes = table.get("pose_attitudes", _quaternions, None)
@@ -100,8 +117,9 @@ def _poses(table: Table, motion: str | None, end: float | None) -> Poses | None:
             table.faults.append(f"{table.name(key)}: {len(rows)} entries for {len(times)} times")
     if len(table.faults) > faults:
         return None
-    turned = np.tile(np.eye(3), (len(times), 1, 1)) if attitudes is None else np.array(attitudes)
-    return Poses(times, positions, turned)
+    if attitudes is None:
+        return None if attitude is None else Poses(times, positions, np.tile(attitude, (len(times), 1, 1)))
+    return Poses(times, positions, np.array(attitudes))
 
 
 def _quaternions(value: Any) -> tuple[Floats, ...]:
@@ -114,7 +132,7 @@ def _quaternions(value: Any) -> tuple[Floats, ...]:
     return tuple(rotation(row) for row in rows)
 
 
-def _material(table: Table) -> tuple[Solid | None, bool]:
+def _material(table: Table, folder: Path) -> tuple[Solid | None, bool]:
     """The solid of `shape` or `parts`, None if there is none or it is faulty; whether the keys are there."""
     kinds = [key for key in ("shape", "parts") if key in table.values]
     solid = None
@@ -122,7 +140,7 @@ def _material(table: Table) -> tuple[Solid | None, bool]:
         table.faults.append(f"{table.path}: give either {' or '.join(map(table.name, kinds))}, not both")
         table.ignore_rest()
     elif kinds == ["shape"]:
-        solid = _shape(table)
+        solid = _mesh(table, folder) if table.values["shape"] == "mesh" else _shape(table, "mesh")
     elif kinds:
         solid = _parts(table.table("parts", required=False))
     rounding = table.get("edge_radius", number(0.0), None)  # for contact: nothing here touches
@@ -134,8 +152,21 @@ def _material(table: Table) -> tuple[Solid | None, bool]:
     return solid, bool(kinds)
 
 
-def _shape(table: Table) -> Solid | None:
-    """The solid of a table with `shape` and its keys; None with faults noted."""
+def _mesh(table: Table, folder: Path) -> Solid | None:
+    """The solid inside the surface in a file; None with faults noted."""
+    table.need("shape", text)
+    file, unit = table.need("file", text), table.need("unit", one_of_names(*_UNITS))
+    if file is None or unit is None:
+        return None
+    try:
+        return enclosed(_UNITS[unit] * triangles(folder / file))
+    except ValueError as error:
+        table.faults.append(f"{table.name('file')}: {error}")
+        return None
+
+
+def _shape(table: Table, *others: str) -> Solid | None:
+    """The solid of a table with `shape` and its keys; None with faults noted.  `others`: known elsewhere."""
     length, size, both = number(above=0.0), numbers(3, above=0.0), numbers(2, minimum=0.0)
     known: dict[str, tuple[Callable[..., Solid], dict[str, Callable[[Any], Any]]]] = {
         "box": (solids.box, {"size": size}),
@@ -147,7 +178,9 @@ def _shape(table: Table) -> Solid | None:
     kind = table.need("shape", text)
     if kind not in known:
         if kind is not None:
-            table.faults.append(refusal(f'{table.name("shape")} = "{kind}"', "it knows " + ", ".join(known)))
+            table.faults.append(
+                refusal(f'{table.name("shape")} = "{kind}"', "it knows " + ", ".join((*known, *others)))
+            )
         table.ignore_rest()
         return None
     make, keys = known[kind]

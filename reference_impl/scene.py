@@ -34,6 +34,7 @@ class Scene:
     def integrate(
         self,
         times: Sequence[float] | Floats | None = None,
+        *,
         method: str = "DOP853",
         rtol: float | None = None,
         atol: float | None = None,
@@ -43,18 +44,18 @@ class Scene:
         v0: Floats | None = None,
         bodies0: BodyStates | None = None,
     ) -> Trajectory:
-        """See `integrate`; the stored times and the start are the case's where none are given."""
+        """See `integrate`, `Scheme`; stored times and start are those of the case where none are given."""
         return integrate(
             self.system,
             self.x0 if x0 is None else x0,
             self.v0 if v0 is None else v0,
             self.case.times if times is None else times,
-            method,
-            rtol,
-            atol,
-            step,
-            progress,
-            self.bodies0 if bodies0 is None else bodies0,
+            method=method,
+            rtol=rtol,
+            atol=atol,
+            step=step,
+            bodies=self.bodies0 if bodies0 is None else bodies0,
+            progress=progress,
         )
 
 

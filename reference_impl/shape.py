@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from reference_impl.arrays import Vector
-from reference_impl.table import Table, count, counts, number, numbers, refusal, text, triples
+from reference_impl.table import Table, count, counts, number, numbers, one_of_names, refusal, text, triples
 
 LARGEST_COUNT = 10_000_000  # of cells, elements or stored times; beyond it a slip of the pen is likelier
 
@@ -38,6 +39,17 @@ class Radial:
 
 
 @dataclass(frozen=True)
+class Cut:
+    """Meshes of sides `mesh` [m] cut to an outline: `size` [m] between opposite sides, or the diameter."""
+
+    outline: str  # square, hexagon, octagon, circle
+    size: float
+    mesh_shape: str  # square, triangle, hexagon
+    mesh: float
+    corners: int
+
+
+@dataclass(frozen=True)
 class Explicit:
     """A net listed node by node: positions [m], element ends, extra masses [kg], nodes held still."""
 
@@ -47,13 +59,15 @@ class Explicit:
     fixed: tuple[int, ...]
 
 
-Shape = Rectangular | Hexagonal | Radial | Explicit
+Shape = Rectangular | Hexagonal | Radial | Cut | Explicit
 
 
 def bullets_of(shape: Shape) -> int:
     """How many bullets a net of this shape has, if it has any."""
     if isinstance(shape, Radial):
         return shape.spokes
+    if isinstance(shape, Cut):
+        return shape.corners
     return {Rectangular: 4, Hexagonal: 6, Explicit: 0}[type(shape)]
 
 
@@ -64,6 +78,7 @@ def read_shape(net: Table) -> Any:
         "rectangular": _rectangular,
         "hexagonal": _hexagonal,
         "radial": _radial,
+        "cut": _cut,
         "explicit": _explicit,
     }
     topology = net.need("topology", text)
@@ -110,6 +125,39 @@ def _radial(net: Table) -> Radial:
     return Radial(
         net.need("radius", number(above=0.0)), net.need("spokes", count(3)), net.need("rings", count(1))
     )
+
+
+_OUTLINES = {"square": 4, "hexagon": 6, "octagon": 8, "circle": 0}
+_ROUND = 1e-9  # part of a length that is round-off where it is compared with another
+
+
+def _cut(net: Table) -> Cut | None:
+    """The cut net; None with faults noted where its lengths cannot be read or do not fit each other."""
+    outline = net.need("outline", one_of_names(*_OUTLINES))
+    shape = net.need("mesh_shape", one_of_names("square", "triangle", "hexagon"))
+    size, mesh = net.need("size", number(above=0.0)), net.need("mesh", number(above=0.0))
+    corners: int | None = _OUTLINES.get(outline or "", 0)
+    if outline == "circle":
+        corners = net.need("corners", count(3))
+    elif "corners" in net.values:
+        net.seen.add("corners")
+        if outline is not None:
+            net.faults.append(f"net.corners: only of a circle; a {outline} has {corners}")
+    if outline is None or shape is None or size is None or mesh is None or not corners:
+        return None
+    if not size >= 3.0 * mesh * (1.0 - _ROUND):
+        net.faults.append(f"net.size: must be at least 3 times net.mesh, {3.0 * mesh:.10g}, not {size:.10g}")
+        return None
+    if (size / mesh) ** 2 > LARGEST_COUNT:
+        net.faults.append(f"net.mesh: more than {LARGEST_COUNT} cells")
+        return None
+    apart = size * math.sin(math.pi / corners)
+    if outline == "circle" and not apart >= mesh * (1.0 - _ROUND):
+        net.faults.append(
+            f"net.corners: neighbours must be at least net.mesh apart, {mesh:.10g}, not {apart:.10g}"
+        )
+        return None
+    return Cut(outline, size, shape, mesh, corners)
 
 
 def _explicit(net: Table) -> Explicit:

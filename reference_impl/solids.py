@@ -4,8 +4,8 @@ Each solid is cut into slices across its z axis.  A slice, rectangle or disc, st
 its area and its moments up to degree 3 (Abramowitz & Stegun, 25.4.61 and 25.4.62); three slices by Gauss and
 Legendre's rule, exact up to degree 5 in z, are a segment.  What is summed is of degree 4: a half-width is
 linear in z, or its square quadratic.  So mass properties are sums over points, without a formula for any
-solid; points of several solids are one solid, and no weight is negative, so that no moment is lost to
-cancellation.
+solid; points of several solids are one solid, and no weight of theirs is negative, so that no moment is lost
+to cancellation (in a `surface` some are).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Solid:
     """A solid as q points (SI units)."""
 
     place: Floats  # (q, 3) [m]
-    volume: Floats  # (q,) [m3] that each point stands for, >= 0
+    volume: Floats  # (q,) [m3] that each point stands for
     extent: float  # the least of its widths along x, y and z [m]
 
     def moved(self, attitude: Floats, position: Floats) -> Solid:

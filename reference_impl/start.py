@@ -1,8 +1,10 @@
 """Initial state of a case: x(0) and v(0), eq. (17), and the bodies.
 
-Packing is a homothety about the origin; velocity and spin together are one twist (screw theory: Murray, Li &
-Sastry, A Mathematical Introduction to Robotic Manipulation, 2.4).  Both are 4 x 4 matrices on (x, y, z, 1).
-Points of bodies and tethers between them come last: they follow from what they hang on.
+Packing is a homothety about the origin (`fold` has the other start); velocity and spin together are one twist
+(screw theory: Murray, Li & Sastry, A Mathematical Introduction to Robotic Manipulation, 2.4).  Both are 4 x 4
+matrices on (x, y, z, 1).  Points of bodies and tethers between them come last: they follow from what they
+hang on.  A throw is an impulse between bullets and the body that throws, so the inner nodes of tethers get no
+part of it: they move with the ends of their tether as these were before.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from reference_impl.arrays import Floats
 from reference_impl.bodies import Body, loaded
 from reference_impl.case import Case
 from reference_impl.effects.launch_force import CHASER
+from reference_impl.fold import folded
 from reference_impl.launch import outwards
 from reference_impl.net import Net, between
 from reference_impl.turns import skew
@@ -43,14 +46,21 @@ def _start(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...]]:
     position, velocity = _cast(case, net)
     throw = _throw(case, net)
     bodies = tuple(_with_nodes(body, net, number) for number, body in enumerate(case.bodies))
+    after = bodies
     if case.start.carrier is not None:
-        bodies, throw = _carry(case, net, bodies, position, velocity, throw)
-    velocity[net.bullet_nodes] += throw
-    for node, number, point in zip(net.anchors.node, net.anchors.body, net.anchors.point, strict=True):
-        position[node], velocity[node] = bodies[number].at(point)
+        after, throw = _carry(case, net, bodies, position, velocity, throw)
+    _lead(net, bodies, position, velocity)
     for values in (position, velocity):
         values[net.woven :] = between(values, net.parents, net.shares)[net.woven :]
-    return position, velocity, bodies
+    velocity[net.bullet_nodes] += throw
+    _lead(net, after, position, velocity)
+    return position, velocity, after
+
+
+def _lead(net: Net, bodies: tuple[Body, ...], position: Floats, velocity: Floats) -> None:
+    """Puts points of bodies where they are, in both (n, 3) arrays [m], [m/s]."""
+    for node, number, point in zip(net.anchors.node, net.anchors.body, net.anchors.point, strict=True):
+        position[node], velocity[node] = bodies[number].at(point)
 
 
 def _with_nodes(body: Body, net: Net, number: int) -> Body:
@@ -61,7 +71,9 @@ def _with_nodes(body: Body, net: Net, number: int) -> Body:
 def _cast(case: Case, net: Net) -> tuple[Floats, Floats]:
     """Positions and velocities (n, 3) by `[initial]`, in the net's axes; zero for nodes of tethers."""
     start, position = case.start, np.zeros_like(net.reference_position)
-    if start.node_positions is None:
+    if start.fold is not None:
+        packed = folded(case, net)
+    elif start.node_positions is None:
         packed = _mapped(np.diag([start.packing] * 3 + [1.0]), net.reference_position[: net.woven])
     else:
         packed = _spread(net, start.node_positions)

@@ -78,6 +78,17 @@ def text(value: Any) -> str:
     return value
 
 
+def one_of_names(*known: str) -> Callable[[Any], str]:
+    """Reads one of these names."""
+
+    def convert(value: Any) -> str:
+        if value not in known:
+            raise ValueError(f"must be one of {', '.join(known)}, not {value!r}")
+        return str(value)
+
+    return convert
+
+
 def number(
     minimum: float = -math.inf, above: float = -math.inf, maximum: float = math.inf
 ) -> Callable[[Any], float]:

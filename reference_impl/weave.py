@@ -20,12 +20,14 @@ from scipy.spatial import cKDTree
 from reference_impl.anchors import none
 from reference_impl.arrays import Floats, Ints
 from reference_impl.case import Cable, Case, Refused
+from reference_impl.cut import cut
+from reference_impl.direction import direction
 from reference_impl.division import divide, lump
 from reference_impl.net import Net, between
-from reference_impl.shape import LARGEST_COUNT, Explicit, Hexagonal, Radial, Rectangular
+from reference_impl.shape import LARGEST_COUNT, Cut, Explicit, Hexagonal, Radial, Rectangular
 from reference_impl.tethers import tie
 
-__all__ = ["Net", "divide", "lump", "weave"]
+__all__ = ["Net", "direction", "divide", "lump", "weave"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,44 +43,58 @@ def weave(case: Case) -> Net:
     return tie(case, _woven(case))
 
 
+@dataclass(frozen=True, eq=False)
+class _Family:
+    """Sides of one cable: pairs of knots (s, 2), reference lengths (s,) [m], elements on each."""
+
+    sides: Ints
+    length: Floats
+    cable: Cable
+    divisions: int
+    strings: bool = False
+
+    @property
+    def elements(self) -> int:
+        return len(self.sides) * self.divisions
+
+
 def _woven(case: Case) -> Net:
     """The net without tethers."""
     if isinstance(case.shape, Explicit):
-        knots, net_sides, length = _listed(case.shape)
-        string_sides, tips = np.empty((0, 2), dtype=np.intp), np.empty(0, dtype=np.intp)
-    else:
-        outlines, corners, spans = _lay(case)
-        knots, labels = merge_points(
-            np.concatenate((outlines.ends.reshape(-1, 3), spans.ends.reshape(-1, 3))),
-            tolerance=1e-6 * float(outlines.length.min()),
-        )
-        laid = labels.reshape(-1, 2)
-        net_sides, length = _once(laid[: len(outlines.length)], outlines.length)
-        string_sides = laid[len(outlines.length) :]
-        tips = string_sides[:, 1] if len(string_sides) else cKDTree(knots).query(corners)[1].astype(np.intp)
-    families = [(net_sides, length, case.cable, case.divisions)]
-    if case.strings is not None and len(string_sides):
-        string_length = np.full(len(string_sides), case.strings.length)
-        families.append((string_sides, string_length, case.strings.cable, case.strings.divisions))
-    return _finish(case, knots, families, _anticlockwise(knots, np.unique(tips)))
-
-
-def _finish(case: Case, knots: Floats, families: list[tuple[Ints, Floats, Cable, int]], tips: Ints) -> Net:
-    """Divides the sides of each family (sides, lengths, cable, divisions) and lumps the masses.
-
-    `tips`: where bullets are, if there are any.
-    """
-    bullets = tips if case.bullet_mass is not None else tips[:0]
-    for sides, _, _, divisions in families:
-        if len(sides) * divisions > LARGEST_COUNT:
-            raise Refused([f"net.divisions: more than {LARGEST_COUNT} elements"])
-    whole = np.concatenate([np.full(len(sides), divisions) for sides, _, _, divisions in families])
-    element_nodes, parents, shares = divide(
-        len(knots), np.concatenate([sides for sides, _, _, _ in families]), whole
+        knots, sides, length = _listed(case.shape)
+        return _finish(case, knots, [_Family(sides, length, case.cable, case.divisions)], sides[:0, 0])
+    laid = _lay(case)
+    parts = [(laid.mesh, case.cable, case.divisions)]
+    if laid.border is not None and case.border is not None:
+        parts.append((laid.border, case.border, case.divisions))
+    if laid.strings is not None and case.strings is not None:
+        parts.append((laid.strings, case.strings.cable, case.strings.divisions))
+    knots, labels = merge_points(
+        np.concatenate([part.ends.reshape(-1, 3) for part, _, _ in parts]),
+        tolerance=1e-6 * float(laid.mesh.length.min()),
     )
-    kind = np.repeat(np.arange(len(families)), [len(sides) * d for sides, _, _, d in families])
-    cables = np.array([(c.area, c.youngs_modulus, c.density) for _, _, c, _ in families])[kind].reshape(-1, 3)
-    reference_length = np.concatenate([np.repeat(length / d, d) for _, length, _, d in families])
+    families, before = [], 0
+    for part, cable, divisions in parts:
+        joined = labels[before : before + 2 * len(part.length)].reshape(-1, 2)
+        before += 2 * len(part.length)
+        families.append(_Family(*_once(joined, part.length), cable, divisions, part is laid.strings))
+    tips = families[-1].sides[:, 1] if families[-1].strings else cKDTree(knots).query(laid.corners)[1]
+    return _finish(case, knots, families, _anticlockwise(knots, np.unique(tips.astype(np.intp))))
+
+
+def _finish(case: Case, knots: Floats, families: list[_Family], tips: Ints) -> Net:
+    """Divides the sides of each family and lumps the masses.  `tips`: where bullets are, if there are any."""
+    bullets = tips if case.bullet_mass is not None else tips[:0]
+    if any(family.elements > LARGEST_COUNT for family in families):
+        raise Refused([f"net.divisions: more than {LARGEST_COUNT} elements"])
+    whole = np.concatenate([np.full(len(family.sides), family.divisions) for family in families])
+    element_nodes, parents, shares = divide(
+        len(knots), np.concatenate([family.sides for family in families]), whole
+    )
+    kind = np.repeat(np.arange(len(families)), [family.elements for family in families])
+    made = [(f.cable.area, f.cable.youngs_modulus, f.cable.density) for f in families]
+    cables = np.array(made)[kind].reshape(-1, 3)
+    reference_length = np.concatenate([np.repeat(f.length / f.divisions, f.divisions) for f in families])
     n = len(parents)
     extra = np.zeros(n)
     if case.bullet_mass is not None:
@@ -102,7 +118,7 @@ def _finish(case: Case, knots: Floats, families: list[tuple[Ints, Floats, Cable,
         mass,
         bullets,
         fixed,
-        kind == 1,
+        np.array([family.strings for family in families])[kind],
         _numbered(case, knots, bullets),
         parents,
         shares,
@@ -142,10 +158,10 @@ def _anticlockwise(points: Floats, nodes: Ints) -> Ints:
 def _numbered(case: Case, points: Floats, bullets: Ints) -> Ints:
     """Nodes of the bullets in the order of their numbers.
 
-    The case format numbers the spokes and the rays of a honeycomb, from the x axis on; the corners of a
-    rectangle it does not, they are taken as `Net` has them, from the lower left one on.
+    The case format numbers the spokes, the rays of a honeycomb and the corners of an outline, from the x axis
+    on; the corners of a rectangle it does not, they are taken as `Net` has them, from the lower left one on.
     """
-    if not isinstance(case.shape, Hexagonal | Radial):
+    if not isinstance(case.shape, Hexagonal | Radial | Cut):
         return bullets
     angle = np.arctan2(points[bullets, 1], points[bullets, 0])
     angle[angle < -1e-9] += 2.0 * math.pi
@@ -170,20 +186,39 @@ def _listed(shape: Explicit) -> tuple[Floats, Ints, Floats]:
     return knots, sides, np.linalg.norm(knots[sides[:, 1]] - knots[sides[:, 0]], axis=1)
 
 
-def _lay(case: Case) -> tuple[_Segments, Floats, _Segments]:
-    """Outlines of all cells, corner knots (k, 3), and strings as segments from corner knot to bullet."""
-    shape, strings = case.shape, case.strings
-    reach = strings.length if strings is not None else 0.0
+@dataclass(frozen=True, eq=False)
+class _Laid:
+    """A net in loose segments: mesh, border and strings, these from corner knot to bullet; corners (k, 3)."""
+
+    mesh: _Segments
+    corners: Floats
+    strings: _Segments | None
+    border: _Segments | None = None
+
+
+def _lay(case: Case) -> _Laid:
+    """Outlines of all cells, or what a cut has left of them, and strings."""
+    shape, reach, border = case.shape, 0.0 if case.strings is None else case.strings.length, None
     if isinstance(shape, Rectangular):
-        outlines, corners, held, bullets = _rectangular(shape, reach)
+        mesh, corners, held, bullets = _rectangular(shape, reach)
     elif isinstance(shape, Hexagonal):
-        outlines, corners, held, bullets = _hexagonal(shape, reach)
+        mesh, corners, held, bullets = _hexagonal(shape, reach)
+    elif isinstance(shape, Radial):
+        mesh, corners, held, bullets = _radial(shape, reach)
     else:
-        assert isinstance(shape, Radial)
-        outlines, corners, held, bullets = _radial(shape, reach)
-    if strings is None:
-        held, bullets = held[:0], bullets[:0]
-    return outlines, corners, _Segments(np.stack((held, bullets), axis=1), np.full(len(held), reach))
+        assert isinstance(shape, Cut)
+        net = cut(shape)
+        mesh = _Segments(_raised(net.mesh), net.mesh_length)
+        border = _Segments(_raised(net.border), net.border_length)
+        corners = held = _raised(net.corners)
+        bullets = _outward(corners, reach)
+    strings = _Segments(np.stack((held, bullets), axis=1), np.full(len(held), reach))
+    return _Laid(mesh, corners, None if case.strings is None else strings, border)
+
+
+def _raised(points: Floats) -> Floats:
+    """Points (..., 3) in the plane z = 0 of (..., 2)."""
+    return np.concatenate((points, np.zeros_like(points[..., :1])), axis=-1)
 
 
 def _loops(corners: Floats, length: Floats) -> _Segments:
@@ -268,16 +303,3 @@ def _radial(shape: Radial, reach: float) -> tuple[_Segments, Floats, Floats, Flo
     outlines = _Segments(np.concatenate([s.ends for s in laid]), np.concatenate([s.length for s in laid]))
     corners = shape.radius * rays
     return outlines, corners, corners, (shape.radius + reach) * rays
-
-
-def direction(k: int, n: int) -> tuple[float, float]:
-    """Cosine and sine of k/n of a turn; mirrored directions agree to the last bit (reduced to one octant)."""
-    eighths = 8 * k % (8 * n)  # the angle is eighths / n times 45 degrees
-    below, eighths = eighths > 4 * n, min(eighths, 8 * n - eighths)
-    behind, eighths = eighths > 2 * n, min(eighths, 4 * n - eighths)
-    steep, eighths = eighths > n, min(eighths, 2 * n - eighths)
-    angle = math.pi / 4.0 * eighths / n
-    c, s = (math.sqrt(0.5), math.sqrt(0.5)) if eighths == n else (math.cos(angle), math.sin(angle))
-    if steep:
-        c, s = s, c
-    return (-c if behind else c), (-s if below else s)

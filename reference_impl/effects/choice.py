@@ -69,7 +69,11 @@ def read_effects(table: Table, around: Surroundings) -> Effects:
         if key in table.values:
             table.seen.add(key)
             table.faults.append(
-                refusal(table.name(key), "every table under [effects] is on; leave out those not wanted")
+                refusal(
+                    table.name(key),
+                    "the case format has no rule by which the displacement of an effect is estimated; here"
+                    " every table under [effects] is on, leave out those not wanted",
+                )
             )
     names = ("rayleigh_damping", "gravity", "mass_damping", "material_damping", *_READERS)
     tables = {name: table.table(name, required=False) for name in names}

@@ -195,8 +195,8 @@ BAD = [
     ({"mass": 1.0, "shape": "frustum", "radii": [-1.0, 1.0], "length": 1.0}, "bodies.box.radii: must be at"),
     ({"mass": 1.0, "shape": "cone"}, 'reference_impl does not know bodies.box.shape = "cone": it knows box'),
     (
-        {"mass": 1.0, "shape": "mesh", "file": "a.stl", "unit": "mm"},
-        'reference_impl does not know bodies.box.shape = "mesh": it knows box, cylinder',
+        {"mass": 1.0, "shape": "mesh", "file": "a.glb", "unit": "mm"},
+        "bodies.box.file: reference_impl does not",
     ),
     ({"mass": 1.0, "shape": 3}, "bodies.box.shape: must be one line of text"),
     ({**FILLED, "parts": PARTS}, "bodies.box: give either bodies.box.shape or bodies.box.parts, not both"),

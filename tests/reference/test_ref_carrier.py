@@ -55,6 +55,28 @@ def test_launch_keeps_momentum_and_angular_momentum(carried, scene, topology):
     assert np.abs(thrown.bodies0.angular_velocity - held.bodies0.angular_velocity).max() > 0.01
 
 
+def test_a_throw_leaves_the_inner_nodes_of_tethers_as_they_are(carried, scene):
+    """An impulse between bullets and body: both ends of a tether jump, its inner nodes do not.
+
+    The momentum of all, tether included, is then kept although the tether is heavy.
+    """
+    case = carried()
+    line = {"area": 1e-4, "density": 5000.0, "youngs_modulus": 1e9, "length": 9.0, "divisions": 4}
+    case["tethers"] = {"line": {**line, "start": {"bullet": 2}, "end": {"body": "chief"}}}
+    for launch in ({"radial_speed": 2.5, "axial_speed": 1.5}, {"speed": 3.0, "spread_angle": 0.4}):
+        thrown = scene({**case, "launch": launch})
+        held = scene({key: value for key, value in case.items() if key != "launch"})
+        inner = slice(thrown.net.woven + 1, None)  # after the end on the body
+        assert len(thrown.v0[inner]) == 3
+        assert np.array_equal(thrown.v0[inner], held.v0[inner])
+        assert (
+            np.abs(thrown.v0[thrown.net.numbered_bullets[2]] - held.v0[thrown.net.numbered_bullets[2]]).max()
+            > 1.0
+        )
+        assert np.abs(thrown.v0[thrown.net.woven] - held.v0[thrown.net.woven]).max() > 0.01
+        assert books_at_start(thrown) == pytest.approx(books_at_start(held), abs=1e-12, rel=1e-13)
+
+
 def test_all_is_one_rigid_motion_before_the_launch(carried, scene):
     """Distances are those of the net's axes; velocities those of the body at the nodes' places."""
     case = carried()

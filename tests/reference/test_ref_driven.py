@@ -20,6 +20,7 @@ POSES = {
     "pose_positions": [[0.0, 0, 0], [0.1, 0.2, 0], [0.0, 0.4, 0.3], [-0.3, 0.2, 0.5]],
     "pose_attitudes": [[1.0, 0, 0, 0], [2.0, 0.3, 0, 0], [1.0, 0.3, 0.2, 0], [-1.0, -0.3, -0.4, 0.5]],
 }
+MOVED = {key: value for key, value in POSES.items() if key != "pose_attitudes"}
 STEADY = {"motion": "prescribed", "velocity": [-1.0, 0.5, 0], "angular_velocity": [0.0, 0.5, 1.0]}
 
 
@@ -107,12 +108,32 @@ def test_poses_are_met_and_motion_is_smooth(led, scene):
 
 
 @pytest.mark.parametrize(
+    "turned", [{}, {"attitude": [1.0, 0.5, -0.2, 0.3]}, {"axis": [0.0, 1.0, 2.0], "angle": 0.4}], ids=str
+)
+def test_without_attitudes_of_poses_a_body_keeps_its_own(led, scene, turned):
+    """cases/README.md; its origin goes the same way, so its centre of mass is at R c from it at all times."""
+    centre = [0.1, 0.2, -0.3]
+    made = scene(led(**MOVED, **turned, centre_of_mass=centre))
+    attitude = scene(led(motion="fixed", **turned)).bodies0.attitude[0]
+    run = made.integrate([0.0, 0.4, 0.7])
+    assert run.bodies.attitude[:, 0] == pytest.approx(np.tile(attitude, (3, 1, 1)), abs=1e-14)
+    assert np.abs(run.bodies.angular_velocity).max() < 1e-14
+    assert run.bodies.position[1, 0] == pytest.approx([0.0, 0.4, 0.3] + attitude @ centre, abs=1e-14)
+
+
+@pytest.mark.parametrize(
     ("keys", "words"),
     [
         ({"motion": "guided"}, 'reference_impl does not know bodies.arm.motion = "guided"'),
         ({"motion": "fixed", "velocity": [1.0, 0, 0]}, "bodies.arm.velocity: a fixed body rests"),
         ({**POSES, "motion": "free"}, "bodies.arm.pose_times: only with motion"),
         ({**POSES, "position": [1.0, 0, 0]}, "bodies.arm.position: leave it out"),
+        (
+            {**POSES, "attitude": [1.0, 0, 0, 0]},
+            "bodies.arm.attitude: leave it out, bodies.arm.pose_attitudes are in its place",
+        ),
+        ({**POSES, "axis": [1.0, 0, 0], "angle": 0.1}, "bodies.arm.angle: leave it out"),
+        ({**MOVED, "angular_velocity": [0.0, 0, 1.0]}, "bodies.arm.angular_velocity: leave it out"),
         ({**POSES, "pose_times": [0.0, 0.2, 0.1, 2.0]}, "must be at least two times that increase"),
         ({**POSES, "pose_times": [0.0, 0.2, 0.3, 0.5]}, "must go from 0 or before to time.end"),
         ({**POSES, "pose_positions": [[0.0, 0, 0]]}, "bodies.arm.pose_positions: 1 entries for 4 times"),

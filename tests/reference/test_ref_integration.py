@@ -220,3 +220,9 @@ def test_refuses_arguments_that_cannot_be_meant(cross, options):
 def test_refuses_moving_fixed_nodes(cross):
     with pytest.raises(ValueError, match="fixed"):
         integrate(cross.system, cross.x0, np.ones_like(cross.v0), [0.0, 1.0])
+
+
+def test_how_to_integrate_is_named(cross):
+    """Nothing of it can be taken for something else by its place."""
+    with pytest.raises(TypeError):
+        integrate(cross.system, cross.x0, cross.v0, [0.0, 1.0], "RK4")

@@ -133,6 +133,17 @@ def test_a_tether_holds_a_bullet(document, scene):
     assert made.net.reference_position[made.net.numbered_bullets[3], 0] < 0.0
 
 
+def test_a_throw_moves_the_end_of_a_tether_alone(document, scene):
+    """cases/README.md: inner nodes move with the ends as these were before the launch."""
+    case = document("square")
+    case["initial"]["velocity"] = [0.0, 0.0, 0.7]
+    case["bodies"] = {"hub": ball(10.0, position=[0.0, 0, -1.0], velocity=[0.0, 0, 0.3])}
+    line = {**THREAD, "length": 9.0, "divisions": 4, "start": {"bullet": 0}, "end": {"body": "hub"}}
+    made = scene({**case, "tethers": {"line": line}})
+    assert made.v0[made.net.woven + 1 :] == pytest.approx(np.outer([0.6, 0.5, 0.4], [0.0, 0, 1.0]), abs=1e-15)
+    assert np.linalg.norm(made.v0[made.net.numbered_bullets[0]]) == pytest.approx(math.hypot(2.5, 0.7))
+
+
 @pytest.mark.parametrize(("rate", "axis"), [(math.sqrt(3.0), 1), (2.0, 2)], ids=["in plane", "out of plane"])
 def test_dumbbell_librates_with_the_orbit(tied, scene, rate, axis):
     """Clohessy and Wiltshire: small angles in the plane have n sqrt(3), out of the plane 2 n."""

@@ -1,0 +1,116 @@
+"""`[initial.fold]`: the net in its canister, with strings and bullets outside."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reference_impl.accordion import accordion
+from reference_impl.arrays import Floats, Ints
+from reference_impl.canister import Fold
+from reference_impl.case import Case, Refused
+from reference_impl.launch import unit_outwards
+from reference_impl.net import Net, between
+from reference_impl.shape import Hexagonal, Radial
+from reference_impl.star import star
+
+_OF_STRING = 0.95  # distance of a string's ends over its length
+
+
+def folded(case: Case, net: Net) -> Floats:
+    """Places (n, 3) [m] at time 0 of the net's own nodes, in its axes."""
+    fold, own = case.start.fold, net.tether < 0
+    assert fold is not None
+    ends, length, of_string = net.element_nodes[own], net.reference_length[own], net.of_string[own]
+    d = 2.0 * float(np.sqrt(net.area[own].max() / np.pi))
+    meshed = np.unique(ends[~of_string])
+    place = net.reference_position[: net.woven].copy()
+    if fold.pattern == "star":
+        place = _starred(case, net, fold, d, meshed)
+    else:
+        among = np.searchsorted(meshed, ends[~of_string])
+        found, extent = accordion(
+            place[meshed], among, length[~of_string], d, fold.room - d, lambda at: fold.holds(at, d)
+        )
+        if found is None:
+            raise _refused(fold, extent)
+        place[meshed] = found
+    _lead_strings(case, net, place, d)
+    return place
+
+
+def _refused(fold: Fold, extent: Floats) -> Refused:
+    """What does not fit, with the extent (3,) [m] of what was found, NaN if nothing was."""
+    would = "no creases were found that keep its elements at 90 to 100 % of their lengths"
+    if not np.isnan(extent).any():
+        would = "a box of {:.4g} x {:.4g} x {:.4g} m would hold it".format(*extent)
+    return Refused([f"initial.fold: the net does not fit into its canister ({fold.pattern}): {would}"])
+
+
+def _starred(case: Case, net: Net, fold: Fold, d: float, meshed: Ints) -> Floats:
+    """Places (n, 3) [m] of a radial net, from wide pleats to narrow ones; strings still where they were."""
+    shape, first = case.shape, np.full(3, np.nan)
+    assert isinstance(shape, Radial)
+    for per_pleat in range(shape.rings, 0, -1):
+        knots = star(shape, per_pleat, d)
+        if knots is None:
+            continue
+        knots = knots - np.array([0.0, 0.0, 0.5 * (knots[..., 2].min() + knots[..., 2].max())])
+        if np.isnan(first).any():
+            first = np.ptp(knots.reshape(-1, 3), axis=0) + d
+        if fold.holds(knots.reshape(-1, 3), d):
+            flat = net.reference_position[: net.woven]
+            radius, angle = np.hypot(flat[:, 0], flat[:, 1]), np.arctan2(flat[:, 1], flat[:, 0])
+            ring = np.rint(radius / shape.radius * shape.rings).astype(np.intp)
+            spoke = np.rint(angle / (2.0 * np.pi) * shape.spokes).astype(np.intp) % shape.spokes
+            place = flat.copy()
+            of_mesh = np.isin(np.arange(net.woven), meshed) & (
+                net.parents[: net.woven, 0] == np.arange(net.woven)
+            )
+            place[of_mesh] = knots[ring[of_mesh], spoke[of_mesh]]
+            inner = np.setdiff1d(meshed, np.flatnonzero(of_mesh))
+            place[inner] = between(place, net.parents[inner], net.shares[inner])
+            return place
+    raise _refused(fold, first)
+
+
+def _lead_strings(case: Case, net: Net, place: Floats, d: float) -> None:
+    """Puts the nodes of strings outside the net, whose own nodes in `place` (n, 3) [m] are folded already.
+
+    An undivided string leaves its corner as in the flat net.  Two that hold one bullet put it at the same
+    distance from both corners, outwards.  The nodes of a divided one are by turns near and far, each d
+    farther aside.
+    """
+    if case.strings is None:
+        return
+    chains = net.element_nodes[net.of_string].reshape(-1, case.strings.divisions, 2)
+    feet, tips = chains[:, 0, 0], chains[:, -1, 1]
+    outward = unit_outwards(net.reference_position[tips])
+    part = _OF_STRING * case.strings.length / case.strings.divisions
+    if isinstance(case.shape, Hexagonal):
+        _lead_bridles(chains, place, outward, part)
+        return
+    for k in range(case.strings.divisions):
+        far, aside = (k + 1) % 2, np.column_stack((-outward[:, 1], outward[:, 0], np.zeros(len(feet))))
+        shift = (k + 1) * d if case.strings.divisions > 1 else 0.0
+        place[chains[:, k, 1]] = place[feet] + far * part * outward + shift * aside
+
+
+def _lead_bridles(chains: Ints, place: Floats, outward: Floats, part: float) -> None:
+    """Strings (q, divisions, 2) of bridles: straight, the bullet as far from the one foot as the other."""
+    feet, tips = chains[:, 0, 0], chains[:, -1, 1]
+    divisions = chains.shape[1]
+    for tip in np.unique(tips):
+        two = np.flatnonzero(tips == tip)
+        one, other = place[feet[two]]
+        gap, away = other - one, outward[two[0]]
+        if np.any(gap):
+            along = gap / np.linalg.norm(gap)
+            away = away - np.dot(away, along) * along
+            away = away / np.linalg.norm(away)
+        aside = (part * divisions) ** 2 - 0.25 * np.dot(gap, gap)
+        if aside < 0.0:
+            raise Refused(["initial.fold: the strings of a bridle are too short for the place of its feet"])
+        place[tip] = 0.5 * (one + other) + np.sqrt(aside) * away
+        for string in two:
+            ways = np.arange(1, divisions)[:, None] / divisions
+            place[chains[string, :-1, 1]] = place[feet[string]] + ways * (place[tip] - place[feet[string]])

@@ -1,0 +1,286 @@
+"""Nets cut to an outline, in reference_impl: counts, areas, lengths, the page's rules, bad input."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from reference_impl import Refused, read_document, weave
+
+CABLE_MASS = 1390.0 * math.pi / 4 * 0.002**2  # [kg/m]
+BORDER = {"diameter": 0.004, "density": 1390.0, "youngs_modulus": 70e9}
+SIDES = {"square": 4, "hexagon": 6, "octagon": 8}
+MESHES = ("square", "triangle", "hexagon")
+
+
+@pytest.fixture(scope="module")
+def cut(document):
+    """cut(outline, mesh_shape, size, mesh, **net): a case of a cut net, with strings and bullets."""
+
+    def make(outline="square", mesh_shape="square", size=3.0, mesh=1.0, **net):
+        case = document("square", outline=outline, mesh_shape=mesh_shape, border=BORDER, **net)
+        case["net"].update(topology="cut", size=size, mesh=mesh)
+        return case
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def bare(cut):
+    """bare(...): the net of such a case without strings and bullets."""
+
+    def make(*args, **net):
+        case = cut(*args, **net)
+        del case["net"]["strings"], case["net"]["bullets"], case["launch"]
+        return weave(read_document(case))
+
+    return make
+
+
+def of_border(net):
+    return net.area > math.pi / 4 * 0.003**2
+
+
+def faces(net):
+    """Signed areas of all faces, each walked with the net on its left; and how many pieces the net has."""
+    at, ways = net.reference_position[:, :2], {}
+    for i, j in net.element_nodes.tolist():
+        for a, b in ((i, j), (j, i)):
+            ways.setdefault(a, []).append(b)
+    turn, following = {}, {}
+    for a, nexts in ways.items():
+        nexts.sort(key=lambda b, a=a: math.atan2(*(at[b] - at[a])[::-1]))
+        for one, other in itertools.pairwise([*nexts, nexts[0]]):
+            turn[a, other] = one  # the next way clockwise
+    for a, b in turn:
+        following[a, b] = (b, turn[b, a])
+    areas, left = [], set(following)
+    while left:
+        way, area = left.pop(), 0.0
+        first = way
+        while True:
+            (x, y), (u, v) = at[way[0]], at[way[1]]
+            area += 0.5 * (x * v - u * y)
+            way = following[way]
+            if way == first:
+                break
+            left.remove(way)
+        areas.append(area)
+    pieces, unseen = 0, set(ways)
+    while unseen:
+        pieces, front = pieces + 1, [unseen.pop()]
+        while front:
+            reached = [b for b in ways[front.pop()] if b in unseen]
+            unseen.difference_update(reached)
+            front += reached
+    return np.array(areas), pieces
+
+
+def polygon_area(points):
+    x, y, _ = points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))].T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+SOME = [
+    (outline, mesh_shape, size)
+    for outline, mesh_shape in itertools.product((*SIDES, "circle"), MESHES)
+    for size in (3.0, 4.37, 7.0, 10.5, 11.93)
+]
+
+
+@pytest.mark.parametrize(("outline", "mesh_shape", "size"), SOME)
+def test_every_cut_is_one_planar_net_inside_its_outline(bare, outline, mesh_shape, size):
+    """Euler: V - S + F = 2 of one piece; the meshes fill the border's polygon, without crossing.
+
+    No side is shorter than sqrt(3)/8 of a mesh, the page says; none can be longer than 5/4 of one plus the
+    way to a corner, or along the border than two ends lie apart.
+    """
+    keys = {"corners": 7} if outline == "circle" else {}
+    net = bare(outline, mesh_shape, size, **keys)
+    areas, pieces = faces(net)
+    assert pieces == 1
+    assert len(net.mass) - len(net.element_nodes) + len(areas) == 2
+    assert np.count_nonzero(areas < 0.0) == 1
+    rim = np.unique(net.element_nodes[of_border(net)])
+    assert np.count_nonzero(of_border(net)) == len(rim)
+    assert -areas.min() == pytest.approx(polygon_area(net.reference_position[rim]), rel=1e-12)
+    assert areas.sum() == pytest.approx(0.0, abs=1e-12 * size**2)
+    assert net.reference_length.min() >= math.sqrt(3.0) / 8.0 - 1e-12
+    assert net.reference_length[~of_border(net)].max() <= 1.0 + 0.25 + 0.25 + 1e-9
+    ends = net.reference_position[net.element_nodes]
+    assert net.reference_length == pytest.approx(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), abs=1e-14)
+    radius = np.linalg.norm(net.reference_position, axis=1)
+    if outline == "circle":
+        assert radius[rim] == pytest.approx(np.full(len(rim), size / 2), rel=1e-14)
+    else:  # the mesh's sides and the border have the outline's area
+        k = SIDES[outline]
+        assert -areas.min() == pytest.approx(k / 4 * size**2 * math.tan(math.pi / k), rel=1e-13)
+    assert np.delete(radius, rim).max() < size / 2 / math.cos(math.pi / 4)
+
+
+def test_a_square_of_whole_meshes_is_the_square_net(bare, document):
+    """Nothing to cut: the lines on the outline become the border; the rest is the topology `square`."""
+    for n in (3, 4, 9):
+        mine = bare("square", "square", 0.3 * n, 0.3)
+        case = document("square", size=0.3 * n, mesh=0.3)
+        del case["net"]["strings"], case["net"]["bullets"], case["launch"]
+        other = weave(read_document(case))
+        assert len(mine.element_nodes) == len(other.element_nodes) == 2 * n * (n + 1)
+        places = [np.unique(np.round(net.reference_position, 9) + 0.0, axis=0) for net in (mine, other)]
+        assert np.array_equal(*places)
+        assert np.count_nonzero(of_border(mine)) == 4 * n
+        assert mine.reference_length == pytest.approx(np.full(2 * n * (n + 1), 0.3), rel=1e-14)
+
+
+def test_a_hexagon_of_whole_triangles_by_hand(bare):
+    """Corners m meshes out: 3 m (m + 1) + 1 knots, 9 m^2 + 3 m sides of one length, 6 m of them border."""
+    for m in (2, 3, 6):
+        net = bare("hexagon", "triangle", math.sqrt(3.0) * m * 0.5, 0.5)
+        assert len(net.mass) == 3 * m * (m + 1) + 1
+        assert len(net.element_nodes) == 9 * m * m + 3 * m
+        assert net.reference_length == pytest.approx(np.full(9 * m * m + 3 * m, 0.5), rel=1e-12)
+        assert np.count_nonzero(of_border(net)) == 6 * m
+
+
+def test_a_thread_of_the_border_beside_a_cut_line_by_hand(bare):
+    """L = 3.4, squares of 1: n = 3, so lines at -1.5 ... 1.5, 0.2 from the outline, which they are moved to.
+
+    16 knots: 4 inner, 8 on the sides at (+-0.5, +-1.7), 4 that come to the corners with no side left of
+    them.  12 sides of the mesh: 4 of 1 m, 8 of 1.2 m.  12 of the border: 4 of 1 m, 8 of 1.2 m.
+    """
+    net = bare("square", "square", 3.4)
+    assert len(net.mass) == 16
+    for of in (of_border(net), ~of_border(net)):
+        assert sorted(net.reference_length[of]) == pytest.approx([1.0] * 4 + [1.2] * 8, rel=1e-14)
+
+
+def test_lines_that_are_cut_by_hand(bare):
+    """L = 3.6: n = 4, lines at -2 ... 2; the outer ones, 0.2 outside, come to the outline at 1.8.
+
+    L = 3.48: n = 3, lines at +-0.5, +-1.5, the outer ones 0.24 inside, within a quarter.  L = 3.502 keeps
+    n = 4: lines at +-1 and 0, and +-2, 0.249 outside.
+    """
+    for size, inner in ((3.6, 9), (3.48, 4), (3.502, 9)):
+        net = bare("square", "square", size)
+        on_rim = np.unique(net.element_nodes[of_border(net)])
+        assert len(net.mass) - len(on_rim) == inner
+        assert np.abs(net.reference_position[on_rim]).max() == pytest.approx(size / 2, rel=1e-15)
+
+
+def test_a_circle_by_hand(bare):
+    """Diameter 3, squares of 1: n = 3, inner knots (+-0.5, +-0.5); (1.5, 0.5) is 0.081 outside.
+
+    It moves along its radius.  (1.5, 1.5) has no inner neighbour.  With 4 corners, at 0, 90, ... degrees:
+    0.3218 rad along the circle, 0.48 m, from them, so nothing is near one.
+    """
+    net = bare("circle", "square", corners=4)
+    rim = 1.5 * np.array([1.5, 0.5]) / math.hypot(1.5, 0.5)
+    assert len(net.mass) == 4 + 8 + 4
+    chords = 2 * 1.5 * np.sin(0.5 * np.array([math.atan2(0.5, 1.5), math.pi / 2 - 2 * math.atan2(0.5, 1.5)]))
+    expected = [chords[0]] * 8 + [chords[1]] * 4
+    assert sorted(net.reference_length[of_border(net)]) == pytest.approx(sorted(expected), rel=1e-14)
+    to_rim = math.dist(rim, (0.5, 0.5))
+    assert sorted(net.reference_length[~of_border(net)]) == pytest.approx(sorted([1.0] * 4 + [to_rim] * 8))
+
+
+def test_ends_near_a_corner_come_to_it(bare):
+    """Diameter 3, squares of 1, corners every 40 degrees: the ends are at +-18.43, +-71.57 and beyond +-90.
+
+    0.25 m are 9.56 degrees: those at +-71.57 and +-161.57 come to the corners at +-80 and +-160, 8.43 and
+    1.57 away; those at +-18.43 and +-108.43 stay.
+    """
+    net = bare("circle", "square", corners=9)
+    assert len(net.mass) == 4 + 9 + 4
+    rim = np.unique(net.element_nodes[of_border(net)])
+    angle = np.degrees(np.arctan2(*net.reference_position[rim].T[1::-1]))
+    own = math.degrees(math.atan2(0.5, 1.5))
+    expected = [*(40.0 * np.arange(-4, 5)), own, -own, 90.0 + own, -90.0 - own]
+    assert np.sort(angle) == pytest.approx(np.sort(expected), abs=1e-12)
+    assert np.count_nonzero(~of_border(net)) == 12
+
+
+def test_thread_of_fine_meshes_is_what_areas_say(bare):
+    """Length per area of lattices: 2/l of squares, 2 sqrt(3)/l of triangles, 2/(sqrt(3) l) of hexagons.
+
+    By Cavalieri's principle a cut has, without border, what lies inside; moved knots add a part of order l/L.
+    """
+    for mesh_shape, length in (("square", 2.0), ("triangle", 2 * 3**0.5), ("hexagon", 2 / 3**0.5)):
+        net = bare("octagon", mesh_shape, 40.0, 1.0)
+        area = 2.0 * 40.0**2 * math.tan(math.pi / 8)
+        border = of_border(net)
+        assert net.reference_length[border].sum() == pytest.approx(
+            8 * 40.0 * math.tan(math.pi / 8), rel=1e-13
+        )
+        assert net.reference_length[~border].sum() == pytest.approx(length * area, rel=0.03)
+
+
+@pytest.mark.parametrize("outline", [*SIDES, "circle"])
+@pytest.mark.parametrize("mesh_shape", MESHES)
+def test_bullets_strings_divisions_and_masses(cut, outline, mesh_shape):
+    keys = {"corners": 5} if outline == "circle" else {}
+    case = cut(outline, mesh_shape, 5.3, **keys)
+    plain = weave(read_document(case))
+    count = len(plain.bullet_nodes)
+    first = {"square": 45.0, "hexagon": 0.0, "octagon": 22.5, "circle": 0.0}[outline]
+    angle = np.radians(first + 360.0 / count * np.arange(count))
+    radius = 2.65 / (1.0 if outline == "circle" else math.cos(math.pi / count)) + 2**0.5
+    there = plain.reference_position[plain.numbered_bullets]
+    assert there[:, :2] == pytest.approx(radius * np.column_stack((np.cos(angle), np.sin(angle))), abs=1e-14)
+    border, string = of_border(plain) & ~plain.of_string, plain.of_string
+    lengths = [plain.reference_length[of].sum() for of in (~border & ~string, border, string)]
+    mass = CABLE_MASS * (lengths[0] + 4 * lengths[1] + 4 * lengths[2]) + 0.5 * count
+    assert plain.mass.sum() == pytest.approx(mass, rel=1e-13)
+    fine = weave(read_document({**case, "net": {**case["net"], "divisions": 3}}))
+    assert len(fine.element_nodes) == 3 * (len(plain.element_nodes) - count) + count
+    assert fine.mass.sum() == pytest.approx(mass, rel=1e-13)
+
+
+@pytest.mark.parametrize("outline", [*SIDES, "circle"])
+@pytest.mark.parametrize("mesh_shape", MESHES)
+def test_mirrored_nodes_agree_to_the_last_bit(bare, outline, mesh_shape):
+    keys = {"corners": 8} if outline == "circle" else {}
+    net = bare(outline, mesh_shape, 5.3, **keys, divisions=2)
+    rows = {tuple(p): m for p, m in zip((net.reference_position + 0.0).tolist(), net.mass, strict=True)}
+    for (x, y, z), mass in rows.items():
+        assert rows[(-x + 0.0, y, z)] == mass
+        assert rows[(x, -y + 0.0, z)] == mass
+        assert mesh_shape != "square" or outline == "hexagon" or rows[(y, x, z)] == mass
+
+
+def test_the_shipped_case(scene):
+    """6 m across a hexagon, meshes of 0.5 m: border 6 sides of 6/sqrt(3) m; energy is kept while it opens."""
+    made = scene("nets/cut.toml")
+    border = (made.net.area > 1e-6) & ~made.net.of_string
+    assert made.net.reference_length[border].sum() == pytest.approx(6 * 6 / math.sqrt(3.0), rel=1e-13)
+    assert len(made.net.bullet_nodes) == 6
+    assert np.array_equal(made.x0, 0.1 * made.net.reference_position)
+
+
+@pytest.mark.parametrize(
+    ("net", "fault"),
+    [
+        ({"outline": "star"}, "net.outline: must be one of square, hexagon, octagon, circle"),
+        ({"outline": ["square"]}, "net.outline: must be one of square"),
+        ({"mesh_shape": "kagome"}, "net.mesh_shape: must be one of square, triangle, hexagon"),
+        ({"size": 2.9}, "net.size: must be at least 3 times net.mesh, 3, not 2.9"),
+        ({"corners": 4}, "net.corners: only of a circle; a square has 4"),
+        ({"outline": "circle"}, "net.corners: missing"),
+        ({"outline": "circle", "corners": 2}, "net.corners: must be from 3"),
+        ({"outline": "circle", "corners": 10}, "net.corners: neighbours must be at least net.mesh apart"),
+        ({"border": None}, "[net.border]: missing"),
+        ({"border": {**BORDER, "length": 3.0}}, "reference_impl does not know net.border.length"),
+        ({"mesh": 1e-4}, "net.mesh: more than"),
+        ({"rings": 3}, "reference_impl does not know net.rings"),
+        ({"topology": "square"}, "reference_impl does not know net."),
+    ],
+)
+def test_bad_cuts_are_refused_by_name(cut, net, fault):
+    case = cut()
+    case["net"].update(net)
+    case["net"] = {key: value for key, value in case["net"].items() if value is not None}
+    with pytest.raises(Refused) as refused:
+        read_document(case)
+    assert any(line.startswith(fault) for line in refused.value.faults), refused.value.faults
