@@ -36,7 +36,12 @@ def with_tolerance(case: BothCodes, method: str, tolerance: float) -> Plan:
 
 def best_plan(case: BothCodes, tolerance: float) -> Plan:
     """DOPRI5 with a tolerance relative to the launch speed, or to `LARGE` sizes if that is more."""
-    return with_tolerance(case, "DOPRI5", tolerance * max(case.speed, LARGE * case.size))
+    return with_tolerance(case, "DOPRI5", tolerance_for(case, tolerance))
+
+
+def tolerance_for(case: BothCodes, relative: float) -> float:
+    """The absolute one [m, m/s] of `best_plan`."""
+    return relative * max(case.speed, LARGE * case.size)
 
 
 def converged(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
