@@ -56,17 +56,20 @@ def energies(case: BothCodes, motion: Trajectory, allowed: Tolerance) -> Balance
     Changes are parts of the largest kinetic energy.
     """
     system, seen = case.theirs.system, motion.seen
+    intact = np.ones((len(motion.time), case.start.net.n_elements), dtype=bool)
+    for one in motion.breaks:
+        intact[motion.time >= one.time, case.reference_elements[one.element]] = False
     kinetic = energy.kinetic(system, seen.v, seen.bodies)
-    total = kinetic + energy.elastic(system, seen.x) + energy.potential(system, seen.x, seen.bodies)
+    total = kinetic + energy.elastic(system, seen.x, intact) + energy.potential(system, seen.x, seen.bodies)
     if motion.dissipated is not None:
         total = total + motion.dissipated
     return Balance("energy", "J", total[:, None], float(kinetic.max()), allowed)
 
 
-def kept(balances: list[Balance], times: Floats, of: str) -> Iterator[Check]:
-    """The largest change of each; of : what runs, such as a code."""
+def changes(balances: list[Balance], times: Floats, of: str) -> Iterator[Check]:
+    """The largest change of each at the first times; of : what runs, such as a code."""
     for one in balances:
-        change = np.linalg.norm(one.values - one.values[0], axis=1)
+        change = np.linalg.norm(one.values[: len(times)] - one.values[0], axis=1)
         at = int(np.argmax(np.where(np.isnan(change), np.inf, change)))
         words = f"t = {times[at]:.4g} s: {one.values[at]} {one.unit}, at first {one.values[0]}"
         yield Check(f"{one.name}, {of}: relative change", float(change[at]) / one.scale, one.allowed, words)

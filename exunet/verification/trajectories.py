@@ -15,15 +15,31 @@ from exunet.simulation.planning import make_plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.neighbours import tracked_speeds
 from exunet.system.energy import kinetic
+from exunet.verification.balances import changes, energies, momenta
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out
 from exunet.verification.figures import curves
 from exunet.verification.growth import BOOST, Growth, at_node, boosted, distances
-from exunet.verification.tolerances import CONNECTIVITY, CONVERGED, DISSIPATED, LEFT_OUT, TRAJECTORY
+from exunet.verification.tolerances import (
+    ANGULAR,
+    BODY_ENERGY,
+    CONNECTIVITY,
+    CONVERGED,
+    DISSIPATED,
+    LEFT_OUT,
+    MOMENTUM,
+    TRAJECTORY,
+)
 
 INSTANTS = 48  # compared times, evenly spaced up to the horizon
 SHOWN_PAST = 1.2  # of the horizon
 OWN = (4e-11, 4e-12)  # tolerances of Exudyn's DOPRI5, see `best_plan`; below, round-off takes over
 THEIRS = ((1e-10, 1e-12), (1e-12, 1e-13))  # rtol, atol of the reference's DOP853
+CLOSED = {
+    "material_damping",
+    "breaking",
+    "bending",
+    "thermal_strain",
+}  # effects that push nothing from outside
 LARGE = 0.25  # [1/s] times the size: round-off of positions lets larger nets have no smaller tolerance
 
 
@@ -36,12 +52,7 @@ def with_tolerance(case: BothCodes, method: str, tolerance: float) -> Plan:
 
 def best_plan(case: BothCodes, tolerance: float) -> Plan:
     """DOPRI5 with a tolerance relative to the launch speed, or to `LARGE` sizes if that is more."""
-    return with_tolerance(case, "DOPRI5", tolerance_for(case, tolerance))
-
-
-def tolerance_for(case: BothCodes, relative: float) -> float:
-    """The absolute one [m, m/s] of `best_plan`."""
-    return relative * max(case.speed, LARGE * case.size)
+    return with_tolerance(case, "DOPRI5", tolerance * max(case.speed, LARGE * case.size))
 
 
 def converged(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
@@ -68,6 +79,8 @@ def converged(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
             for check in (
                 *_compared(form, own, ours[-1], theirs[-1], grown.horizon),
                 *_books(form, own, ours[-1], theirs[-1]),
+                *_balances(form, own, "exunet", ours[-1]),
+                *(_balances(form, own, "reference", theirs[-1]) if form is forms[0] else ()),
             ):
                 yield replace(check, subject=form.name)
             apart.setdefault(label, distances(ours[-1], theirs[-1]).max(axis=1))
@@ -159,6 +172,20 @@ def _books(form: BothCodes, own: Floats, ours: Trajectory, theirs: Trajectory) -
         when, other = (np.array([times[element] for element in both]) for times in (first, second))
         crossing = form.size / form.speed
         yield difference("when it broke", when, other, TRAJECTORY, ("break",), "s", scale=crossing)
+
+
+def _balances(form: BothCodes, own: Floats, code: str, motion: Trajectory) -> Iterator[Check]:
+    """Of a scene with rigid bodies, what a code keeps while both have converged (own as in `_compared`).
+
+    That of a net alone is a known answer of rung 6.
+    """
+    apart = np.flatnonzero(~(own[:, 0].max(axis=0) <= CONVERGED.value))
+    kept = int(apart[0]) if len(apart) else own.shape[-1]
+    if kept and form.start.system.bodies:
+        found = [energies(form, motion, BODY_ENERGY)]
+        if form.effects <= CLOSED:
+            found += momenta(form, motion, MOMENTUM, ANGULAR)
+        yield from changes(found, motion.time[:kept], code)
 
 
 def _within_own(

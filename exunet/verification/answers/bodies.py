@@ -11,7 +11,7 @@ from exunet.case.stored_times import stored_times
 from exunet.studies.both_codes import BothCodes, Floats, Theirs
 from exunet.verification import tolerances as tol
 from exunet.verification.answers.both import against, best
-from exunet.verification.balances import energies, kept, momenta
+from exunet.verification.balances import changes, energies, momenta
 from exunet.verification.check import Check, difference
 
 SETTLED = 200.0  # [s]: the stretch of the start has died out
@@ -79,7 +79,7 @@ def snap_off_centre(case: BothCodes) -> Iterator[Check]:
     times = stored_times(case.start.scene.time)
     for code, motion in best(case, times, booked=True):
         balances = [*momenta(case, motion, tol.MOMENTUM, tol.ANGULAR), energies(case, motion, tol.ENERGY)]
-        yield from kept(balances, times, code)
+        yield from changes(balances, times, code)
         _, speed, _, _ = case.rigid_of(motion.seen)
         closing = np.diff(speed, axis=1)[:, 0] @ np.array([1.0, 0.0, 0.0])
         yield Check(f"speed at which the bodies part at the end, {code}", float(closing[-1]), tol.THROWN_BACK)

@@ -10,10 +10,12 @@ from pathlib import Path
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification.at_states import measures
 from exunet.verification.bodies.at_states import motions, one_step, placed
-from exunet.verification.bodies.runs import trajectories
 from exunet.verification.check import Check, Evidence
+from exunet.verification.growth import growth
+from exunet.verification.horizon import sensitivity
 from exunet.verification.shipped import shipped
 from exunet.verification.topology import topology
+from exunet.verification.trajectories import converged
 
 BODY_CASES = "verification/bodies"  # of the known answers, below cases/
 
@@ -47,8 +49,10 @@ class BodyScene:
         yield from one_step(self.case)
 
     def trajectories(self) -> Iterator[Evidence]:
-        """See `exunet.verification.bodies.runs`."""
-        return trajectories(self.case)
+        """Rungs 5 and 7 for this scene, with its balances until the horizon."""
+        grown = growth(self.case)
+        yield from sensitivity(self.case, grown)
+        yield from converged(self.case, grown)
 
 
 def body_scenes(named: Sequence[BothCodes]) -> list[BodyScene]:
