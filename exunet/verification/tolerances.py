@@ -99,10 +99,11 @@ BRAKED = Tolerance(1e-9, "of the largest value: what the tolerance of 1e-11 leav
 THROWN_BACK = Tolerance(0.0, "they have met the end of the tether, and come closer", "m/s")
 MOMENTUM = Tolerance(1e-12, "of the sum of the nodes' shares: linear invariants are kept to round-off")
 ANGULAR = Tolerance(1e-8, "of the sum of the nodes' shares: kept by the accuracy of the integration only")
-BODY_ENERGY = Tolerance(
-    1e-6, "of the largest kinetic energy: what the kinks of snaps leave of the accuracy of the integration"
+ENERGY = Tolerance(
+    1e-8,
+    "of the energy at the start, with bodies of the largest kinetic one: kept by the accuracy of the "
+    "integration only",
 )
-ENERGY = Tolerance(1e-8, "of the energy at the start: kept by the accuracy of the integration only")
 BRAKING = Tolerance(1e-4, "of the loss: the formula has a constant distance of the masses; it is to 5e-6")
 ORDER = Tolerance(0.5, "half an order: observed orders approach the declared one only for small steps")
 ADAPTIVE_ORDER = Tolerance(1.0, "one order: adaptive steps are unequal, few, and the last is cut short")

@@ -21,10 +21,10 @@ from exunet.verification.figures import curves
 from exunet.verification.growth import BOOST, Growth, at_node, boosted, distances
 from exunet.verification.tolerances import (
     ANGULAR,
-    BODY_ENERGY,
     CONNECTIVITY,
     CONVERGED,
     DISSIPATED,
+    ENERGY,
     LEFT_OUT,
     MOMENTUM,
     TRAJECTORY,
@@ -182,7 +182,7 @@ def _balances(form: BothCodes, own: Floats, code: str, motion: Trajectory) -> It
     apart = np.flatnonzero(~(own[:, 0].max(axis=0) <= CONVERGED.value))
     kept = int(apart[0]) if len(apart) else own.shape[-1]
     if kept and form.start.system.bodies:
-        found = [energies(form, motion, BODY_ENERGY)]
+        found = [energies(form, motion, ENERGY)]
         if form.effects <= CLOSED:
             found += momenta(form, motion, MOMENTUM, ANGULAR)
         yield from changes(found, motion.time[:kept], code)
