@@ -74,7 +74,8 @@ class Trajectory:
     velocity   : (t, k, 3) of these points [m/s]
     seen       : the same states as the reference has them, with the bodies
     steps      : how many were taken
-    dissipated : (t,) energy that has left the system since the start [J]; None: it was not booked
+    dissipated : (t,) energy that has left the system since the start [J], less what bodies whose motion is
+                 given have put in; None: it was not booked
     breaks     : elements that broke, in order of time
     """
 
@@ -216,12 +217,13 @@ class BothCodes:
         return intact
 
     def reference_motion(self, state: State) -> tuple[Floats, float]:
-        """The reference's accelerations at a state [m/s2], and the power that it takes out [W].
+        """The reference's accelerations at a state [m/s2], and the power that its forces take out [W].
 
         (n_points + n_rigid, 3) of the points, then of the centres of rigid bodies.
         """
         response = self.reference_response(state)[1]
-        return response.acceleration[self.reference_particles], response.power
+        power = response.power + float(response.given[:, 6].sum())  # what driven bodies give counts as taken
+        return response.acceleration[self.reference_particles], power
 
     def reference_response(self, state: State) -> tuple[formulas.Whole, formulas.Response]:
         """The reference's own state of all particles and bodies, and what its forces do to them.
@@ -287,7 +289,7 @@ class BothCodes:
         bodies = RigidStates(*(np.array(part) for part in parts))
         seen = self.theirs_at(Moving(x, v, bodies, first_order))
         arms = self._with_arms((x, v), seen)
-        energy = np.array(left) if booked else None
+        energy = np.array(left) - start.system.given_work(first_order) if booked else None
         return Trajectory(np.asarray(times), *arms, seen, stepper.counts.steps, energy, tuple(books.breaks))
 
     def run_reference(self, times: Floats, **how: Any) -> Trajectory:

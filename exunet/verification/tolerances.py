@@ -96,6 +96,7 @@ LIBRATION = Tolerance(
     "of the frequency: the square of an angle of 1e-3, and (n / w)^2 = 1e-5 of a tether that stretches at w",
 )
 BRAKED = Tolerance(1e-9, "of the largest value: what the tolerance of 1e-11 leaves in some 100 steps")
+WHIRLED = Tolerance(1e-9, "of the radius: what the tolerance of 1e-11 leaves in some 1e3 steps, one turn")
 THROWN_BACK = Tolerance(0.0, "they have met the end of the tether, and come closer", "m/s")
 MOMENTUM = Tolerance(1e-12, "of the sum of the nodes' shares: linear invariants are kept to round-off")
 ANGULAR = Tolerance(1e-8, "of the sum of the nodes' shares: kept by the accuracy of the integration only")

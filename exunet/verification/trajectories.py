@@ -183,7 +183,7 @@ def _balances(form: BothCodes, own: Floats, code: str, motion: Trajectory) -> It
     kept = int(apart[0]) if len(apart) else own.shape[-1]
     if kept and form.start.system.bodies:
         found = [energies(form, motion, ENERGY)]
-        if form.effects <= CLOSED:
+        if form.effects <= CLOSED and not form.start.system.kinematics.guides:
             found += momenta(form, motion, MOMENTUM, ANGULAR)
         yield from changes(found, motion.time[:kept], code)
 

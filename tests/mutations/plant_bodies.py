@@ -167,6 +167,11 @@ def carried_mass_lost(patch):
     patch.setattr(bodies, "make_body", lambda name, keys, carried: right(name, keys, []))
 
 
+@planted(8, "a body of given motion with the centre of mass of its nodes and itself", case="whirled")
+def guided_centre(patch):
+    patch.setattr(bodies, "_loaded", bodies.make_body)
+
+
 @planted(8, "moments of inertia of two axes swapped in the compiled loop", case=FREE)
 def loop_inertia(patch):
     right = System.body_inertia.func

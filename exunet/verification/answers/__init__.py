@@ -34,5 +34,6 @@ BODY_ANSWERS: tuple[tuple[str, Answer], ...] = (
     ("snap_of_bodies", motions.snap),
     ("snap_off_centre", bodies.snap_off_centre),
     ("braked_body", bodies.braked),
+    ("whirled", bodies.whirled),
     ("librations", bodies.librations),
 )

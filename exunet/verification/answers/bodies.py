@@ -74,6 +74,24 @@ def braked(case: BothCodes) -> Iterator[Check]:
             yield difference(f"{name}, {code}", found, known, tol.BRAKED, ("instant", "xyz"), unit)
 
 
+def whirled(case: BothCodes) -> Iterator[Check]:
+    """Steady rotation about z of a mass on a cable from the rim of a hub whose motion is given.
+
+    The case starts where the tension is m w^2 r, so that the mass goes round at r and w as it starts.
+    """
+    (hub,), (_, mass) = case.start.system.kinematics.point, case.start.net.element_nodes[0]
+    turning = float(case.start.state.bodies.angular_velocity[0, 2])
+    times = stored_times(case.start.scene.time)
+    turn = np.stack([np.cos(turning * times), np.sin(turning * times), 0.0 * times], axis=-1)
+    for code, motion in best(case, times):
+        for name, node in (("mass", mass), ("rim", hub)):
+            known = case.start.position[node, 0] * turn
+            axes = ("instant", "xyz")
+            yield difference(
+                f"place of the {name}, {code}", motion.position[:, node], known, tol.WHIRLED, axes, "m"
+            )
+
+
 def snap_off_centre(case: BothCodes) -> Iterator[Check]:
     """Momentum, angular momentum and energy before, in and after the snap, which must have happened."""
     times = stored_times(case.start.scene.time)
