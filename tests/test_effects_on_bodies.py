@@ -122,30 +122,6 @@ def test_libration_of_a_rigid_body(loop: str, tmp_path: Path) -> None:
     assert np.abs(total - total[0]).max() < 1e-9 * MOMENTS[2] * RATE**2
 
 
-@pytest.mark.parametrize("loop", FORMS[1:])
-@pytest.mark.parametrize(("axis", "factor"), [([0, 0, 1], math.sqrt(3.0)), ([0, 1, 0], 2.0)])
-def test_libration_of_a_dumbbell(loop: str, axis: list[int], factor: float, tmp_path: Path) -> None:
-    """Two masses on a taut tether along the radial: n sqrt(3) in the plane of the orbit, 2 n out of it."""
-    angle, half = 1e-3, 50.0
-    place = half * np.array([math.cos(angle), *(math.sin(angle) * np.array([axis[2], axis[1]]))])
-    small = "mass=50.0, inertia=[1.0, 1.0, 1.0]"
-    overrides = (
-        f"bodies.one={{{small}, position={place.tolist()}}}",
-        f"bodies.two={{{small}, position={(-place).tolist()}}}",
-        "tethers.line={diameter=0.002, density=1.0, youngs_modulus=1e8, length=100.0, start={body='one'}, "
-        "end={body='two'}}",
-        ORBIT,
-        "time={end=9000.0, output_step=20.0}",
-        "solver.step=0.1",
-        "effects.material_damping.relaxation_time=20.0",
-        loop,
-    )
-    result = simulate(start(tmp_path, *overrides))
-    across = result.bodies["one"].position[:, 1 if axis[2] else 2]
-    assert result.tension[10:].min() > 0.0
-    assert libration(result, across) == pytest.approx(factor * RATE, rel=1e-3)
-
-
 @pytest.mark.parametrize("model", ["linear", "two_body"])
 def test_a_body_in_orbit_moves_as_a_particle(model: str, tmp_path: Path) -> None:
     """The centre of a body beside a node of the net: the same orbit, whatever the body's attitude."""

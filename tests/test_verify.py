@@ -193,7 +193,7 @@ def test_a_stopped_run_fails_its_step():
 
 def _only_states(monkeypatch):
     """Leave out the rungs that take whole runs."""
-    for later in ("_runs", "_answers", "_horizons"):
+    for later in ("_runs", "_answers", "_horizons", "_bodies"):
         monkeypatch.setattr(Ladder, later, lambda self: iter(()))
 
 

@@ -50,14 +50,14 @@ def test_a_difference_with_an_entry_that_is_not_finite_fails(wrong, both):
 
 @pytest.mark.parametrize("state", [0, 4, 9])
 def test_one_state_of_many_without_accelerations_fails_rung_2(state, monkeypatch):
-    right, seen = formulas.motion, []
+    right, seen = formulas.response, []
 
     def wrong(*state_of_motion):
         seen.append(1)
-        acceleration, power = right(*state_of_motion)
-        return acceleration * (NAN if len(seen) == state + 1 else 1.0), power
+        found, factor = right(*state_of_motion), NAN if len(seen) == state + 1 else 1.0
+        return dataclasses.replace(found, acceleration=factor * found.acceleration)
 
-    monkeypatch.setattr(formulas, "motion", wrong)
+    monkeypatch.setattr(formulas, "response", wrong)
     check = fails(forces(read_both(CASE), 10))
     assert np.isnan(check.measured)
     assert f"packed: state {state}, " in check.worst
@@ -181,7 +181,7 @@ def compared(own, apart=0.0, end=0.3):
     case = read_both(CASE)
     place = np.broadcast_to(case.start.position, (len(INSTANTS), *case.start.position.shape))
     shift = case.size * np.broadcast_to(apart, INSTANTS.shape)[:, None, None] * np.array([1.0, 0.0, 0.0])
-    flight = [Trajectory(INSTANTS, where, np.zeros_like(place), 1) for where in (place, place + shift)]
+    flight = [Trajectory(INSTANTS, where, np.zeros_like(place), None, 1) for where in (place, place + shift)]
     return list(_compared(case, own, *flight, end))
 
 

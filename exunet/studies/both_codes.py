@@ -37,6 +37,7 @@ from exunet.system.effect_survey import without_choice
 from exunet.system.system import Moving, State
 from reference_impl import forces as formulas
 from reference_impl.mode import Mode
+from reference_impl.state import layout
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -71,14 +72,17 @@ class Trajectory:
     position   : (t, k, 3) [m] of the nodes, the point masses, and four points of each rigid body: its centre,
                  and the ends of arms along its axes, as long as the net's size. So its attitude counts too
     velocity   : (t, k, 3) of these points [m/s]
+    seen       : the same states as the reference has them, with the bodies
     steps      : how many were taken
-    dissipated : (t,) energy that has left the system since the start [J]; None: it was not booked
+    dissipated : (t,) energy that has left the system since the start [J], less what bodies whose motion is
+                 given have put in; None: it was not booked
     breaks     : elements that broke, in order of time
     """
 
     time: Floats
     position: Floats
     velocity: Floats
+    seen: Theirs
     steps: int
     dissipated: Floats | None = None
     breaks: tuple[Break, ...] = ()
@@ -137,9 +141,20 @@ class BothCodes:
         return self.reference_bodies[:points], self.reference_bodies[points:]
 
     @property
+    def reference_rigid(self) -> Ints:
+        """(n_rigid,) for each rigid body of exunet its number among the rigid ones of the reference."""
+        return np.searchsorted(self.theirs.system.bodies.rigid, self._beside[1])
+
+    @property
     def effects(self) -> set[str]:
         """Names of the effects that the case switches on."""
         return set(switched_on(self.start.scene.effects))
+
+    @property
+    def moves_bodies(self) -> bool:
+        """True if forces act on rigid bodies, or points are fixed to them."""
+        system = self.start.system
+        return bool(system.driven.any()) or bool(system.kinematics)
 
     @property
     def speed(self) -> float:
@@ -202,14 +217,23 @@ class BothCodes:
         return intact
 
     def reference_motion(self, state: State) -> tuple[Floats, float]:
-        """The reference's accelerations at a state [m/s2], and the power that it takes out [W].
+        """The reference's accelerations at a state [m/s2], and the power that its forces take out [W].
 
         (n_points + n_rigid, 3) of the points, then of the centres of rigid bodies.
         """
-        x, v = self.theirs_at(state.moving).particles
-        mode = Mode(self.intact_in_reference(state))
-        acceleration, power = formulas.motion(self.theirs.system, state.time, x, v, mode)
-        return acceleration[self.reference_particles], power
+        response = self.reference_response(state)[1]
+        power = response.power + float(response.given[:, 6].sum())  # what driven bodies give counts as taken
+        return response.acceleration[self.reference_particles], power
+
+    def reference_response(self, state: State) -> tuple[formulas.Whole, formulas.Response]:
+        """The reference's own state of all particles and bodies, and what its forces do to them.
+
+        Points of bodies are where its levers put them, whatever the state says of them.
+        """
+        system, theirs = self.theirs.system, self.theirs_at(state.moving)
+        lay = layout(system)
+        whole = lay.whole(lay.pack(theirs.x, theirs.v, theirs.bodies, state.time))
+        return whole, formulas.response(system, state.time, whole, Mode(self.intact_in_reference(state)))
 
     def probe(self) -> Probe:
         """The engine's equations of motion, in the form that also has derivatives."""
@@ -229,16 +253,17 @@ class BothCodes:
     def from_state(self, position: Floats, velocity: Floats, bodies: RigidStates | None = None) -> BothCodes:
         """The same case started from another state of the free points, and of the rigid bodies if given.
 
-        position, velocity : (n_points, 3), or (n_nodes, 3): point masses then start as they do
+        position, velocity : (n_points, 3), or (n_nodes, 3): point masses then start as they do. Points of
+        bodies are where these put them
         """
         fixed = self.start.net.fixed_nodes
         position = np.concatenate([position, self.start.position[len(position) :]])
         velocity = np.concatenate([velocity, self.start.velocity[len(velocity) :]])
         position[fixed], velocity[fixed] = self.start.position[fixed], 0.0
-        start = self.start.moved(position, velocity)
+        start = self.start
         if bodies is not None:
             start = replace(start, state=replace(start.state, bodies=bodies))
-        return replace(self, start=start)
+        return replace(self, start=start.moved(position, velocity))
 
     def run_exunet(self, times: Floats, plan: Plan | None = None, *, booked: bool = False) -> Trajectory:
         """exunet's trajectory at `times` (from 0 on), with the plan of the case or another.
@@ -256,23 +281,53 @@ class BothCodes:
                 stepper.hand_over()
                 left.append(books.dissipated)
             states.append(stepper.state().moving)
-        x, v = np.array([state.position for state in states]), np.array([state.velocity for state in states])
+        x, v, first_order = (
+            np.array([getattr(state, name) for state in states])
+            for name in ("position", "velocity", "first_order")
+        )
         parts = zip(*(state.bodies.parts() for state in states), strict=True)
-        bodies = in_frames(start.system.bodies, RigidStates(*(np.array(part) for part in parts)))
-        frame, turning = rotation_matrix(bodies.attitude), bodies.angular_velocity
-        arms = _with_arms((x, v), (bodies.position, bodies.velocity, frame, turning), self.size)
-        energy = np.array(left) if booked else None
-        return Trajectory(np.asarray(times), *arms, stepper.counts.steps, energy, tuple(books.breaks))
+        bodies = RigidStates(*(np.array(part) for part in parts))
+        seen = self.theirs_at(Moving(x, v, bodies, first_order))
+        arms = self._with_arms((x, v), seen)
+        energy = np.array(left) - start.system.given_work(first_order) if booked else None
+        return Trajectory(np.asarray(times), *arms, seen, stepper.counts.steps, energy, tuple(books.breaks))
 
     def run_reference(self, times: Floats, **how: Any) -> Trajectory:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.integration."""
         found = self.reference_trajectory(times, **how)
-        states, (_, rigid) = found.bodies, self._beside
-        parts = (states.position, states.velocity, states.attitude, states.angular_velocity)
-        arms = _with_arms(self.points_of(found), tuple(part[:, rigid] for part in parts), self.size)
+        seen = Theirs(found.x, found.v, found.bodies)
+        arms = self._with_arms(self.points_of(found), seen)
         ours = np.argsort(self.reference_elements)  # exunet's element of each of the reference's
         breaks = tuple(Break(int(ours[one.element]), one.time) for one in found.breaks)
-        return Trajectory(found.t, *arms, found.n_steps, found.dissipated, breaks)
+        return Trajectory(found.t, *arms, seen, found.n_steps, found.dissipated, breaks)
+
+    def _with_arms(self, points: tuple[Floats, Floats], seen: Theirs) -> tuple[Floats, Floats]:
+        """Places and velocities (t, k, 3) of points, and of four of each rigid body; see `Trajectory`."""
+        place, speed, frame, turning = self.rigid_of(seen)
+        if not place.shape[1]:
+            return points
+        arms = self.size * np.swapaxes(frame, -1, -2)  # (t, b, 3, 3): rows are the arms in the scene's axes
+        turn = np.einsum("tbij,tbj->tbi", frame, turning)
+        moved = np.cross(turn[:, :, None], arms)
+        found = []
+        for of_points, centre, arm in ((points[0], place, arms), (points[1], speed, moved)):
+            ends = (centre[:, :, None] + arm).reshape(len(centre), -1, 3)
+            found.append(np.concatenate([of_points, centre, ends], axis=1))
+        return found[0], found[1]
+
+    def rigid_of(self, seen: Theirs) -> tuple[Floats, Floats, Floats, Floats]:
+        """Of the rigid bodies, in exunet's order: what `reference.BodyStates` has of each.
+
+        Places and velocities (..., b, 3) of the centres of mass, attitudes (..., b, 3, 3) of the frames, and
+        angular velocities (..., b, 3) in their axes.
+        """
+        rigid, states = self._beside[1], seen.bodies
+        return (
+            states.position[..., rigid, :],
+            states.velocity[..., rigid, :],
+            states.attitude[..., rigid, :, :],
+            states.angular_velocity[..., rigid, :],
+        )
 
     def points_of(self, found: reference.Trajectory) -> tuple[Floats, Floats]:
         """Positions and velocities (t, n_points, 3) of exunet's points in a trajectory of the reference."""
@@ -286,26 +341,6 @@ class BothCodes:
         """The same as the reference gives it, in its own numbering and with its counts."""
         start = self.theirs_at(self.start.state.moving)
         return reference.integrate(self.theirs.system, start.x, start.v, times, **how, bodies=start.bodies)
-
-
-def _with_arms(
-    points: tuple[Floats, Floats], bodies: tuple[Floats, ...], length: float
-) -> tuple[Floats, Floats]:
-    """Places and velocities (t, k, 3) of points, and of four points of each rigid body; see `Trajectory`.
-
-    bodies : places and velocities (t, b, 3), attitudes (t, b, 3, 3), angular velocities in body axes
-    """
-    place, speed, frame, turning = bodies
-    if not place.shape[1]:
-        return points
-    arms = length * np.swapaxes(frame, -1, -2)  # (t, b, 3, 3): rows are the arms in the scene's axes
-    turn = np.einsum("tbij,tbj->tbi", frame, turning)
-    moved = np.cross(turn[:, :, None], arms)
-    found = []
-    for of_points, centre, arm in ((points[0], place, arms), (points[1], speed, moved)):
-        ends = (centre[:, :, None] + arm).reshape(len(centre), -1, 3)
-        found.append(np.concatenate([of_points, centre, ends], axis=1))
-    return found[0], found[1]
 
 
 def coordinates(nodes: Ints) -> Ints:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -16,7 +16,7 @@ from exunet.bodies.guide import Guide
 from exunet.bodies.keys import BodyKeys
 from exunet.bodies.kinematics import Kinematics, given_states
 from exunet.bodies.making import make_body
-from exunet.bodies.mass_properties import point_mass
+from exunet.bodies.mass_properties import MassDistribution, point_mass
 from exunet.bodies.overlap import overlap
 from exunet.bodies.rigid import RigidStates, product, rotation_matrix
 from exunet.case.scene import Scene
@@ -69,7 +69,7 @@ def bodies_at_start(
         with joining(wrong):
             keys = scene.bodies[name]
             carried = [point_mass(net.mass[one.node], one.point) for one in attached[name]]
-            bodies.append(make_body(name, keys, carried))
+            bodies.append(_loaded(name, keys, carried))
     if wrong:
         raise CaseError(wrong)
     tables = [scene.bodies[body.name] for body in bodies]
@@ -84,6 +84,14 @@ def bodies_at_start(
     faults += _overlaps(bodies, whole)
     given = tuple(one for body in bodies[kinematics.n_free :] for one in given_states(body.name))
     return BodiesAtStart(tuple(bodies), whole, kinematics, given)
+
+
+def _loaded(name: str, keys: BodyKeys, carried: list[MassDistribution]) -> RigidBody:
+    """A body with the nodes that it carries; one whose motion is given keeps its own centre of mass."""
+    if keys.motion == "free":
+        return make_body(name, keys, carried)
+    alone = make_body(name, keys)
+    return replace(alone, mass=alone.mass + sum(one.mass for one in carried))
 
 
 def attached_points(

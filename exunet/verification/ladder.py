@@ -16,7 +16,9 @@ from exunet.methods.method import Form
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.studies.neighbours import MOVE
 from exunet.verification import at_states, growth, horizon, matrices, stepping, symmetry, topology
-from exunet.verification.answers import ANSWERS, Answer
+from exunet.verification.answers import ANSWERS, BODY_ANSWERS, Answer
+from exunet.verification.bodies.at_states import STATES
+from exunet.verification.bodies.scenes import BODY_CASES, body_scenes
 from exunet.verification.check import Check, Evidence, left_out
 from exunet.verification.shipped import shipped, shipped_case
 from exunet.verification.tolerances import RAN
@@ -30,6 +32,7 @@ RUNGS = {
     5: "Converged trajectories",
     6: "Known answers",
     7: "Horizon",
+    8: "Bodies",
 }
 MOST_ELEMENTS = 2000  # larger nets are compared at given states and over one step, not over whole runs
 # The paper's case, with its damping, without, and packed as the paper says elsewhere.
@@ -37,6 +40,7 @@ PAPER = ("planar_deployment", "planar_undamped", "planar_deployment_006")
 LONG_ANSWERS = {"snap_from_slack"}
 QUICK_PART = 0.5  # of the run that --quick follows
 WHOLE_RUNS = "rungs 4, 5 and 7"
+QUICK_STATES = 10  # of each kind of states of bodies
 
 
 @dataclass(frozen=True)
@@ -80,13 +84,15 @@ def read_cases(paths: Sequence[Path]) -> list[BothCodes]:
 class Ladder:
     """The rungs over some cases.
 
+    cases : those with forces on rigid bodies are compared in rungs 1 and 8 only
     quick : one case only for what takes whole runs, fewer random nets; rungs 1 to 3 are the same
     paper : also check that round-off alone separates the bullets of the paper's nets
     Raises InputError without the cases of the known answers.
     """
 
     def __init__(self, cases: Sequence[BothCodes], *, quick: bool, paper: bool) -> None:
-        self._cases, self._quick, self._paper = cases, quick, paper
+        self._named, self._quick, self._paper = cases, quick, paper
+        self._cases = [case for case in cases if not case.moves_bodies]
         self._different: set[str] = set()
         self._grown: dict[str, growth.Growth] = {}
 
@@ -96,9 +102,10 @@ class Ladder:
         yield from self._runs()
         yield from self._answers()
         yield from self._horizons()
+        yield from self._bodies()
 
     def _states(self) -> Iterator[Step]:
-        for case in self._cases:
+        for case in self._named:
             yield Step(1, case.name, partial(self._topology, case))
         count = 30 if self._quick else 300
         yield Step(1, f"{count} random nets", partial(topology.random_topologies, count))
@@ -180,11 +187,26 @@ class Ladder:
         for case in papers:
             yield Step(7, case.name, partial(symmetry.symmetry, case))
 
+    def _bodies(self) -> Iterator[Step]:
+        """The scenes of rung 8, the known answers of bodies, and what takes whole runs."""
+        named = [case for case in self._named if case.moves_bodies and case.name not in self._different]
+        states = QUICK_STATES if self._quick else STATES
+        for scene in body_scenes(named):
+            yield Step(8, scene.name, partial(scene.at_states, states))
+        for name, answer in BODY_ANSWERS:
+            yield Step(8, name, partial(_known, name, answer, BODY_CASES))
+        runs = [scene for scene in body_scenes(named) if scene.whole]
+        if self._quick:
+            yield _without(8, ", ".join(scene.name for scene in runs), "whole runs", "leaves out whole runs")
+            return
+        for scene in runs:
+            yield Step(8, scene.name, scene.trajectories)
+
 
 def _without(rung: int, subject: str, what: str, why: str) -> Step:
     """A step of which --quick makes one row: what it leaves out."""
     return Step(rung, subject, partial(iter, [left_out(what, f"--quick {why}")]))
 
 
-def _known(name: str, answer: Answer) -> Iterator[Evidence]:
-    return answer(read_both(shipped_case("verification", name)))
+def _known(name: str, answer: Answer, folder: str = "verification") -> Iterator[Evidence]:
+    return answer(read_both(shipped_case(folder, name)))

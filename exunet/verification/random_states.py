@@ -50,7 +50,7 @@ def random_states(
             case "coincident":
                 position = _ball(random, n, size)
                 position[random.random(n) < 1 / 3] = position[0]
-                position[net.element_nodes[0, 1]] = position[net.element_nodes[0, 0]]
+                position[net.element_nodes[:1, 1]] = position[net.element_nodes[:1, 0]]
             case _:
                 position = x * random.uniform(0.3, 1.1) + _ball(random, n, 0.7 * mesh)
         yield position @ turn.T, random.normal(size=(n, 3)) * random.choice([0.0, 0.1, 10.0])

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from exunet.methods.plan import Plan
 from exunet.studies.both_codes import BothCodes
 from exunet.studies.neighbours import MOVE
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out, worst_of
@@ -21,8 +22,6 @@ SHOWN_PAST = 1.15  # of the horizon
 def one_step(case: BothCodes) -> Iterator[Check]:
     """Exudyn's RK44 and the reference's RK4, one step from a taut and a half-slack state, and the start."""
     net, random = case.start.net, np.random.default_rng(SEED)
-    plan = fixed_plan(case, case.start.scene.time.end)
-    times = np.array([0.0, plan.step])
     states = smooth_states(net, random)
     if HALF_SLACK not in states:
         yield left_out(f"one step, {HALF_SLACK}", NO_HALF_SLACK)
@@ -30,7 +29,14 @@ def one_step(case: BothCodes) -> Iterator[Check]:
         kind: case.from_state(position, case.speed * random.normal(size=position.shape))
         for kind, position in states.items()
     }
-    for kind, there in (starts | {"the start": case}).items():
+    plan = fixed_plan(case, case.start.scene.time.end)
+    yield from one_step_from(starts | {"the start": case}, plan)
+
+
+def one_step_from(starts: Mapping[str, BothCodes], plan: Plan) -> Iterator[Check]:
+    """The same from some starts of a case, by RK44 of this plan."""
+    times = np.array([0.0, plan.step])
+    for kind, there in starts.items():
         if there.breaks_at_once:
             yield left_out(f"one step, {kind}", "an element is beyond its limit from the start")
             continue
@@ -38,7 +44,7 @@ def one_step(case: BothCodes) -> Iterator[Check]:
         found = []
         for name, unit in (("position", "m"), ("velocity", "m/s")):
             a, b = (getattr(run, name)[1] for run in (ours, theirs))
-            least = case.speed if name == "velocity" else 0.0
+            least = there.speed if name == "velocity" else 0.0
             found.append(difference(name, a, b, ONE_STEP, ("node", "xyz"), unit, least=least))
         yield worst_of(f"one step of {plan.step:.3g} s, {kind}", found)
 

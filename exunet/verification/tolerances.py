@@ -31,6 +31,10 @@ TOPOLOGY = Tolerance(1e-14, "the same arithmetic in another order: a few last bi
 CONNECTIVITY = Tolerance(0.0, "nodes and elements are counted, not measured")
 FORCES = Tolerance(1e-12, "of the largest acceleration of a kind: round-off of lengths over strains >= 1e-3")
 MEASURES = Tolerance(1e-12, "of the largest value of a kind of states: the round-off of FORCES, summed")
+BODY_FORCES = Tolerance(
+    1e-12, "of the largest of a kind: as FORCES; arms, attitudes and w x J w add that of a few products"
+)
+BODY_PLACES = Tolerance(1e-14, "of the largest of a kind: one product with a rotation, and a sum")
 MASS = Tolerance(1e-14, "of the largest mass: both codes add halves of the same element masses")
 DAMPING = Tolerance(1e-12, "of the largest entry: a constant matrix, assembled in another order")
 STIFFNESS = Tolerance(3e-6, "of the largest entry: the engine differentiates in steps of 1e-8; 3e-7 was seen")
@@ -78,9 +82,29 @@ STABLE = Tolerance(100.0, "bounded below the stable step, by about 1/sqrt(1 - 0.
 UNSTABLE = Tolerance(1e-3, "above it the highest mode grows by a third each step, by 1e7 in 60 steps")
 HANGING = Tolerance(1e-8, "of the length: what 14 s of damping leave of the fall, exp(-35), and round-off")
 PENDULUM = Tolerance(1e-6, "of the frequency: angle^4 and the pumping of the stretch are left out, 1e-8 each")
+TURNED = Tolerance(
+    1e-8,
+    "of an axis's length and of the largest rate, over ten turns: 1e-12 in each of some 1e3 steps, which a "
+    "turn-over multiplies by about 1e2; 2e-11 seen",
+)
+FLIP = Tolerance(1e-6, "of the time from one turn-over to the next: TURNED over the largest slope of a rate")
+FREELY_KEPT = Tolerance(
+    1e-9, "of its value: without a torque, what the tolerance of 1e-12 leaves in 1e4 steps"
+)
+LIBRATION = Tolerance(
+    1e-4,
+    "of the frequency: the square of an angle of 1e-3, and (n / w)^2 = 1e-5 of a tether that stretches at w",
+)
+BRAKED = Tolerance(1e-9, "of the largest value: what the tolerance of 1e-11 leaves in some 100 steps")
+WHIRLED = Tolerance(1e-9, "of the radius: what the tolerance of 1e-11 leaves in some 1e3 steps, one turn")
+THROWN_BACK = Tolerance(0.0, "they have met the end of the tether, and come closer", "m/s")
 MOMENTUM = Tolerance(1e-12, "of the sum of the nodes' shares: linear invariants are kept to round-off")
 ANGULAR = Tolerance(1e-8, "of the sum of the nodes' shares: kept by the accuracy of the integration only")
-ENERGY = Tolerance(1e-8, "of the energy at the start: kept by the accuracy of the integration only")
+ENERGY = Tolerance(
+    1e-8,
+    "of the energy at the start, with bodies of the largest kinetic one: kept by the accuracy of the "
+    "integration only",
+)
 BRAKING = Tolerance(1e-4, "of the loss: the formula has a constant distance of the masses; it is to 5e-6")
 ORDER = Tolerance(0.5, "half an order: observed orders approach the declared one only for small steps")
 ADAPTIVE_ORDER = Tolerance(1.0, "one order: adaptive steps are unequal, few, and the last is cut short")

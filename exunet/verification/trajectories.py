@@ -15,15 +15,31 @@ from exunet.simulation.planning import make_plan
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.studies.neighbours import tracked_speeds
 from exunet.system.energy import kinetic
+from exunet.verification.balances import changes, energies, momenta
 from exunet.verification.check import Check, Evidence, Plate, difference, left_out
 from exunet.verification.figures import curves
 from exunet.verification.growth import BOOST, Growth, at_node, boosted, distances
-from exunet.verification.tolerances import CONNECTIVITY, CONVERGED, DISSIPATED, LEFT_OUT, TRAJECTORY
+from exunet.verification.tolerances import (
+    ANGULAR,
+    CONNECTIVITY,
+    CONVERGED,
+    DISSIPATED,
+    ENERGY,
+    LEFT_OUT,
+    MOMENTUM,
+    TRAJECTORY,
+)
 
 INSTANTS = 48  # compared times, evenly spaced up to the horizon
 SHOWN_PAST = 1.2  # of the horizon
 OWN = (4e-11, 4e-12)  # tolerances of Exudyn's DOPRI5, see `best_plan`; below, round-off takes over
 THEIRS = ((1e-10, 1e-12), (1e-12, 1e-13))  # rtol, atol of the reference's DOP853
+CLOSED = {
+    "material_damping",
+    "breaking",
+    "bending",
+    "thermal_strain",
+}  # effects that push nothing from outside
 LARGE = 0.25  # [1/s] times the size: round-off of positions lets larger nets have no smaller tolerance
 
 
@@ -63,6 +79,8 @@ def converged(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
             for check in (
                 *_compared(form, own, ours[-1], theirs[-1], grown.horizon),
                 *_books(form, own, ours[-1], theirs[-1]),
+                *_balances(form, own, "exunet", ours[-1]),
+                *(_balances(form, own, "reference", theirs[-1]) if form is forms[0] else ()),
             ):
                 yield replace(check, subject=form.name)
             apart.setdefault(label, distances(ours[-1], theirs[-1]).max(axis=1))
@@ -154,6 +172,20 @@ def _books(form: BothCodes, own: Floats, ours: Trajectory, theirs: Trajectory) -
         when, other = (np.array([times[element] for element in both]) for times in (first, second))
         crossing = form.size / form.speed
         yield difference("when it broke", when, other, TRAJECTORY, ("break",), "s", scale=crossing)
+
+
+def _balances(form: BothCodes, own: Floats, code: str, motion: Trajectory) -> Iterator[Check]:
+    """Of a scene with rigid bodies, what a code keeps while both have converged (own as in `_compared`).
+
+    That of a net alone is a known answer of rung 6.
+    """
+    apart = np.flatnonzero(~(own[:, 0].max(axis=0) <= CONVERGED.value))
+    kept = int(apart[0]) if len(apart) else own.shape[-1]
+    if kept and form.start.system.bodies:
+        found = [energies(form, motion, ENERGY)]
+        if form.effects <= CLOSED and not form.start.system.kinematics.guides:
+            found += momenta(form, motion, MOMENTUM, ANGULAR)
+        yield from changes(found, motion.time[:kept], code)
 
 
 def _within_own(

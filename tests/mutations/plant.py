@@ -239,7 +239,7 @@ def _twice(value):
     return 2.0 * value
 
 
-def _of_result(name, rung, what, module, function, change=_twice, case="planar_deployment"):
+def of_result(name, rung, what, module, function, change=_twice, case="planar_deployment"):
     """Enters an error that changes nothing but what one function returns."""
 
     def plant(patch):
@@ -256,22 +256,22 @@ def _negated(name):
 NO_HALF, TENSIONS = "factor 1/2 missing in the", "stored tensions twice as large"
 CORIOLIS, PUSHES = "Coriolis force with the wrong sign", "mass damping that pushes on"
 OTHER_SIGN, POSITIVE = "potential with the wrong sign", "stored strains of slack cables positive"
-_of_result("strain_without_half", 2, f"{NO_HALF} Green-Lagrange strain", cable, "green_lagrange_strain")
-_of_result("launch_inwards", 1, "bullets launched inwards", initial, "_launch_velocity", np.negative)
-_of_result("elastic_doubled", 2, f"{NO_HALF} elastic energy", cable, "elastic_energy")
-_of_result("tension_doubled", 2, TENSIONS, cable, "element_tension")
-_of_result("mouth_doubled", 6, f"{NO_HALF} area of the mouth", metrics, "mouth_area")
-_of_result("coriolis_sign", 2, CORIOLIS, orbit, "terms", _negated("gyroscopic"), "orbit")
-_of_result("mass_damping_sign", 2, PUSHES, mass_damping, "terms", _negated("damping"), "mass_damping")
-_of_result("reference_no_half", 2, f"{NO_HALF} Green-Lagrange strain", forces, "strain_of")
-_of_result("reference_kinetic_doubled", 2, f"{NO_HALF} kinetic energy", reference_energy, "kinetic")
-_of_result("reference_elastic_doubled", 2, f"{NO_HALF} elastic energy", reference_energy, "elastic")
-_of_result("reference_tension_doubled", 2, TENSIONS, forces, "tension")
-_of_result("reference_strain_sign", 2, POSITIVE, forces, "strain", np.abs)
-_of_result("reference_potential_sign", 2, OTHER_SIGN, reference_energy, "potential", np.negative, "orbit")
+of_result("strain_without_half", 2, f"{NO_HALF} Green-Lagrange strain", cable, "green_lagrange_strain")
+of_result("launch_inwards", 1, "bullets launched inwards", initial, "_launch_velocity", np.negative)
+of_result("elastic_doubled", 2, f"{NO_HALF} elastic energy", cable, "elastic_energy")
+of_result("tension_doubled", 2, TENSIONS, cable, "element_tension")
+of_result("mouth_doubled", 6, f"{NO_HALF} area of the mouth", metrics, "mouth_area")
+of_result("coriolis_sign", 2, CORIOLIS, orbit, "terms", _negated("gyroscopic"), "orbit")
+of_result("mass_damping_sign", 2, PUSHES, mass_damping, "terms", _negated("damping"), "mass_damping")
+of_result("reference_no_half", 2, f"{NO_HALF} Green-Lagrange strain", forces, "strain_of")
+of_result("reference_kinetic_doubled", 2, f"{NO_HALF} kinetic energy", reference_energy, "kinetic")
+of_result("reference_elastic_doubled", 2, f"{NO_HALF} elastic energy", reference_energy, "elastic")
+of_result("reference_tension_doubled", 2, TENSIONS, forces, "tension")
+of_result("reference_strain_sign", 2, POSITIVE, forces, "strain", np.abs)
+of_result("reference_potential_sign", 2, OTHER_SIGN, reference_energy, "potential", np.negative, "orbit")
 
 
-def _other_text(owner, name, old, new):
+def other_text(owner, name, old, new):
     """The function of a module or class with a piece of its text replaced; kernels are made from texts."""
     module = sys.modules[getattr(owner, "__module__", owner.__name__)]
     text = textwrap.dedent(inspect.getsource(getattr(owner, name)))
@@ -284,11 +284,11 @@ def _other_text(owner, name, old, new):
     return space[name]
 
 
-def _of_text(name, rung, what, owner, function, old, new, case, *, users=(), arguments=()):
+def of_text(name, rung, what, owner, function, old, new, case, *, users=(), arguments=()):
     """Enters an error in the text of a function, which `users` have imported."""
 
     def plant(patch):
-        wrong = _other_text(owner, function, old, new)
+        wrong = other_text(owner, function, old, new)
         for one in (owner, *users):
             patch.setattr(one, function, wrong)
 
@@ -298,28 +298,28 @@ def _of_text(name, rung, what, owner, function, old, new, case, *, users=(), arg
 SINE, COSINE = "math.sin(keys.spread_angle)", "math.cos(keys.spread_angle)"
 SWAPPED = f"{COSINE} * outward + {SINE} * np.array"
 DRAG_OF_BULLETS, AREAS = "0.5 * keys.density * keys.bullet_drag_coefficient", "areas[net.bullet_nodes] +="
-_of_text("barrels_swapped", 2, "sine and cosine of the barrels swapped", launch_force, "barrels",
+of_text("barrels_swapped", 2, "sine and cosine of the barrels swapped", launch_force, "barrels",
          f"{SINE} * outward + {COSINE} * np.array", SWAPPED, "launch_spring")  # fmt: skip
-_of_text("air_drag_sign", 2, "air drag across the axis with the wrong sign", air_drag, "add_cross_flow",
+of_text("air_drag_sign", 2, "air drag across the axis with the wrong sign", air_drag, "add_cross_flow",
          "force[i + 1] -= factor * uy", "force[i + 1] += factor * uy", "air_drag")  # fmt: skip
-_of_text("bullet_drag_doubled", 2, "factor 1/2 missing in the drag of bullets", air_drag, "terms",
+of_text("bullet_drag_doubled", 2, "factor 1/2 missing in the drag of bullets", air_drag, "terms",
          DRAG_OF_BULLETS, DRAG_OF_BULLETS.replace("0.5 * ", ""), "air_drag")  # fmt: skip
-_of_text("bullets_as_cables", 2, "bullets with the drag coefficient of cables", air_drag, "terms",
+of_text("bullets_as_cables", 2, "bullets with the drag coefficient of cables", air_drag, "terms",
          DRAG_OF_BULLETS, DRAG_OF_BULLETS.replace("bullet_drag", "drag"), "air_drag")  # fmt: skip
-_of_text("bullet_area_dropped", 2, "no area of bullets in gas and light", surface,
+of_text("bullet_area_dropped", 2, "no area of bullets in gas and light", surface,
          "tumbling_areas", AREAS, f"{AREAS} 0.0 *", "two_body",
          users=(molecular_drag, solar_pressure))  # fmt: skip
-_of_text("one_length_in_bending", 2, "one of two lengths at a joint", bending, "springs",
+of_text("one_length_in_bending", 2, "one of two lengths at a joint", bending, "springs",
          "length.mean(axis=1)", "length[:, 0]", "bending_thread")  # fmt: skip
-_of_text("strings_bend_with_cables", 2, "strings of equal section bend with cables", bending, "joints",
+of_text("strings_bend_with_cables", 2, "strings of equal section bend with cables", bending, "joints",
          "net.is_string[e] == net.is_string[f] and ", "", "bending")  # fmt: skip
-_of_text("break_at_whole_strain", 4, "free strain ignored at a break", cable_term, "breaking_lengths",
+of_text("break_at_whole_strain", 4, "free strain ignored at a break", cable_term, "breaking_lengths",
          "free = 0.0 if changes.free_strain is None else changes.free_strain", "free = 0.0",
          "breaking")  # fmt: skip
-_of_text("peak_one_step_off", None, "the largest tension at the time of the state before", Peaks, "look",
+of_text("peak_one_step_off", None, "the largest tension at the time of the state before", Peaks, "look",
          "float(time[state])", "float(time[state - 1])",
          "test_peaks:test_keeps_the_largest_and_forgets_the_later_ones")  # fmt: skip
-_of_text("potential_from_zero", None, "a potential at the start counts as gained", EnergyScale, "gained",
+of_text("potential_from_zero", None, "a potential at the start counts as gained", EnergyScale, "gained",
          "states.potential - self._potential", "states.potential",
          "test_guards:test_a_potential_at_the_start_does_not_count_in_the_energy_scale")  # fmt: skip
 
@@ -328,7 +328,7 @@ _of_text("potential_from_zero", None, "a potential at the start counts as gained
 def stage_time(patch):
     right = schemes.runge_kutta_4_step
     old = "stage(t + 0.5 * h, h, s.x1, s.v3"
-    wrong = _other_text(schemes, right.__name__, old, old.replace("t + 0.5 * h", "t", 1))
+    wrong = other_text(schemes, right.__name__, old, old.replace("t + 0.5 * h", "t", 1))
     patch.setattr(loop, "STEPS", tuple(wrong if one is right else one for one in loop.STEPS))
 
 

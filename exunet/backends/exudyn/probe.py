@@ -13,7 +13,7 @@ from exunet.backends.exudyn.build import remember
 from exunet.backends.exudyn.loading import exudyn
 from exunet.backends.exudyn.model import Model
 from exunet.forces.terms import Memories
-from exunet.system.system import System
+from exunet.system.system import Moving, System
 
 Floats = NDArray[np.float64]
 
@@ -21,9 +21,9 @@ Floats = NDArray[np.float64]
 class Probe:
     """Evaluates an assembled model at states of the caller's choice, without a step in time.
 
-    All states are position, velocity (n, 3) [m], [m/s] of all points; fixed points keep their place, and
-    rigid bodies the state that the model was built with. Matrices are (3n, 3n) over all points, with zero
-    rows and columns for fixed points.
+    States are position, velocity (n, 3) [m], [m/s] of all points; fixed points keep their place, and rigid
+    bodies their state: that which the model was built with, or of the last call of `motion`. Matrices are
+    (3n, 3n) over all points, with zero rows and columns for fixed points.
     """
 
     def __init__(self, model: Model) -> None:
@@ -71,11 +71,28 @@ class Probe:
     def accelerations(self, position: Floats, velocity: Floats, time: float = 0.0) -> Floats:
         """(n, 3) [m/s2], eq. (16), at a time [s]; zero for fixed points."""
         self._set(position, velocity, time)
+        result = np.zeros_like(self._reference)
+        result[self._free] = self._change()[self._columns].reshape(-1, 3)
+        return result
+
+    def motion(self, moving: Moving, time: float = 0.0) -> tuple[Floats, Floats]:
+        """`accelerations` (n, 3) of the points, and (n_free_bodies, 6) of the free bodies, in their states.
+
+        Of a body: that of its centre [m/s2], and the angular one in principal axes [rad/s2]. Points that are
+        fixed to bodies have none, and are where their bodies put them.
+        """
+        data, current = self._system.systemData, self._engine.ConfigurationType.Current
+        now = self._model.places.pack(moving, self._model.coordinates())
+        data.SetODE2Coordinates(now.q, current)
+        data.SetODE2Coordinates_t(now.v, current)
+        points = self.accelerations(moving.position, moving.velocity, time)
+        return points, self._change()[self._model.places.bodies]
+
+    def _change(self) -> Floats:
+        """Rates of the engine's velocities in its state."""
         self._solver.ComputeODE2RHS(self._system)
         force = np.array(self._solver.GetSystemResidual())[: len(self._mass)]
-        result = np.zeros_like(self._reference)
-        result[self._free] = self._divide_by_mass(force)[self._columns].reshape(-1, 3)
-        return result
+        return np.asarray(self._divide_by_mass(force))
 
     def mass(self) -> Floats:
         """M of eq. (10) [kg]."""

@@ -1,11 +1,11 @@
-"""Rung 6: known answers, each from a short case of its own that both codes run."""
+"""Known answers, each from a short case of its own that both codes run: rung 6, and of bodies rung 8."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
 from exunet.studies.both_codes import BothCodes
-from exunet.verification.answers import linear, motions, mouth, orders
+from exunet.verification.answers import bodies, linear, motions, mouth, orders, turning
 from exunet.verification.check import Evidence
 
 Answer = Callable[[BothCodes], Iterator[Evidence]]
@@ -26,4 +26,14 @@ ANSWERS: tuple[tuple[str, Answer], ...] = (
     ("rotating", motions.braking),
     ("smooth", orders.smooth),
     ("snap_from_slack", orders.with_kink),
+)
+
+# What is known of the case of that name under cases/verification/bodies/.
+BODY_ANSWERS: tuple[tuple[str, Answer], ...] = (
+    ("free_bodies", turning.free_rotation),
+    ("snap_of_bodies", motions.snap),
+    ("snap_off_centre", bodies.snap_off_centre),
+    ("braked_body", bodies.braked),
+    ("whirled", bodies.whirled),
+    ("librations", bodies.librations),
 )

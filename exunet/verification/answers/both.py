@@ -6,19 +6,30 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from exunet.codegen.compile import numba_installed
+from exunet.methods.method import Form
 from exunet.studies.both_codes import BothCodes, Floats, Trajectory
 from exunet.verification.check import Check
 from exunet.verification.growth import fixed_plan
 from exunet.verification.tolerances import Tolerance
 from exunet.verification.trajectories import with_tolerance
 
-CODES = ("Exudyn", "reference")
+CODES = ("Exudyn", "reference", "compiled loop")
 
 
-def best(case: BothCodes, times: Floats, tolerance: float = 1e-11) -> Iterator[tuple[str, Trajectory]]:
-    """(code, motion at `times`) with the best adaptive method of each code; tolerance in m and m/s."""
-    yield CODES[0], case.run_exunet(times, with_tolerance(case, "DOPRI5", tolerance))
+def best(
+    case: BothCodes, times: Floats, tolerance: float = 1e-11, *, booked: bool = False
+) -> Iterator[tuple[str, Trajectory]]:
+    """(code, motion at `times`) with the best adaptive method of each code; tolerance in m and m/s.
+
+    Rigid bodies turn by equations of their own in Exudyn and in exunet's compiled loop, so scenes with bodies
+    run in that too, where Numba is installed. booked : with the dissipated energy
+    """
+    plan = with_tolerance(case, "DOPRI5", tolerance)
+    yield CODES[0], case.run_exunet(times, plan, booked=booked)
     yield CODES[1], case.run_reference(times, rtol=1e-11, atol=1e-13)
+    if case.start.system.bodies and numba_installed():
+        yield CODES[2], case.in_form(Form.COMPILED).run_exunet(times, plan, booked=booked)
 
 
 def in_steps(case: BothCodes, times: Floats, part: float) -> Iterator[tuple[str, Trajectory]]:

@@ -1,0 +1,75 @@
+"""Balances of a run with bodies: momentum, angular momentum and energy, of one formula for both codes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from exunet.studies.both_codes import BothCodes, Floats, Trajectory
+from exunet.verification.check import Check
+from exunet.verification.tolerances import Tolerance
+from reference_impl import energy
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """A quantity that stays what it is.
+
+    values  : (t, 1) or (t, 3)
+    scale   : what its changes are parts of: the sum of the parts' shares at the start
+    allowed : of the change
+    """
+
+    name: str
+    unit: str
+    values: Floats
+    scale: float
+    allowed: Tolerance
+
+
+def momenta(case: BothCodes, motion: Trajectory, linear: Tolerance, angular: Tolerance) -> list[Balance]:
+    """Linear and angular momentum about the origin, of net and bodies together.
+
+    By the reference's formulas, which rung 8 compares with exunet's at random states. Their scales are the
+    sums over nodes and bodies of |m v|, and of |m x v| and |J w|.
+    """
+    system, seen = case.theirs.system, motion.seen
+    (x, v), bodies = seen.particles, seen.bodies
+    mass = np.append(system.net.own_mass, system.bodies.free * system.bodies.mass)
+    shares = mass[:, None] * v[0]
+    spin = np.einsum("bij,bj->bi", system.bodies.inertia, bodies.angular_velocity[0])
+    turning = np.concatenate([np.cross(x[0], shares), spin])
+    scales = (float(np.linalg.norm(parts, axis=1).sum()) for parts in (shares, turning))
+    total = energy.momentum(system, seen.v, bodies)
+    turned = energy.angular_momentum(system, seen.x, seen.v, bodies)
+    return [
+        Balance("momentum", "N s", total, next(scales), linear),
+        Balance("angular momentum", "N m s", turned, next(scales), angular),
+    ]
+
+
+def energies(case: BothCodes, motion: Trajectory, allowed: Tolerance) -> Balance:
+    """Kinetic, elastic and potential energy and what was dissipated, of a run that booked it.
+
+    Changes are parts of the largest kinetic energy.
+    """
+    system, seen = case.theirs.system, motion.seen
+    intact = np.ones((len(motion.time), case.start.net.n_elements), dtype=bool)
+    for one in motion.breaks:
+        intact[motion.time >= one.time, case.reference_elements[one.element]] = False
+    kinetic = energy.kinetic(system, seen.v, seen.bodies)
+    total = kinetic + energy.elastic(system, seen.x, intact) + energy.potential(system, seen.x, seen.bodies)
+    if motion.dissipated is not None:
+        total = total + motion.dissipated
+    return Balance("energy", "J", total[:, None], float(kinetic.max()), allowed)
+
+
+def changes(balances: list[Balance], times: Floats, of: str) -> Iterator[Check]:
+    """The largest change of each at the first times; of : what runs, such as a code."""
+    for one in balances:
+        change = np.linalg.norm(one.values[: len(times)] - one.values[0], axis=1)
+        at = int(np.argmax(np.where(np.isnan(change), np.inf, change)))
+        words = f"t = {times[at]:.4g} s: {one.values[at]} {one.unit}, at first {one.values[0]}"
+        yield Check(f"{one.name}, {of}: relative change", float(change[at]) / one.scale, one.allowed, words)

@@ -1,0 +1,211 @@
+"""Both codes at random states of points and bodies: how these are accelerated and turned."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from exunet.backends.compiled.loop import loop_kernel
+from exunet.backends.compiled.work_space import Stages, motion_of
+from exunet.bodies.rigid import RigidStates, rotation_matrix
+from exunet.codegen.compile import numba_installed
+from exunet.methods.method import Form, Method
+from exunet.methods.plan import Plan
+from exunet.studies.both_codes import BothCodes, Floats
+from exunet.system.stability import largest_damping_rate, largest_frequency
+from exunet.system.system import State, System
+from exunet.verification.check import Check, difference, worst_of
+from exunet.verification.random_states import random_instants
+from exunet.verification.stepping import one_step_from
+from exunet.verification.tolerances import BODY_FORCES, BODY_PLACES
+from reference_impl.bodies import turning_rate
+
+SEED = 20210622
+SHORT = 1e-3  # [rad] of the fastest rate in a step
+STATES = 30  # of each kind
+# How far from the origin bodies are, as parts of the scene's extent at the start. Close ones leave tethers
+# between them slack, so that what is left are the effects and the gyroscopic torques.
+KINDS = {"packed": 0.02, "slack": 0.2, "overstretched": 1.0, "crumpled": 0.5}
+IMPLIED = {"place of attached nodes": "m", "velocity of attached nodes": "m/s"}
+UNITS = {"acceleration of points": "m/s2", "acceleration of bodies": "m/s2", "angular acceleration": "rad/s2"}
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """How points and free bodies change at a state, in exunet's order and in the scene's axes.
+
+    points  : (n_points, 3) accelerations [m/s2]; zero for those without a motion of their own
+    centres : (n_bodies, 3) accelerations of the centres of mass [m/s2]
+    angular : (n_bodies, 3) angular accelerations [rad/s2]
+    """
+
+    points: Floats
+    centres: Floats
+    angular: Floats
+
+    def named(self) -> dict[str, Floats]:
+        """In the order of `UNITS`."""
+        return dict(zip(UNITS, (self.points, self.centres, self.angular), strict=True))
+
+
+def random_bodies(case: BothCodes, kind: str, count: int, random: np.random.Generator) -> Iterator[State]:
+    """`random_instants`, with the bodies as far apart as `KINDS` says, turning with up to some rad/s."""
+    start = case.start
+    everything = np.concatenate([start.position, start.state.bodies.position])
+    reach = KINDS[kind] * float(np.ptp(everything, axis=0).max())
+    for state in random_instants(start, kind, count, random):
+        bodies = replace(state.bodies, position=reach * state.bodies.position)
+        yield replace(state, bodies=bodies)
+
+
+def motions(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
+    """Accelerations of points and of bodies, and angular ones, of each form of exunet and the reference.
+
+    Points that are fixed to bodies are anywhere in these states; each code puts them where they belong. Of
+    each quantity the kind of state that differs most is told; differences of angular accelerations are parts
+    of the largest square of an angular velocity, if that is more.
+    """
+    for name, changes_at in _forms(case):
+        found: dict[str, list[Check]] = {quantity: [] for quantity in UNITS}
+        random = np.random.default_rng(SEED)
+        for kind in KINDS:
+            ours, theirs, spins = [], [], []
+            for state in random_bodies(case, kind, states_of_a_kind, random):
+                ours.append(changes_at(state).named())
+                theirs.append(_of_reference(case, state).named())
+                spins.append(state.bodies.angular_velocity)
+            least = {"angular acceleration": float(np.square(spins).max())}
+            for quantity, unit in UNITS.items():
+                a, b = (np.array([one[quantity] for one in side]) for side in (ours, theirs))
+                what = "node" if quantity.endswith("points") else "body"
+                axes, floor = ("state", what, "xyz"), least.get(quantity, 0.0)
+                found[quantity].append(difference(kind, a, b, BODY_FORCES, axes, unit, floor))
+        for quantity, checks in found.items():
+            if quantity.endswith("points") or case.start.system.moves_freely.any():
+                yield worst_of(f"{quantity}, {name}, {states_of_a_kind * len(KINDS)} random states", checks)
+
+
+def placed(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
+    """Where points that are fixed to bodies are, and how they move; nothing for a case without."""
+    if not len(case.start.system.kinematics.point):
+        return
+    found: dict[str, list[Check]] = {}
+    random, by_kernel = np.random.default_rng(SEED), _by_kernel(case) if numba_installed() else None
+    for kind in KINDS:
+        states = list(random_bodies(case, kind, states_of_a_kind, random))
+        known = [_by_levers(case, state) for state in states]
+        ways = {"arrays": [_completed(case, state) for state in states]}
+        if by_kernel is not None:
+            ways["compiled"] = [by_kernel(state) for state in states]
+        for way, ours in ways.items():
+            for part, (name, unit) in enumerate(IMPLIED.items()):
+                a, b = (np.array([one[part] for one in side]) for side in (ours, known))
+                check = difference(kind, a, b, BODY_PLACES, ("state", "number", "xyz"), unit)
+                found.setdefault(f"{name}, {way}", []).append(check)
+    for name, checks in found.items():
+        yield worst_of(f"{name}, {states_of_a_kind * len(KINDS)} random states", checks)
+
+
+def one_step(case: BothCodes) -> Iterator[Check]:
+    """One step of RK44 and of the reference's RK4 from a random state of each kind, in every form.
+
+    The codes turn bodies by rotation vectors, quaternions and matrices, so the schemes are the same only but
+    for terms of order h^5; the step is so short that these are below round-off. Bodies are turned at random:
+    a rotation vector of the engine that begins near zero has an error of a last bit over its length.
+    """
+    random, system = np.random.default_rng(SEED), case.start.system
+    states = {kind: next(random_bodies(case, kind, 1, random)) for kind in KINDS}
+    forms = [case, *(case.in_form(form) for form in (Form.FUSED, Form.COMPILED) if numba_installed())]
+    for kind, state in states.items():
+        turned = np.abs(_of_reference(case, state).angular).max(initial=0.0)
+        spin = np.abs(state.bodies.angular_velocity).max(initial=0.0)
+        fastest = max(largest_frequency(system), largest_damping_rate(system), spin, math.sqrt(turned))
+        starts = {
+            f"{kind}, {form.name}": form.from_state(state.position, state.velocity, state.bodies)
+            for form in forms
+        }
+        yield worst_of(f"one step, {kind}", one_step_from(starts, Plan(Method.RK44, step=SHORT / fastest)))
+
+
+def _forms(case: BothCodes) -> Iterator[tuple[str, Callable[[State], Changes]]]:
+    """The forms of exunet that are installed, and how each changes a state."""
+    yield "connectors", _of_engine(case)
+    if numba_installed():
+        yield "fused", _of_engine(case.in_form(Form.FUSED))
+        yield "compiled", _of_loop(case.start.system)
+
+
+def _of_engine(case: BothCodes) -> Callable[[State], Changes]:
+    probe, system = case.probe(), case.start.system
+
+    def changes(state: State) -> Changes:
+        if state.memory:
+            probe.remember(system, state.memory)
+        points, bodies = probe.motion(state.moving, state.time)
+        return _changes(system, state.bodies, points, bodies[:, :3], bodies[:, 3:])
+
+    return changes
+
+
+def _of_loop(system: System) -> Callable[[State], Changes]:
+    """The accelerations from which the compiled loop steps on."""
+    kernel = loop_kernel(system)
+
+    def changes(state: State) -> Changes:
+        motion = motion_of(system, state, kernel.data(state.memory))
+        kernel.module.begin(state.time, False, motion)
+        rates = motion.work[Stages._fields.index("a1"), : system.blocks.n_v]
+        points, centres, angular = np.split(rates, (3 * system.blocks.n_points, system.blocks.centres))
+        return _changes(system, state.bodies, *(part.reshape(-1, 3) for part in (points, centres, angular)))
+
+    return changes
+
+
+def _changes(
+    system: System, bodies: RigidStates, points: Floats, centres: Floats, angular: Floats
+) -> Changes:
+    """angular : (n_free_bodies, 3) or more, in principal axes; bodies whose motion is given are left out."""
+    free = np.flatnonzero(system.moves_freely)
+    points = points * system.free[:, None]
+    turn = rotation_matrix(bodies.attitude[free])
+    return Changes(points, centres[free], np.einsum("bij,bj->bi", turn, angular[free]))
+
+
+def _of_reference(case: BothCodes, state: State) -> Changes:
+    system, theirs = case.start.system, case.theirs.system
+    whole, response = case.reference_response(state)
+    moved = response.acceleration[case.reference_particles]
+    angular = turning_rate(whole.attitude, whole.spin, response.torque, theirs.bodies)
+    free, n = np.flatnonzero(system.moves_freely), system.blocks.n_points
+    return Changes(moved[:n] * system.free[:, None], moved[n:][free], angular[case.reference_rigid][free])
+
+
+def _completed(case: BothCodes, state: State) -> tuple[Floats, Floats]:
+    """Places and velocities (n_attached, 3) by whole arrays, as the states of a result are made."""
+    kinematics = case.start.system.kinematics
+    moving, point = state.moving.completed(kinematics, state.time), kinematics.point
+    return moving.position[point], moving.velocity[point]
+
+
+def _by_kernel(case: BothCodes) -> Callable[[State], tuple[Floats, Floats]]:
+    """The same as the compiled loop has them."""
+    system = case.start.system
+    kernel, point = loop_kernel(system), system.kinematics.point
+
+    def implied(state: State) -> tuple[Floats, Floats]:
+        motion = motion_of(system, state, kernel.data(state.memory))
+        kernel.module.begin(state.time, False, motion)
+        moving = system.layout.unpack(motion.x, motion.v)
+        return moving.position[point], moving.velocity[point]
+
+    return implied
+
+
+def _by_levers(case: BothCodes, state: State) -> tuple[Floats, Floats]:
+    """The same by the reference."""
+    whole, _ = case.reference_response(state)
+    nodes = case.reference_nodes[case.start.system.kinematics.point]
+    return whole.x[nodes], whole.v[nodes]
