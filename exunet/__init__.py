@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from exunet.results.ensemble_result import save_ensemble as save_ensemble
     from exunet.results.loads import Loads as Loads
     from exunet.results.loads import loads as loads
+    from exunet.results.margins import Margin as Margin
+    from exunet.results.margins import margins as margins
     from exunet.results.measures import Deployment as Deployment
     from exunet.results.measures import achievable_area as achievable_area
     from exunet.results.measures import bullet_speeds as bullet_speeds
@@ -89,6 +91,8 @@ API = {
         "energy_balance": "exunet.results.measures",
         "loads": "exunet.results.loads",
         "Loads": "exunet.results.loads",
+        "margins": "exunet.results.margins",
+        "Margin": "exunet.results.margins",
     },
     "Compare runs": {
         "compare": "exunet.results.comparison",

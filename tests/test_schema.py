@@ -29,7 +29,7 @@ from exunet.net import TOPOLOGIES
 CONTRACT = (Path(__file__).parents[1] / "cases" / "README.md").read_text(encoding="utf-8")
 # The keys of cases/README.md, the contract between the two codes, outside [effects.NAME] and of all nets.
 COMMON = """format title seed time.end time.output_step time.output_times net.topology net.divisions
-    net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus
+    net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus net.cable.strength
     initial.packing initial.fold.pattern initial.fold.box initial.fold.cylinder
     initial.frame.body initial.frame.position initial.frame.attitude initial.frame.axis initial.frame.angle
     initial.velocity initial.spin initial.node_positions initial.node_velocities
@@ -45,13 +45,16 @@ COMMON = """format title seed time.end time.output_step time.output_times net.to
     bodies.NAME.parts.NAME.length bodies.NAME.parts.NAME.radii bodies.NAME.parts.NAME.position
     bodies.NAME.parts.NAME.attitude bodies.NAME.parts.NAME.axis bodies.NAME.parts.NAME.angle
     tethers.NAME.diameter tethers.NAME.area tethers.NAME.density tethers.NAME.youngs_modulus
+    tethers.NAME.strength
     tethers.NAME.length tethers.NAME.divisions tethers.NAME.start.node tethers.NAME.start.bullet
     tethers.NAME.start.body tethers.NAME.start.point tethers.NAME.end.node tethers.NAME.end.bullet
     tethers.NAME.end.body tethers.NAME.end.point
     effects.choose effects.threshold"""
 THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
+    net.strings.strength
     net.strings.length net.strings.divisions net.bullets.mass"""
-BORDER = """net.border.diameter net.border.area net.border.density net.border.youngs_modulus"""
+BORDER = """net.border.diameter net.border.area net.border.density net.border.youngs_modulus
+    net.border.strength"""
 
 
 def of_effects() -> set[str]:

@@ -156,7 +156,16 @@ def _with_one(net: Net, name: str, keys: TetherKeys, tied: list[TiedPoint]) -> N
         youngs_modulus=_appended(net.youngs_modulus, keys.youngs_modulus, keys.divisions),
         density=_appended(net.density, keys.density, keys.divisions),
         is_string=np.concatenate([net.is_string, np.zeros(keys.divisions, dtype=bool)]),
+        **_strength(net, keys),
     )
+
+
+def _strength(net: Net, keys: TetherKeys) -> dict[str, Floats]:
+    """That of all elements, if any is known."""
+    if net.strength is None and keys.strength is None:
+        return {}
+    before = np.zeros(net.n_elements) if net.strength is None else net.strength
+    return {"strength": _appended(before, keys.strength or 0.0, keys.divisions)}
 
 
 def _appended(values: Floats, value: float, times: int) -> Floats:

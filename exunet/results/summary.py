@@ -57,6 +57,7 @@ def summarise(
         "headlines": numbers(spread, headlines_of(course)),
         "spread": description(spread),
         "largest_tension": _largest_tension(result, course),
+        "margins": _margins(course),
         "deployment": _deployment(course),
         "broken": story.get("broken"),
         "method": {
@@ -89,6 +90,21 @@ def _largest_tension(result: Result, course: Course) -> dict[str, Any]:
     element = course.peak.element
     known = "largest_tension" in result.provenance
     return {"element": element if element >= 0 else None, "of": "all steps" if known else "stored times"}
+
+
+def _margins(course: Course) -> dict[str, Any]:
+    """Where and when groups of elements that were ever taut have their least margins, by name of the group."""
+    found = ((name, course.margin(name)) for name in (course.groups.names if course.groups else ()))
+    return {
+        name: {
+            "element": one.element,
+            "time_s": one.time,
+            "strength_N": one.strength,
+            "of": one.of,
+        }
+        for name, one in found
+        if one is not None
+    }
 
 
 def _deployment(course: Course) -> dict[str, Any] | None:
@@ -242,6 +258,8 @@ def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list
         relative_to = judged[one.key].median if one.key in judged else value
         remarks = [one.remark] if one.remark else []
         remarks += _remarks(one, relative_to, summary["deployment"])
+        if one.key in judged and (worst := summary["margins"].get(one.group)):
+            remarks.append(f"in this run at t = {worst['time_s']:.6g} s")
         found.append((one.words, f"{words} ({'; '.join(remarks)})" if remarks else words))
     if summary["deployment"] is None:
         found.append(("deployment", "no mouth: not defined for this topology"))
@@ -277,6 +295,10 @@ def _where(judged: Judged) -> str:
 def _where_in_run(one: Headline, summary: dict[str, Any]) -> str:
     if one.place is None:
         return ""
+    if one.group:
+        worst = summary["margins"][one.group]
+        words = f" in {one.place_is} {worst['element']} at t = {worst['time_s']:.6g} s"
+        return words if worst["of"] == "all steps" else f"{words} (of the stored times)"
     peak = summary["largest_tension"]
     if peak["element"] is None and summary["verdict"] != COMPLETE:
         return f": no element was taut until {summary['simulated_until_s']:.6g} s"
