@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from exunet.figures import save_figures as save_figures
     from exunet.figures.ensemble import ensemble_figure as ensemble_figure
     from exunet.results.agreement import Agreement as Agreement
+    from exunet.results.clearance import clearance as clearance
     from exunet.results.comparison import compare as compare
     from exunet.results.ensemble_result import EnsembleResult as EnsembleResult
     from exunet.results.ensemble_result import load_ensemble as load_ensemble
@@ -91,6 +92,7 @@ API = {
         "energy_balance": "exunet.results.measures",
         "loads": "exunet.results.loads",
         "Loads": "exunet.results.loads",
+        "clearance": "exunet.results.clearance",
         "margins": "exunet.results.margins",
         "Margin": "exunet.results.margins",
     },

@@ -68,7 +68,9 @@ class Solid:
         """
         turn = self.rotation
         own = direction @ turn
-        return np.asarray(turn @ _farthest(self.kind, self.numbers, own) + self.position)
+        radius, size = core_of(self.kind, self.numbers)[0], float(np.linalg.norm(own))
+        around = radius / size * own if size else 0.0
+        return np.asarray(turn @ (farthest_of_core(self.kind, self.numbers, own) + around) + self.position)
 
     def contains(self, points: Floats) -> NDArray[np.bool_]:
         """(n,) True for points (n, 3) of the body's frame that are inside it."""
@@ -137,17 +139,35 @@ class Shape:
         )
 
 
-def _farthest(kind: str, numbers: Vector, direction: Floats) -> Floats:
+def core_of(kind: str, numbers: Vector) -> tuple[float, float]:
+    """Of a solid that is all points within a radius of its core: the radius, and the core's own reach [m].
+
+    The core is the middle of a sphere, the axis of a capsule, and all of every other solid, with radius 0.
+    """
     a, b, c = numbers
-    upward = 1.0 if direction[2] >= 0.0 else -1.0
-    if kind == "box":
-        return 0.5 * np.where(direction >= 0.0, 1.0, -1.0) * np.array(numbers)
     if kind in ("sphere", "capsule"):
-        size = float(np.linalg.norm(direction))
-        along = np.array([0.0, 0.0, 0.5 * b * upward if kind == "capsule" else 0.0])
-        return along + (a / size * direction if size else 0.0)
-    size = float(np.hypot(direction[0], direction[1]))
-    across = direction * [1.0, 1.0, 0.0] / size if size else np.zeros(3)
-    rims = [(a, 0.5 * b), (a, -0.5 * b)] if kind == "cylinder" else [(a, -0.5 * c), (b, 0.5 * c)]
-    points = [radius * across + np.array([0.0, 0.0, height]) for radius, height in rims]
-    return max(points, key=lambda point: float(direction @ point))
+        return a, 0.5 * b
+    if kind == "box":
+        return 0.0, 0.5 * float(np.linalg.norm(numbers))
+    return (
+        (0.0, float(np.hypot(a, 0.5 * b)))
+        if kind == "cylinder"
+        else (0.0, float(np.hypot(max(a, b), 0.5 * c)))
+    )
+
+
+def farthest_of_core(kind: str, numbers: Vector, direction: Floats) -> Floats:
+    """(..., 3) the points of a solid's core that are farthest in directions (..., 3), in its own axes [m]."""
+    a, b, c = numbers
+    upward = np.where(direction[..., 2:] >= 0.0, 1.0, -1.0)
+    if kind == "box":
+        return np.asarray(0.5 * np.where(direction >= 0.0, 1.0, -1.0) * np.array(numbers))
+    if kind in ("sphere", "capsule"):
+        return np.asarray(0.5 * b * upward * [0.0, 0.0, 1.0])
+    across = direction * [1.0, 1.0, 0.0]
+    size = np.linalg.norm(across, axis=-1, keepdims=True)
+    across = np.divide(across, size, out=np.zeros_like(across), where=size > 0.0)
+    if kind == "cylinder":
+        return np.asarray(a * across + 0.5 * b * upward * [0.0, 0.0, 1.0])
+    top = (b - a) * size + c * direction[..., 2:] > 0.0  # whose rim is farther
+    return np.where(top, b * across + [0.0, 0.0, 0.5 * c], a * across - [0.0, 0.0, 0.5 * c])

@@ -13,12 +13,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.results.areas import achievable_area
+from exunet.results.clearance import MOST_PAIRS, Pair, gaps_of, pairs_of, shapes_of
 from exunet.results.margins import (
     STRINGS,
     TETHER,
@@ -67,6 +69,7 @@ class Course:
     body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
     tether_names, tether_tension  : (t, n_tethers) largest tension along each [N]
     groups          : of elements whose strength is known; None: of none
+    pairs, gap      : (t, n_pairs) distance of two bodies, surface to surface [m]
     loaded, loaded_element : (t, n_groups) largest tension / strength in each group, and in which element
     """
 
@@ -84,6 +87,8 @@ class Course:
     body_centre: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
     tether_names: tuple[str, ...] = ()
     tether_tension: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    pairs: tuple[Pair, ...] = ()
+    gap: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     groups: Groups | None = None
     loaded: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     loaded_element: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
@@ -94,6 +99,7 @@ class Course:
         names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
         names += ["body_centre"] if self.body_names else []
         names += ["tether_tension"] if self.tether_names else []
+        names += ["gap"] if self.pairs else []
         names += ["loaded", "loaded_element"] if self.groups else []
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
@@ -250,6 +256,41 @@ def _of_margin_of_tether(name: str) -> Headline:
     return of_margin(TETHER + name)
 
 
+_OF_PAIR, _JOINED = ("bodies_", "_least_distance"), "+"  # which no name has
+
+
+def of_pair(pair: str) -> Headline:
+    """The least distance of two bodies, "one+other"."""
+
+    def value(course: Course) -> float | None:
+        names = [_JOINED.join(one) for one in course.pairs]
+        return float(course.gap[:, names.index(pair)].min()) if pair in names else None
+
+    words = f"least distance of {pair.replace(_JOINED, ' and ')}"
+    return Headline(pair.join(_OF_PAIR), words, "m", value, least=1e-8, remark="surface to surface")
+
+
+def of_time_of_pair(pair: str) -> Headline:
+    """When two bodies are nearest; None if they always are as near, as two that do not move."""
+
+    def value(course: Course) -> float | None:
+        names = [_JOINED.join(one) for one in course.pairs]
+        if pair not in names:
+            return None
+        gap = course.gap[:, names.index(pair)]
+        return float(course.time[gap.argmin()]) if np.ptp(gap) > 0.0 else None
+
+    words = f"time of least distance of {pair.replace(_JOINED, ' and ')}"
+    return Headline(pair.join(_TIME_OF_PAIR), words, "s", value, at_a_time=True)
+
+
+_TIME_OF_PAIR = ("bodies_", "_time_of_least_distance")
+
+
+def _of_pair_both(pair: str) -> tuple[Headline, Headline]:
+    return of_pair(pair), of_time_of_pair(pair)
+
+
 def headlines_for(course: Course) -> tuple[Headline, ...]:
     """The headlines of a scene: those of every net, then margins, and those of its tethers and bodies."""
     return (
@@ -257,6 +298,7 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
         *map(of_margin, course.groups.names if course.groups else ()),
         *map(of_tether, course.tether_names),
         *map(of_body, course.body_names),
+        *chain.from_iterable(_of_pair_both(_JOINED.join(pair)) for pair in course.pairs),
     )
 
 
@@ -269,6 +311,8 @@ def headline(key: str) -> Headline:
         (_OF_BODY, of_body),
         (_OF_TETHER, of_tether),
         (_MARGIN_OF_TETHER, _of_margin_of_tether),
+        (_OF_PAIR, of_pair),
+        (_TIME_OF_PAIR, of_time_of_pair),
     ):
         end = made("").key.removeprefix(begin)
         if key.startswith(begin) and key.endswith(end):
@@ -318,6 +362,7 @@ def course_of(result: Result) -> Course:
     """The course of a result over its stored times; the peak is that of all steps, where the run tells it."""
     tension, bullets = largest_tensions(result), result.net.bullet_nodes
     groups = Groups.of(result.net)
+    pairs = pairs_of(list(shapes_of(result)))[:MOST_PAIRS]
     loaded, loaded_element = loaded_over_blocks(groups, result.tension)
     return Course(
         time=result.time,
@@ -334,6 +379,8 @@ def course_of(result: Result) -> Course:
         body_centre=_centres(result),
         tether_names=tuple(result.net.tether_elements),
         tether_tension=over_blocks(partial(tensions_of_tethers, result.net), result.tension),
+        pairs=tuple(pairs),
+        gap=gaps_of(result, pairs),
         groups=groups,
         loaded=loaded,
         loaded_element=loaded_element,

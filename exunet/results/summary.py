@@ -93,7 +93,7 @@ def _largest_tension(result: Result, course: Course) -> dict[str, Any]:
 
 
 def _margins(course: Course) -> dict[str, Any]:
-    """Where and when groups of elements that were ever taut have their least margins, by name of the group."""
+    """Where and when groups of elements have their least margins, by name; not of those never taut."""
     found = ((name, course.margin(name)) for name in (course.groups.names if course.groups else ()))
     return {
         name: {
