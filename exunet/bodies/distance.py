@@ -63,7 +63,7 @@ class Part:
 @lru_cache(maxsize=256)
 def parts_of(shape: Shape, scale: float = 1.0) -> tuple[Part, ...]:
     """The convex parts of a shape, each made smaller by a factor about its origin (a mesh: its middle)."""
-    found = [_of_solid(replace(one, numbers=_times(scale, one.numbers))) for one in shape.solids]
+    found = [part_of(replace(one, numbers=_times(scale, one.numbers))) for one in shape.solids]
     return (*found, *([] if shape.mesh is None else [_hull(shape.mesh.vertices, scale)]))
 
 
@@ -72,7 +72,8 @@ def _times(scale: float, numbers: Vector) -> Vector:
     return scale * a, scale * b, scale * c
 
 
-def _of_solid(solid: Solid) -> Part:
+def part_of(solid: Solid) -> Part:
+    """A solid as a part."""
     radius, around = core_of(solid.kind, solid.numbers)
     return Part(solid, np.zeros((0, 3)), radius, np.array(solid.position), around + radius)
 

@@ -72,18 +72,26 @@ class Solid:
         around = radius / size * own if size else 0.0
         return np.asarray(turn @ (farthest_of_core(self.kind, self.numbers, own) + around) + self.position)
 
-    def contains(self, points: Floats) -> NDArray[np.bool_]:
-        """(n,) True for points (n, 3) of the body's frame that are inside it."""
+    def depth(self, points: Floats) -> Floats:
+        """(n,) [m] of points (n, 3) of the body's frame: below 0 inside, above 0 outside, 0 on the surface.
+
+        A convex function; inside it is the distance of the nearest face or, of a frustum, at least that.
+        """
         x, y, z = ((points - self.position) @ self.rotation).T
         a, b, c = self.numbers
         if self.kind == "box":
-            return np.asarray((2 * np.abs(x) < a) & (2 * np.abs(y) < b) & (2 * np.abs(z) < c))
+            sides = [np.abs(x) - 0.5 * a, np.abs(y) - 0.5 * b, np.abs(z) - 0.5 * c]
+            return np.asarray(np.maximum.reduce(sides))
         across = np.hypot(x, y)
         if self.kind == "frustum":
-            return np.asarray((2 * np.abs(z) < c) & (across < a + (b - a) * (z / c + 0.5)))
+            return np.maximum(across - (a + (b - a) * (z / c + 0.5)), np.abs(z) - 0.5 * c)
         if self.kind == "cylinder":
-            return np.asarray((2 * np.abs(z) < b) & (across < a))
-        return np.asarray(np.hypot(across, np.maximum(np.abs(z) - 0.5 * b, 0.0)) < a)
+            return np.maximum(across - a, np.abs(z) - 0.5 * b)
+        return np.asarray(np.hypot(across, np.maximum(np.abs(z) - 0.5 * b, 0.0)) - a)
+
+    def contains(self, points: Floats) -> NDArray[np.bool_]:
+        """(n,) True for points (n, 3) of the body's frame that are inside it."""
+        return self.depth(points) < 0.0
 
 
 @dataclass(frozen=True, eq=False)
