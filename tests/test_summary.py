@@ -31,8 +31,9 @@ GROUPS = ("bodies", "headlines", "margins", "method.items", "versions")
 NAMED = ("check.bodies.", *(f"{group}." for group in GROUPS))
 UNITS = ("_rad", "_s", "_m", "_m2", "_m_s", "_kg", "_N", "_J")
 WITHOUT = {  # numbers that have no unit
-    "nodes", "elements", "element", "times", "balance_error", "relative_area", "energy_excess", "tolerance", "steps",
-    "rejected_steps", "right_hand_sides", "newton_iterations", "accuracy", "at_end", "largest", "best",
+    "nodes", "elements", "element", "times", "balance_error", "relative_area", "energy_excess", "tolerance",
+    "steps", "rejected_steps",
+    "right_hand_sides", "newton_iterations", "accuracy", "at_end", "largest", "best",
     "sensitivity", "in_both", "only_here", "only_in_reference", "runs", "seed",
 }  # fmt: skip
 
@@ -56,7 +57,7 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
     short = ["--set", "time.end=0.03", "--set", "engine.loop=compiled"]
     body = ["--set", "bodies.target={mass=7.0, inertia=[2, 3, 4], velocity=[1, 0, 0]}"]
     held = ["--set", 'bodies.wall={mass=7.0, inertia=[2, 3, 4], motion="fixed"}']
-    ball = '{shape="sphere", radius=0.1, mass=7.0'  # two of them in the packed net, one flies into the other
+    ball = '{shape="sphere", radius=0.1, mass=7.0'  # two of them, one flies into the other
     through = ["--set", f"bodies={{a={ball}}}, b={ball}, position=[0.3, 0, 0], velocity=[-10, 0, 0]}}}}"]
     commands = (
         [str(CASES / "planar_deployment.toml"), "--check", "--estimate-error", *short],

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import reference_impl as reference
 from exunet.backends import integrator
@@ -260,16 +261,14 @@ class BothCodes:
         parts = zip(*(state.bodies.parts() for state in states), strict=True)
         bodies = in_frames(start.system.bodies, RigidStates(*(np.array(part) for part in parts)))
         frame, turning = rotation_matrix(bodies.attitude), bodies.angular_velocity
-        arms = _with_arms((x, v), (bodies.position, bodies.velocity, frame, turning), self.size)
+        arms = with_arms((x, v), (bodies.position, bodies.velocity, frame, turning), self.size)
         energy = np.array(left) if booked else None
         return Trajectory(np.asarray(times), *arms, stepper.counts.steps, energy, tuple(books.breaks))
 
     def run_reference(self, times: Floats, **how: Any) -> Trajectory:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.integration."""
         found = self.reference_trajectory(times, **how)
-        states, (_, rigid) = found.bodies, self._beside
-        parts = (states.position, states.velocity, states.attitude, states.angular_velocity)
-        arms = _with_arms(self.points_of(found), tuple(part[:, rigid] for part in parts), self.size)
+        arms = with_arms(self.points_of(found), self.bodies_of(found), self.size)
         ours = np.argsort(self.reference_elements)  # exunet's element of each of the reference's
         breaks = tuple(Break(int(ours[one.element]), one.time) for one in found.breaks)
         return Trajectory(found.t, *arms, found.n_steps, found.dissipated, breaks)
@@ -282,23 +281,48 @@ class BothCodes:
             np.concatenate([self.from_reference(found.v), bodies.velocity[:, masses]], axis=1),
         )
 
+    def bodies_of(self, found: reference.Trajectory) -> tuple[Floats, Floats, Floats, Floats]:
+        """Of exunet's rigid bodies in a trajectory of the reference, over its times.
+
+        Places and velocities (t, b, 3), attitudes of the frames (t, b, 3, 3), angular velocities in these.
+        """
+        states, rigid = found.bodies, self._beside[1]
+        return (
+            states.position[:, rigid],
+            states.velocity[:, rigid],
+            states.attitude[:, rigid],
+            states.angular_velocity[:, rigid],
+        )
+
+    def rigid_of(self, found: reference.Trajectory) -> RigidStates:
+        """The same as states of exunet, in principal axes."""
+        place, speed, frame, spin = self.bodies_of(found)
+        attitude, turning = np.empty((*place.shape[:2], 4)), np.empty_like(place)
+        for k, body in enumerate(self.start.system.bodies):
+            attitude[:, k] = Rotation.from_matrix(frame[:, k] @ body.rotation).as_quat(scalar_first=True)
+            turning[:, k] = spin[:, k] @ body.rotation
+        return RigidStates(place, speed, attitude, turning)
+
     def reference_trajectory(self, times: Sequence[float] | Floats, **how: Any) -> reference.Trajectory:
         """The same as the reference gives it, in its own numbering and with its counts."""
         start = self.theirs_at(self.start.state.moving)
         return reference.integrate(self.theirs.system, start.x, start.v, times, **how, bodies=start.bodies)
 
 
-def _with_arms(
-    points: tuple[Floats, Floats], bodies: tuple[Floats, ...], length: float
+def with_arms(
+    points: tuple[Floats, Floats], bodies: tuple[Floats, ...], length: float | Floats
 ) -> tuple[Floats, Floats]:
     """Places and velocities (t, k, 3) of points, and of four points of each rigid body; see `Trajectory`.
 
     bodies : places and velocities (t, b, 3), attitudes (t, b, 3, 3), angular velocities in body axes
+    length : of the arms, or (b,) of those of each body [m]
     """
     place, speed, frame, turning = bodies
     if not place.shape[1]:
         return points
-    arms = length * np.swapaxes(frame, -1, -2)  # (t, b, 3, 3): rows are the arms in the scene's axes
+    arms = np.reshape(length, (-1, 1, 1)) * np.swapaxes(
+        frame, -1, -2
+    )  # (t, b, 3, 3): rows are the arms in the scene's axes
     turn = np.einsum("tbij,tbj->tbi", frame, turning)
     moved = np.cross(turn[:, :, None], arms)
     found = []
