@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from result_samples import square_net, unfolding
 
 import exunet
+from exunet.interfaces.commands.ensemble import rows as table_of
 from exunet.results.headlines import course_of, headline, headlines_of
 from exunet.results.margins import Groups, Peak
 from exunet.results.summary import rows, summarise
@@ -136,6 +138,19 @@ def test_warm_threads_break_at_their_strain() -> None:
     strain = 0.5 * ((length / law.natural_length) ** 2 - 1.0)
     force = law.stiffness * strain * length / law.natural_length
     assert net.strength == pytest.approx(force, rel=1e-12)
+
+
+def test_a_margin_of_an_ensemble_has_no_unit(tmp_path: Path) -> None:
+    """Neither in its row, nor in its file beyond "1"; and its histogram is drawn."""
+    given = [*QUICK, "time.end=1.5", "net.strings.strength=500.0", "solver.tolerance=1e-7"]
+    found = exunet.ensemble(exunet.load(PLANAR, given), runs=4, perturb=1e-3, seed=0)
+    words = dict(table_of(found))["margin of strings"]
+    assert re.fullmatch(r"median \S+, 5 % to 95 %: \S+ to \S+, all: \S+ to \S+", words), words
+    exunet.save_ensemble(found, tmp_path / "ensemble.h5")
+    loaded = exunet.load_ensemble(tmp_path / "ensemble.h5")
+    assert loaded.headlines["margin_of_strings"].tolist() == found.headlines["margin_of_strings"].tolist()
+    labels = [axes.get_xlabel() for axes in exunet.ensemble_figure(found, "histograms").axes]
+    assert "margin of strings" in labels
 
 
 def test_bad_strength_is_refused_with_its_line(tmp_path: Path) -> None:

@@ -245,6 +245,7 @@ def of_margin(group: str) -> Headline:
         f"margin of {group}",
         "",
         value,
+        least=1e-4,
         place=place,
         place_is="element",
         remark="strength / largest tension - 1",

@@ -287,6 +287,7 @@ def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list
         remarks += _remarks(one, relative_to, summary["deployment"])
         if one.key in judged and (worst := summary["margins"].get(one.group)):
             remarks.append(f"in this run at t = {worst['time_s']:.6g} s")
+            remarks += [] if worst["of"] == "all steps" else ["at stored times, between which it may be less"]
         found.append((one.words, f"{words} ({'; '.join(remarks)})" if remarks else words))
     if summary["deployment"] is None:
         found.append(("deployment", "no mouth: not defined for this topology"))
