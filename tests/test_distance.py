@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 import exunet
 from exunet.bodies.distance import distances
@@ -150,6 +151,19 @@ def test_the_same_seen_from_either_side(one: str, other: str) -> None:
     found = distances(shape(one), a, shape(other), b)
     np.testing.assert_allclose(distances(shape(other), b, shape(one), a), found, rtol=0.0, atol=1e-9)
     assert 0.02 < (found == 0.0).mean() < 0.98
+
+
+@pytest.mark.parametrize("sizes", [((1, 2, 3), (2, 1, 0.5)), ((1e-3, 10, 4), (1e-3, 10, 4))])
+def test_boxes_against_bounded_least_squares(sizes: Any) -> None:
+    """Points of two boxes are linear in six bounded numbers; plates of a millimetre too."""
+    rng = np.random.default_rng(1)
+    a, b = random_poses(rng, 60, 4.0), random_poses(rng, 60, 4.0)
+    found = distances(shape("box", sizes[0]), a, shape("box", sizes[1]), b)
+    for k in range(60):
+        edges = [rotation_matrix(p[k, 3:]) * np.array(s) / 2 for p, s in zip((a, b), sizes, strict=True)]
+        between = np.hstack([edges[0], -edges[1]])
+        best = lsq_linear(between, b[k, :3] - a[k, :3], (-1.0, 1.0), method="bvls", tol=1e-14)
+        assert found[k] == pytest.approx(math.sqrt(2.0 * best.cost), abs=1e-12)
 
 
 def test_the_nearest_of_the_parts() -> None:
