@@ -26,12 +26,15 @@ if TYPE_CHECKING:
     from exunet.figures import save_figures as save_figures
     from exunet.figures.ensemble import ensemble_figure as ensemble_figure
     from exunet.results.agreement import Agreement as Agreement
+    from exunet.results.clearance import clearance as clearance
     from exunet.results.comparison import compare as compare
     from exunet.results.ensemble_result import EnsembleResult as EnsembleResult
     from exunet.results.ensemble_result import load_ensemble as load_ensemble
     from exunet.results.ensemble_result import save_ensemble as save_ensemble
     from exunet.results.loads import Loads as Loads
     from exunet.results.loads import loads as loads
+    from exunet.results.margins import Margin as Margin
+    from exunet.results.margins import margins as margins
     from exunet.results.measures import Deployment as Deployment
     from exunet.results.measures import achievable_area as achievable_area
     from exunet.results.measures import bullet_speeds as bullet_speeds
@@ -89,6 +92,9 @@ API = {
         "energy_balance": "exunet.results.measures",
         "loads": "exunet.results.loads",
         "Loads": "exunet.results.loads",
+        "clearance": "exunet.results.clearance",
+        "margins": "exunet.results.margins",
+        "Margin": "exunet.results.margins",
     },
     "Compare runs": {
         "compare": "exunet.results.comparison",

@@ -202,6 +202,7 @@ def _section(table: Table) -> Any:
     if diameter is not None:
         area = math.pi / 4.0 * diameter**2
     density = table.need("density", number(above=0.0))
+    table.get("strength", number(above=0.0), None)  # nothing depends on it here
     return Cable(area, density, table.need("youngs_modulus", number(above=0.0)))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import exunet
 from exunet.backends.protocol import StepCounts
 from exunet.base.errors import InputError
 from exunet.interfaces.commands import cost as command
-from exunet.methods.method import METHODS, Form, Method
+from exunet.methods.method import METHODS, Form, Kind, Method
 from exunet.results.measures import Deployment
 from exunet.simulation.preparation import prepare
 from exunet.studies.both_codes import both_of
@@ -32,6 +33,7 @@ from exunet.studies.cost.ranking import (
 from exunet.studies.cost.runners import Entry, Measures, Subject, run
 from exunet.studies.cost.settings import ReferenceMethod, Setting, base, ladders
 from exunet.studies.cost.study import Study, all_rungs, climb
+from exunet.studies.cost.tracked import tracked
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
 SURE = Converged(np.array([1.0]), 1e-9, 1e-9, None, ())
@@ -116,6 +118,7 @@ def test_the_error_of_the_energy_is_the_same_in_flight(setting):
     assert errors[1] == pytest.approx(errors[0], rel=0.03)
 
 
+ALONG = np.eye(3)
 BODY = "bodies.target={mass=1.0,inertia=[1.0,2.0,2.5],angular_velocity=[1.0,2.0,3.0],velocity=[1.0,0.0,0.0]}"
 
 
@@ -135,6 +138,75 @@ def test_the_energy_is_that_of_every_block(name, overrides, end):
         assert trial.measures.energy < 2e-3  # breaking: 1e-3 of what breaks off, with an adaptive method
         assert np.abs(trial.measures.speeds - found.speeds).max() < 1e-2 * scene.speed
         assert trial.measures.momentum is None or trial.measures.momentum < 1e-12
+
+
+def test_a_body_counts_by_what_its_motion_moves():
+    """An angle of 1e-3 rad moves the ends of arms by their radius of gyration times that; so does a spin."""
+    system = alone("planar_undamped", 0.1, BODY).start.system
+    (body,) = system.bodies
+    arm = math.sqrt(max(body.inertia) / body.mass)
+    velocity, none = np.zeros((1, system.net.n_nodes, 3)), (np.zeros((1, 0, 3)), np.zeros((1, 0, 3)))
+    turned = np.array([[1.0, -1e-3, 0.0], [1e-3, 1.0, 0.0], [0.0, 0.0, 1.0]])  # to first order
+
+    def found(place=0.0, speed=0.0, turn=ALONG, spin=0.0):
+        motion = (
+            np.full((1, 1, 3), place),
+            np.full((1, 1, 3), speed),
+            turn[None, None],
+            np.array([[[0.0, 0.0, spin]]]),
+        )
+        return tracked(system, velocity, none, motion, 4.0)
+
+    def error(**changes):
+        return np.abs(found(**changes) - found()).max()
+
+    assert found().shape == (1, 4 + 4 * 6)
+    assert error(place=1.0) == pytest.approx(1.0 / 4.0)
+    assert error(speed=1.0) == pytest.approx(1.0)
+    assert error(turn=turned) == pytest.approx(1e-3 * arm / 4.0)
+    assert error(spin=0.5) == pytest.approx(0.5 * arm)
+
+
+@pytest.mark.parametrize("name", ["snap", "tumbling", "launch"])
+def test_both_codes_agree_on_bodies(name):
+    """Tethers, free flight and a net thrown from a body: the converged solutions, and errors against them."""
+    case, end = exunet.load(PLANAR.parent / "bodies" / f"{name}.toml"), 0.3
+    scene = Subject(prepare(case.scene), both_of(case), (0.0, end))
+    found = converge(scene, compiled=True)
+    assert found.uncertainty < 1e-7
+    trials = [
+        run(scene, Setting(form, Method.DOPRI5, tolerance=1e-6)) for form in (Form.COMPILED, Form.FUSED)
+    ]
+    trials.append(run(scene, Setting(None, ReferenceMethod.RK45, tolerance=1e-6)))
+    for trial in trials:
+        assert trial.measures is not None, trial.reason
+        assert np.abs(trial.measures.speeds - found.speeds).max() / scene.speed < 1e-3
+        assert trial.measures.energy < 1e-3
+
+
+def test_the_reference_has_the_energy_of_bodies_that_forces_act_on():
+    """A body that turns in the gradient of an orbit, far from the net: its potential changes as it moves."""
+    body = "bodies.target={mass=5.0,inertia=[1.0,2.0,2.5],position=[90.0,0.0,0.0],velocity=[9.0,0.0,0.0]}"
+    case = exunet.load(PLANAR.parent / "effects" / "orbit.toml", [body])
+    scene = Subject(prepare(case.scene), both_of(case), (0.0, 0.5 * case.scene.time.end))
+    trial = run(scene, Setting(None, ReferenceMethod.DOP853, tolerance=1e-9))
+    assert trial.measures is not None, trial.reason
+    ours = run(scene, Setting(Form.COMPILED, Method.DOPRI5, tolerance=1e-9))
+    assert ours.measures is not None, ours.reason
+    assert trial.measures.energy < 1e-6
+    assert ours.measures.energy < 1e-6
+    assert np.abs(trial.measures.speeds - ours.measures.speeds).max() < 1e-4 * scene.speed
+
+
+def test_methods_that_cannot_move_bodies_are_not_tried():
+    """No implicit method where a tether pulls a body; all where a body flies alone."""
+    implicit = {name for name, method in METHODS.items() if method.kind == Kind.IMPLICIT}
+    for name, expected in (("snap", set()), ("tumbling", implicit)):
+        case = exunet.load(PLANAR.parent / "bodies" / f"{name}.toml")
+        scene = Subject(prepare(case.scene), None, (0.0, case.scene.time.end))
+        tried = {ladder[0].method for ladder in all_rungs(scene, compiled=True)}
+        assert tried & implicit == expected
+        assert Method.DOPRI5 in tried
 
 
 def test_only_methods_that_the_effects_allow_are_tried():

@@ -296,7 +296,7 @@ def test_a_body_named_twice_is_refused(tmp_path: Path) -> None:
 
 
 def pose(*place: float, attitude: Any = (1.0, 0.0, 0.0, 0.0)) -> Any:
-    return np.array([*place, *attitude])
+    return np.array([[*place, *attitude]])
 
 
 def test_a_ball_and_a_turned_cube_overlap_where_they_do() -> None:

@@ -26,13 +26,14 @@ SECTION = (
 TABLE = [
     key for row in re.findall(r"^\| (`.*?) \| ", SECTION, re.MULTILINE) for key in re.findall("`(.*?)`", row)
 ]
-GROUPS = ("bodies", "headlines", "method.items", "versions")
+GROUPS = ("bodies", "headlines", "margins", "method.items", "versions")
 # Followed by names of the user's or of the engine's choice.
 NAMED = ("check.bodies.", *(f"{group}." for group in GROUPS))
 UNITS = ("_rad", "_s", "_m", "_m2", "_m_s", "_kg", "_N", "_J")
 WITHOUT = {  # numbers that have no unit
-    "nodes", "elements", "element", "balance_error", "relative_area", "energy_excess", "tolerance", "steps",
-    "rejected_steps", "right_hand_sides", "newton_iterations", "accuracy", "at_end", "largest", "best",
+    "nodes", "elements", "element", "times", "balance_error", "relative_area", "energy_excess", "tolerance",
+    "steps", "rejected_steps",
+    "right_hand_sides", "newton_iterations", "accuracy", "at_end", "largest", "best",
     "sensitivity", "in_both", "only_here", "only_in_reference", "runs", "seed",
 }  # fmt: skip
 
@@ -56,11 +57,14 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
     short = ["--set", "time.end=0.03", "--set", "engine.loop=compiled"]
     body = ["--set", "bodies.target={mass=7.0, inertia=[2, 3, 4], velocity=[1, 0, 0]}"]
     held = ["--set", 'bodies.wall={mass=7.0, inertia=[2, 3, 4], motion="fixed"}']
+    ball = '{shape="sphere", radius=0.1, mass=7.0'  # two of them, one flies into the other
+    through = ["--set", f"bodies={{a={ball}}}, b={ball}, position=[0.3, 0, 0], velocity=[-10, 0, 0]}}}}"]
     commands = (
         [str(CASES / "planar_deployment.toml"), "--check", "--estimate-error", *short],
         [str(CASES / "planar_deployment.toml"), "--check", *short, *body],
         [str(CASES / "effects" / "breaking.toml"), "--check"],
         [str(CASES / "planar_deployment.toml"), *short, *held],
+        [str(CASES / "planar_deployment.toml"), *short, *through],
     )
     found = []
     for k, command in enumerate(commands):
@@ -90,7 +94,7 @@ def test_every_key_is_in_the_table_and_every_row_in_a_file(summaries):
 @pytest.mark.ci
 def test_names_have_the_units_of_their_numbers(summaries):
     for summary in summaries:
-        assert all(name.endswith(UNITS) for name in summary["headlines"])
+        assert all(name.endswith(UNITS) != ("margin" in name) for name in summary["headlines"])
         for path, value in keys(summary | {"headlines": {}}):
             name = path.split(".")[-1].removesuffix("[]")
             if isinstance(value, float | int) and not isinstance(value, bool) and name != "*":

@@ -54,6 +54,14 @@ class RigidBody:
             return np.diag(self.inertia)
         return np.asarray(self.rotation @ np.diag(self.inertia) @ self.rotation.T)
 
+    def frame_poses(self, position: Floats, attitude: Floats) -> Floats:
+        """(..., 7) place of the frame's origin [m] and its attitude, of states of the body.
+
+        position, attitude : (..., 3) of the centre of mass [m], (..., 4) of the principal axes
+        """
+        frame = product(attitude, np.array(self.axes) * [1.0, -1.0, -1.0, -1.0])
+        return np.concatenate([position - rotation_matrix(frame) @ np.array(self.centre), frame], axis=-1)
+
     def in_principal_axes(self, point: Sequence[float]) -> Floats:
         """A point (3,) of the frame, from the centre of mass and in principal axes [m]."""
         return np.asarray((np.array(point, dtype=float) - self.centre) @ self.rotation)

@@ -68,20 +68,30 @@ class Solid:
         """
         turn = self.rotation
         own = direction @ turn
-        return np.asarray(turn @ _farthest(self.kind, self.numbers, own) + self.position)
+        radius, size = core_of(self.kind, self.numbers)[0], float(np.linalg.norm(own))
+        around = radius / size * own if size else 0.0
+        return np.asarray(turn @ (farthest_of_core(self.kind, self.numbers, own) + around) + self.position)
 
-    def contains(self, points: Floats) -> NDArray[np.bool_]:
-        """(n,) True for points (n, 3) of the body's frame that are inside it."""
+    def depth(self, points: Floats) -> Floats:
+        """(n,) [m] of points (n, 3) of the body's frame: below 0 inside, above 0 outside, 0 on the surface.
+
+        A convex function; inside it is the distance of the nearest face or, of a frustum, at least that.
+        """
         x, y, z = ((points - self.position) @ self.rotation).T
         a, b, c = self.numbers
         if self.kind == "box":
-            return np.asarray((2 * np.abs(x) < a) & (2 * np.abs(y) < b) & (2 * np.abs(z) < c))
+            sides = [np.abs(x) - 0.5 * a, np.abs(y) - 0.5 * b, np.abs(z) - 0.5 * c]
+            return np.asarray(np.maximum.reduce(sides))
         across = np.hypot(x, y)
         if self.kind == "frustum":
-            return np.asarray((2 * np.abs(z) < c) & (across < a + (b - a) * (z / c + 0.5)))
+            return np.maximum(across - (a + (b - a) * (z / c + 0.5)), np.abs(z) - 0.5 * c)
         if self.kind == "cylinder":
-            return np.asarray((2 * np.abs(z) < b) & (across < a))
-        return np.asarray(np.hypot(across, np.maximum(np.abs(z) - 0.5 * b, 0.0)) < a)
+            return np.maximum(across - a, np.abs(z) - 0.5 * b)
+        return np.asarray(np.hypot(across, np.maximum(np.abs(z) - 0.5 * b, 0.0)) - a)
+
+    def contains(self, points: Floats) -> NDArray[np.bool_]:
+        """(n,) True for points (n, 3) of the body's frame that are inside it."""
+        return self.depth(points) < 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,17 +147,35 @@ class Shape:
         )
 
 
-def _farthest(kind: str, numbers: Vector, direction: Floats) -> Floats:
+def core_of(kind: str, numbers: Vector) -> tuple[float, float]:
+    """Of a solid that is all points within a radius of its core: the radius, and the core's own reach [m].
+
+    The core is the middle of a sphere, the axis of a capsule, and all of every other solid, with radius 0.
+    """
     a, b, c = numbers
-    upward = 1.0 if direction[2] >= 0.0 else -1.0
-    if kind == "box":
-        return 0.5 * np.where(direction >= 0.0, 1.0, -1.0) * np.array(numbers)
     if kind in ("sphere", "capsule"):
-        size = float(np.linalg.norm(direction))
-        along = np.array([0.0, 0.0, 0.5 * b * upward if kind == "capsule" else 0.0])
-        return along + (a / size * direction if size else 0.0)
-    size = float(np.hypot(direction[0], direction[1]))
-    across = direction * [1.0, 1.0, 0.0] / size if size else np.zeros(3)
-    rims = [(a, 0.5 * b), (a, -0.5 * b)] if kind == "cylinder" else [(a, -0.5 * c), (b, 0.5 * c)]
-    points = [radius * across + np.array([0.0, 0.0, height]) for radius, height in rims]
-    return max(points, key=lambda point: float(direction @ point))
+        return a, 0.5 * b
+    if kind == "box":
+        return 0.0, 0.5 * float(np.linalg.norm(numbers))
+    return (
+        (0.0, float(np.hypot(a, 0.5 * b)))
+        if kind == "cylinder"
+        else (0.0, float(np.hypot(max(a, b), 0.5 * c)))
+    )
+
+
+def farthest_of_core(kind: str, numbers: Vector, direction: Floats) -> Floats:
+    """(..., 3) the points of a solid's core that are farthest in directions (..., 3), in its own axes [m]."""
+    a, b, c = numbers
+    upward = np.where(direction[..., 2:] >= 0.0, 1.0, -1.0)
+    if kind == "box":
+        return np.asarray(0.5 * np.where(direction >= 0.0, 1.0, -1.0) * np.array(numbers))
+    if kind in ("sphere", "capsule"):
+        return np.asarray(0.5 * b * upward * [0.0, 0.0, 1.0])
+    across = direction * [1.0, 1.0, 0.0]
+    size = np.linalg.norm(across, axis=-1, keepdims=True)
+    across = np.divide(across, size, out=np.zeros_like(across), where=size > 0.0)
+    if kind == "cylinder":
+        return np.asarray(a * across + 0.5 * b * upward * [0.0, 0.0, 1.0])
+    top = (b - a) * size + c * direction[..., 2:] > 0.0  # whose rim is farther
+    return np.where(top, b * across + [0.0, 0.0, 0.5 * c], a * across - [0.0, 0.0, 0.5 * c])

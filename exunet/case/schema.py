@@ -152,13 +152,21 @@ def template(topology: str = "square") -> str:
 def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
     """Lines of the keys of a table that are not tables, those that it needs first."""
     node = resolve(path, topology)
-    given = {*node.get("required", ()), *_CHOSEN, *(_OF_PARTS if "parts" in path else ())}
+    given = {*node.get("required", ()), *_chosen(node), *(_OF_PARTS if "parts" in path else ())}
     keys = {name: _plain(raw, topology) for name, raw in _properties(node).items()}
     for name in sorted(keys, key=lambda name: name not in given):
         if keys[name].get("type") != "object":
             yield ("" if name in given else "# ") + _assignment(name, keys[name])
     if path == ("net",):
         yield from _other_topologies(topology)
+
+
+def _chosen(node: Node) -> Iterator[str]:
+    """The optional keys that the template uses in a table."""
+    choices = [one["required"][0] for one in node.get("oneOf", ()) if set(one) == {"required"}]
+    first = choices[:1] if choices[:1] == ["body"] else []  # an end of a tether that may have a reel
+    yield from first
+    yield from (name for name in _CHOSEN if not first or name not in choices)
 
 
 def _tables(path: tuple[str, ...], topology: str, *, needed: bool) -> Iterator[str]:
@@ -198,7 +206,16 @@ def _other_topologies(chosen: str) -> Iterator[str]:
 
 def _assignment(name: str, key: Node) -> str:
     about = key.get("description", "")
-    return f"{name} = {json.dumps(example(key))}" + (f"  # {about}" if about else "")
+    return f"{name} = {_toml(example(key))}" + (f"  # {about}" if about else "")
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML writes it in one line."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{name} = {_toml(one)}" for name, one in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)
 
 
 def example(key: Node) -> Any:

@@ -29,6 +29,7 @@ FIGURES = {
     "tensions": "largest tension of each element at the stored times, on the reference net; needs elements",
     "largest_tension": "largest tension of all elements over time; needs elements",
     "loads": "pull of the threads on each body at the nodes that are fixed to it; needs such nodes",
+    "distances": "distance of each two bodies with shapes, surface to surface, over time; needs two of them",
     "rotation": "angular velocity of each rigid body over time; needs a rigid body",
     "agreement": "differences between two codes over time; needs an `agreement`",
 }
@@ -156,6 +157,7 @@ def _drawers(
         "tensions": tensions.tensions,
         "largest_tension": lambda result, page: curves.largest_tension(result, page, spread),
         "loads": curves.loads_on_bodies,
+        "distances": curves.distances,
         "rotation": curves.rotation,
         "agreement": lambda result, page: (
             None if agreement is None else curves.agreement(result, page, agreement)

@@ -15,6 +15,7 @@ from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_st
 from exunet.figures.thinning import thinned, thinned_band
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
+from exunet.results.clearance import gaps_of, pairs_of, shapes_of
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.loads import loads
 from exunet.results.result import Result
@@ -187,6 +188,36 @@ def loads_on_bodies(result: Result, page: Page) -> Figure | None:
         _curve(axes, result.time, sizes[one], place / len(largest), label=label, markersize=4.5, **style)
     if len(drawn) > len(largest):
         axes.plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
+    axes.set_ylim(bottom=0.0)
+    _legend(figure, axes)
+    return figure
+
+
+def distances(result: Result, page: Page) -> Figure | None:
+    """Distance of two bodies over time, surface to surface; None without two bodies with shapes.
+
+    Of more than eight pairs those that come nearest. A circle marks the least of all.
+    """
+    pairs = pairs_of(list(shapes_of(result)))
+    if not pairs:
+        return None
+    found = gaps_of(result, pairs)
+    figure, axes = _curve_axes(result, page, "Distance of the bodies", "distance of the surfaces [m]")
+    nearest = np.argsort(found.min(axis=0), kind="stable")[:MOST_CURVES].tolist()
+    for place, (k, style) in enumerate(zip(nearest, curve_styles(len(nearest)), strict=True)):
+        label = " and ".join(pairs[k])
+        _curve(axes, result.time, found[:, k], place / len(nearest), label=label, markersize=4.5, **style)
+    row = int(found[:, nearest[0]].argmin())
+    least = float(found[row, nearest[0]])
+    words = (
+        f"least: {number(least)} m at {number(result.time[row])} s"
+        if least
+        else f"overlap at {number(result.time[row])} s"
+    )
+    style = {"color": BLACK, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
+    axes.plot(result.time[row], least, "o", label=words, **style)
+    if len(pairs) > len(nearest):
+        axes.plot([], [], " ", label=f"{len(pairs) - len(nearest)} more pairs, which stay farther apart")
     axes.set_ylim(bottom=0.0)
     _legend(figure, axes)
     return figure

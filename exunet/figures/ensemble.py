@@ -79,7 +79,7 @@ def histograms(result: EnsembleResult, page: Page) -> Figure | None:
             label = "5 % and 95 %" if level < 0.5 else None
             at = float(np.quantile(values, level))
             axes.axvline(at, color=BLACK, linewidth=0.8, linestyle=":", label=label)
-        axes.set_xlabel(f"{one.words} [{_unit(one.unit)}]")
+        axes.set_xlabel(f"{one.words} [{_unit(one.unit)}]" if one.unit else one.words)
         axes.set_ylabel("runs")
         axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     legend_above(figure, *panels[0].get_legend_handles_labels())

@@ -80,6 +80,8 @@ class Net:
                          seen from +z
     mouth              : loop of corner nodes, anticlockwise; empty if the topology has none
     tethers            : cables beside the net: their own nodes and elements are the last ones
+    strength           : (n_elements,) axial force that each element is said to bear, or at which it breaks
+                         [N]; 0: not known. None: of no element
     """
 
     reference_position: Floats
@@ -95,6 +97,7 @@ class Net:
     faces: tuple[tuple[int, ...], ...] = ()
     mouth: tuple[int, ...] = ()
     tethers: tuple[Tether, ...] = ()
+    strength: Floats | None = None
 
     @property
     def n_nodes(self) -> int:
@@ -121,7 +124,8 @@ class Net:
             return self
         nodes, elements = self.n_net_nodes, self.n_net_elements
         of_nodes = ("reference_position", "mass")
-        of_elements = ("element_nodes", "reference_length", "area", "youngs_modulus", "density", "is_string")
+        of_elements = ["element_nodes", "reference_length", "area", "youngs_modulus", "density", "is_string"]
+        of_elements += [] if self.strength is None else ["strength"]
         parts = {name: getattr(self, name)[:nodes] for name in of_nodes}
         parts |= {name: getattr(self, name)[:elements] for name in of_elements}
         return replace(self, tethers=(), **parts)

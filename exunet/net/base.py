@@ -30,6 +30,11 @@ class Cable(Table):
     )
     density: Positive = Field(description="mass density [kg/m3]", examples=[1390.0])
     youngs_modulus: Positive = Field(description="Young's modulus E [Pa]", examples=[70e9])
+    strength: Positive | None = Field(
+        None,
+        description="axial force [N] that it is said to bear, against which margins are told; nothing breaks",
+        examples=[400.0],
+    )
 
     @property
     def cross_section(self) -> float:

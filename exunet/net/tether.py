@@ -30,7 +30,7 @@ _NODE = "number of a node of the net, as in results and in lists of nodes"
 class EndKeys(Table):
     """What an end of a tether is tied to."""
 
-    EXACTLY_ONE: ClassVar = ("node", "bullet", "body")
+    EXACTLY_ONE: ClassVar = ("body", "node", "bullet")
 
     node: Annotated[int, Field(ge=0)] | None = Field(None, description=_NODE, examples=[0])
     bullet: Annotated[int, Field(ge=0)] | None = Field(
@@ -44,6 +44,8 @@ class EndKeys(Table):
 
 class OtherEndKeys(EndKeys):
     """The same, with an example of its own."""
+
+    EXACTLY_ONE: ClassVar = ("node", "bullet", "body")
 
     node: Annotated[int, Field(ge=0)] | None = Field(None, description=_NODE, examples=[1])
 
@@ -179,7 +181,16 @@ def _with_one(net: Net, name: str, keys: TetherKeys, tied: list[TiedPoint]) -> N
         youngs_modulus=_appended(net.youngs_modulus, keys.youngs_modulus, keys.divisions),
         density=_appended(net.density, keys.density, keys.divisions),
         is_string=np.concatenate([net.is_string, np.zeros(keys.divisions, dtype=bool)]),
+        **_strength(net, keys),
     )
+
+
+def _strength(net: Net, keys: TetherKeys) -> dict[str, Floats]:
+    """That of all elements, if any is known."""
+    if net.strength is None and keys.strength is None:
+        return {}
+    before = np.zeros(net.n_elements) if net.strength is None else net.strength
+    return {"strength": _appended(before, keys.strength or 0.0, keys.divisions)}
 
 
 def _appended(values: Floats, value: float, times: int) -> Floats:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
+from exunet.bodies.packed import WIDTH, unpacked
 
 Floats = NDArray[np.float64]
 
@@ -45,12 +46,16 @@ class BodyConstants:
     wireframe : (k, 2, 3) ends of lines that show its shape, from the centre of mass, in body axes [m]; None:
                 it has no shape
     nodes     : (m,) nodes of the net and of tethers that are fixed to it; None: none
+    solids, vertices, triangles : its shape, as of `exunet.bodies.packed`; None: it has no such
     """
 
     mass: float
     inertia: Floats | None = None
     wireframe: Floats | None = None
     nodes: NDArray[np.int64] | None = None
+    solids: Floats | None = None
+    vertices: Floats | None = None
+    triangles: NDArray[np.int64] | None = None
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Those of its values that are arrays, by name."""
@@ -72,6 +77,14 @@ CONSTANTS = {
         (None, 2, 3), "m", "ends of lines that show the shape, from the centre of mass, in body axes"
     ),
     "nodes": Constant((None,), "1", "nodes of the net and of tethers that are fixed to the body", "<i8"),
+    "solids": Constant(
+        (None, WIDTH),
+        "1",
+        "solids of the shape: kind (0 box, 1 cylinder, 2 sphere, 3 capsule, 4 frustum), three dimensions "
+        "[m], place from the centre of mass [m] and quaternion (w, x, y, z), in body axes",
+    ),
+    "vertices": Constant((None, 3), "m", "of the mesh, from the centre of mass, in body axes"),
+    "triangles": Constant((None, 3), "1", "vertices of the mesh's triangles, from 0", "<i8"),
 }
 
 
@@ -87,6 +100,7 @@ def body_constants(mass: float, arrays: Mapping[str, Any]) -> BodyConstants:
         if not fits or values.dtype.kind != kind or not np.all(np.isfinite(values)):
             words = " x ".join("k" if size is None else str(size) for size in shape)
             raise ValueError(f"{name} is not an array of {words} finite numbers")
+    unpacked(*(arrays.get(name) for name in ("solids", "vertices", "triangles")))
     return BodyConstants(mass, **arrays)
 
 

@@ -122,7 +122,7 @@ def save_ensemble(result: EnsembleResult, path: str | Path, *, overwrite: bool =
         put_text(file, "provenance", json.dumps(dict(result.provenance), sort_keys=True, allow_nan=False))
         for key, values in result.headlines.items():
             one = headline(key)
-            put(file, f"headlines/{key}", values, one.unit, one.words)
+            put(file, f"headlines/{key}", values, one.unit or "1", one.words)
         put(file, "elements", result.elements, "1", "element with the largest tension of each run")
         put(file, "time", result.time, "s", "instants")
         put(file, "quantiles/levels", result.levels, "1", "levels of the quantiles over the runs")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError, UnsoundStates
 from exunet.net.arrays import Net
 from exunet.results.columns import (
+    CONSTANTS,
     OPTIONAL,
     PATHS,
     STATES,
@@ -81,7 +82,7 @@ _OPTIONAL_PATHS = {PATHS[name] for name in OPTIONAL}
 
 def _body(found: Mapping[str, Any], name: str, body: BodyConstants) -> BodyStates:
     states = {quantity: found[body_path(name, quantity)] for quantity in body_quantities(body)}
-    return BodyStates(body.mass, body.inertia, wireframe=body.wireframe, nodes=body.nodes, **states)
+    return BodyStates(body.mass, **{one: getattr(body, one) for one in CONSTANTS}, **states)
 
 
 def check_values(values: Any, column: Column, where: str) -> None:

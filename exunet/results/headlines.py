@@ -13,12 +13,24 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.results.areas import achievable_area
+from exunet.results.clearance import MOST_PAIRS, Pair, gaps_of, pairs_of, shapes_of
+from exunet.results.margins import (
+    STRINGS,
+    TETHER,
+    THREADS,
+    Groups,
+    Margin,
+    Peak,
+    loaded_over_blocks,
+    peak_of_all_steps,
+)
 from exunet.results.measures import (
     NEARLY_OPEN,
     deployment_of_course,
@@ -32,6 +44,7 @@ from exunet.results.result import Result
 from exunet.results.rows import StoredRows, over_blocks
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 INTERVALS = 400  # between the instants of a course
 
@@ -39,15 +52,6 @@ INTERVALS = 400  # between the instants of a course
 def instants(end: float) -> Floats:
     """(401,) times [s] from 0 to `end`, at which the courses of a spread and of an ensemble are taken."""
     return np.linspace(0.0, end, INTERVALS + 1)
-
-
-@dataclass(frozen=True)
-class Peak:
-    """The largest tension of all steps [N], when [s], and in which element (-1: none was ever taut)."""
-
-    tension: float
-    time: float
-    element: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +68,9 @@ class Course:
     peak            : the largest of all steps
     body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
     tether_names, tether_tension  : (t, n_tethers) largest tension along each [N]
+    groups          : of elements whose strength is known; None: of none
+    pairs, gap      : (t, n_pairs) distance of two bodies, surface to surface [m]
+    loaded, loaded_element : (t, n_groups) largest tension / strength in each group, and in which element
     """
 
     time: Floats
@@ -80,6 +87,11 @@ class Course:
     body_centre: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
     tether_names: tuple[str, ...] = ()
     tether_tension: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    pairs: tuple[Pair, ...] = ()
+    gap: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    groups: Groups | None = None
+    loaded: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    loaded_element: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
 
     def at_every_second(self) -> Course:
         """The same at half as many times, the last one included."""
@@ -87,7 +99,16 @@ class Course:
         names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
         names += ["body_centre"] if self.body_names else []
         names += ["tether_tension"] if self.tether_names else []
+        names += ["gap"] if self.pairs else []
+        names += ["loaded", "loaded_element"] if self.groups else []
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    def margin(self, group: str) -> Margin | None:
+        """The least of a group of elements; None where it has none."""
+        if self.groups is None or group not in self.groups.names:
+            return None
+        number = self.groups.names.index(group)
+        return self.groups.least(number, self.time, self.loaded, self.loaded_element, self.peak)
 
 
 @dataclass(frozen=True)
@@ -96,7 +117,7 @@ class Headline:
 
     name     : its key in summary.json, without the unit
     words    : its name in tables and figures
-    unit     : "N", "m2", ...
+    unit     : "N", "m2", ...; "": none
     value    : from a course; None where it is not defined
     digits   : significant ones that are printed
     least    : differences up to this [unit] are those of round-off, or of the moves themselves
@@ -104,6 +125,7 @@ class Headline:
     place_is : what `place` numbers, in a word
     at_a_time : it is one of the course's times, known no better than to half of their spacing
     remark   : what the table says after the value
+    group    : of elements, whose margin it is; "": of none
     """
 
     name: str
@@ -116,11 +138,12 @@ class Headline:
     place_is: str = ""
     at_a_time: bool = False
     remark: str = ""
+    group: str = ""
 
     @property
     def key(self) -> str:
         """Its key in summary.json: name and unit."""
-        return f"{self.name}_{self.unit.replace('/', '_')}"
+        return f"{self.name}_{self.unit.replace('/', '_')}" if self.unit else self.name
 
 
 def _time_of_peak(course: Course) -> float | None:
@@ -175,6 +198,7 @@ HEADLINES = (
 
 
 _OF_BODY, _OF_TETHER = ("body_", "_displacement"), ("tether_", "_largest_tension")
+_MARGIN_OF_TETHER = ("tether_", "_margin")
 
 
 def of_body(name: str) -> Headline:
@@ -202,18 +226,96 @@ def of_tether(name: str) -> Headline:
     return Headline(name.join(_OF_TETHER), words, "N", value, remark="at stored times")
 
 
+def of_margin(group: str) -> Headline:
+    """The least margin of a group of elements to their strength."""
+
+    def value(course: Course) -> float | None:
+        found = course.margin(group)
+        return None if found is None else found.margin
+
+    def place(course: Course) -> int:
+        found = course.margin(group)
+        return -1 if found is None else found.element
+
+    name = f"margin_of_{group}"
+    if group.startswith(TETHER):
+        name = group.removeprefix(TETHER).join(_MARGIN_OF_TETHER)
+    return Headline(
+        name,
+        f"margin of {group}",
+        "",
+        value,
+        least=1e-4,
+        place=place,
+        place_is="element",
+        remark="strength / largest tension - 1",
+        group=group,
+    )
+
+
+def _of_margin_of_tether(name: str) -> Headline:
+    return of_margin(TETHER + name)
+
+
+_OF_PAIR, _JOINED = ("bodies_", "_least_distance"), "+"  # which no name has
+
+
+def of_pair(pair: str) -> Headline:
+    """The least distance of two bodies, "one+other"."""
+
+    def value(course: Course) -> float | None:
+        names = [_JOINED.join(one) for one in course.pairs]
+        return float(course.gap[:, names.index(pair)].min()) if pair in names else None
+
+    words = f"least distance of {pair.replace(_JOINED, ' and ')}"
+    return Headline(pair.join(_OF_PAIR), words, "m", value, least=1e-8, remark="surface to surface")
+
+
+def of_time_of_pair(pair: str) -> Headline:
+    """When two bodies are nearest; None if they always are as near, as two that do not move."""
+
+    def value(course: Course) -> float | None:
+        names = [_JOINED.join(one) for one in course.pairs]
+        if pair not in names:
+            return None
+        gap = course.gap[:, names.index(pair)]
+        return float(course.time[gap.argmin()]) if np.ptp(gap) > 0.0 else None
+
+    words = f"time of least distance of {pair.replace(_JOINED, ' and ')}"
+    return Headline(pair.join(_TIME_OF_PAIR), words, "s", value, at_a_time=True)
+
+
+_TIME_OF_PAIR = ("bodies_", "_time_of_least_distance")
+
+
+def _of_pair_both(pair: str) -> tuple[Headline, Headline]:
+    return of_pair(pair), of_time_of_pair(pair)
+
+
 def headlines_for(course: Course) -> tuple[Headline, ...]:
-    """The headlines of a scene: those of every net, then of the tethers and bodies of a course."""
-    return (*HEADLINES, *map(of_tether, course.tether_names), *map(of_body, course.body_names))
+    """The headlines of a scene: those of every net, then margins, and those of its tethers and bodies."""
+    return (
+        *HEADLINES,
+        *map(of_margin, course.groups.names if course.groups else ()),
+        *map(of_tether, course.tether_names),
+        *map(of_body, course.body_names),
+        *chain.from_iterable(_of_pair_both(_JOINED.join(pair)) for pair in course.pairs),
+    )
 
 
 def headline(key: str) -> Headline:
     """The headline of a key; raises KeyError if there is none."""
-    for one in HEADLINES:
+    for one in (*HEADLINES, of_margin(THREADS), of_margin(STRINGS)):
         if one.key == key:
             return one
-    for (begin, end), made in ((_OF_BODY, of_body), (_OF_TETHER, of_tether)):
-        end += f"_{made('').unit}"
+    for (begin, _), made in (
+        (_OF_BODY, of_body),
+        (_OF_TETHER, of_tether),
+        (_MARGIN_OF_TETHER, _of_margin_of_tether),
+        (_OF_PAIR, of_pair),
+        (_TIME_OF_PAIR, of_time_of_pair),
+    ):
+        end = made("").key.removeprefix(begin)
         if key.startswith(begin) and key.endswith(end):
             return made(key[len(begin) : -len(end)])
     raise KeyError(key)
@@ -260,6 +362,9 @@ def headlines_of(course: Course) -> dict[str, float | None]:
 def course_of(result: Result) -> Course:
     """The course of a result over its stored times; the peak is that of all steps, where the run tells it."""
     tension, bullets = largest_tensions(result), result.net.bullet_nodes
+    groups = Groups.of(result.net)
+    pairs = pairs_of(list(shapes_of(result)))[:MOST_PAIRS]
+    loaded, loaded_element = loaded_over_blocks(groups, result.tension)
     return Course(
         time=result.time,
         area=mouth_areas(result),
@@ -275,6 +380,11 @@ def course_of(result: Result) -> Course:
         body_centre=_centres(result),
         tether_names=tuple(result.net.tether_elements),
         tether_tension=over_blocks(partial(tensions_of_tethers, result.net), result.tension),
+        pairs=tuple(pairs),
+        gap=gaps_of(result, pairs),
+        groups=groups,
+        loaded=loaded,
+        loaded_element=loaded_element,
     )
 
 
@@ -292,8 +402,8 @@ def _of_rows(measure: Callable[[Floats], Floats], values: Any, width: int) -> An
 
 
 def _peak(result: Result, tension: Floats) -> Peak:
-    if known := result.provenance.get("largest_tension"):
-        return Peak(known["tension_N"], known["time_s"], known["element"])
+    if known := peak_of_all_steps(result):
+        return known
     at = int(np.argmax(tension))
     element = int(np.argmax(result.tension[at])) if tension[at] > 0.0 else -1
     return Peak(float(tension[at]), float(result.time[at]), element)
@@ -301,7 +411,7 @@ def _peak(result: Result, tension: Floats) -> Peak:
 
 def shown(one: Headline, value: float) -> str:
     """A value to the digits that a headline has, with its unit."""
-    return f"{printed(value, max(unit_of_last_digit(value, one.digits), one.least))} {one.unit}"
+    return f"{printed(value, max(unit_of_last_digit(value, one.digits), one.least))} {one.unit}".rstrip()
 
 
 def unit_of_last_digit(value: float, digits: int) -> float:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.net.arrays import Net
+from exunet.results.margins import Margin, margins
 from exunet.results.result import Result
 from exunet.results.rows import row_ranges
 
@@ -26,11 +27,14 @@ class Loads:
     nodes  : (m,) these nodes
     force  : (n_times, m, 3) on the body at each [N], in the axes of the scene
     torque : (n_times, m, 3) of each about the body's centre of mass [N m], in the axes of the scene
+    margins : the least margin to the strength of the elements that end at these nodes, as of
+             `exunet.margins`; empty where no strength is known
     """
 
     nodes: Ints
     force: Floats
     torque: Floats
+    margins: Mapping[str, Margin] = field(default_factory=dict)
 
     @property
     def size(self) -> Floats:
@@ -61,7 +65,8 @@ def loads(result: Result, body: str) -> Loads:
         places.append(position[:, nodes])
     force = np.concatenate(forces)
     arms = np.concatenate(places) - np.asarray(states.position[:])[:, None]
-    return Loads(nodes, force, np.cross(arms, force))
+    ends = np.asarray(np.isin(result.net.element_nodes, nodes).any(axis=1))
+    return Loads(nodes, force, np.cross(arms, force), margins(result, ends))
 
 
 def _pulls(net: Net, nodes: Ints, position: Floats, tension: Floats) -> Floats:

@@ -45,6 +45,10 @@ OF_TETHERS = {
     "tether_values": NetArray("x", "1", "nodes along the tethers, one after another", "<i8"),
     "tether_offsets": NetArray("y", "1", "tether k is tether_values[offsets[k]:offsets[k + 1]]", "<i8"),
 }
+OF_STRENGTH = {
+    "strength": NetArray("e", "N", "axial force that each element is said to bear; 0: not known"),
+}
+OPTIONAL = frozenset({*OF_TETHERS, *OF_STRENGTH})  # of nets that have such
 _FACES = "loops of nodes round the mesh openings, one after another"
 _MOUTH = "loop of corner nodes round the net's mouth, one after another"
 NET_ARRAYS = _PLAIN | {
@@ -53,12 +57,13 @@ NET_ARRAYS = _PLAIN | {
     "mouth_values": NetArray("w", "1", _MOUTH, "<i8"),
     "mouth_offsets": NetArray("p", "1", "loop k is mouth_values[offsets[k]:offsets[k + 1]]", "<i8"),
     **OF_TETHERS,
+    **OF_STRENGTH,
 }
 _LOOPS = ("face", "mouth", "tether")
 
 
 def to_arrays(net: Net, where: str) -> dict[str, NDArray[Any]]:
-    """The arrays of NET_ARRAYS, those of tethers if there are any.
+    """The arrays of NET_ARRAYS, those of tethers and of strengths if there are any.
 
     Raises InputError, which begins with `where`, if one is not in order.
     """
@@ -72,6 +77,8 @@ def to_arrays(net: Net, where: str) -> dict[str, NDArray[Any]]:
     names = "\n".join(one.name for one in net.tethers)
     arrays["tether_names"] = np.frombuffer(names.encode(), dtype="|u1")
     arrays["tether_first"] = np.array([one.first for one in net.tethers], dtype="<i8")
+    if net.strength is not None:
+        arrays["strength"] = np.asarray(net.strength, dtype="<f8", order="C")
     _check(arrays, where)
     return {name: values for name, values in arrays.items() if net.tethers or name not in OF_TETHERS}
 
@@ -80,10 +87,10 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]], where: str) -> Net:
     """The net that `to_arrays` was given; raises InputError, which begins with `where`, as that does."""
     arrays = _no_tethers() | dict(arrays)  # files from before there were any
     for name in NET_ARRAYS:
-        if name not in arrays:
+        if name not in arrays and name not in OPTIONAL:
             raise InputError(f"{where}: damaged or cut short (the net has no {name})")
     _check(arrays, where)
-    plain = {name: np.asarray(arrays[name]) for name in _PLAIN}
+    plain = {name: np.asarray(arrays[name]) for name in (*_PLAIN, *OF_STRENGTH) if name in arrays}
     for values in plain.values():
         values.setflags(write=False)
     faces, mouths, chains = (_loops(arrays[f"{name}_values"], arrays[f"{name}_offsets"]) for name in _LOOPS)
@@ -108,6 +115,8 @@ def _tethers(arrays: Mapping[str, NDArray[Any]], chains: Loops, where: str) -> t
 def _check(arrays: Mapping[str, NDArray[Any]], where: str) -> None:
     sizes = {"2": 2, "3": 3}
     for name, kind in NET_ARRAYS.items():
+        if name not in arrays:
+            continue
         values = arrays[name]
         if values.ndim != len(kind.shape) or any(
             sizes.setdefault(axis, n) != n for axis, n in zip(kind.shape, values.shape, strict=True)

@@ -25,7 +25,7 @@ from exunet.results.columns import (
     state_column,
 )
 from exunet.results.from_rows import result_of_rows
-from exunet.results.net_arrays import NET_ARRAYS, OF_TETHERS, from_arrays
+from exunet.results.net_arrays import NET_ARRAYS, OPTIONAL, from_arrays
 from exunet.results.result import Result
 from exunet.results.rows import StoredRows
 from exunet.results.segments import Segments, is_store
@@ -117,7 +117,7 @@ class _FileRows:
 def _read(file: h5py.File, path: str | Path) -> Result:
     first = int(file.attrs["format"]) == 1
     group = file["net" if first else NET_GROUP]
-    known = {name: kind for name, kind in NET_ARRAYS.items() if name in group or name not in OF_TETHERS}
+    known = {name: kind for name, kind in NET_ARRAYS.items() if name in group or name not in OPTIONAL}
     arrays = {name: _native(group[name][()], kind.dtype) for name, kind in known.items()}
     net = from_arrays(arrays, str(path))
     bodies = {name: _constants(one) for name, one in file["bodies"].items()} if "bodies" in file else {}

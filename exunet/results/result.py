@@ -36,6 +36,11 @@ class BodyStates:
     wireframe        : (k, 2, 3) ends of lines that show its shape, from the centre of mass, in body axes [m];
                        None: it has no shape
     nodes            : (m,) nodes of the net and of tethers that are fixed to it; None: none
+    solids           : (k, 11) the solids of its shape: number of the kind (0 box, 1 cylinder, 2 sphere,
+                       3 capsule, 4 frustum), three dimensions as in the case [m], place from the centre of
+                       mass [m], unit quaternion (w, x, y, z), in body axes; None: it has none
+    vertices, triangles : (n, 3) from the centre of mass, in body axes [m], and (m, 3) of a shape that is a
+                       mesh; None: it is none
     """
 
     mass: float
@@ -46,6 +51,9 @@ class BodyStates:
     angular_velocity: Floats | None = None
     wireframe: Floats | None = None
     nodes: NDArray[np.int64] | None = None
+    solids: Floats | None = None
+    vertices: Floats | None = None
+    triangles: NDArray[np.int64] | None = None
 
 
 @dataclass(frozen=True)

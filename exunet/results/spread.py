@@ -60,10 +60,11 @@ class Judged:
             if self.error == 0.0:
                 return shown(one, self.value)
             last = max(_last_digit(one, self.value), _digit_above(self.error))
-            return f"{printed(self.value, last)} ± {_rounded_up(self.error):g} {one.unit}"
+            return f"{printed(self.value, last)} ± {_rounded_up(self.error):g} {one.unit}".rstrip()
         last = max(_last_digit(one, self.least), _last_digit(one, self.largest))
         low, middle, high = (printed(each, last) for each in (self.least, self.median, self.largest))
-        return f"median {middle} {one.unit}, {low} to {high} {one.unit}"
+        unit = f" {one.unit}" if one.unit else ""
+        return f"median {middle}{unit}, {low} to {high}{unit}"
 
 
 def _last_digit(one: Headline, value: float) -> float:

@@ -18,6 +18,7 @@ from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
 from exunet.results.headlines import Course, Headline, course_of, headline, headlines_of, shown
 from exunet.results.measures import NEARLY_OPEN, energy_balance, energy_scale
+from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates, Result
 from exunet.results.spread import Judged, Spread, description, numbers
 
@@ -36,6 +37,7 @@ def summarise(
     """
     story = result.provenance
     course = course_of(result)
+    overlapping, passing = overlaps(result), passages(result)
     engine = story.get("engine", {})
     return {
         "title": story.get("title", ""),
@@ -57,7 +59,10 @@ def summarise(
         "headlines": numbers(spread, headlines_of(course)),
         "spread": description(spread),
         "largest_tension": _largest_tension(result, course),
+        "margins": _margins(course),
         "deployment": _deployment(course),
+        "overlaps": [_overlap(one) for one in overlapping],
+        "passages": [_passage(one) for one in passing],
         "broken": story.get("broken"),
         "method": {
             "name": story.get("method"),
@@ -89,6 +94,44 @@ def _largest_tension(result: Result, course: Course) -> dict[str, Any]:
     element = course.peak.element
     known = "largest_tension" in result.provenance
     return {"element": element if element >= 0 else None, "of": "all steps" if known else "stored times"}
+
+
+def _margins(course: Course) -> dict[str, Any]:
+    """Where and when groups of elements have their least margins, by name; not of those never taut."""
+    found = ((name, course.margin(name)) for name in (course.groups.names if course.groups else ()))
+    return {
+        name: {
+            "element": one.element,
+            "time_s": one.time,
+            "strength_N": one.strength,
+            "of": one.of,
+        }
+        for name, one in found
+        if one is not None
+    }
+
+
+def _overlap(one: Overlap) -> dict[str, Any]:
+    return {"bodies": list(one.bodies), "from_s": one.start, "until_s": one.end, "times": one.times}
+
+
+def _passage(one: Passage) -> dict[str, Any]:
+    return {"body": one.body, "elements": one.elements, "first_s": one.time, "element": one.element}
+
+
+def _without_contact(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """A warning for each thing that went through another."""
+    found = []
+    for one in summary["overlaps"]:
+        when = f"at t = {one['from_s']:.6g} s"
+        if one["until_s"] > one["from_s"]:
+            when = f"from t = {one['from_s']:.6g} s to {one['until_s']:.6g} s"
+        often = f", {one['times']} times" if one["times"] > 1 else ""
+        found.append(f"bodies {' and '.join(one['bodies'])} overlap {when}{often}")
+    for one in summary["passages"]:
+        when = f"first element {one['element']} at t = {one['first_s']:.6g} s"
+        found.append(f"{one['elements']} element(s) in or through body {one['body']}, {when}")
+    return [("no contact", f"{words}: there is no contact in this scene") for words in found]
 
 
 def _deployment(course: Course) -> dict[str, Any] | None:
@@ -206,7 +249,7 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
         first, worst = broken[0], max(one["energy_excess"] for one in broken)
         words = f"{len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
         table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
-    table += [("note", note) for note in summary["notes"]]
+    table += _without_contact(summary) + [("note", note) for note in summary["notes"]]
     return table + _headline_rows(summary, spread) + _check_rows(summary["check"])
 
 
@@ -242,6 +285,9 @@ def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list
         relative_to = judged[one.key].median if one.key in judged else value
         remarks = [one.remark] if one.remark else []
         remarks += _remarks(one, relative_to, summary["deployment"])
+        if one.key in judged and (worst := summary["margins"].get(one.group)):
+            remarks.append(f"in this run at t = {worst['time_s']:.6g} s")
+            remarks += [] if worst["of"] == "all steps" else ["at stored times, between which it may be less"]
         found.append((one.words, f"{words} ({'; '.join(remarks)})" if remarks else words))
     if summary["deployment"] is None:
         found.append(("deployment", "no mouth: not defined for this topology"))
@@ -277,6 +323,10 @@ def _where(judged: Judged) -> str:
 def _where_in_run(one: Headline, summary: dict[str, Any]) -> str:
     if one.place is None:
         return ""
+    if one.group:
+        worst = summary["margins"][one.group]
+        words = f" in {one.place_is} {worst['element']} at t = {worst['time_s']:.6g} s"
+        return words if worst["of"] == "all steps" else f"{words} (of the stored times)"
     peak = summary["largest_tension"]
     if peak["element"] is None and summary["verdict"] != COMPLETE:
         return f": no element was taut until {summary['simulated_until_s']:.6g} s"

@@ -63,7 +63,7 @@ def save(result: Result, path: str | Path, *, overwrite: bool = False) -> None:
     if not overwrite and path.is_file():
         raise InputError(f"{path}: there is a file of that name: give another, or overwrite=True")
     bodies = {
-        name: BodyConstants(body.mass, body.inertia, body.wireframe, body.nodes)
+        name: BodyConstants(body.mass, **{one: getattr(body, one) for one in CONSTANTS})
         for name, body in result.bodies.items()
     }
     source = _ResultRows(result, bodies, _where(path))

@@ -13,6 +13,7 @@ from exunet.backends.exudyn.loading import exudyn_version
 from exunet.backends.protocol import StepCounts
 from exunet.base.version import VERSION
 from exunet.bodies.body import in_frames
+from exunet.bodies.packed import packed
 from exunet.bodies.wireframe import wireframe
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
@@ -41,6 +42,7 @@ def constants_of_bodies(system: System) -> dict[str, BodyConstants]:
             body.inertia_in_frame,
             None if body.shape is None else wireframe(body.shape) - body.centre,
             _fixed_to(system, k),
+            **packed(body.shape, np.array(body.centre)),
         )
         for k, body in enumerate(system.bodies)
     }

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import reference_impl as reference
 from exunet.backends import integrator
@@ -288,7 +289,7 @@ class BothCodes:
         parts = zip(*(state.bodies.parts() for state in states), strict=True)
         bodies = RigidStates(*(np.array(part) for part in parts))
         seen = self.theirs_at(Moving(x, v, bodies, first_order))
-        arms = self._with_arms((x, v), seen)
+        arms = with_arms((x, v), self.rigid_of(seen), self.size)
         energy = np.array(left) - start.system.given_work(first_order) if booked else None
         return Trajectory(np.asarray(times), *arms, seen, stepper.counts.steps, energy, tuple(books.breaks))
 
@@ -296,26 +297,12 @@ class BothCodes:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.integration."""
         found = self.reference_trajectory(times, **how)
         seen = Theirs(found.x, found.v, found.bodies)
-        arms = self._with_arms(self.points_of(found), seen)
+        arms = with_arms(self.points_of(found), self.rigid_of(seen), self.size)
         ours = np.argsort(self.reference_elements)  # exunet's element of each of the reference's
         breaks = tuple(Break(int(ours[one.element]), one.time) for one in found.breaks)
         return Trajectory(found.t, *arms, seen, found.n_steps, found.dissipated, breaks)
 
-    def _with_arms(self, points: tuple[Floats, Floats], seen: Theirs) -> tuple[Floats, Floats]:
-        """Places and velocities (t, k, 3) of points, and of four of each rigid body; see `Trajectory`."""
-        place, speed, frame, turning = self.rigid_of(seen)
-        if not place.shape[1]:
-            return points
-        arms = self.size * np.swapaxes(frame, -1, -2)  # (t, b, 3, 3): rows are the arms in the scene's axes
-        turn = np.einsum("tbij,tbj->tbi", frame, turning)
-        moved = np.cross(turn[:, :, None], arms)
-        found = []
-        for of_points, centre, arm in ((points[0], place, arms), (points[1], speed, moved)):
-            ends = (centre[:, :, None] + arm).reshape(len(centre), -1, 3)
-            found.append(np.concatenate([of_points, centre, ends], axis=1))
-        return found[0], found[1]
-
-    def rigid_of(self, seen: Theirs) -> tuple[Floats, Floats, Floats, Floats]:
+    def rigid_of(self, seen: Theirs | reference.Trajectory) -> tuple[Floats, Floats, Floats, Floats]:
         """Of the rigid bodies, in exunet's order: what `reference.BodyStates` has of each.
 
         Places and velocities (..., b, 3) of the centres of mass, attitudes (..., b, 3, 3) of the frames, and
@@ -337,10 +324,42 @@ class BothCodes:
             np.concatenate([self.from_reference(found.v), bodies.velocity[:, masses]], axis=1),
         )
 
+    def in_principal_axes(self, seen: Theirs | reference.Trajectory) -> RigidStates:
+        """The same as states of exunet."""
+        place, speed, frame, spin = self.rigid_of(seen)
+        attitude, turning = np.empty((*place.shape[:2], 4)), np.empty_like(place)
+        for k, body in enumerate(self.start.system.bodies):
+            attitude[:, k] = Rotation.from_matrix(frame[:, k] @ body.rotation).as_quat(scalar_first=True)
+            turning[:, k] = spin[:, k] @ body.rotation
+        return RigidStates(place, speed, attitude, turning)
+
     def reference_trajectory(self, times: Sequence[float] | Floats, **how: Any) -> reference.Trajectory:
         """The same as the reference gives it, in its own numbering and with its counts."""
         start = self.theirs_at(self.start.state.moving)
         return reference.integrate(self.theirs.system, start.x, start.v, times, **how, bodies=start.bodies)
+
+
+def with_arms(
+    points: tuple[Floats, Floats], bodies: tuple[Floats, ...], length: float | Floats
+) -> tuple[Floats, Floats]:
+    """Places and velocities (t, k, 3) of points, and of four points of each rigid body; see `Trajectory`.
+
+    bodies : places and velocities (t, b, 3), attitudes (t, b, 3, 3), angular velocities in body axes
+    length : of the arms, or (b,) of those of each body [m]
+    """
+    place, speed, frame, turning = bodies
+    if not place.shape[1]:
+        return points
+    arms = np.reshape(length, (-1, 1, 1)) * np.swapaxes(
+        frame, -1, -2
+    )  # (t, b, 3, 3): rows are the arms in the scene's axes
+    turn = np.einsum("tbij,tbj->tbi", frame, turning)
+    moved = np.cross(turn[:, :, None], arms)
+    found = []
+    for of_points, centre, arm in ((points[0], place, arms), (points[1], speed, moved)):
+        ends = (centre[:, :, None] + arm).reshape(len(centre), -1, 3)
+        found.append(np.concatenate([of_points, centre, ends], axis=1))
+    return found[0], found[1]
 
 
 def coordinates(nodes: Ints) -> Ints:

@@ -23,7 +23,9 @@ from exunet.codegen.compile import WIDTH, kept_before
 from exunet.codegen.kernel import Kernel
 from exunet.methods.method import COMPILED_METHODS
 from exunet.results import measures as metrics
-from exunet.results.headlines import Course, Peak
+from exunet.results.clearance import MOST_PAIRS, Pair, gaps, pairs_of
+from exunet.results.headlines import Course
+from exunet.results.margins import Groups, Peak, loaded_over_blocks
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
@@ -31,6 +33,7 @@ from exunet.simulation.refinement import finer
 from exunet.simulation.trial import is_compiled
 from exunet.studies.neighbours import perturbed
 from exunet.system.states import States
+from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
@@ -47,10 +50,15 @@ class Ensemble:
     tension       : (runs, t) largest tension of all elements at that time [N]
     body_centre   : (runs, t, n_bodies, 3) centres of mass of point masses and rigid bodies [m]
     tether_tension : (runs, t, n_tethers) largest tension along each tether [N]
+    gap           : (runs, t, n_pairs) distance of two bodies, surface to surface [m]
+    loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
+                     strength is known, and in which element
     largest_tension, time_of_largest_tension : (runs,) of all steps, stored or not [N], [s]
     element_of_largest_tension : (runs,) in which element; -1: none was ever taut
     right_hand_sides : (runs,) evaluations of the forces
     body_names, tether_names : of those bodies and tethers
+    pairs         : of bodies with shapes, their names
+    groups        : of elements whose strength is known; None: of none
     """
 
     time: Floats
@@ -64,12 +72,17 @@ class Ensemble:
     tension: Floats
     body_centre: Floats
     tether_tension: Floats
+    gap: Floats
+    loaded: Floats
+    loaded_element: NDArray[np.int64]
     largest_tension: Floats
     time_of_largest_tension: Floats
     element_of_largest_tension: NDArray[np.int64]
     right_hand_sides: NDArray[np.int64]
     body_names: tuple[str, ...] = ()
     tether_names: tuple[str, ...] = ()
+    pairs: tuple[Pair, ...] = ()
+    groups: Groups | None = None
 
     def __len__(self) -> int:
         return len(self.area)
@@ -95,6 +108,11 @@ class Ensemble:
             body_centre=self.body_centre[run],
             tether_names=self.tether_names,
             tether_tension=self.tether_tension[run],
+            pairs=self.pairs,
+            gap=self.gap[run],
+            groups=self.groups,
+            loaded=self.loaded[run],
+            loaded_element=self.loaded_element[run],
         )
 
 
@@ -188,7 +206,31 @@ def run_ensemble(
             raise
     blocks = start.system.blocks
     bodies, tethers = (*blocks.body, *blocks.rigid), tuple(start.net.tether_elements)
-    return replace(Ensemble(times, *_stacked(found)), body_names=bodies, tether_names=tethers)
+    return replace(
+        Ensemble(times, *_stacked(found)),
+        body_names=bodies,
+        tether_names=tethers,
+        pairs=tuple(_pairs(start.system)),
+        groups=Groups.of(start.net),
+    )
+
+
+def _pairs(system: System) -> list[Pair]:
+    """The bodies whose distances are headlines."""
+    return pairs_of([body.name for body in system.bodies if body.shape is not None])[:MOST_PAIRS]
+
+
+def _gaps(states: States) -> Floats:
+    """(k, n_pairs) distances of these bodies [m]."""
+    pairs, bodies = _pairs(states.system), states.bodies
+    if not pairs:
+        return np.zeros((len(states), 0))
+    shapes, poses = {}, {}
+    for k, body in enumerate(states.system.bodies):
+        if body.shape is not None:
+            shapes[body.name] = body.shape
+            poses[body.name] = body.frame_poses(bodies.position[:, k], bodies.attitude[:, k])
+    return gaps(pairs, shapes, poses)
 
 
 def whole_number(name: str, given: object, at_least: int) -> None:
@@ -223,9 +265,10 @@ def _stacked(found: Sequence[tuple[Any, ...]]) -> list[Any]:
     return [np.array(column) for column in zip(*found, strict=True)]
 
 
-def _measured(states: States, dissipated: Floats) -> tuple[Floats, ...]:
-    """What `Ensemble` has of states (k,), from `bullet_speed` to `tether_tension`."""
+def _measured(states: States, dissipated: Floats) -> tuple[NDArray[Any], ...]:
+    """What `Ensemble` has of states (k,), from `bullet_speed` to `loaded_element`."""
     net = states.system.net
+    tension = states.tension
     masses = list(states.system.blocks.body.values())
     position = states.position[:, : net.n_nodes]
     return (
@@ -236,13 +279,17 @@ def _measured(states: States, dissipated: Floats) -> tuple[Floats, ...]:
         states.potential,
         dissipated,
         metrics.net_centre(net, position),
-        states.tension.max(axis=1, initial=0.0),
+        tension.max(axis=1, initial=0.0),
         np.concatenate([states.position[:, masses], states.bodies.position], axis=1),
-        metrics.tensions_of_tethers(net, states.tension),
+        metrics.tensions_of_tethers(net, tension),
+        _gaps(states),
+        *loaded_over_blocks(Groups.of(net), tension),
     )
 
 
-def _row(parts: Sequence[tuple[Floats, ...]], monitor: Monitor, right_hand_sides: int) -> tuple[Any, ...]:
+def _row(
+    parts: Sequence[tuple[NDArray[Any], ...]], monitor: Monitor, right_hand_sides: int
+) -> tuple[Any, ...]:
     """All of a run, from what was measured in parts of it."""
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     peak = monitor.peaks.provenance()
@@ -298,7 +345,7 @@ def _side_by_side(
     system, runs = starts[0].system, len(starts)
     moved = (np.array(parts) for parts in zip(*((one.position, one.velocity) for one in starts), strict=True))
     begun = _measured(States.of_points(system, np.repeat(times[0], runs), *moved), np.zeros(runs))
-    parts: list[list[tuple[Floats, ...]]] = [
+    parts: list[list[tuple[NDArray[Any], ...]]] = [
         [tuple(column[run : run + 1] for column in begun)] for run in range(runs)
     ]
     # The guards look at each stored time, as in a run.

@@ -171,13 +171,9 @@ def _guide(body: RigidBody, keys: BodyKeys) -> Guide:
 
 
 def _overlaps(bodies: list[RigidBody], states: RigidStates) -> Iterator[Fault]:
-    poses = []
-    for k, body in enumerate(bodies):
-        frame = product(states.attitude[k], np.array(body.axes) * [1.0, -1.0, -1.0, -1.0])
-        origin = states.position[k] - rotation_matrix(frame) @ body.centre
-        poses.append(np.concatenate([origin, frame]))
+    poses = [body.frame_poses(states.position[k], states.attitude[k]) for k, body in enumerate(bodies)]
     for (k, one), (m, other) in combinations(enumerate(bodies), 2):
         if one.shape is None or other.shape is None:
             continue
-        if overlap(one.shape, poses[k], other.shape, poses[m]):
+        if overlap(one.shape, poses[k][None], other.shape, poses[m][None]).all():
             yield Fault(f"bodies.{other.name}.position", f"the body overlaps {one.name} at the start")

@@ -67,8 +67,9 @@ def thrown(
 
     position : (n_nodes, 3) in the scene's axes [m]
     kicks    : (n, 3) what it adds in the net's axes [m/s]
-    A free body that carries the net, with what it holds on drums, takes the opposite impulse and angular impulse, which leaves the momentum
-    and the angular momentum of all together what they were. Points that are fixed to bodies are not thrown.
+    A free body that carries the net, with what it holds on drums, takes the opposite impulse and angular
+    impulse, which leaves the momentum and the angular momentum of all together what they were. Points that
+    are fixed to bodies are not thrown.
     """
     gained = kicks @ axes.turn.T
     gained[rigid.kinematics.point[rigid.kinematics.point < len(gained)]] = 0.0

@@ -10,9 +10,10 @@ from exunet.base.errors import Fault
 from exunet.bodies.rigid import rotation_matrix
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks, Inertia, Poses
-from exunet.forces.effects import first_order_states, forces_of, point_masses
+from exunet.forces.effects import breaking_limits, first_order_states, forces_of, point_masses
 from exunet.forces.reel import Winding, reel_term, states_of
 from exunet.net import weave
+from exunet.net.arrays import Net
 from exunet.net.tether import reels_of, with_tethers
 from exunet.system.bodies import bodies_at_start
 from exunet.system.carried import carried, net_axes, thrown
@@ -29,6 +30,7 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     """
     woven = weave(scene.net)
     net, tied = with_tethers(woven, scene.tethers)
+    net = _with_strength(net, scene)
     reels = reels_of(net, scene.tethers)
     rigid = bodies_at_start(scene, net, tied, reels, faults)
     axes = net_axes(scene.initial.frame, rigid)
@@ -60,3 +62,13 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     system = System(blocks, forces, rigid.bodies, kinematics)
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
+
+
+def _with_strength(net: Net, scene: Scene) -> Net:
+    """The net that knows at what force its elements break, where the case does not state what they bear."""
+    limits = breaking_limits(scene.effects, net)
+    if limits is None:
+        return net
+    strength = limits if net.strength is None else np.where(net.strength > 0.0, net.strength, limits)
+    strength.flags.writeable = False
+    return replace(net, strength=strength)

@@ -44,6 +44,7 @@ from exunet.forces.blocks import Blocks, FirstOrder, PointMass
 from exunet.forces.requirements import RestOfCase, declared, excluded, required, zero_keys
 from exunet.forces.terms import largest_number
 from exunet.forces.total import Contribution, Forces
+from exunet.net.arrays import Floats, Net
 
 # The modules in this folder, in the order in which a kernel adds their forces. A new effect is a line here.
 _NAMES = (
@@ -151,6 +152,16 @@ def first_order_states(effects: Table) -> tuple[FirstOrder, ...]:
 def _brought(what: str, effects: Table) -> Iterator[Any]:
     for name, keys in switched_on(effects).items():
         yield from getattr(EFFECTS[name], what, lambda _: ())(keys)
+
+
+def breaking_limits(effects: Table, net: Net) -> Floats | None:
+    """(n_elements,) axial force at which each element breaks [N]; None if none does."""
+    on = switched_on(effects)
+    if "breaking" not in on:
+        return None
+    warm: Any = on.get("thermal_strain")
+    limits: Floats = EFFECTS["breaking"].limits(on["breaking"], net, warm.free_strain if warm else 0.0)
+    return limits
 
 
 def forces_of(effects: Table, blocks: Blocks, faults: list[Fault]) -> Forces:

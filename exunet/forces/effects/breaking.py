@@ -7,6 +7,7 @@ much it was too large.
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +17,7 @@ from exunet.base.table import Positive, Table
 from exunet.forces.blocks import Blocks
 from exunet.forces.cable_term import ElementLaw
 from exunet.forces.estimate import Estimate, EstimateBasis, hardest_strain, snap_of
+from exunet.net.arrays import Floats, Net
 
 NEEDS_FRESH_STEPS = True
 NEEDS_ZERO = {
@@ -47,6 +49,14 @@ def terms(keys: Keys, blocks: Blocks) -> tuple[ElementLaw, ...]:
         return (ElementLaw(breaking_strain=keys.strain * everywhere),)
     assert keys.force is not None
     return (ElementLaw(breaking_force=keys.force * everywhere),)
+
+
+def limits(keys: Keys, net: Net, free_strain: float = 0.0) -> Floats:
+    """(n_elements,) axial force [N] at which each element breaks; free_strain: of a thermal strain."""
+    if keys.force is not None:
+        return np.full(net.n_elements, keys.force)
+    assert keys.strain is not None
+    return np.asarray(keys.strain * math.sqrt(1.0 + 2.0 * (keys.strain + free_strain)) * net.axial_stiffness)
 
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:

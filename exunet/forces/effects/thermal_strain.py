@@ -33,12 +33,17 @@ class Keys(Table):
         """Free length over reference length."""
         return 1.0 + self.expansion_coefficient * self.temperature_change
 
+    @property
+    def free_strain(self) -> float:
+        """Green-Lagrange strain of the free length."""
+        return 0.5 * (self.stretch**2 - 1.0)
+
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The same free strain for every element; nothing if it is zero."""
     if keys.stretch == 1.0:
         return ()
-    return (ElementLaw(free_strain=np.full(blocks.net.n_elements, 0.5 * (keys.stretch**2 - 1.0))),)
+    return (ElementLaw(free_strain=np.full(blocks.net.n_elements, keys.free_strain)),)
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:

@@ -90,6 +90,9 @@ def _subject(case: Case, until: float | None) -> tuple[Subject, str]:
 def _head(converged: Converged, subject: Subject) -> list[tuple[str, str]]:
     rows = [("converged solution", words) for words in converged.words]
     rows.append(("converged solution", f"took {converged.seconds:.3g} s"))
+    if names := (*subject.start.system.blocks.body, *subject.start.system.blocks.rigid):
+        words = "velocities and places over time, attitudes and angular velocities by what they move"
+        rows.append(("speeds", f"those of {', '.join(names)} count too: {words}"))
     if not converged.predicts:
         rows.append(
             (

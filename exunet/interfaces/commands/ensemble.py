@@ -135,15 +135,16 @@ def rows(found: EnsembleResult) -> list[tuple[str, str]]:
 
 def _quantiles(one: Headline, found: EnsembleResult) -> str:
     least, low, middle, high, largest = found.quantile(one.key, (0.0, 0.05, 0.5, 0.95, 1.0))
+    unit = f" {one.unit}" if one.unit else ""
     last = max(unit_of_last_digit(max(abs(least), abs(largest)), one.digits), one.least)
     words = [printed(float(value), last) for value in (middle, low, high, least, largest)]
     missing = int(np.isnan(found.headlines[one.key]).sum())
     some = f"; not in {missing} of the runs" if missing else ""
     if words[3] == words[4]:
-        return f"{words[0]} {one.unit} in all runs{some}"
+        return f"{words[0]}{unit} in all runs{some}"
     return (
-        f"median {words[0]} {one.unit}, 5 % to 95 %: {words[1]} to {words[2]} {one.unit}, all: {words[3]} to "
-        f"{words[4]} {one.unit}{some}"
+        f"median {words[0]}{unit}, 5 % to 95 %: {words[1]} to {words[2]}{unit}, all: {words[3]} to "
+        f"{words[4]}{unit}{some}"
     )
 
 

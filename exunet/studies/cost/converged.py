@@ -12,7 +12,7 @@ from exunet.results.measures import Deployment, deployment_of
 from exunet.studies.both_codes import Floats
 from exunet.studies.cost.runners import Subject, trajectory
 from exunet.studies.cost.settings import ReferenceMethod, Setting, own_form
-from exunet.studies.neighbours import MOVE, nearby_start, tracked_speeds
+from exunet.studies.neighbours import MOVE, nearby_start
 
 OWN = (1e-10, 1e-11)  # tolerances of DOPRI5, relative to the launch speed; below, round-off takes over
 THEIRS = (1e-11, 1e-12)  # rtol of the reference's DOP853
@@ -24,8 +24,8 @@ VISIBLE = 1e-2  # a solution less certain than this predicts no speed
 class Converged:
     """The solution that all others are measured against; errors are relative to the launch speed.
 
-    speeds      : (k,) speeds at the end [m/s]
-    uncertainty : largest difference of a speed at the end between any two of the solutions
+    speeds      : (k,) speeds at the end [m/s], then what counts of point masses and bodies, see `tracked`
+    uncertainty : largest difference of one of these between any two of the solutions
     sensitivity : the change of a speed at the end when the start is moved, see `moved`
     horizon     : [s] the solutions differ by more than VISIBLE from here on; None: not before the end
     words       : how it was computed, with the differences
@@ -87,6 +87,6 @@ def converge(subject: Subject, *, compiled: bool) -> Converged:
 
 
 def _solution(subject: Subject, setting: Setting) -> tuple[Floats, Deployment | None]:
-    """(t, k) speeds [m/s] at the stored times, measures of deployment."""
+    """(t, k) what counts [m/s] at the stored times, see `tracked`; measures of deployment."""
     net, found = subject.start.net, trajectory(subject, setting)
-    return tracked_speeds(net, found.velocity), deployment_of(net, found.time, found.position)
+    return found.tracked, deployment_of(net, found.time, found.position)

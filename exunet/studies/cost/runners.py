@@ -12,16 +12,18 @@ import numpy as np
 import reference_impl as reference
 from exunet.backends.protocol import StepCounts
 from exunet.base.errors import Interrupted, RunStopped
-from exunet.bodies.rigid import RigidStates
+from exunet.bodies.rigid import rotation_matrix
 from exunet.case.scene import Engine, Scene, Time
 from exunet.forces.terms import LinearTerm
 from exunet.methods.keys import Solver
 from exunet.results.measures import Deployment, deployment_of, energy_balance
+from exunet.results.result import BodyStates, Result
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.studies.cost.settings import Setting
-from exunet.studies.neighbours import launch_speed, tracked_speeds
+from exunet.studies.cost.tracked import Motion, tracked
+from exunet.studies.neighbours import launch_speed
 from exunet.system.energy_scale import EnergyScale
 from exunet.system.states import States
 from reference_impl import energy
@@ -39,11 +41,12 @@ FOUR = {
 class Measures:
     """Numbers of one run.
 
-    speeds   : (k,) speeds at the end [m/s], of the bullets, or of all nodes if there are none
+    speeds   : (k,) speeds at the end [m/s], of the bullets, or of all nodes if there are none; then what
+               counts of point masses and bodies, see `tracked`
     energy   : largest error of the energy balance at the stored times, over the energy that deforms: the
                guards' energy scale, without the common flight
     momentum : largest change of the linear momentum, relative to the sum of m |v| at the start; None where
-               forces from outside change it
+               forces from outside change it, or bodies whose motion is given
     deployment : over the stored times; None for a net without a mouth
     """
 
@@ -63,6 +66,8 @@ def _momentum(start: Start, moved: Floats) -> float | None:
     scale = float(system.mass @ np.linalg.norm(state.velocity, axis=-1))
     scale += float(system.body_mass @ np.linalg.norm(state.bodies.velocity, axis=-1))
     linear = forces.linear or LinearTerm()
+    if system.kinematics.n_free < len(system.bodies):
+        return None
     outside = (linear.load, linear.stiffness, linear.gyroscopic)
     if any(term is not None for term in outside) or forces.kernels or len(start.net.fixed_nodes) or not scale:
         return None
@@ -75,6 +80,7 @@ def _momentum(start: Start, moved: Floats) -> float | None:
 class TimedTrajectory:
     """The net's states in exunet's numbering, (t, n_nodes, 3), and what is measured on the whole system.
 
+    tracked      : (t, k) [m/s] what runs are compared by, see `exunet.studies.cost.tracked`
     momentum     : (t, 3) of everything [kg m/s]
     energy_error : see `Measures`
     seconds      : time of the stepping [s]
@@ -83,6 +89,7 @@ class TimedTrajectory:
     time: Floats
     position: Floats
     velocity: Floats
+    tracked: Floats
     momentum: Floats
     energy_error: float
     work: StepCounts
@@ -169,8 +176,8 @@ def run(subject: Subject, setting: Setting, until: float | None = None) -> Entry
     except Exception as error:  # noqa: BLE001 - a method that cannot run the scene stays in the table
         return Entry(setting, [clock.perf_counter() - began], reason=str(error), failed=True)
     net = subject.start.net
-    speeds, opening = tracked_speeds(net, found.velocity[-1]), deployment_of(net, found.time, found.position)
-    shown = Measures(speeds, found.energy_error, _momentum(subject.start, found.momentum), opening)
+    opening = deployment_of(net, found.time, found.position)
+    shown = Measures(found.tracked[-1], found.energy_error, _momentum(subject.start, found.momentum), opening)
     return Entry(setting, [found.seconds], found.work, shown)
 
 
@@ -191,7 +198,22 @@ def _by_exunet(subject: Subject, setting: Setting) -> TimedTrajectory:
     work = StepCounts(told["steps"], told["rejected_steps"], newton, told["right_hand_sides"])
     x, v, moved = result.position, result.velocity, result.momentum
     seconds = told["integration_seconds"]
-    return TimedTrajectory(result.time, x, v, moved, energy_balance(result), work, seconds)
+    compared = tracked(subject.start.system, v, *_moving(result), subject.end)
+    return TimedTrajectory(result.time, x, v, compared, moved, energy_balance(result), work, seconds)
+
+
+def _moving(result: Result) -> tuple[tuple[Floats, Floats], Motion]:
+    """Of the point masses, and of the rigid bodies of a result."""
+    masses = [body for body in result.bodies.values() if body.attitude is None]
+    bodies = [body for body in result.bodies.values() if body.attitude is not None]
+
+    def each(of: list[BodyStates], quantity: str, width: int = 3) -> Floats:
+        found = [np.asarray(getattr(body, quantity)[:]) for body in of]
+        return np.stack(found, axis=1) if found else np.zeros((len(result.time), 0, width))
+
+    turn = rotation_matrix(each(bodies, "attitude", 4))
+    rigid = each(bodies, "position"), each(bodies, "velocity"), turn, each(bodies, "angular_velocity")
+    return (each(masses, "position"), each(masses, "velocity")), rigid
 
 
 def _by_reference(subject: Subject, setting: Setting) -> TimedTrajectory:
@@ -206,11 +228,11 @@ def _by_reference(subject: Subject, setting: Setting) -> TimedTrajectory:
     work = StepCounts(found.n_steps, found.n_rejected, found.n_newton, found.n_rhs)
     books = energy.books(both.theirs.system, found)
     x, v = both.points_of(found)
-    # No term of a case acts on rigid bodies, so the scale of energies does not depend on where they are.
-    resting = [np.repeat(part[None], len(found.t), axis=0) for part in both.start.state.bodies.parts()]
-    states = States(both.start.system, found.t, x, v, RigidStates(*resting), both.start.state.memory)
+    states = States(both.start.system, found.t, x, v, both.in_principal_axes(found), both.start.state.memory)
     scales = EnergyScale(States.of(both.start.system, both.start.state))
     scale = scales.start + float(scales.gained(states, found.dissipated)[0].max())
     error = float(np.abs(books.total - books.total[0]).max()) / (scale or float(books.kinetic.max()) or 1.0)
     n = both.start.net.n_nodes
-    return TimedTrajectory(found.t, x[:, :n], v[:, :n], books.momentum, error, work, seconds)
+    masses = x[:, n:], v[:, n:]
+    compared = tracked(both.start.system, v[:, :n], masses, both.rigid_of(found), subject.end)
+    return TimedTrajectory(found.t, x[:, :n], v[:, :n], compared, books.momentum, error, work, seconds)

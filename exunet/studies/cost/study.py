@@ -10,9 +10,11 @@ import numpy as np
 
 from exunet.case.cross_checks import cross_checks
 from exunet.methods.method import METHODS, Kind, Method
+from exunet.methods.plan import Plan
 from exunet.studies.cost.converged import Converged
 from exunet.studies.cost.runners import Entry, Subject, run
 from exunet.studies.cost.settings import ReferenceMethod, Setting, ladders
+from exunet.system.limits import form_faults
 from exunet.system.stability import largest_damping_rate, largest_frequency, step_limit
 from reference_impl.integration import unsupported
 
@@ -122,7 +124,7 @@ def _right_hand_sides(setting: Setting, end: float) -> float:
 
 
 def all_rungs(subject: Subject, *, compiled: bool) -> list[list[Setting]]:
-    """The ladders of every method and code that can run the scene: its effects may refuse some."""
+    """The ladders of every method and code that can run the scene: effects and bodies may refuse some."""
     theirs = [] if subject.both is None else list(ReferenceMethod)
     if subject.both is not None and unsupported(subject.both.theirs.system):
         theirs.remove(ReferenceMethod.EM)
@@ -131,4 +133,12 @@ def all_rungs(subject: Subject, *, compiled: bool) -> list[list[Setting]]:
     explicit = [name for name, method in METHODS.items() if method.kind == Kind.EXPLICIT]
     stable = {name: step_limit(name, frequency, rate) for name in explicit}
     found = ladders(stable, subject.end, compiled=compiled, reference=theirs)
-    return [one for one in found if one[0].form is None or not any(cross_checks(subject.scene(one[0])))]
+    return [one for one in found if one[0].form is None or _runs(subject, one[0])]
+
+
+def _runs(subject: Subject, setting: Setting) -> bool:
+    """False for a method or a form that the scene's effects, or forces on its bodies, refuse."""
+    scene, start = subject.scene(setting), subject.start
+    plan = Plan(Method(setting.method), step=setting.step, tolerance=setting.tolerance)
+    refused = form_faults(start.system, start.state, plan, scene.engine)
+    return not refused and not any(cross_checks(scene))

@@ -186,7 +186,8 @@ def _of_reference(case: BothCodes, state: State) -> Changes:
 def _completed(case: BothCodes, state: State) -> tuple[Floats, Floats]:
     """Places and velocities (n_attached, 3) by whole arrays, as the states of a result are made."""
     kinematics = case.start.system.kinematics
-    moving, point = state.moving.completed(kinematics, state.time), kinematics.point
+    moving = state.moving.completed(kinematics, state.time, state.memory)
+    point = kinematics.point
     return moving.position[point], moving.velocity[point]
 
 

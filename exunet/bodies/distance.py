@@ -1,0 +1,221 @@
+"""The distance of bodies, surface to surface, at many instants at once.
+
+Each solid is a convex core with a radius around it: the middle of a sphere, the axis of a capsule, and all of
+a box, cylinder or frustum. Of two cores that do not meet, the nearest points are found by the method of
+Gilbert, Johnson and Keerthi, IEEE J. Robot. Autom. 4 (1988) 193, doi 10.1109/56.2083: the point of their
+difference that is nearest to the origin, from simplexes of points of its surface. It is a point of the
+difference at every iteration, so its length is never below the distance; a plane through the farthest point
+against it gives a bound from below. Iterations end once these two are within 1e-10 of the size of the
+difference, or at a length that round-off does not let become less.
+
+A mesh counts as the convex hull of its vertices: its distance is never above that of the mesh, and the same
+if the mesh is convex.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import combinations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.shapes import Shape, Solid, Vector, core_of, farthest_of_core
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Support = Callable[[Floats], Floats]
+
+ACCURACY = 1e-10  # of the size of the difference of two cores
+_NEAR = 1e-13  # of that size, below which a distance is none
+_MOST = 200  # iterations
+_ROWS = 4096  # instants that are looked at in one go
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A convex part of a body, in its frame.
+
+    solid    : that it is; None: the hull of `vertices`
+    vertices : (n, 3) [m]
+    radius   : around the core [m]
+    middle, reach : of a sphere around all of it: centre (3,) and radius [m]
+    """
+
+    solid: Solid | None
+    vertices: Floats
+    radius: float
+    middle: Floats
+    reach: float
+
+    def farthest(self, direction: Floats) -> Floats:
+        """(n, 3) the points of its core that are farthest in directions (n, 3)."""
+        if self.solid is None:
+            return np.asarray(self.vertices[(direction @ self.vertices.T).argmax(axis=1)])
+        turn = self.solid.rotation
+        own = farthest_of_core(self.solid.kind, self.solid.numbers, direction @ turn)
+        return np.asarray(own @ turn.T + self.solid.position)
+
+
+@lru_cache(maxsize=256)
+def parts_of(shape: Shape, scale: float = 1.0) -> tuple[Part, ...]:
+    """The convex parts of a shape, each made smaller by a factor about its origin (a mesh: its middle)."""
+    found = [part_of(replace(one, numbers=_times(scale, one.numbers))) for one in shape.solids]
+    return (*found, *([] if shape.mesh is None else [_hull(shape.mesh.vertices, scale)]))
+
+
+def _times(scale: float, numbers: Vector) -> Vector:
+    a, b, c = numbers
+    return scale * a, scale * b, scale * c
+
+
+def part_of(solid: Solid) -> Part:
+    """A solid as a part."""
+    radius, around = core_of(solid.kind, solid.numbers)
+    return Part(solid, np.zeros((0, 3)), radius, np.array(solid.position), around + radius)
+
+
+def _hull(vertices: Floats, scale: float) -> Part:
+    from scipy.spatial import ConvexHull
+
+    corners = vertices[ConvexHull(vertices).vertices]
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    corners = middle + scale * (corners - middle)
+    return Part(None, corners, 0.0, middle, float(np.linalg.norm(corners - middle, axis=1).max()))
+
+
+def distances(
+    one: Shape, poses_of_one: Floats, other: Shape, poses_of_other: Floats, scale: float = 1.0
+) -> Floats:
+    """(n,) distances of two shapes [m], 0 where they share points; that of the nearest of their parts.
+
+    poses : (n, 7) place of the shape's frame [m] and attitude (w, x, y, z), in the scene
+    scale : all parts are smaller by this factor
+    """
+    found = [np.zeros(0)]
+    for start in range(0, len(poses_of_one), _ROWS):
+        rows = slice(start, start + _ROWS)
+        found.append(_distances(one, poses_of_one[rows], other, poses_of_other[rows], scale))
+    return np.concatenate(found)
+
+
+def _distances(one: Shape, a: Floats, other: Shape, b: Floats, scale: float) -> Floats:
+    """Parts whose surrounding spheres are nearest come first; those that cannot be nearer are left out."""
+    turn_a, turn_b = rotation_matrix(a[:, 3:]), rotation_matrix(b[:, 3:])
+    # The frame of `other` in that of `one`, where rounding is that of their distance.
+    turn = np.swapaxes(turn_a, 1, 2) @ turn_b
+    shift = np.einsum("nij,ni->nj", turn_a, b[:, :3] - a[:, :3])
+    pairs = list(product(parts_of(one, scale), parts_of(other, scale)))
+    apart = (
+        np.stack([_apart(p, q, turn, shift) for p, q in pairs], axis=1) if pairs else np.zeros((len(a), 0))
+    )
+    found = np.full(len(a), np.inf)
+    for k in np.argsort(apart.sum(axis=0)).tolist():
+        p, q = pairs[k]
+        rows = np.flatnonzero(apart[:, k] < found)
+        if len(rows):
+            cores = _of_cores(p, q, turn[rows], shift[rows])
+            found[rows] = np.minimum(found[rows], np.maximum(cores - p.radius - q.radius, 0.0))
+    return found
+
+
+def _apart(p: Part, q: Part, turn: Floats, shift: Floats) -> Floats:
+    """(n,) of the spheres around two parts, which may be negative."""
+    between = turn @ q.middle + shift - p.middle
+    return np.asarray(np.linalg.norm(between, axis=1) - p.reach - q.reach)
+
+
+def _of_cores(p: Part, q: Part, turn: Floats, shift: Floats) -> Floats:
+    """(n,) distances of the cores of two parts, the second turned and shifted."""
+    found = np.zeros(len(turn))
+    way = turn @ q.middle + shift - p.middle
+    way[np.linalg.norm(way, axis=1) == 0.0] = [1.0, 0.0, 0.0]
+    nearest = _difference(p, q, turn, shift, way)
+    length = np.linalg.norm(nearest, axis=1)
+    corners, used = np.zeros((len(turn), 4, 3)), np.zeros((len(turn), 4), dtype=bool)
+    corners[:, 0], used[:, 0] = nearest, True
+    state = (np.arange(len(turn)), turn, shift, corners, used, nearest, length, length)
+    for _ in range(_MOST):
+        rows, turn, shift, corners, used, nearest, length, size = (
+            part[state[6] > _NEAR * state[7]] for part in state
+        )
+        if not len(rows):
+            break
+        found[rows] = length
+        new = _difference(p, q, turn, shift, nearest)
+        size = np.maximum(size, np.linalg.norm(new, axis=1))
+        below = np.einsum("na,na->n", nearest, new) / length  # no point is nearer than this plane
+        at = np.arange(len(rows)), np.argmin(used, axis=1)
+        corners[at], used[at] = new, True
+        nearest, used = _nearest(corners, used)
+        shorter = np.linalg.norm(nearest, axis=1)
+        going = (length - below > ACCURACY * size) & (shorter < length)
+        found[rows[going]] = np.where(shorter > _NEAR * size, shorter, 0.0)[going]
+        state = tuple(part[going] for part in (rows, turn, shift, corners, used, nearest, shorter, size))
+    return found
+
+
+def _difference(p: Part, q: Part, turn: Floats, shift: Floats, way: Floats) -> Floats:
+    """(n, 3) points of the difference of two cores, second less first, farthest against directions (n, 3)."""
+    theirs = q.farthest(-np.einsum("nij,ni->nj", turn, way))
+    return np.asarray(np.einsum("nij,nj->ni", turn, theirs) + shift - p.farthest(way))
+
+
+def _nearest(corners: Floats, used: Bools) -> tuple[Floats, Bools]:
+    """(n, 3) the points of simplexes that are nearest to the origin, and (n, 4) the fewest corners they need.
+
+    corners : (n, 4, 3), of which those that are used (n, 4) count, at least one of each
+    Of every corner, edge, triangle and of the whole: the point of its plane nearest to the origin, if it is
+    within. What is without extent has none; its parts have.
+    """
+    best = np.full(len(corners), np.inf)
+    point, which = np.zeros((len(corners), 3)), np.zeros_like(used)
+    for count in range(1, 5):
+        for some in combinations(range(4), count):
+            rows = np.flatnonzero(used[:, some].all(axis=1))
+            if not len(rows):
+                continue
+            these = corners[rows][:, some]
+            weights = _weights(these)
+            within = (weights >= 0.0).all(axis=1)
+            rows, found = rows[within], np.einsum("nk,nka->na", weights[within], these[within])
+            square = np.einsum("na,na->n", found, found)
+            better = square < best[rows] * (1.0 - 1e-14)
+            rows = rows[better]
+            best[rows], point[rows] = square[better], found[better]
+            which[rows] = np.isin(np.arange(4), some)
+    return point, which
+
+
+def _weights(corners: Floats) -> Floats:
+    """(n, k) weights of the corners (n, k, 3) that give the point of their plane nearest to the origin.
+
+    Negative ones where that is outside, or where the corners span no such plane.
+    """
+    first, edges = -corners[:, 0], corners[:, 1:] - corners[:, :1]
+    count = edges.shape[1]
+    if count == 0:
+        return np.ones((len(corners), 1))
+    if count == 1:
+        (a,) = np.moveaxis(edges, 1, 0)
+        parts, whole = [_dot(first, a)], _dot(a, a)
+    elif count == 2:
+        a, b = np.moveaxis(edges, 1, 0)
+        normal = np.cross(a, b)
+        parts = [_dot(normal, np.cross(first, b)), _dot(normal, np.cross(a, first))]
+        whole = _dot(normal, normal)
+    else:
+        a, b, c = np.moveaxis(edges, 1, 0)
+        crosses = np.cross(b, c), np.cross(c, a), np.cross(a, b)
+        parts, whole = [_dot(first, cross) for cross in crosses], _dot(a, crosses[0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        others = np.stack(parts, axis=1) / whole[:, None]
+    others = np.where(np.isfinite(others), others, -1.0)
+    return np.concatenate([1.0 - others.sum(axis=1, keepdims=True), others], axis=1)
+
+
+def _dot(one: Floats, other: Floats) -> Floats:
+    return np.asarray(np.einsum("na,na->n", one, other))

@@ -1,0 +1,139 @@
+"""Margins: how far the largest tensions stay below what the threads are said to bear.
+
+The margin of an element is strength / largest tension - 1: 0 where the tension reaches the strength, negative
+beyond. The strength is what the case states for its cable or, where it states none, the limit of the effect
+`breaking` (`Net.strength`). Margins are told of groups: the threads of the net, its strings, each tether.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.net.arrays import Net
+from exunet.results.result import Result
+from exunet.results.rows import blocks
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+THREADS, STRINGS, TETHER = "threads", "strings", "tether "
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The largest tension of all steps [N], when [s], and in which element (-1: none was ever taut)."""
+
+    tension: float
+    time: float
+    element: int
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The least margin of a group of elements.
+
+    margin   : strength / tension - 1
+    element  : which has it
+    time     : when [s]
+    tension  : its tension then [N]
+    strength : of it [N]
+    of       : "all steps", or "stored times": a peak between two of these is not in it
+    """
+
+    margin: float
+    element: int
+    time: float
+    tension: float
+    strength: float
+    of: str
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """The elements whose strength is known, in groups.
+
+    names    : "threads", "strings", and "tether NAME" of each tether
+    elements : of each group
+    strength : (n_elements,) [N]; 0: not known
+    """
+
+    names: tuple[str, ...]
+    elements: tuple[Ints, ...]
+    strength: Floats
+
+    @classmethod
+    def of(cls, net: Net, among: NDArray[np.bool_] | None = None) -> Groups | None:
+        """The groups that are not empty; None if no strength is known. among: only of these elements."""
+        if net.strength is None:
+            return None
+        known = net.strength > 0.0 if among is None else among & (net.strength > 0.0)
+        own = np.arange(net.n_elements) < net.n_net_elements
+        tethers = {TETHER + name: np.array(run) for name, run in net.tether_elements.items()}
+        found = {
+            THREADS: np.flatnonzero(known & own & ~net.is_string),
+            STRINGS: np.flatnonzero(known & own & net.is_string),
+            **{name: run[known[run]] for name, run in tethers.items()},
+        }
+        found = {name: elements for name, elements in found.items() if len(elements)}
+        return cls(tuple(found), tuple(found.values()), net.strength) if found else None
+
+    def loaded(self, tension: Floats) -> tuple[Floats, Ints]:
+        """(t, groups) largest tension / strength in each group, and in which element; tension (t, n) [N]."""
+        shape = (len(tension), len(self.names))
+        part, element = np.zeros(shape), np.zeros(shape, dtype=np.int64)
+        for k, own in enumerate(self.elements):
+            parts = tension[:, own] / self.strength[own]
+            at = parts.argmax(axis=1)
+            part[:, k], element[:, k] = parts[np.arange(len(parts)), at], own[at]
+        return part, element
+
+    def least(self, number: int, time: Floats, part: Floats, element: Ints, peak: Peak) -> Margin | None:
+        """Of a group over times (t,) [s], from what `loaded` gave; None if none of it was ever taut."""
+        own, at = self.elements[number], int(part[:, number].argmax())
+        worst, which, when = float(part[at, number]), int(element[at, number]), float(time[at])
+        of = "stored times"
+        if peak.element in own:
+            bears = float(self.strength[peak.element])
+            if peak.tension >= worst * bears:
+                worst, which, when = peak.tension / bears, peak.element, peak.time
+            # The largest tension of all steps is the worst of them where all of the group bear the same.
+            of = "all steps" if (self.strength[own] == bears).all() else of
+        if worst <= 0.0:
+            return None
+        bears = float(self.strength[which])
+        return Margin(1.0 / worst - 1.0, which, when, worst * bears, bears, of)
+
+
+def loaded_over_blocks(groups: Groups | None, tension: Floats) -> tuple[Floats, Ints]:
+    """`Groups.loaded` of stored tensions that may be larger than memory; (t, 0) without groups."""
+    if groups is None:
+        return np.zeros((len(tension), 0)), np.zeros((len(tension), 0), dtype=np.int64)
+    found = [groups.loaded(block) for block in blocks(tension)]
+    return np.concatenate([part for part, _ in found]), np.concatenate([element for _, element in found])
+
+
+def margins(result: Result, among: NDArray[np.bool_] | None = None) -> dict[str, Margin]:
+    """The least margin to the strength of threads, of strings and of each tether, by "threads", "strings" and
+    "tether NAME": of those whose strength the case states, or that can break, and that were ever taut.
+
+    among : (n_elements,) True for the elements that are looked at; None: all
+    """
+    groups = Groups.of(result.net, among)
+    part, element = loaded_over_blocks(groups, result.tension)
+    peak = peak_of_all_steps(result) or Peak(0.0, 0.0, -1)
+    names = () if groups is None else groups.names
+    found = {}
+    for k, name in enumerate(names):
+        assert groups is not None
+        if (one := groups.least(k, result.time, part, element, peak)) is not None:
+            found[name] = one
+    return found
+
+
+def peak_of_all_steps(result: Result) -> Peak | None:
+    """The largest tension of all steps, where the run tells it."""
+    known = result.provenance.get("largest_tension")
+    return Peak(known["tension_N"], known["time_s"], known["element"]) if known else None

@@ -1,0 +1,193 @@
+"""What went through what, in scenes without contact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from result_samples import net as net_of
+from result_samples import result as result_of
+
+import exunet
+from exunet.bodies.crossing import TOUCH, crossing
+from exunet.bodies.mesh import closed
+from exunet.bodies.packed import packed
+from exunet.bodies.rigid import quaternion_of
+from exunet.bodies.shapes import SOLIDS, Shape, Solid
+from exunet.results import passages as module
+from exunet.results.passages import Overlap, Passage, overlaps, passages
+from exunet.results.result import BodyStates
+from exunet.results.rows import StoredRows
+from exunet.results.summary import rows, summarise
+
+CASES = Path(__file__).parents[1] / "cases"
+NUMBERS: dict[str, Any] = {
+    "box": (1.0, 2.0, 3.0),
+    "sphere": (0.7, 0.0, 0.0),
+    "capsule": (0.3, 1.5, 0.0),
+    "cylinder": (0.5, 2.0, 0.0),
+    "frustum": (0.6, 0.2, 1.0),
+}
+CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+FACES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_segments_against_their_points(kind: Any) -> None:
+    """A thousand points along each of many segments, of a solid that is turned and off its origin."""
+    rng = np.random.default_rng(3)
+    turn = quaternion_of(rng.normal(size=3))
+    solid = Solid(kind, NUMBERS[kind], (0.2, -0.1, 0.3), tuple(turn.tolist()))
+    start, end = rng.normal(size=(2, 300, 3)) * 1.5
+    part = np.linspace(0.0, 1.0, 1001)[:, None, None]
+    along = (start + part * (end - start)).reshape(-1, 3)
+    least = solid.depth(along).reshape(1001, 300).min(axis=0)
+    clear = np.abs(least) > 0.005  # more than what the steps along a segment leave open
+    found = crossing(Shape((solid,)), start, end)
+    assert (found == (least < 0.0))[clear].all()
+    assert 0.05 < found.mean() < 0.5
+
+
+def test_what_touches_a_solid_is_not_inside() -> None:
+    """A thread along the face of a box, and at half and twice the depth that counts."""
+    box = Shape((Solid("box", (1.0, 1.0, 1.0)),))
+    deep = np.array([0.0, 0.5 * TOUCH, 2.0 * TOUCH])
+    start = np.stack([np.full(3, -2.0), np.zeros(3), 0.5 - deep], axis=1)
+    end = start * [-1.0, 1.0, 1.0]
+    assert crossing(box, start, end).tolist() == [False, False, True]
+
+
+def test_a_short_way_through_a_corner() -> None:
+    """0.02 m of a segment of 40 m are inside."""
+    box = Shape((Solid("box", (2.0, 2.0, 2.0)),))
+    for depth, expected in ((0.01, True), (-0.01, False)):
+        middle, way = np.array([1.0 - depth, 1.0 - depth, 0.3]), np.array([1.0, -1.0, 0.0])
+        assert crossing(box, (middle - 13.0 * way)[None], (middle + 15.0 * way)[None]) == [expected]
+
+
+def test_a_mesh_is_crossed_where_its_surface_is() -> None:
+    """Like the box of the same size, but for segments that are inside as a whole."""
+    mesh, rng = Shape(mesh=closed(CUBE, FACES, "cube")), np.random.default_rng(4)
+    start, end = rng.normal(size=(2, 400, 3)) * 0.7
+    inside = (np.abs(start) < 0.5).all(axis=1) & (np.abs(end) < 0.5).all(axis=1)
+    assert inside.any()
+    box = crossing(Shape((Solid("box", (1.0, 1.0, 1.0)),)), start, end)
+    assert (crossing(mesh, start, end) == (box & ~inside)).all()
+
+
+def body(shape: Shape, places: Any, nodes: Any = None) -> BodyStates:
+    """At rest in its attitude, at places (n_times, 3)."""
+    places = np.array(places, dtype=float)
+    still = np.zeros_like(places)
+    attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(places), 1))
+    fixed = None if nodes is None else np.array(nodes)
+    return BodyStates(
+        1.0, np.eye(3), places, still, attitude, still, nodes=fixed, **packed(shape, np.zeros(3))
+    )
+
+
+def falling(**bodies: BodyStates) -> exunet.Result:
+    """Three threads in a row along x, 6 m long, that come down by 1 m in each of six seconds from z = 3 m."""
+    places = np.array([[x, 0.0, 0.0] for x in (-3.0, -1.0, 1.0, 3.0)])
+    net = net_of(places, [(0, 1), (1, 2), (2, 3)])
+    time = np.arange(7.0)
+    position = places + np.array([0.0, 0.0, 3.0]) - time[:, None, None] * [0.0, 0.0, 1.0]
+    told = dict.fromkeys(("step", "steps", "rejected_steps", "build_seconds", "integration_seconds"), 1)
+    return result_of(net, time, position, bodies=bodies, provenance=told)
+
+
+BALL = Shape((Solid("sphere", (1.2, 0.0, 0.0)),))
+
+
+def at(*place: float) -> Any:
+    """The same at each of the seven times."""
+    return np.tile(np.array(place), (7, 1))
+
+
+REST = at(0.0, 0.0, 0.0)
+
+
+def test_threads_that_pass_a_ball() -> None:
+    """The middle one is in it from 2 s to 4 s; at 3 s, at the height of the centre, the others too."""
+    found = passages(falling(ball=body(BALL, REST)))
+    assert found == [Passage("ball", 3, 2.0, 1)]
+
+
+def test_elements_that_are_tied_to_the_body_do_not_count() -> None:
+    """Node 1 is fixed to it: only the last element is left."""
+    assert passages(falling(ball=body(BALL, REST, nodes=[1]))) == [Passage("ball", 1, 3.0, 2)]
+    assert passages(falling(ball=body(BALL, at(0.0, 2.0, 0.0)))) == []
+
+
+def test_a_large_result_gives_the_same_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two states at a time, of positions that stay in a file."""
+    whole = falling(ball=body(BALL, REST))
+    expected, read = passages(whole), []
+
+    def rows_of(start: int, stop: int) -> Any:
+        read.append(stop - start)
+        return whole.position[start:stop]
+
+    monkeypatch.setattr(module, "_VALUES", 18)
+    assert passages(replace(whole, position=StoredRows(rows_of, whole.position.shape))) == expected
+    assert set(read) == {2, 1}
+
+
+def test_bodies_that_overlap() -> None:
+    """A ball goes through a box and back: at 2, 3 and 5 s; balls that pass at a distance do not."""
+    box = Shape((Solid("box", (2.0, 2.0, 2.0)),))
+    z = [9.0, 3.0, 2.0, 1.0, 3.0, -2.1, -9.0]
+    way = np.stack([np.zeros(7), np.zeros(7), z], axis=1)
+    result = falling(
+        target=body(box, at(0, 9, 0)),
+        chaser=body(BALL, way + at(0, 9, 0)),
+        far=body(BALL, way + at(9, 9, 9)),
+    )
+    assert overlaps(result) == [Overlap(("chaser", "target"), 2.0, 5.0, 2)]
+
+
+def test_in_summary_and_table() -> None:
+    result = falling(ball=body(BALL, REST), other=body(BALL, at(0.0, 2.0, 0.0)))
+    summary = summarise(result)
+    assert summary["passages"] == [{"body": "ball", "elements": 3, "first_s": 2.0, "element": 1}]
+    assert summary["overlaps"] == [{"bodies": ["ball", "other"], "from_s": 0.0, "until_s": 6.0, "times": 1}]
+    why = ": there is no contact in this scene"
+    assert [words for name, words in rows(summary) if name == "no contact"] == [
+        f"bodies ball and other overlap from t = 0 s to 6 s{why}",
+        f"3 element(s) in or through body ball, first element 1 at t = 2 s{why}",
+    ]
+
+
+def test_nothing_to_tell() -> None:
+    """Bodies without shapes, and none at all."""
+    bare = replace(body(BALL, REST), solids=None)
+    for result in (falling(), falling(ball=bare)):
+        assert (overlaps(result), passages(result)) == ([], [])
+
+
+@pytest.mark.parametrize("name", ["frame", "snap"])
+def test_shipped_scenes_pass_through_nothing(name: str) -> None:
+    """Threads that are tied to a body, and lie along it."""
+    case = exunet.load(CASES / "bodies" / f"{name}.toml", ["engine.loop=compiled", "time.end=0.2"])
+    result = exunet.run(case)
+    assert (overlaps(result), passages(result)) == ([], [])
+
+
+def test_a_net_that_flies_through_a_target() -> None:
+    """From the case to the warning: a ball in the way of a thrown net."""
+    ball = "bodies.target={shape='sphere', radius=0.3, mass=5.0, position=[0.0, 0.0, 1.0]}"
+    case = exunet.load(CASES / "bodies" / "tumbling.toml", [ball, "engine.loop=compiled", "time.end=1.0"])
+    result = exunet.run(case)
+    (found,) = passages(result)
+    assert found.body == "target"
+    near = np.linalg.norm(result.position - [0.0, 0.0, 1.0], axis=-1).min(axis=1) < 0.3
+    assert found.time <= result.time[near.argmax()]  # a node is not inside before its elements
+    assert found.time > result.time[1]
