@@ -99,7 +99,7 @@ def test_the_loops_state_what_the_arrays_do(tmp_path: Path) -> None:
     for name in blocks.rigid:
         q = blocks.attitude(name)
         x[q : q + 4] /= np.linalg.norm(x[q : q + 4])
-    moving = system.layout.unpack(x.copy(), v.copy()).completed(system.kinematics, 0.0)
+    moving = system.layout.unpack(x.copy(), v.copy()).completed(system.kinematics, 0.0, {})
     call.place(0.0, x, v, call.data)
     for found, expected in zip((x, v), system.layout.pack(moving), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-14)
@@ -208,7 +208,7 @@ def test_the_velocities_of_verlet_fit_together(tmp_path: Path) -> None:
     sim = exunet.Simulation(begin)
     sim.advance_to(0.05)
     state = sim.state
-    expected = state.moving.completed(begin.system.kinematics, state.time)
+    expected = state.moving.completed(begin.system.kinematics, state.time, {})
     np.testing.assert_allclose(state.velocity, expected.velocity, atol=1e-15)
 
 
@@ -224,7 +224,7 @@ def test_verlet_of_the_compiled_loop(tmp_path: Path) -> None:
     state, last = sim.state, States.of(begin.system, sim.state)
     np.testing.assert_allclose(last.momentum, first.momentum, atol=1e-12)
     assert sim.energy.total == pytest.approx(energy, rel=1e-4)
-    expected = state.moving.completed(begin.system.kinematics, state.time)
+    expected = state.moving.completed(begin.system.kinematics, state.time, {})
     np.testing.assert_allclose(state.velocity, expected.velocity, atol=1e-15)
 
 

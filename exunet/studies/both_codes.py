@@ -391,6 +391,9 @@ def read_both(path: str | Path, overrides: Sequence[str] = ()) -> BothCodes:
 
 def both_of(case: Case) -> BothCodes:
     """As `read_both`, of a case that exunet has read."""
+    if case.scene.initial.fold is not None:
+        words = "initial.fold leaves places open, where the codes fold differently, so nothing is compared"
+        raise InputError(f"{case.name}: {words}")
     # The form that states the law element by element; see `BothCodes.in_form` for the others.
     start = prepare(_with_form(case.scene, Form.CONNECTORS))
     try:

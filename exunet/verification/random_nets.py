@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-TOPOLOGIES = ("square", "rectangular", "hexagonal", "radial", "explicit")
+TOPOLOGIES = ("square", "rectangular", "hexagonal", "radial", "cut", "explicit")
 
 
 def random_case(random: np.random.Generator, topology: str | None = None) -> tuple[str, str]:
@@ -27,6 +27,12 @@ def random_case(random: np.random.Generator, topology: str | None = None) -> tup
         case "radial":
             spokes, rings = int(random.integers(3, 9)), int(random.integers(1, 4))
             net |= {"radius": side * rings, "spokes": spokes, "rings": rings}
+        case "cut":
+            net |= {"mesh": side, "size": side * float(random.uniform(4.0, 8.0)), "border": _cable(random)}
+            net["outline"] = str(random.choice(["square", "hexagon", "octagon", "circle"]))
+            net["mesh_shape"] = str(random.choice(["square", "triangle", "hexagon"]))
+            if net["outline"] == "circle":
+                net["corners"] = int(random.integers(3, 7))
         case "explicit":
             net |= _listed(random)
     thrown = kind != "explicit"
@@ -72,4 +78,8 @@ def _listed(random: np.random.Generator) -> dict[str, Any]:
 
 def _table(name: str, keys: dict[str, Any]) -> str:
     """A TOML table; JSON writes its strings, numbers and lists as TOML does."""
-    return f"\n[{name}]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in keys.items())
+    own = "".join(
+        f"{key} = {json.dumps(value)}\n" for key, value in keys.items() if not isinstance(value, dict)
+    )
+    inner = (_table(f"{name}.{key}", value) for key, value in keys.items() if isinstance(value, dict))
+    return f"\n[{name}]\n{own}" + "".join(inner)
