@@ -167,6 +167,8 @@ def test_a_body_counts_by_what_its_motion_moves():
     assert error(spin=0.5) == pytest.approx(0.5 * arm)
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("name", ["snap", "tumbling", "launch"])
 def test_both_codes_agree_on_bodies(name):
     """Tethers, free flight and a net thrown from a body: the converged solutions, and errors against them."""
@@ -184,6 +186,8 @@ def test_both_codes_agree_on_bodies(name):
         assert trial.measures.energy < 1e-3
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_the_reference_has_the_energy_of_bodies_that_forces_act_on():
     """A body that turns in the gradient of an orbit, far from the net: its potential changes as it moves."""
     body = "bodies.target={mass=5.0,inertia=[1.0,2.0,2.5],position=[90.0,0.0,0.0],velocity=[9.0,0.0,0.0]}"

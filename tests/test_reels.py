@@ -409,6 +409,8 @@ def test_restart_in_the_compiled_loop(tmp_path: Path) -> None:
         continue_alike(one, other, 0.4, tmp_path)
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_fixed_drum_takes_the_momenta(tmp_path: Path) -> None:
     """What the support has given, in force and in nodes on and off the drum, is the change of the momenta."""
     case = case_of(tmp_path, FORMS["fused"], FIXED, commands=ON_AND_OFF)

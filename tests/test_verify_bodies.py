@@ -95,6 +95,8 @@ def test_a_wrong_torque_is_named(monkeypatch):
     assert all(re.search(r"state \d, body \d, [xyz]: .* rad/s2", words) for words in found)
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_weak_torque_shows_beside_strong_ones(monkeypatch):
     """Of the gravity gradient, 1e-6 rad/s2: in the states where tethers are slack."""
     right = fields.torques

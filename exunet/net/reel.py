@@ -21,6 +21,7 @@ from exunet.base.faults import each
 from exunet.base.table import FromArray, NonNegative, Positive, Table
 
 LEAST_OUTLET = 0.25  # of an element; next to a whole one it raises the highest frequency by 1/8
+CLOSE = 1e-9  # of an element, within which the outlet counts as having reached that
 LARGEST_OUTLET = 1.5  # with which a node comes off, and leaves an outlet of half an element
 Mode = Literal["lock", "brake", "rate", "tension"]
 _NEEDS = {"lock": (), "brake": ("force",), "rate": ("rate",), "tension": ("force",)}
@@ -138,7 +139,7 @@ def reel_of(
     part = length / number
     wound = 0.0 if keys.paid_out is None else max(0.0, length - keys.paid_out)
     on_drum = min(number - 1, int(wound / part))
-    if (on_drum + 1) * part - wound <= LEAST_OUTLET * part and on_drum < number - 1:
+    if (on_drum + 1) * part - wound <= (LEAST_OUTLET + CLOSE) * part and on_drum < number - 1:
         on_drum += 1
     shortest = max(keys.shortest or 0.0, LEAST_OUTLET * part)
     rate = _WITHOUT_LIMIT if keys.largest_rate is None else keys.largest_rate

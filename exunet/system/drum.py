@@ -13,13 +13,12 @@ from exunet.forces.held import held_by, mass_matrix
 from exunet.forces.reel import Winding, memory_name
 from exunet.forces.reel_loops import Outlet, pulls
 from exunet.forces.terms import Change, Memories
-from exunet.net.reel import LARGEST_OUTLET, LEAST_OUTLET
+from exunet.net.reel import CLOSE, LARGEST_OUTLET, LEAST_OUTLET
 from exunet.system.system import Layout, Moving
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_CLOSE = 1e-9  # of an element, within which the outlet counts as having reached a limit
 _COMMAND, _ON, _OFF = range(3)
 _NOTHING = np.zeros(0, dtype=np.int64)
 
@@ -48,7 +47,7 @@ class Drum:
         self.times = self._reel.times
         part = self._reel.element_length
         self._least, self._largest = LEAST_OUTLET * part, LARGEST_OUTLET * part
-        self._close = _CLOSE * part
+        self._close = CLOSE * part
         self._made: tuple[tuple[float, float], Outlet] | None = None
         self._wound = self._blocks.state(f"{self._reel.name}/wound_up")
 
