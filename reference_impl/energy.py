@@ -7,6 +7,7 @@ straight thread, springs and gas of a launch for a bullet that has left its barr
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from reference_impl.bodies import BodyStates
 from reference_impl.effects.orbit import orbital_potential
 from reference_impl.elements import excess, span, strain, stress
 from reference_impl.forces import ways
-from reference_impl.run import Trajectory
+from reference_impl.reels import Wound
 from reference_impl.system import System
 
 
@@ -31,12 +32,19 @@ def kinetic(system: System, v: Floats, bodies: BodyStates | None = None) -> Floa
     return np.asarray(total + 0.5 * (moving + np.einsum("bcd,...bc,...bd->...", inertia, spin, spin)))
 
 
-def elastic(system: System, x: Floats, intact: Bools | None = None) -> Floats:
-    """U_el = 1/2 sum S11 (E11 - e) A L (...) [J], eq. (19), of the elements `intact` (..., m); None: all."""
-    e11 = strain(system, x)
+def elastic(
+    system: System, x: Floats, intact: Bools | None = None, reference_length: Floats | None = None
+) -> Floats:
+    """U_el = 1/2 sum S11 (E11 - e) A L (...) [J], eq. (19), of the elements `intact` (..., m); None: all.
+
+    Reference lengths (..., m) [m] are the net's where None are given (`Reels.lengths`).
+    """
+    e11 = strain(system, x, reference_length)
     density = stress(system, e11) * excess(system, e11)
     if intact is not None:
         density = np.where(intact, density, 0.0)
+    if reference_length is not None:
+        return np.asarray(0.5 * (density * reference_length) @ system.net.area)
     return np.asarray(0.5 * density @ (system.net.area * system.net.reference_length))
 
 
@@ -104,7 +112,7 @@ class Books:
     kinetic: Floats
     elastic: Floats
     potential: Floats
-    dissipated: Floats  # what has left: to damping, drag, breaks, less what thrust and driven bodies put in
+    dissipated: Floats  # what has left: to damping, drag, events, less what thrust, reels, drives put in
     momentum: Floats
     angular_momentum: Floats
 
@@ -114,12 +122,36 @@ class Books:
         return self.kinetic + self.elastic + self.potential + self.dissipated
 
 
-def books(system: System, run: Trajectory) -> Books:
-    """The books of a run, bodies and broken elements included."""
+class Stored(Protocol):
+    """What a run has stored (`run.Trajectory`)."""
+
+    @property
+    def x(self) -> Floats: ...
+    @property
+    def v(self) -> Floats: ...
+    @property
+    def dissipated(self) -> Floats: ...
+    @property
+    def bodies(self) -> BodyStates: ...
+    @property
+    def intact(self) -> Bools: ...
+    @property
+    def reels(self) -> Wound: ...
+
+
+def lengths(system: System, wound: Wound) -> Floats | None:
+    """Reference lengths (..., m) [m]; None where they are the net's."""
+    if system.reels is None:
+        return None
+    return system.reels.lengths(system.net, wound.wound_up, wound.held)
+
+
+def books(system: System, run: Stored) -> Books:
+    """The books of a run, bodies, reels and broken elements included."""
     bodies = run.bodies
     return Books(
         kinetic(system, run.v, bodies),
-        elastic(system, run.x, run.intact),
+        elastic(system, run.x, run.intact, lengths(system, run.reels)),
         potential(system, run.x, bodies),
         run.dissipated,
         momentum(system, run.v, bodies),
