@@ -25,27 +25,29 @@ net.cable = { diameter = 0.001, density = 1000.0, youngs_modulus = 1e9 }
 initial.packing = 1.0
 """
 
-# E A = 100 N; the tether's mass is 1e-6 kg, next to nothing, but for TUMBLING
+# E A = 1000 N, a node has 40 g; 4 m of it are a spring of 250 N/m
 LINE = """
 [bodies.drum]
 mass = 1e6
 inertia = [1e6, 1e6, 1e6]
 [bodies.target]
-mass = 20.0
+mass = 5.0
 inertia = [3.0, 4.0, 5.0]
 position = [4.0, 0.0, 0.0]
 [tethers.line]
 length = 6.0
-divisions = 6
+divisions = 3
 area = 1e-6
-density = 2000.0
-youngs_modulus = 1e8
+density = 2e4
+youngs_modulus = 1e9
 start = { body = "drum" }
 end = { body = "target" }
 [tethers.line.reel]
 paid_out = 4.0
-damping = 200.0
+damping = 10.0
 """
+MASS, SPRING, DAMPING = 5.0, 250.0, 10.0
+RK4 = {"method": "RK4", "step": 4e-3}
 
 TUMBLING = """
 [bodies.drum]
@@ -96,129 +98,102 @@ def reel():
     return make
 
 
-def apart(run):
-    return np.linalg.norm(run.bodies.position[:, 1] - run.bodies.position[:, 0], axis=1)
-
-
-def turned_off(run):
-    """Greatest changes of momentum and angular momentum over what one body has of them."""
-    return np.abs(run - run[0]).max() / np.abs(run).max()
+def pulled(times, force):
+    """Speeds of a target that hangs on a spring in series with a drive: m v' = N, N' = k ((F - N)/c - v)."""
+    matrix = np.array([[0.0, 1.0 / MASS], [-SPRING, -SPRING / DAMPING]])
+    rest = np.array([force / DAMPING, 0.0])  # v = F/c, N = 0
+    rates, modes = np.linalg.eig(matrix)
+    weights = np.linalg.solve(modes, -rest)
+    return rest[0] + np.exp(np.outer(times, rates)) @ (modes[0] * weights)
 
 
 # known answers
 
 
 def test_constant_rate_pulls_the_target_at_that_rate(reel):
-    """After the snap, v sqrt(E A m/L0) by hand, a line without mass or damping leaves the target with twice the
-    rate; one that is viscous leaves it with the rate, and no tension."""
-    rate = 0.2
-    made = reel(
-        commands=[{"at": 0.0, "mode": "rate", "rate": rate}],
-        overrides={"effects.material_damping.relaxation_time": 0.4},
-    )
-    run = made.integrate([0.0, 6.0, 7.0, 8.0], rtol=1e-8, atol=1e-10)
-    speed = -run.bodies.velocity[1:, 1, 0]
-    assert run.reels.wound_up[1:, 0] == pytest.approx(2.0 + rate * np.array([6.0, 7.0, 8.0]), abs=1e-9)
-    assert speed == pytest.approx([rate] * 3, rel=2e-2)
+    """After the transient of a rate that slips, rate - N/c, the speed is the rate and the line has no tension."""
+    rate = 0.1
+    made = reel(commands=[{"at": 0.0, "mode": "rate", "rate": rate, "force": 0.0}])
+    times = np.array([0.0, 0.3, 0.6, 5.0, 6.0])
+    run = made.integrate(times, **RK4)
+    speed = -run.bodies.velocity[:, 1, 0]
+    assert speed == pytest.approx(pulled(times, rate * DAMPING), rel=2e-2)
+    assert speed[-2:] == pytest.approx([rate] * 2, rel=2e-2)
+    assert np.diff(run.reels.wound_up[-2:, 0]) == pytest.approx([rate], rel=2e-2)
 
 
-def test_greatest_tension_of_a_snap(reel):
-    """A rate v against a target at rest: N = v sqrt(E A m/L0), for a line without mass (a spring, L0 constant).
-
-    The length changes by a hundredth meanwhile, and E11 is not the engineering strain.
-    """
-    rate, mass, stiffness, length = 0.02, 20.0, 100.0, 4.0
+def test_rebound_from_a_rate_that_does_not_slip(reel):
+    """A line that shortens by a constant rate is an elastic wall that moves: rate at a quarter of the period
+    2 pi sqrt(m/k), twice the rate at half of it, where the line goes slack."""
+    rate, period = 0.1, 2.0 * math.pi * math.sqrt(MASS / SPRING)
     made = reel(commands=[{"at": 0.0, "mode": "rate", "rate": rate}])
-    quarter = 0.5 * math.pi * math.sqrt(mass * length / stiffness)
-    run = made.integrate([0.0, quarter], rtol=1e-8, atol=1e-10)
-    strain = apart(run)[1] / (6.0 - run.reels.wound_up[1, 0]) - 1.0
-    assert stiffness * strain == pytest.approx(rate * math.sqrt(stiffness * mass / length), rel=2e-2)
-    assert -run.bodies.velocity[1, 1, 0] == pytest.approx(rate, rel=2e-2)
+    run = made.integrate(np.array([0.0, 0.25, 0.5, 1.0]) * period, **RK4)
+    assert -run.bodies.velocity[1:, 1, 0] == pytest.approx([rate, 2.0 * rate, 2.0 * rate], rel=3e-2)
+    assert run.reels.wound_up[:, 0] == pytest.approx(2.0 + rate * run.t, abs=1e-12)
 
 
 def test_constant_force_accelerates_the_target(reel):
-    """In balance ds/dt = (F - N)/c is the speed v of the target, m dv/dt = N: v = F/c (1 - exp(-t c/m))."""
-    force, damping, mass = 2.0, 200.0, 20.0
-    made = reel(commands=[{"at": 0.0, "mode": "tension", "force": force}])
-    times = np.linspace(0.0, 0.5, 6)
-    run = made.integrate(times, rtol=1e-8, atol=1e-10)
-    stiff = made.net.youngs_modulus[-1] * made.net.area[-1] / 4.0
-    # the line is a spring k in series with the drive: m v' = N, N' = k (ds/dt - v)
-    matrix = np.array([[0.0, 1.0 / mass], [-stiff, -stiff / damping]])
-    driving = np.array([0.0, stiff * force / damping])
-    rest = np.linalg.solve(matrix, -driving)
-    values, vectors = np.linalg.eig(matrix)
-    weights = np.linalg.solve(vectors, -rest)
-    speed = [rest[0] + (vectors[0] * weights * np.exp(values * t)).sum().real for t in times]
-    assert -run.bodies.velocity[:, 1, 0] == pytest.approx(speed, rel=2e-2, abs=1e-5)
+    """(F - N)/c is the speed in the end: m v' = N = F - c v, and before that the spring fills."""
+    times = np.linspace(0.0, 1.0, 6)
+    run = reel(commands=[{"at": 0.0, "mode": "tension", "force": 2.0}]).integrate(times, **RK4)
+    assert -run.bodies.velocity[:, 1, 0] == pytest.approx(pulled(times, 2.0), rel=2e-2, abs=1e-4)
 
 
-def test_constant_force_by_hand(reel):
-    """A heavy target and a weak drive: N = F, so the acceleration is F/m; the drum does the work F s."""
+def test_constant_force_on_a_heavy_target(reel):
+    """Of a target that hardly moves the acceleration is F/m."""
     force, mass = 2.0, 2e4
-    made = reel(
-        overrides={"bodies.target.mass": mass, "effects.material_damping.relaxation_time": 0.05},
-        commands=[{"at": 0.0, "mode": "tension", "force": force}],
-    )
-    run = made.integrate([0.0, 4.0, 8.0], rtol=1e-7, atol=1e-10)
+    commands = [{"at": 0.0, "mode": "tension", "force": force}]
+    run = reel(overrides={"bodies.target.mass": mass}, commands=commands).integrate([0.0, 2.0, 4.0], **RK4)
     speed = -run.bodies.velocity[:, 1, 0]
-    assert (speed[2] - speed[1]) / 4.0 == pytest.approx(force / mass, rel=2e-2)
+    assert (speed[2] - speed[1]) / 2.0 == pytest.approx(force / mass, rel=1e-2)
 
 
 def test_brake_stops_a_drifting_target(reel):
-    """K = F d by hand: the brake takes all but what the line stores, and the excess c ds/dt takes the rest."""
-    force, mass, speed = 5.0, 20.0, 0.8
+    """m v' = -(F + c v): it pays out (m/c)(v0 - (F/c) ln(1 + c v0/F)); the brake takes all of K but what the
+    line holds then, F^2/(2 k).  With c = 0 the way would be K/F."""
+    force, speed, damping = 2.0, 0.8, 2.0
     made = reel(
-        overrides={
-            "bodies.target.velocity": [speed, 0, 0],
-            "tethers.line.length": 12.0,
-            "tethers.line.divisions": 6,
-            "tethers.line.youngs_modulus": 1e9,
-            "tethers.line.reel.damping": 1.0,
-            "effects.material_damping.relaxation_time": 0.02,
-        },
+        overrides={"bodies.target.velocity": [speed, 0, 0], "tethers.line.reel.damping": damping},
         commands=[{"at": 0.0, "mode": "brake", "force": force}],
     )
-    run = made.integrate(np.linspace(0.0, 4.0, 401), rtol=1e-7, atol=1e-9)
-    paid = 8.0 - run.reels.wound_up[:, 0]
-    kinetic = 0.5 * mass * speed**2
-    stored = 0.5 * force**2 / 1000.0 * (4.0 + paid[-1])
-    assert 0.9 < paid[-1] / ((kinetic - stored) / force) < 1.0
-    assert np.all(np.diff(run.reels.wound_up[:, 0]) <= 0.0)
-    assert run.reels.work[-1, 0] == pytest.approx(-force * paid[-1], rel=0.15)
-    assert run.reels.work[-1, 0] < -force * paid[-1]
+    run = made.integrate(np.linspace(0.0, 2.0, 101), method="RK4", step=2e-3)
+    paid, kinetic = 2.0 - run.reels.wound_up[:, 0], 0.5 * MASS * speed**2
+    way = MASS / damping * (speed - force / damping * math.log(1.0 + damping * speed / force))
+    assert paid[-1] == pytest.approx(way, rel=2e-2)
+    assert paid[-1] < kinetic / force
+    assert np.all(np.diff(paid) >= 0.0)
+    assert -run.reels.work[-1, 0] == pytest.approx(kinetic - 0.5 * force**2 / SPRING, rel=1e-2)
 
 
 @pytest.mark.parametrize("commands", [[], [{"at": 0.0, "mode": "lock"}]], ids=["none", "lock"])
-def test_locked_is_a_tether_of_that_length(reel, scene, commands):
-    """Nothing is wound up, and target and nodes move as with a tether of 4 m in 4 pieces of the same mass."""
+def test_locked_is_a_tether_of_that_length(reel, commands):
+    """Nothing is wound up, and the target moves as on a tether of 4 m in 2 pieces with the same nodes."""
     drift = {"bodies.target.velocity": [0.3, 0.1, 0]}
-    run = reel(overrides=drift, commands=commands).integrate([0.0, 2.0])
+    run = reel(overrides=drift, commands=commands).integrate([0.0, 2.0], **RK4)
     document = tomllib.loads(HEAD + LINE)
     line = document["tethers"]["line"]
     del line["reel"]
-    line.update(length=4.0, divisions=4)
-    plain = prepare(read_document(document, drift)).integrate([0.0, 2.0])
+    line.update(length=4.0, divisions=2)
+    plain = prepare(read_document(document, drift)).integrate([0.0, 2.0], **RK4)
     assert np.all(run.reels.wound_up == 2.0)
     assert np.all(run.reels.work == 0.0)
-    assert run.bodies.position[1, 1] == pytest.approx(plain.bodies.position[1, 1], abs=1e-9)
+    assert run.bodies.position[1, 1] == pytest.approx(plain.bodies.position[1, 1], abs=1e-7)
 
 
 def test_limits_slow_the_drum(reel):
-    """Towards a limit d' = -rate d/(l/4): after the last quarter element, exponential in t rate/(l/4)."""
-    rate = 0.5
+    """The way d left to a limit falls by rate d/(l/4) in the last quarter of an element: exponentially."""
+    rate, quarter = 0.5, 0.5
     made = reel(
         overrides={"tethers.line.reel.shortest": 3.0, "tethers.line.reel.largest_rate": rate},
         commands=[{"at": 0.0, "mode": "rate", "rate": 9.0}, {"at": 4.0, "mode": "rate", "rate": -9.0}],
     )
-    run = made.integrate([0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 9.0, 13.0], rtol=1e-7, atol=1e-10)
+    run = made.integrate([0.0, 1.0, 1.5, 2.0, 4.0, 5.0, 10.0, 11.0], **RK4)
     s = run.reels.wound_up[:, 0]
-    left = 0.25 * np.exp(-(np.array([1.5, 2.0, 3.0, 4.0]) - 1.5) * rate / 0.25)
     assert s[:2] == pytest.approx([2.0, 2.5], abs=1e-9)
-    assert s[2:6] == pytest.approx(3.0 - left, rel=1e-6)
-    begin = s[5]
-    reached = (begin - 0.25) / rate
-    assert s[6:] == pytest.approx(0.25 * np.exp(-(np.array([5.0, 9.0]) - reached) * rate / 0.25), rel=1e-5)
+    assert s[2:5] == pytest.approx(3.0 - quarter * np.exp(1.0 - run.t[2:5]), rel=1e-5)
+    reached = 4.0 + (s[4] - quarter) / rate
+    assert s[5] == pytest.approx(s[4] - rate, abs=1e-9)
+    assert s[6:] == pytest.approx(quarter * np.exp(reached - run.t[6:]), rel=1e-3)
 
 
 # conservation
