@@ -32,20 +32,25 @@ def kinetic(system: System, v: Floats, bodies: BodyStates | None = None) -> Floa
     return np.asarray(total + 0.5 * (moving + np.einsum("bcd,...bc,...bd->...", inertia, spin, spin)))
 
 
-def elastic(
-    system: System, x: Floats, intact: Bools | None = None, reference_length: Floats | None = None
-) -> Floats:
-    """U_el = 1/2 sum S11 (E11 - e) A L (...) [J], eq. (19), of the elements `intact` (..., m); None: all.
-
-    Reference lengths (..., m) [m] are the net's where None are given (`Reels.lengths`).
-    """
-    e11 = strain(system, x, reference_length)
+def elastic(system: System, x: Floats, intact: Bools | None = None) -> Floats:
+    """U_el = 1/2 sum S11 (E11 - e) A L (...) [J], eq. (19), of the elements `intact` (..., m); None: all."""
+    e11 = strain(system, x)
     density = stress(system, e11) * excess(system, e11)
     if intact is not None:
         density = np.where(intact, density, 0.0)
-    if reference_length is not None:
-        return np.asarray(0.5 * (density * reference_length) @ system.net.area)
     return np.asarray(0.5 * density @ (system.net.area * system.net.reference_length))
+
+
+def at_outlets(system: System, x: Floats, wound: Wound) -> tuple[Bools | None, Floats]:
+    """Which elements (..., m) are no outlets of reels (None: all), and U (...) [J] of the outlets."""
+    if system.reels is None:
+        return None, np.zeros(x.shape[:-2])
+    lengths = system.reels.lengths(system.net, wound.wound_up, wound.held)
+    outlet = np.zeros(lengths.shape, dtype=bool)
+    np.put_along_axis(outlet, system.reels.outlets(wound.held), True, axis=-1)
+    e11 = strain(system, x, lengths)
+    density = np.where(outlet, 0.5 * stress(system, e11) * excess(system, e11), 0.0)
+    return ~outlet, np.asarray((density * lengths) @ system.net.area)
 
 
 def potential(system: System, x: Floats, bodies: BodyStates | None = None) -> Floats:
@@ -149,10 +154,12 @@ def lengths(system: System, wound: Wound) -> Floats | None:
 def books(system: System, run: Stored) -> Books:
     """The books of a run, bodies, reels and broken elements included."""
     bodies = run.bodies
+    inside, outlets = at_outlets(system, run.x, run.reels)
+    intact = run.intact if inside is None else run.intact & inside
     return Books(
         kinetic(system, run.v, bodies),
-        elastic(system, run.x, run.intact, lengths(system, run.reels)),
-        potential(system, run.x, bodies),
+        elastic(system, run.x, intact),
+        potential(system, run.x, bodies) + outlets,
         run.dissipated,
         momentum(system, run.v, bodies),
         angular_momentum(system, run.x, run.v, bodies),

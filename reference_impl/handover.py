@@ -97,6 +97,6 @@ def _energy(layout: Layout, y: Floats) -> float:
     """Kinetic, elastic and potential energy [J]."""
     system, whole, bodies = layout.system, layout.whole(y), layout.body_states(y)
     x, v = whole.x[: layout.nodes], whole.v[: layout.nodes]
-    lengths = energy.lengths(system, layout.wound(y))
-    kept = energy.elastic(system, x, None, lengths) + energy.potential(system, x, bodies)
+    inside, outlets = energy.at_outlets(system, x, layout.wound(y))
+    kept = energy.elastic(system, x, inside) + energy.potential(system, x, bodies) + outlets
     return float(energy.kinetic(system, v, bodies) + kept)

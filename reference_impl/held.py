@@ -77,4 +77,7 @@ def bearing(
     coupled = (light - turned).transpose(0, 2, 1, 3).reshape(3 * r, 3 * r)
     weight = np.repeat(mu, 3)
     given = (borne - mu[:, None] * inert).ravel()
-    return np.linalg.solve(np.eye(3 * r) + weight[:, None] * coupled, given).reshape(r, 3)
+    try:
+        return np.linalg.solve(np.eye(3 * r) + weight[:, None] * coupled, given).reshape(r, 3)
+    except np.linalg.LinAlgError:  # of no rotation: a trial step far beyond what will be accepted
+        return np.full((r, 3), np.nan)

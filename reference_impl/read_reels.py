@@ -49,7 +49,7 @@ def _end(value: Any) -> str:
 
 def _commands(table: Table) -> tuple[Command, ...]:
     """The commands that can be read; faults are noted."""
-    listed = table.need("commands", _tables)
+    listed = table.get("commands", _tables, ())
     made = []
     for row, values in enumerate(listed or ()):
         inner = Table(values, f"{table.name('commands')}[{row}]", table.faults)
