@@ -323,6 +323,28 @@ def test_nodes_on_the_drum_are_point_masses_of_the_body(reel):
     assert not np.allclose(run.bodies.attitude[-1, 0], np.eye(3), atol=0.1)
 
 
+def test_two_drums_of_one_body(reel, unbalanced):
+    """The forces of nodes at one drum move the other: momenta stay, with light bodies and heavy nodes."""
+    tether = tomllib.loads(TUMBLING)["tethers"]["line"]
+    second = {**tether, "end": {"body": "drum", "point": [-0.3, 0.2, 0.4]}, "length": 4.5}
+    second["reel"] = {"at": "end", "paid_out": 2.9, "commands": [{"at": 0.1, "mode": "rate", "rate": -0.5}]}
+    made = reel(
+        TUMBLING,
+        {
+            "tethers.other": second,
+            "tethers.line.density": 8000.0,
+            "bodies.drum.angular_velocity": [1.0, 2.0, -1.5],
+        },
+    )
+    assert made.system.reels.held.tolist() == [3.0, 3.0]
+    run = made.integrate(np.linspace(0.0, 0.8, 5), method="RK4", step=1e-3)
+    assert np.abs(np.diff(run.reels.held, axis=0)).sum(axis=0).min() >= 1.0
+    books = energy.books(made.system, run)
+    assert np.abs(books.momentum - books.momentum[0]).max() < 1e-9
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-9
+    assert unbalanced(made, run) < 1e-4
+
+
 def test_a_fixed_support_takes_the_momenta(reel, unbalanced):
     """All else less what the support gave: constant over nodes that go on and off."""
     made = reel(
@@ -365,6 +387,31 @@ def test_nodes_on_the_drum_at_time_0(paid_out, held):
     places = spread_outside(6.0, 6, paid_out)
     outside = [paid_out - rest for rest in range(5 - held, 0, -1)]
     assert places == pytest.approx([0.0] * held + [place / paid_out for place in outside], abs=1e-15)
+
+
+def test_a_launch_recoils_on_body_and_held_nodes(reel):
+    """Bullets that a body throws take their momenta from it and what it holds: three nodes of 0.04 kg."""
+    thrown = {"net.topology": "square", "net.size": 1.0, "net.mesh": 0.5, "net.bullets.mass": 0.3}
+    thrown |= {f"net.{key}": None for key in ("nodes", "elements", "node_masses", "fixed")}
+    thrown |= {"initial.packing": 0.2, "initial.frame": {"body": "drum", "position": [0.5, 0.6, 0.7]}}
+    made = [
+        reel(TUMBLING, {**thrown, "launch": {"radial_speed": speed, "axial_speed": speed}})
+        for speed in (0.0, 2.0)
+    ]
+    rest, recoiled = (_kept(one, 3) for one in made)
+    assert recoiled == pytest.approx(rest, abs=1e-14)
+    assert np.abs(made[1].bodies0.velocity[0] - made[0].bodies0.velocity[0]).max() > 0.1
+
+
+def _kept(made, held):
+    """Momentum and angular momentum (6,) at time 0 of the drum's body, the nodes on it, and the bullets."""
+    system, bodies = made.system, made.bodies0
+    nodes = np.concatenate((system.reels.nodes[0][:held], made.net.bullet_nodes))
+    momenta = made.net.mass[nodes, None] * made.v0[nodes]
+    own = system.bodies.mass[0] * bodies.velocity[0]
+    spin = bodies.attitude[0] @ system.bodies.inertia[0] @ bodies.angular_velocity[0]
+    moment = np.cross(made.x0[nodes], momenta).sum(axis=0) + np.cross(bodies.position[0], own)
+    return np.concatenate((momenta.sum(axis=0) + own, moment + spin))
 
 
 # bad input
