@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from reference_impl import Refused, acceleration, energy, prepare, read_document
+from reference_impl.archive import contents
 from reference_impl.bodies import loaded
 from reference_impl.handover import hand_over
 from reference_impl.reels import Wound, at_start, spread_outside
@@ -373,6 +374,22 @@ def test_acceleration_of_a_state(reel):
     assert np.abs(a[drum]).max() > 0.01
     with pytest.raises(ValueError, match="reel"):
         acceleration(made.system, 0.5, made.x0, made.v0, made.bodies0)
+
+
+def test_result_file(reel):
+    """What the reel did is there, the outlet's strain with its own length, its energy as potential energy."""
+    made = reel(commands=[{"at": 0.0, "mode": "tension", "force": 2.0}])
+    run = made.integrate([0.0, 0.2, 0.4], **RK4)
+    got = contents(made.system, run, True, {})
+    assert got["reel_names"].tolist() == ["line"]
+    assert got["reel_held"].tolist() == [[1], [1], [1]]
+    assert np.all(got["reel_wound_up"] == run.reels.wound_up)
+    outlet, length = int(made.system.reels.elements[0][1]), 4.0 - run.reels.wound_up[2, 0]
+    i, j = made.net.element_nodes[outlet]
+    e11 = 0.5 * (((run.x[2, j] - run.x[2, i]) ** 2).sum() / length**2 - 1.0)
+    assert got["strain"][2, outlet] == pytest.approx(e11, rel=1e-12)
+    assert got["potential"][2] == pytest.approx(0.5 * 1000.0 * e11**2 * length, rel=1e-12)
+    assert got["strain"][:, outlet - 1] == pytest.approx([-0.5] * 3)
 
 
 # places at time 0
