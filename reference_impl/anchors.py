@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from reference_impl.arrays import Floats, Ints
+from reference_impl.arrays import Floats, Ints, cross
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,14 +67,14 @@ class Levers:
 
     def velocities(self, velocity: Floats, turning: Floats, lever: Floats) -> Floats:
         """v (..., a, 3) [m/s] of the centres' velocities and angular velocities (..., r, 3) of the scene."""
-        return np.asarray(velocity[..., self.body, :] + np.cross(turning[..., self.body, :], lever))
+        return np.asarray(velocity[..., self.body, :] + cross(turning[..., self.body, :], lever))
 
     def accelerations(self, linear: Floats, angular: Floats, turning: Floats, lever: Floats) -> Floats:
         """x'' (..., a, 3) [m/s2] of accelerations A, w' and angular velocities w (..., r, 3) of the scene."""
         w = turning[..., self.body, :]
-        curving = np.cross(angular[..., self.body, :], lever) + np.cross(w, np.cross(w, lever))
+        curving = cross(angular[..., self.body, :], lever) + cross(w, cross(w, lever))
         return np.asarray(linear[..., self.body, :] + curving)
 
     def wrench(self, push: Floats, lever: Floats) -> tuple[Floats, Floats]:
         """Force [N] and torque about the centre of mass [N m], (r, 3) each, of forces (a, 3) on the nodes."""
-        return self.gathering @ push, self.gathering @ np.cross(lever, push)
+        return self.gathering @ push, self.gathering @ cross(lever, push)

@@ -37,7 +37,8 @@ def contents(
         "numpy": np.__version__,
         "scipy": scipy.__version__,
     }
-    bodies, breaks = trajectory.bodies, trajectory.breaks
+    bodies, breaks, reels = trajectory.bodies, trajectory.breaks, trajectory.reels
+    lengths = energy.lengths(system, reels)
     with np.errstate(over="ignore", invalid="ignore"):  # the last states of a diverging run may be huge
         books = energy.books(system, trajectory)
         return {
@@ -56,8 +57,8 @@ def contents(
             "mass": net.mass,
             "bullet_nodes": net.bullet_nodes,
             "fixed_nodes": net.fixed_nodes,
-            "strain": strain(system, x),
-            "tension": tension(system, x, trajectory.intact),
+            "strain": strain(system, x, lengths),
+            "tension": tension(system, x, trajectory.intact, lengths),
             "kinetic": books.kinetic,
             "elastic": books.elastic,
             "potential": books.potential,
@@ -76,6 +77,10 @@ def contents(
             "body_impulse": trajectory.given.impulse,
             "body_angular_impulse": trajectory.given.angular_impulse,
             "body_work": trajectory.given.work,
+            "reel_names": np.array(() if system.reels is None else system.reels.names, dtype=str),
+            "reel_wound_up": reels.wound_up,
+            "reel_held": reels.held.astype(np.intp),
+            "reel_work": reels.work,
             "intact": trajectory.intact,
             "break_element": np.array([b.element for b in breaks], dtype=np.intp),
             "break_time": np.array([b.time for b in breaks], dtype=float),

@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from reference_impl.arrays import Floats, Ints
+from reference_impl.arrays import Floats, Ints, cross
 from reference_impl.drive import Drive, Poses, Steady
 from reference_impl.turns import skew
 
@@ -39,12 +39,13 @@ class Body:
     attitude: Floats = field(default_factory=lambda: np.eye(3))  # R (3, 3): columns are the body's axes
     angular_velocity: Floats = field(default_factory=_zeros)  # (3,) [rad/s] in the body's axes
     drive: Drive | None = None  # its motion, where that is given
+    prescribed: bool = False  # that motion is not rest
 
     def at(self, point: Floats) -> tuple[Floats, Floats]:
         """Place [m] and velocity [m/s] (3,) in the scene of a point (3,) [m] of the body's frame."""
         lever = self.attitude @ (point - self.centre_of_mass)
         turning = self.attitude @ self.angular_velocity
-        return self.position + self.attitude @ point, self.velocity + np.cross(turning, lever)
+        return self.position + self.attitude @ point, self.velocity + cross(turning, lever)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +173,7 @@ def attitude_rate(attitude: Floats, spin: Floats, mobility: Floats) -> Floats:
 
 def turning_rate(attitude: Floats, spin: Floats, torque: Floats, bodies: Bodies) -> Floats:
     """w' (..., r, 3) [rad/s2] in the scene's axes, R J^-1 R^T (torque - w x h): Euler's equations."""
-    left = torque - np.cross(turning(attitude, spin, bodies.mobility), spin)
+    left = torque - cross(turning(attitude, spin, bodies.mobility), spin)
     return turning(attitude, left, bodies.mobility)
 
 
@@ -192,7 +193,7 @@ def conserving_turn(attitude: Floats, spin: Floats, bodies: Bodies, h: float) ->
     w = turning(attitude, spin, bodies.mobility)
     for _ in range(30):
         carried = np.einsum("bij,bj->bi", inertia, w)
-        wrong = carried - 0.5 * h * np.cross(carried, w) - spin
+        wrong = carried - 0.5 * h * cross(carried, w) - spin
         if np.all(np.linalg.norm(wrong, axis=1) <= 1e-15 * np.linalg.norm(spin, axis=1)):
             break
         slope = inertia + 0.5 * h * (skew(w) @ inertia - skew(carried))

@@ -63,6 +63,28 @@ class Attachment:
 
 
 @dataclass(frozen=True)
+class Command:
+    """What the drive of a reel does from a time `at` [s] on: `rate` [m/s] of winding up, `force` [N]."""
+
+    at: float
+    mode: str  # "lock", "brake", "rate", "tension"
+    rate: float | None = None
+    force: float | None = None
+
+
+@dataclass(frozen=True)
+class Reel:
+    """A drum at one end of a tether, which winds it up and pays it out."""
+
+    at_start: bool
+    paid_out: float  # length outside at time 0 [m]
+    shortest: float  # length outside at which winding stops [m]
+    largest_rate: float  # [m/s], infinite where there is no limit
+    damping: float | None  # c [N s/m] of the drive
+    commands: tuple[Command, ...]
+
+
+@dataclass(frozen=True)
 class Tether:
     """A cable beside the net, of this reference length [m], between two nodes or points of bodies."""
 
@@ -72,6 +94,12 @@ class Tether:
     divisions: int
     start: NetNode | BodyPoint
     end: NetNode | BodyPoint
+    reel: Reel | None = None
+
+    @property
+    def piece(self) -> float:
+        """Reference length of each of its elements [m]."""
+        return self.length / self.divisions
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,18 +63,19 @@ def length(system: Elements, x: Floats) -> Floats:
     return np.sqrt(dot(d, d))
 
 
-def strain_of(system: Elements, d: Floats) -> Floats:
-    """E11 (..., m) [-], eq. (6), of element vectors d (..., m, 3) [m]."""
-    reference = system.squared_reference_length
+def strain_of(system: Elements, d: Floats, reference_length: Floats | None = None) -> Floats:
+    """E11 (..., m) [-], eq. (6), of element vectors d (..., m, 3) [m]; lengths: the net's if None."""
+    reference = system.squared_reference_length if reference_length is None else reference_length**2
     return np.asarray(0.5 * (dot(d, d) - reference) / reference)
 
 
-def strain(system: Elements, x: Floats) -> Floats:
+def strain(system: Elements, x: Floats, reference_length: Floats | None = None) -> Floats:
     """Green-Lagrange strain E11 (..., m) [-], eq. (6), against the reference configuration.
 
-    An element is slack below the free strain e, which is 0 without thermal_strain.
+    An element is slack below the free strain e, which is 0 without thermal_strain.  Reference lengths
+    (..., m) [m] are the net's where None are given.
     """
-    return strain_of(system, span(system, x))
+    return strain_of(system, span(system, x), reference_length)
 
 
 def excess(system: Elements, e11: Floats) -> Floats:
@@ -87,11 +88,14 @@ def stress(system: Elements, e11: Floats) -> Floats:
     return np.asarray(system.net.youngs_modulus * np.maximum(excess(system, e11), 0.0))
 
 
-def tension(system: Elements, x: Floats, intact: Bools | None = None) -> Floats:
+def tension(
+    system: Elements, x: Floats, intact: Bools | None = None, reference_length: Floats | None = None
+) -> Floats:
     """Elastic axial force N = S11 A L / L_ref (..., m) [N]: of the deformed cable on its ends, eq. (8).
 
-    Zero where an element is not `intact` (..., m); None: none is broken.
+    Zero where an element is not `intact` (..., m); None: none is broken.  Reference lengths as in `strain`.
     """
-    s11 = stress(system, strain(system, x))
-    force = np.asarray(s11 * system.net.area * length(system, x) / system.net.reference_length)
+    s11 = stress(system, strain(system, x, reference_length))
+    reference = system.net.reference_length if reference_length is None else reference_length
+    force = np.asarray(s11 * system.net.area * length(system, x) / reference)
     return force if intact is None else np.where(intact, force, 0.0)

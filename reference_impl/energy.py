@@ -7,6 +7,7 @@ straight thread, springs and gas of a launch for a bullet that has left its barr
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from reference_impl.bodies import BodyStates
 from reference_impl.effects.orbit import orbital_potential
 from reference_impl.elements import excess, span, strain, stress
 from reference_impl.forces import ways
-from reference_impl.run import Trajectory
+from reference_impl.reels import Wound
 from reference_impl.system import System
 
 
@@ -38,6 +39,18 @@ def elastic(system: System, x: Floats, intact: Bools | None = None) -> Floats:
     if intact is not None:
         density = np.where(intact, density, 0.0)
     return np.asarray(0.5 * density @ (system.net.area * system.net.reference_length))
+
+
+def at_outlets(system: System, x: Floats, wound: Wound) -> tuple[Bools | None, Floats]:
+    """Which elements (..., m) are no outlets of reels (None: all), and U (...) [J] of the outlets."""
+    if system.reels is None:
+        return None, np.zeros(x.shape[:-2])
+    lengths = system.reels.lengths(system.net, wound.wound_up, wound.held)
+    outlet = np.zeros(lengths.shape, dtype=bool)
+    np.put_along_axis(outlet, system.reels.outlets(wound.held), True, axis=-1)
+    e11 = strain(system, x, lengths)
+    density = np.where(outlet, 0.5 * stress(system, e11) * excess(system, e11), 0.0)
+    return ~outlet, np.asarray((density * lengths) @ system.net.area)
 
 
 def potential(system: System, x: Floats, bodies: BodyStates | None = None) -> Floats:
@@ -104,7 +117,7 @@ class Books:
     kinetic: Floats
     elastic: Floats
     potential: Floats
-    dissipated: Floats  # what has left: to damping, drag, breaks, less what thrust and driven bodies put in
+    dissipated: Floats  # what has left: to damping, drag, events, less what thrust, reels, drives put in
     momentum: Floats
     angular_momentum: Floats
 
@@ -114,13 +127,39 @@ class Books:
         return self.kinetic + self.elastic + self.potential + self.dissipated
 
 
-def books(system: System, run: Trajectory) -> Books:
-    """The books of a run, bodies and broken elements included."""
+class Stored(Protocol):
+    """What a run has stored (`run.Trajectory`)."""
+
+    @property
+    def x(self) -> Floats: ...
+    @property
+    def v(self) -> Floats: ...
+    @property
+    def dissipated(self) -> Floats: ...
+    @property
+    def bodies(self) -> BodyStates: ...
+    @property
+    def intact(self) -> Bools: ...
+    @property
+    def reels(self) -> Wound: ...
+
+
+def lengths(system: System, wound: Wound) -> Floats | None:
+    """Reference lengths (..., m) [m]; None where they are the net's."""
+    if system.reels is None:
+        return None
+    return system.reels.lengths(system.net, wound.wound_up, wound.held)
+
+
+def books(system: System, run: Stored) -> Books:
+    """The books of a run, bodies, reels and broken elements included."""
     bodies = run.bodies
+    inside, outlets = at_outlets(system, run.x, run.reels)
+    intact = run.intact if inside is None else run.intact & inside
     return Books(
         kinetic(system, run.v, bodies),
-        elastic(system, run.x, run.intact),
-        potential(system, run.x, bodies),
+        elastic(system, run.x, intact),
+        potential(system, run.x, bodies) + outlets,
         run.dissipated,
         momentum(system, run.v, bodies),
         angular_momentum(system, run.x, run.v, bodies),

@@ -1,4 +1,4 @@
-"""Events: elements that break, bullets that leave or re-enter their barrels; where in a step they happen.
+"""Events: elements break, bullets leave or re-enter barrels, nodes go on and off drums; where in a step.
 
 An event is a margin that reaches zero from below: of an intact element E11 less its limit, of a pushed bullet
 s less the stroke, of one outside its barrel the stroke less s.  `Watch.landing` finds the first one in a step
@@ -19,6 +19,7 @@ from reference_impl.arrays import Floats
 from reference_impl.elements import excess, strain, stress
 from reference_impl.forces import ways
 from reference_impl.mode import Mode
+from reference_impl.reels import Wound
 from reference_impl.state import Layout
 from reference_impl.system import System
 
@@ -56,11 +57,17 @@ class Watch:
     def any(self) -> bool:
         """Whether anything can happen at all."""
         effects = self.system.effects
-        return effects.breaking is not None or effects.launch_force is not None
+        reels = self.system.reels is not None
+        return effects.breaking is not None or effects.launch_force is not None or reels
 
-    def margins(self, x: Floats, mode: Mode) -> Floats:
-        """Margins (..., q) at positions x (..., N, 3): m of strain where things can break, k of ways [m]."""
+    def margins(self, x: Floats, mode: Mode, wound: Wound) -> Floats:
+        """Margins (..., q) at positions x (..., N, 3): 2 R of reels, m of strain, k of ways [m].
+
+        Strain where things can break; of reels, see `Reels.margins`.
+        """
         parts = []
+        if (reels := self.system.reels) is not None:
+            parts.append(reels.margins(wound.wound_up, wound.held))
         if mode.intact is not None:
             over = strain(self.system, x) - self.system.limits
             parts.append(np.where(mode.intact, over, -np.inf))
@@ -74,21 +81,30 @@ class Watch:
 
         A bullet counts only while it moves towards the event: one that has just left has not come back.
         """
-        x, v = self.layout.positions(y), self.layout.velocities(y)
-        margin, later = self.margins(x, mode), self.margins(x + TOGETHER * v, mode)
+        x, v, wound = self.layout.positions(y), self.layout.velocities(y), self.layout.wound(y)
+        margin, later = self.margins(x, mode, wound), self.margins(x + TOGETHER * v, mode, wound)
         reached = (margin >= 0.0) | (later >= 0.0)
         if mode.pushed is not None:
             bullets = slice(len(margin) - len(mode.pushed), None)
             reached[bullets] &= later[bullets] > margin[bullets]
+        reels = self.due_of_reels(y, TOGETHER)
+        reached[: len(reels)] = reels
         if certain is not None:
             reached[certain] = True
         return np.asarray(reached)
+
+    def due_of_reels(self, y: Floats, within: float) -> np.ndarray:
+        """Which margins (2 R,) of reels are reached in y, `within` a part of a piece."""
+        wound, reels = self.layout.wound(y), self.system.reels
+        if reels is None:
+            return np.empty(0, dtype=bool)
+        return np.asarray(reels.margins(wound.wound_up, wound.held) >= -within)
 
     def settle(self, t: float, y: Floats, mode: Mode, reached: np.ndarray) -> tuple[Mode, list[Break]]:
         """The mode after the events `reached` (q,) at t [s], and what broke."""
         breaks: list[Break] = []
         if mode.intact is not None:
-            broken = np.flatnonzero(reached[: len(mode.intact)])
+            broken = np.flatnonzero(reached[: len(mode.intact)])  # beside breaking there are no reels
             energies = elastic_of(self.system, self.layout.positions(y)[: self.layout.nodes])
             breaks = [Break(e, t, float(energies[e])) for e in broken.tolist()]
             intact = mode.intact.copy()
@@ -110,14 +126,20 @@ class Watch:
 
         `ends`, `rates` are y and y' at both ends of the step; attempt(tau) repeats it with the length tau.
         """
-        begin = self.margins(self.layout.positions(ends[0]), mode)
+        layout = self.layout
+
+        def at(y: Floats) -> Floats:
+            return self.margins(layout.positions(y), mode, layout.wound(y))
+
+        begin = at(ends[0])
         below = begin < 0.0  # what is at its limit already has been settled
-        inside = _between(self.layout, ends, rates, h)
-        looked = np.concatenate((begin[None], self.margins(inside, mode)))
-        looked[-1] = self.margins(self.layout.positions(ends[1]), mode)
+        wound = _wound_between(layout, ends, rates, h)
+        inside = _between(layout, ends, rates, h)
+        looked = np.concatenate((begin[None], self.margins(inside, mode, wound)))
+        looked[-1] = at(ends[1])
 
         def margins(y: Floats) -> Floats:
-            return np.where(below, self.margins(self.layout.positions(y), mode), -np.inf)
+            return np.where(below, at(y), -np.inf)
 
         def greatest(tau: float) -> float:
             return float(np.max(margins(attempt(tau) if tau else ends[0])))
@@ -155,6 +177,17 @@ def _suspects(looked: Floats) -> list[float]:
         place = (top[inner] + 0.5 * (after - before) / bend) / len(_SAMPLES)
         found.update(place[height >= 0.0].tolist())
     return sorted(found)
+
+
+def _wound_between(layout: Layout, ends: tuple[Floats, Floats], rates: Floats, h: float) -> Wound:
+    """The reels (16, R) at _SAMPLES of a step: Hermite's cubic through s and ds/dt at both ends."""
+    p = _SAMPLES[:, None]
+    before, after = (layout.wound(y) for y in ends)
+    slope0, slope1 = (h * layout.wound(rate).wound_up for rate in rates)
+    gap = after.wound_up - before.wound_up
+    s = before.wound_up + p * gap + p * (1.0 - p) * (slope0 - gap - p * (slope0 + slope1 - 2.0 * gap))
+    shape = (len(p), layout.reels)
+    return Wound(s, np.broadcast_to(before.held, shape), np.broadcast_to(before.work, shape))
 
 
 def _between(layout: Layout, ends: tuple[Floats, Floats], rates: Floats, h: float) -> Floats:

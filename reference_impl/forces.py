@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from reference_impl import fields, mirror
+from reference_impl import fields, held, mirror
 from reference_impl.arrays import Bools, Floats, dot
 from reference_impl.bodies import BodyStates, turning, turning_rate
 from reference_impl.effects.air_drag import bullet_drag, cable_drag
@@ -19,6 +19,7 @@ from reference_impl.effects.molecular_drag import molecular_force
 from reference_impl.effects.orbit import orbital_acceleration
 from reference_impl.elements import excess, length, span, strain, strain_of, stress, tension
 from reference_impl.mode import BY_STATE, Mode
+from reference_impl.reels import Outlets, Wound, pay
 from reference_impl.stiffness import damping, secant, tangent, tangent_element
 from reference_impl.system import System, assemble
 
@@ -55,6 +56,8 @@ class Whole:
     v: Floats  # (..., N, 3) [m/s]
     attitude: Floats  # R (..., r, 3, 3)
     spin: Floats  # h (..., r, 3) [kg m2/s] about the centres of mass, in the scene's axes
+    wound_up: Floats | None = None  # s (..., R) [m] of the reels
+    held: Floats | None = None  # k (..., R)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +68,7 @@ class Response:
     torque: Floats  # (r, 3) [N m] about the centres of mass
     power: float  # [W]
     given: Floats  # (d, 7) by driven bodies: force [N], torque about the origin [N m], power [W]
+    reeling: Floats  # (2, R) of reels: ds/dt [m/s], power on their tethers [W]
 
 
 def gather(system: System, element_force: Floats) -> Floats:
@@ -89,10 +93,13 @@ def elastic_forces(system: System, x: Floats) -> Floats:
     return gather(system, per_length[:, None] * d)
 
 
-def _pull(system: System, d: Floats, v: Floats, mode: Mode) -> tuple[Floats, float]:
+def _pull(
+    system: System, d: Floats, v: Floats, mode: Mode, outlets: Outlets | None = None
+) -> tuple[Floats, float]:
     """S11 A/L of eq. (3) (m,) [N/m] with the viscous part of material_damping, and the power it takes [W].
 
     S11 = E max(E11 + tau dE11/dt, 0) where E11 > 0: a cable cannot push.  Broken elements carry nothing.
+    Outlets of reels have their own; elements on drums are slack, their ends coincide.
     """
     e11 = excess(system, strain_of(system, d))
     if mode.intact is not None:
@@ -100,10 +107,18 @@ def _pull(system: System, d: Floats, v: Floats, mode: Mode) -> tuple[Floats, flo
     elastic = system.axial_stiffness * np.maximum(e11, 0.0)
     tau = system.effects.relaxation_time
     if not tau:
+        if outlets is not None:
+            elastic[outlets.element] = outlets.per_length
         return np.asarray(elastic), 0.0
     rate = dot(d, span(system, v)) / system.squared_reference_length
     viscous = np.maximum(tau * system.axial_stiffness * np.where(e11 > 0.0, rate, 0.0), -elastic)
-    return np.asarray(elastic + viscous), float(np.sum(viscous * rate * system.squared_reference_length))
+    taken = 0.0
+    if outlets is not None:
+        elastic[outlets.element], viscous[outlets.element] = outlets.per_length, 0.0
+        taken = outlets.taken
+    return np.asarray(elastic + viscous), taken + float(
+        np.sum(viscous * rate * system.squared_reference_length)
+    )
 
 
 def _drag(system: System, v: Floats) -> tuple[Floats, float]:
@@ -120,12 +135,13 @@ def acceleration(
     v: Floats,
     bodies: BodyStates | None = None,
     intact: Bools | None = None,
+    reels: Wound | None = None,
 ) -> Floats:
     """dv/dt (n, 3) [m/s2], eq. (16), at any finite x, v (n, 3) [m, m/s]; zero at fixed nodes.
 
     `bodies` (b, ...) is needed where a body acts on the net (launch_force, points of bodies); these points
-    are where it says, with their accelerations.  Elements that are not `intact` (m,) carry no load.  Raises
-    ValueError without the bodies that it needs.
+    are where it says, with their accelerations.  Elements that are not `intact` (m,) carry no load.  `reels`
+    (R,) is needed where there are any.  Raises ValueError without the bodies or reels that it needs.
     """
     n, levers, rigid = len(system.net.mass), system.levers, system.bodies.rigid
     if bodies is None:
@@ -140,10 +156,17 @@ def acceleration(
     x, v = np.concatenate((x, bodies.position)), np.concatenate((v, bodies.velocity))
     x[levers.node] = levers.places(bodies.position[rigid], lever)
     v[levers.node] = levers.velocities(bodies.velocity[rigid], w, lever)
-    found = response(system, t, Whole(x, v, attitude, spin), Mode(intact))
+    whole = Whole(x, v, attitude, spin)
+    if reels is not None and system.reels is not None:
+        whole = Whole(x, v, attitude, spin, reels.wound_up, reels.held)
+        held.place(system, x, reels.held)
+        held.place(system, v, reels.held)
+    found = response(system, t, whole, Mode(intact))
     angular = turning_rate(attitude, spin, found.torque, system.bodies)
     result = found.acceleration[:n].copy()
     result[levers.node] = levers.accelerations(found.acceleration[n:][rigid], angular, w, lever)
+    if whole.held is not None:
+        held.place(system, result, whole.held)
     return result
 
 
@@ -166,7 +189,9 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
     """
     x, v, n = whole.x, whole.v, len(system.net.mass)
     nodes, speeds = (x, v) if len(x) == n else (x[:n], v[:n])
-    push, power = (_assembled_forces if system.assembled else _element_forces)(system, nodes, speeds, mode)
+    outlets = _outlets(system, t, whole, mode)
+    internal = _assembled_forces if system.assembled else _element_forces
+    push, power = internal(system, nodes, speeds, mode, outlets)
     effects = system.effects
     if any(effects.gravity):
         push += system.weight
@@ -191,9 +216,49 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
     torque, taken = _on_bodies(system, whole, push, beside)
     given = _given(system, whole, push)
     power += taken - float(np.sum(given[:, 6]))
+    if outlets is not None:
+        _bear(system, whole, result, beside, torque, given)
+        power -= float(np.sum(outlets.power))
+    reeling = np.empty((2, 0)) if outlets is None else np.stack((outlets.rate, outlets.power))
     return Response(
-        np.concatenate((result, beside)) if len(beside) else np.asarray(result), torque, power, given
+        np.concatenate((result, beside)) if len(beside) else np.asarray(result), torque, power, given, reeling
     )
+
+
+def _outlets(system: System, t: float, whole: Whole, mode: Mode) -> Outlets | None:
+    """The outlets of the system's reels; None without any."""
+    reels = system.reels
+    if reels is None:
+        return None
+    if whole.wound_up is None or whole.held is None:
+        raise ValueError("a tether has a reel: give how much of it is wound up, and the nodes on the drum")
+    orders = reels.orders(t) if mode.orders is None else mode.orders
+    return pay(system, reels, orders, whole.x, whole.v, whole.wound_up, whole.held)
+
+
+def _bear(
+    system: System, whole: Whole, result: Floats, beside: Floats, torque: Floats, given: Floats
+) -> None:
+    """Lets bodies bear the nodes at drums: changes accelerations, torques, and what driven bodies give.
+
+    `result` (n, 3) [m/s2] are the accelerations that the nodes would have free; those at drums then rest.
+    """
+    assert system.reels is not None
+    assert whole.held is not None
+    rigid, drums, net = system.bodies.rigid, system.drums, system.net
+    there = held.nodes_of(system.reels, whole.held)
+    borne = np.array([net.mass[nodes] @ result[nodes] for nodes in there])
+    force = held.bearing(system, whole.attitude, whole.spin, whole.held, borne, beside[rigid], torque)
+    for nodes in there:
+        result[nodes] = 0.0
+    push, turn = drums.wrench(force, drums.turned(whole.attitude))
+    free = system.bodies.free[rigid, None]
+    beside[rigid] += free * push / system.bodies.mass[rigid, None]
+    torque += free * turn
+    for row, k in zip(given, system.bodies.driven.tolist(), strict=True):
+        mine = rigid[drums.body] == k
+        row[:3] -= force[mine].sum(axis=0)
+        row[3:6] -= np.cross(whole.x[drums.node[mine]], force[mine]).sum(axis=0)
 
 
 def _given(system: System, whole: Whole, push: Floats) -> Floats:
@@ -259,10 +324,12 @@ def ways(system: System, x: Floats) -> Floats:
     return dot(relative - system.launch_start, system.barrels)
 
 
-def _element_forces(system: System, x: Floats, v: Floats, mode: Mode) -> tuple[Floats, float]:
+def _element_forces(
+    system: System, x: Floats, v: Floats, mode: Mode, outlets: Outlets | None
+) -> tuple[Floats, float]:
     """-S(x) x - D v (n, 3) [N], element by element, and the power taken [W]."""
     d = span(system, x)
-    per_length, power = _pull(system, d, v, mode)
+    per_length, power = _pull(system, d, v, mode, outlets)
     element_force = per_length[:, None] * d
     if system.effects.bending is not None:
         element_force += system.hinges.pull(d)
@@ -278,10 +345,12 @@ def _element_forces(system: System, x: Floats, v: Floats, mode: Mode) -> tuple[F
     return push, power
 
 
-def _assembled_forces(system: System, x: Floats, v: Floats, mode: Mode) -> tuple[Floats, float]:
+def _assembled_forces(
+    system: System, x: Floats, v: Floats, mode: Mode, outlets: Outlets | None
+) -> tuple[Floats, float]:
     """The same with the matrices S(x) and D of eqs. (12), (13): other round-off, nothing else."""
     d = span(system, x)
-    per_length, power = _pull(system, d, v, mode)
+    per_length, power = _pull(system, d, v, mode, outlets)
     pattern, scatter = system.graph
     stiffness = csr_array((scatter @ per_length, pattern.indices, pattern.indptr), shape=pattern.shape)
     push = -(stiffness @ x)

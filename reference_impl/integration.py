@@ -135,9 +135,11 @@ def integrate(
 
 
 def _follow(run: Run, stepper: Stepper, times: Floats, progress: Progress | None) -> None:
-    """Takes the run from stored time to stored time; steps end at the knots of thrust and poses too."""
+    """Takes the run from stored time to stored time; steps end at knots and commands too."""
     thrust, end = run.system.effects.thrust, float(times[-1])
     kinks = set(() if thrust is None else thrust.time)
+    for commands in () if run.system.reels is None else run.system.reels.commands:
+        kinks.update(command.at for command in commands)
     for drive in run.system.bodies.drives:
         kinks.update(drive.times if isinstance(drive, Poses) else ())
     knots = sorted(t for t in kinks if run.t < t <= end)

@@ -12,11 +12,12 @@ from reference_impl.arrays import Bools
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """Which elements are intact, which bullets are pushed, which segment of the thrust holds."""
+    """Which elements are intact, which bullets are pushed, which segment of thrust holds, what reels do."""
 
     intact: Bools | None = None  # (m,); None: none is broken
     pushed: Bools | None = None  # (k,) by launch_force; None: those with s < stroke
     segment: int | None = None  # of thrust, see `Thrust.at`; None: the one that holds at t
+    orders: tuple[int, ...] | None = None  # of reels, see `Reels.orders`; None: those that hold at t
 
 
 BY_STATE = Mode()  # nothing broken, everything else decided by time and state

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from reference_impl.case import Attachment, BodyPoint, Case, NetNode, Tether
+from reference_impl.read_reels import read_reel, reel_faults
 from reference_impl.shape import Explicit, bullets_of
 from reference_impl.table import Table, count, number, numbers, refusal, text
 
@@ -32,9 +33,11 @@ def read_tethers(table: Table, section: Callable[[Table], Any]) -> tuple[Tether,
         cable = section(inner)
         length, divisions = inner.need("length", number(above=0.0)), inner.get("divisions", count(1), 1)
         start, end = _end(inner.table("start", required=bool(inner))), _end(inner.table("end"))
+        before = len(table.faults)
+        reel = read_reel(inner.table("reel", required=False), length, divisions)
         inner.close()
-        if None not in (cable, length, divisions, start, end):
-            made.append(Tether(name, cable, length, divisions, start, end))
+        if None not in (cable, length, divisions, start, end) and len(table.faults) == before:
+            made.append(Tether(name, cable, length, divisions, start, end, reel))
     table.close()
     return tuple(made)
 
@@ -96,7 +99,7 @@ def tie_faults(case: Case, bullets: bool) -> list[str]:
                 faults.append(f"{path}.body: there is no body {end.body}")
         if _what(tether.start) == _what(tether.end):
             faults.append(f"tethers.{tether.name}: start and end must not both be tied to the same")
-    return faults
+    return faults + reel_faults(case)
 
 
 def _what(end: NetNode | BodyPoint) -> NetNode | str:

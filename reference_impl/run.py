@@ -12,7 +12,9 @@ from reference_impl.bodies import BodyStates, orthonormal
 from reference_impl.elements import strain
 from reference_impl.events import Break, Watch
 from reference_impl.forces import response, ways
+from reference_impl.handover import hand_over
 from reference_impl.mode import Mode
+from reference_impl.reels import Wound
 from reference_impl.state import Given, Layout, layout
 from reference_impl.system import System
 
@@ -34,6 +36,7 @@ class Trajectory:
     intact: Bools  # (nt, m) false from the instant an element broke
     breaks: tuple[Break, ...]  # in order of time
     given: Given  # (nt, b, ...) by bodies whose motion is given
+    reels: Wound  # (nt, R)
 
 
 class Diverged(ArithmeticError):
@@ -101,8 +104,10 @@ class Run:
         self.break_exceeded()
 
     def enter_segment(self) -> bool:
-        """Takes the segment of thrust that begins, or holds, at t; whether there is any thrust."""
-        thrust = self.system.effects.thrust
+        """Takes the segment of thrust and the commands that hold at t; whether there is any thrust."""
+        thrust, reels = self.system.effects.thrust, self.system.reels
+        if reels is not None:
+            self.mode = replace(self.mode, orders=reels.orders(self.t))
         if thrust is not None:
             self.mode = replace(self.mode, segment=thrust.segment(self.t))
         return thrust is not None
@@ -126,6 +131,9 @@ class Run:
     def settle(self, reached: np.ndarray) -> None:
         """Enters the mode after events; the elastic energy of what breaks leaves the system."""
         self.mode, breaks = self.watch.settle(self.t, self.y, self.mode, reached)
+        if (reels := self.system.reels) is not None:
+            for number in np.flatnonzero(reached[: 2 * len(reels)]).tolist():
+                self.y = hand_over(self.layout, self.y, number % len(reels), onto=number < len(reels))
         if breaks:
             self.breaks += breaks
             self.y = self.y.copy()
@@ -136,13 +144,24 @@ class Run:
         if self.mode.intact is None:
             return False
         breaking = replace(self.mode, pushed=None)
-        reached = self.watch.margins(self.layout.positions(self.y), breaking) >= 0.0
+        x, wound = self.layout.positions(self.y), self.layout.wound(self.y)
+        reached = self.watch.margins(x, breaking, wound) >= 0.0
         if not reached.any():
             return False
         if self.mode.pushed is not None:
             reached = np.concatenate((reached, np.zeros(len(self.mode.pushed), dtype=bool)))
         self.settle(reached)
         return True
+
+    def reels_exceeded(self) -> bool:
+        """Takes nodes onto drums and off them where that is due now; whether any was."""
+        any_was = False
+        while (due := self.watch.due_of_reels(self.y, 0.0)).any():
+            if self.mode.pushed is not None:
+                due = np.concatenate((due, np.zeros(len(self.mode.pushed), dtype=bool)))
+            self.settle(due)
+            any_was = True
+        return any_was
 
     def store(self, t: float, y: Floats, mode: Mode) -> None:
         self.times.append(t)
@@ -168,6 +187,7 @@ class Run:
             np.array(intact).reshape(len(y), m),
             tuple(self.breaks),
             self.layout.given(y),
+            self.layout.wound(y),
         )
 
     def diverged(self, why: str) -> Diverged:

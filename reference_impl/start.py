@@ -15,11 +15,12 @@ import numpy as np
 
 from reference_impl.arrays import Floats
 from reference_impl.bodies import Body, loaded
-from reference_impl.case import Case
+from reference_impl.case import BodyPoint, Case
 from reference_impl.effects.launch_force import CHASER
 from reference_impl.fold import folded
 from reference_impl.launch import outwards
 from reference_impl.net import Net, between
+from reference_impl.reels import at_start, chain
 from reference_impl.turns import skew
 
 
@@ -118,16 +119,38 @@ def _carry(
     velocity[net.fixed_nodes] = 0.0
     throw = throw @ axes.T
     given = net.mass[net.bullet_nodes, None] * throw
-    after = body if body.drive is not None else _recoil(body, position[net.bullet_nodes], given)
+    after = body
+    if body.drive is None:
+        after = _recoil(body, _on_drums(case, net, body.name), position[net.bullet_nodes], given)
     return (*bodies[:number], after, *bodies[number + 1 :]), throw
 
 
-def _recoil(body: Body, place: Floats, given: Floats) -> Body:
-    """The body after it has given momenta (k, 3) [kg m/s] at places (k, 3) [m], with their moments."""
-    lost = np.cross(place - body.at(body.centre_of_mass)[0], given).sum(axis=0)
-    slower = body.velocity - given.sum(axis=0) / body.mass
-    turning = body.angular_velocity - np.linalg.solve(body.inertia, body.attitude.T @ lost)
-    return replace(body, velocity=slower, angular_velocity=turning)
+def _on_drums(case: Case, net: Net, name: str) -> tuple[Floats, Floats]:
+    """Masses (q,) [kg] of the nodes on drums of a body, and where they are (q, 3) [m] in its frame."""
+    masses, points = [np.empty(0)], [np.empty((0, 3))]
+    for number, tether in enumerate(case.tethers):
+        reel = tether.reel
+        end = tether.start if reel is not None and reel.at_start else tether.end
+        if reel is not None and isinstance(end, BodyPoint) and end.body == name:
+            _, held = at_start(tether.length, tether.divisions, reel.paid_out)
+            nodes, _ = chain(net.element_nodes, net.tether, number, reel.at_start)
+            masses.append(net.mass[nodes[1 : 1 + held]])
+            points.append(np.tile(end.point, (len(masses[-1]), 1)))
+    return np.concatenate(masses), np.concatenate(points)
+
+
+def _recoil(body: Body, held: tuple[Floats, Floats], place: Floats, given: Floats) -> Body:
+    """The body after it has given momenta (k, 3) [kg m/s] at places (k, 3) [m], with their moments.
+
+    `held` masses at points of its frame give their part.
+    """
+    both = loaded(body, *held)
+    centre, velocity = body.at(both.centre_of_mass)
+    lost = np.cross(place - centre, given).sum(axis=0)
+    slower = velocity - given.sum(axis=0) / both.mass
+    turning = body.angular_velocity - np.linalg.solve(both.inertia, body.attitude.T @ lost)
+    after = replace(both, velocity=slower, angular_velocity=turning)
+    return replace(body, velocity=after.at(body.centre_of_mass)[1], angular_velocity=turning)
 
 
 def _mapped(matrix: Floats, points: Floats) -> Floats:

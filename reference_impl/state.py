@@ -4,6 +4,8 @@ x, v: positions and velocities of N = n + b particles, the net's nodes and the b
 rotation matrices and angular momenta of the r rigid bodies (`bodies`); W: the energy that has left.
 
 Where motions are given, time and what these d bodies gave stand before W: impulse, angular impulse, work.
+Of the R reels the lengths wound up and the numbers of nodes on the drums stand after the time, their work
+before what bodies gave.
 Nodes that are points of bodies and driven bodies have rows that rest; `Layout.whole` puts in what they do.
 """
 
@@ -25,6 +27,8 @@ from reference_impl.bodies import (
 )
 from reference_impl.drive import Guided
 from reference_impl.forces import Response, Whole
+from reference_impl.held import nodes_of, place
+from reference_impl.reels import Wound
 from reference_impl.system import System
 
 
@@ -39,7 +43,7 @@ class Given:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the parts of y are: size 6 N + 12 r + 1, or 6 N + 12 r + 7 d + 2 with d > 0 driven bodies."""
+    """Where the parts of y are: size 6 N + 12 r + 3 R + 1, and 7 d + 1 more with d > 0 driven bodies."""
 
     system: System
 
@@ -69,8 +73,27 @@ class Layout:
 
     @property
     def controlled(self) -> int:
-        """How much of y, from its beginning, adaptive methods keep accurate: the motion and the clock."""
-        return self.moved + self.clocks
+        """How much of y, from its beginning, adaptive methods keep accurate: motion, clock, reels."""
+        return self.moved + self.clocks + 2 * self.reels
+
+    @property
+    def reels(self) -> int:
+        """R."""
+        return 0 if self.system.reels is None else len(self.system.reels)
+
+    @property
+    def booked(self) -> int:
+        """Where the work of reels ends and what driven bodies gave begins."""
+        return self.controlled + self.reels
+
+    def wound(self, y: Floats) -> Wound:
+        """The reels in the states y."""
+        begin, count = self.moved + self.clocks, self.reels
+        return Wound(
+            y[..., begin : begin + count],
+            y[..., begin + count : self.controlled],
+            y[..., self.controlled : self.booked],
+        )
 
     @property
     def clocks(self) -> int:
@@ -91,14 +114,19 @@ class Layout:
         """x, v (..., N, 3), R (..., r, 3, 3) and h (..., r, 3) of all particles and rigid bodies."""
         held, levers = self._driven(y, self.held(y)), self.system.levers
         if not len(levers):
-            return held
+            return held  # nor are there reels, whose drums are points of bodies
         x, v = held.x.copy(), held.v.copy()
         lever = levers.turned(held.attitude)
         w = turning(held.attitude, held.spin, self.bodies.mobility)
         rigid = self.nodes + self.bodies.rigid
         x[..., levers.node, :] = levers.places(x[..., rigid, :], lever)
         v[..., levers.node, :] = levers.velocities(v[..., rigid, :], w, lever)
-        return Whole(x, v, held.attitude, held.spin)
+        if not self.reels:
+            return Whole(x, v, held.attitude, held.spin)
+        wound = self.wound(y)
+        for values in (x, v):
+            place(self.system, values, wound.held)
+        return Whole(x, v, held.attitude, held.spin, wound.wound_up, wound.held)
 
     def _driven(self, y: Floats, held: Whole) -> Whole:
         """With the given motions put in."""
@@ -145,6 +173,8 @@ class Layout:
         linear = result[..., self.nodes + self.bodies.rigid, :]
         lever = levers.turned(whole.attitude)
         result[..., levers.node, :] = levers.accelerations(linear, angular, w, lever)
+        if self.reels:
+            place(self.system, result, self.wound(y).held)
         return result
 
     def pack(self, x: Floats, v: Floats, bodies: BodyStates | None, t: float = 0.0) -> Floats:
@@ -159,8 +189,13 @@ class Layout:
         moving[self.system.levers.node] = 0.0
         drifting = self.bodies.free[:, None] * bodies.velocity
         spin = self.bodies.free[rigid, None] * spin
-        books = np.zeros(7 * len(self.bodies.driven) + 1)
-        parts = (x, bodies.position, moving, drifting, attitude, spin, np.full(self.clocks, t), books)
+        books = np.zeros(self.reels + 7 * len(self.bodies.driven) + 1)
+        wound = np.empty(0)
+        if (reels := self.system.reels) is not None:
+            wound = np.concatenate((reels.wound_up, reels.held))
+            moving[np.concatenate(nodes_of(reels, reels.held))] = 0.0
+        clock = np.full(self.clocks, t)
+        parts = (x, bodies.position, moving, drifting, attitude, spin, clock, wound, books)
         return np.concatenate([np.ravel(part) for part in parts])
 
     def rate(self, y: Floats, whole: Whole, response: Response) -> Floats:
@@ -172,14 +207,18 @@ class Layout:
                 turned = self.bodies.free[self.bodies.rigid, None, None] * turned
             parts += [turned.ravel(), response.torque.ravel()]
         if self.clocks:
-            parts += [np.ones(1), response.given.ravel()]
+            parts.append(np.ones(1))
+        if self.reels:
+            parts += [response.reeling[0], np.zeros(self.reels), response.reeling[1]]
+        if self.clocks:
+            parts.append(response.given.ravel())
         return np.concatenate((*parts, (response.power,)))
 
     def given(self, y: Floats) -> Given:
         """What driven bodies have given up to the states y; zero for the others."""
         books = np.zeros((*y.shape[:-1], len(self.bodies.names), 7))
         driven = self.bodies.driven
-        books[..., driven, :] = y[..., self.controlled : -1].reshape(*y.shape[:-1], len(driven), 7)
+        books[..., driven, :] = y[..., self.booked : -1].reshape(*y.shape[:-1], len(driven), 7)
         return Given(books[..., :3], books[..., 3:6], books[..., 6])
 
     def body_states(self, y: Floats) -> BodyStates:

@@ -25,6 +25,7 @@ from reference_impl.effects.solar_pressure import solar_force
 from reference_impl.elements import Elements
 from reference_impl.launch import spread
 from reference_impl.net import Net
+from reference_impl.reels import Reels, reeled
 from reference_impl.start import initial_bodies, initial_state
 from reference_impl.stiffness import damping, mass_proportional
 
@@ -39,6 +40,7 @@ class System(Elements):
     assembled: bool = False  # S(x) x + D v with assembled matrices, as eq. (16) is printed
     bodies: Bodies = ALONE
     launch_start: Floats | None = None  # (k, 3) [m] of the bullets, from the chaser, at t = 0
+    reels: Reels | None = None
 
     def __post_init__(self) -> None:
         if self.symmetric and self.assembled:
@@ -121,6 +123,14 @@ class System(Elements):
         return Levers(anchors.node, np.searchsorted(bodies.rigid, listed), arm, len(bodies.rigid))
 
     @cached_property
+    def drums(self) -> Levers:
+        """The drums (R,) of the reels, from their bodies' centres of mass."""
+        assert self.reels is not None
+        levers = self.levers
+        row = np.array([np.flatnonzero(levers.node == node)[0] for node in self.reels.drum], dtype=np.intp)
+        return Levers(levers.node[row], levers.body[row], levers.arm[row], levers.bodies)
+
+    @cached_property
     def led(self) -> Ints:
         """The nodes that are points of driven bodies: what acts on them from outside changes nothing else."""
         return self.levers.node[self.bodies.free[self.bodies.rigid][self.levers.body] == 0.0]
@@ -171,4 +181,5 @@ def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = Fa
     launched = case.effects.launch_force is not None
     start = initial_state(case, net)[0][net.bullet_nodes] if launched else None
     bodies, _ = collect(initial_bodies(case, net))
-    return System(net, case.effects, symmetric, assembled, bodies, start)
+    reels = reeled(case, net)
+    return System(net, case.effects, symmetric, assembled, bodies, start, reels if len(reels) else None)

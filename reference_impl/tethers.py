@@ -12,10 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from reference_impl.anchors import Anchors
-from reference_impl.arrays import Ints
+from reference_impl.arrays import Floats, Ints
 from reference_impl.case import BodyPoint, Case, NetNode, Refused
 from reference_impl.division import divide, lump
 from reference_impl.net import Net
+from reference_impl.reels import chain, spread_outside
 from reference_impl.shape import LARGEST_COUNT
 from reference_impl.start import initial_state
 
@@ -63,6 +64,7 @@ def _lengthened(case: Case, net: Net, ends: Ints, knots: int) -> Net:
         raise Refused([f"tethers: more than {LARGEST_COUNT} elements"])
     element_nodes, parents, shares = divide(knots, ends, pieces)
     tether = np.repeat(np.arange(len(pieces)), pieces)
+    _let_out(case, element_nodes, tether, shares)
     made = np.array([(t.cable.area, t.cable.youngs_modulus, t.cable.density) for t in case.tethers])[tether]
     reference_length = np.array([t.length / t.divisions for t in case.tethers])[tether]
     before, more = len(net.mass), len(parents) - len(net.mass)
@@ -86,6 +88,17 @@ def _lengthened(case: Case, net: Net, ends: Ints, knots: int) -> Net:
     )
 
 
+def _let_out(case: Case, element_nodes: Ints, tether: Ints, shares: Floats) -> None:
+    """Changes the shares (n, 2) of nodes of reeled tethers: on the drum, or between it and the other end."""
+    for number, line in enumerate(case.tethers):
+        if line.reel is None:
+            continue
+        nodes, _ = chain(element_nodes, tether, number, line.reel.at_start)
+        way = spread_outside(line.length, line.divisions, line.reel.paid_out)
+        drum, other = (0, 1) if line.reel.at_start else (1, 0)
+        shares[nodes[1:-1], drum], shares[nodes[1:-1], other] = 1.0 - way, way
+
+
 def _placed(case: Case, net: Net) -> Net:
     """Directions and reference positions of the tethers, from where the case starts."""
     place = initial_state(case, net)[0]
@@ -94,9 +107,12 @@ def _placed(case: Case, net: Net) -> Net:
         elements = np.flatnonzero(net.tether == number)
         way = place[net.element_nodes[elements[-1], 1]] - place[net.element_nodes[elements[0], 0]]
         distance = float(np.linalg.norm(way))
-        if not distance <= tether.length * (1.0 + TAUT):
+        key, most = ("length", tether.length)
+        if tether.reel is not None:
+            key, most = ("reel.paid_out", tether.reel.paid_out)
+        if not distance <= most * (1.0 + TAUT):
             faults.append(
-                f"tethers.{tether.name}.length: must not be below the distance between its ends at time 0,"
+                f"tethers.{tether.name}.{key}: must not be below the distance between its ends at time 0,"
                 f" {distance:.10g} m"
             )
         elif distance:

@@ -1,0 +1,202 @@
+"""Reels: the drums of a system, the law of their drives, and that of the outlet.
+
+A tether of pieces of length l has wound up s [m] of its length; its first k inner nodes from the drum are
+at the drum.  The outlet, the element from there on, has the reference length L0 = (k + 1) l - s.  With its
+vector d, E11 = (d.d - L0^2)/(2 L0^2), free strain e, stretch q = |d|/L0, tension N and elastic energy
+U = E A (E11 - e)^2 L0/2,
+
+    dU/dL0 at constant d and e = U/L0 - N q,
+
+so that the drum does the work (N q - U/L0) ds, and a viscous stress takes S11 dE11/dt A L0 of all powers,
+with dE11/dt = d.d'/L0^2 + q^2 s'/L0.  s and k are parts of the state (`state`): k rests but for events.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from reference_impl.arrays import Bools, Floats, Ints, dot
+from reference_impl.case import Case, Command
+from reference_impl.elements import Elements
+from reference_impl.net import Net
+
+ROUND_OFF = (
+    1e-9  # part of a piece within which the outlet is short enough for the next node to go on the drum
+)
+SHORT, LONG = 0.25, 1.5  # lengths of the outlet, over l, at which a node goes on the drum, and off it
+LOCKED = -1  # number of the command before the first
+
+
+@dataclass(frozen=True, eq=False)
+class Wound:
+    """States of R reels, at one time or many (leading axes ...)."""
+
+    wound_up: Floats  # s (..., R) [m]
+    held: Floats  # k (..., R), whole numbers
+    work: Floats  # (..., R) [J] that the drums have done on their tethers
+
+
+@dataclass(frozen=True, eq=False)
+class Reels:
+    """What R reels are.  Nodes and elements of their tethers are counted from the drum."""
+
+    names: tuple[str, ...]  # of the tethers
+    drum: Ints  # (R,) nodes at the drums: points of bodies
+    nodes: tuple[Ints, ...]  # the inner nodes of each tether
+    elements: tuple[Ints, ...]  # one more than these
+    piece: Floats  # l (R,) [m]
+    most: Floats  # (R,) [m] that can be wound up: length - shortest
+    largest_rate: Floats  # (R,) [m/s]
+    damping: Floats  # c (R,) [N s/m], infinite where there is none
+    commands: tuple[tuple[Command, ...], ...]
+    wound_up: Floats  # s (R,) [m] at time 0
+    held: Floats  # k (R,) at time 0
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @cached_property
+    def fullest(self) -> Floats:
+        """The greatest k (R,): the last element is always outside."""
+        return np.array([float(len(nodes)) for nodes in self.nodes])
+
+    def outlets(self, held: Floats) -> Ints:
+        """Numbers (..., R) of the elements that are the outlets."""
+        rows = [elements[held[..., q].astype(np.intp)] for q, elements in enumerate(self.elements)]
+        return np.stack(rows, axis=-1) if rows else np.zeros(held.shape, dtype=np.intp)
+
+    def outside(self, wound_up: Floats, held: Floats) -> Floats:
+        """Reference lengths L0 (..., R) [m] of the outlets."""
+        return np.asarray((held + 1.0) * self.piece - wound_up)
+
+    def lengths(self, net: Net, wound_up: Floats, held: Floats) -> Floats:
+        """Reference lengths (..., m) [m] of all elements; those on drums, slack at a point, keep theirs."""
+        rows = np.broadcast_to(net.reference_length, (*held.shape[:-1], len(net.reference_length))).copy()
+        if len(self):
+            np.put_along_axis(rows, self.outlets(held), self.outside(wound_up, held), axis=-1)
+        return rows
+
+    def on_drum(self, reel: int, held: Floats) -> Bools:
+        """Which inner nodes (..., j) of a reel's tether are at its drum."""
+        return np.asarray(np.arange(len(self.nodes[reel])) < held[..., reel, None])
+
+    def margins(self, wound_up: Floats, held: Floats) -> Floats:
+        """(..., 2 R), over l: zero where a node goes on the drum, then where one comes off; below before."""
+        over = self.outside(wound_up, held) / self.piece
+        on = np.where(held < self.fullest, SHORT + ROUND_OFF - over, -np.inf)
+        off = np.where(held > 0.0, over - LONG, -np.inf)
+        return np.concatenate((on, off), axis=-1)
+
+    def orders(self, t: float) -> tuple[int, ...]:
+        """Numbers of the commands that hold from t [s] on."""
+        return tuple(sum(c.at <= t for c in commands) + LOCKED for commands in self.commands)
+
+    def rates(self, orders: tuple[int, ...], tension: Floats, wound_up: Floats) -> Floats:
+        """ds/dt (R,) [m/s] of drives that follow their `orders` against elastic tensions (R,) [N]."""
+        wished = np.array(
+            [
+                _wish(commands[number] if number != LOCKED else None, pull, c)
+                for commands, number, pull, c in zip(
+                    self.commands, orders, tension.tolist(), self.damping.tolist(), strict=True
+                )
+            ]
+        )
+        cut = np.clip(wished, -self.largest_rate, self.largest_rate)
+        left = np.where(cut > 0.0, self.most - wound_up, wound_up)
+        return np.asarray(cut * np.clip(left / (0.25 * self.piece), 0.0, 1.0))
+
+
+def _wish(command: Command | None, tension: float, damping: float) -> float:
+    """ds/dt [m/s] that a drive wants, before its limits."""
+    if command is None or command.mode == "lock":
+        return 0.0
+    if command.mode == "tension":
+        assert command.force is not None
+        return (command.force - tension) / damping
+    slip = 0.0 if command.force is None else max(tension - command.force, 0.0) / damping
+    return -slip if command.rate is None else command.rate - slip
+
+
+@dataclass(frozen=True, eq=False)
+class Outlets:
+    """The outlets of R reels in a state."""
+
+    element: Ints  # (R,)
+    per_length: Floats  # S11 A/L0 (R,) [N/m], its force over d
+    taken: float  # [W] by viscous stress
+    rate: Floats  # ds/dt (R,) [m/s]
+    power: Floats  # (R,) [W] that the drums do on their tethers
+
+
+def pay(
+    system: Elements, reels: Reels, orders: tuple[int, ...], x: Floats, v: Floats, s: Floats, k: Floats
+) -> Outlets:
+    """The outlets at places x and velocities v (n, 3) [m, m/s], with s (R,) [m] and k (R,)."""
+    element, length = reels.outlets(k), reels.outside(s, k)
+    i, j = system.net.element_nodes[element].T
+    d, u = x[j] - x[i], v[j] - v[i]
+    squared, stiffness = length * length, system.net.youngs_modulus[element] * system.net.area[element]
+    e11 = 0.5 * (dot(d, d) - squared) / squared - system.free_strain
+    stretched, stretch = np.maximum(e11, 0.0), np.sqrt(dot(d, d)) / length
+    elastic = stiffness * stretched / length
+    rate = reels.rates(orders, elastic * stretch * length, s)
+    straining = dot(d, u) / squared + stretch * stretch * rate / length
+    viscosity = system.effects.relaxation_time * stiffness / length
+    viscous = np.maximum(np.where(e11 > 0.0, viscosity * straining, 0.0), -elastic)
+    taken = math.fsum((viscous * straining * squared).tolist())
+    power = ((elastic + viscous) * stretch * stretch * length - 0.5 * stiffness * stretched**2) * rate
+    return Outlets(element, elastic + viscous, taken, rate, power)
+
+
+def reeled(case: Case, net: Net) -> Reels:
+    """The reels of a case and its net."""
+    made = [(number, tether, tether.reel) for number, tether in enumerate(case.tethers) if tether.reel]
+    chains = [chain(net.element_nodes, net.tether, number, reel.at_start) for number, _, reel in made]
+    starts = [at_start(t.length, t.divisions, reel.paid_out) for _, t, reel in made]
+
+    def column(values: list[float]) -> Floats:
+        return np.array(values, dtype=float)
+
+    return Reels(
+        tuple(tether.name for _, tether, _ in made),
+        np.array([nodes[0] for nodes, _ in chains], dtype=np.intp),
+        tuple(nodes[1:-1] for nodes, _ in chains),
+        tuple(elements for _, elements in chains),
+        column([tether.piece for _, tether, _ in made]),
+        column([tether.length - reel.shortest for _, tether, reel in made]),
+        column([reel.largest_rate for _, _, reel in made]),
+        column([math.inf if reel.damping is None else reel.damping for _, _, reel in made]),
+        tuple(reel.commands for _, _, reel in made),
+        column([s for s, _ in starts]),
+        column([float(k) for _, k in starts]),
+    )
+
+
+def chain(element_nodes: Ints, tether: Ints, number: int, from_start: bool) -> tuple[Ints, Ints]:
+    """Nodes (q + 1,) and elements (q,) of a tether, in order from one of its ends.
+
+    element_nodes (m, 2), and the tether (m,) that each is of.
+    """
+    elements = np.flatnonzero(tether == number)
+    nodes = np.concatenate((element_nodes[elements, 0], element_nodes[elements[-1:], 1]))
+    return (nodes, elements) if from_start else (nodes[::-1], elements[::-1])
+
+
+def at_start(length: float, divisions: int, paid_out: float) -> tuple[float, int]:
+    """s [m] and k at time 0 of a tether of this length [m] in so many pieces, `paid_out` [m] outside."""
+    piece, s = length / divisions, length - paid_out
+    k = math.floor(s / piece)
+    if (k + 1) * piece - s <= (SHORT + ROUND_OFF) * piece:
+        k += 1
+    return s, min(k, divisions - 1)
+
+
+def spread_outside(length: float, divisions: int, paid_out: float) -> Floats:
+    """Places (divisions - 1,) of inner nodes at time 0: parts of the way from the drum to the other end."""
+    s, k = at_start(length, divisions, paid_out)
+    beyond = np.arange(1, divisions) * (length / divisions) - s
+    return np.asarray(np.where(np.arange(divisions - 1) < k, 0.0, beyond / paid_out))

@@ -1,0 +1,495 @@
+"""Reels of reference_impl: known answers, conservation over nodes that go on and off drums, bad input."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+
+import numpy as np
+import pytest
+
+from reference_impl import Refused, acceleration, energy, prepare, read_document
+from reference_impl.archive import contents
+from reference_impl.bodies import loaded
+from reference_impl.handover import hand_over
+from reference_impl.reels import Wound, at_start, spread_outside
+from reference_impl.state import layout
+
+HEAD = """
+format = 1
+title = "A reel"
+time = { end = 1.0, output_step = 0.1 }
+net.topology = "explicit"
+net.nodes = [[100.0, 0.0, 0.0], [101.0, 0.0, 0.0]]
+net.elements = [[0, 1]]
+net.node_masses = [0.1, 0.1]
+net.fixed = [0, 1]
+net.cable = { diameter = 0.001, density = 1000.0, youngs_modulus = 1e9 }
+initial.packing = 1.0
+"""
+
+# E A = 1000 N, a node has 40 g; 4 m of it are a spring of 250 N/m
+LINE = """
+[bodies.drum]
+mass = 1e6
+inertia = [1e6, 1e6, 1e6]
+[bodies.target]
+mass = 5.0
+inertia = [3.0, 4.0, 5.0]
+position = [4.0, 0.0, 0.0]
+[tethers.line]
+length = 6.0
+divisions = 3
+area = 1e-6
+density = 2e4
+youngs_modulus = 1e9
+start = { body = "drum" }
+end = { body = "target" }
+[tethers.line.reel]
+paid_out = 4.0
+damping = 10.0
+"""
+MASS, SPRING, DAMPING = 5.0, 250.0, 10.0
+RK4 = {"method": "RK4", "step": 4e-3}
+
+TUMBLING = """
+[bodies.drum]
+mass = 6.0
+inertia = [1.0, 1.5, 2.0]
+products_of_inertia = [0.1, -0.2, 0.15]
+centre_of_mass = [0.05, 0.1, -0.1]
+velocity = [0.1, -0.2, 0.05]
+angular_velocity = [0.2, 0.3, -0.5]
+[bodies.target]
+mass = 4.0
+inertia = [0.8, 1.0, 1.2]
+position = [2.6, 0.1, 0.3]
+angular_velocity = [-0.3, 0.1, 0.4]
+[tethers.line]
+length = 4.0
+divisions = 8
+area = 1e-4
+density = 800.0
+youngs_modulus = 1e6
+start = { body = "target", point = [-0.3, 0.1, 0.0] }
+end = { body = "drum", point = [0.4, 0.3, -0.2] }
+[tethers.line.reel]
+at = "end"
+paid_out = 2.4
+largest_rate = 2.0
+damping = 30.0
+commands = [
+  { at = 0.0, mode = "rate", rate = 1.0 },
+  { at = 1.0, mode = "brake", force = 0.5 },
+  { at = 1.5, mode = "rate", rate = -1.2, force = 2.0 },
+  { at = 2.6, mode = "tension", force = 1.0 },
+  { at = 3.0, mode = "lock" },
+]
+"""
+
+
+@pytest.fixture(scope="module")
+def reel():
+    """reel(text, overrides, commands): a scene of the head and this text."""
+
+    def make(text=LINE, overrides=None, commands=None):
+        document = tomllib.loads(HEAD + text)
+        if commands is not None:
+            document["tethers"]["line"]["reel"]["commands"] = commands
+        return prepare(read_document(document, overrides))
+
+    return make
+
+
+def pulled(times, force):
+    """Speeds of a target that hangs on a spring in series with a drive: m v' = N, N' = k ((F - N)/c - v)."""
+    matrix = np.array([[0.0, 1.0 / MASS], [-SPRING, -SPRING / DAMPING]])
+    rest = np.array([force / DAMPING, 0.0])  # v = F/c, N = 0
+    rates, modes = np.linalg.eig(matrix)
+    weights = np.linalg.solve(modes, -rest)
+    return rest[0] + np.exp(np.outer(times, rates)) @ (modes[0] * weights)
+
+
+# known answers
+
+
+def test_constant_rate_pulls_the_target_at_that_rate(reel):
+    """After the transient of a rate that slips, rate - N/c, the speed is the rate and the line is slack."""
+    rate = 0.1
+    made = reel(commands=[{"at": 0.0, "mode": "rate", "rate": rate, "force": 0.0}])
+    times = np.array([0.0, 0.3, 0.6, 5.0, 6.0])
+    run = made.integrate(times, **RK4)
+    speed = -run.bodies.velocity[:, 1, 0]
+    assert speed == pytest.approx(pulled(times, rate * DAMPING), rel=2e-2)
+    assert speed[-2:] == pytest.approx([rate] * 2, rel=2e-2)
+    assert np.diff(run.reels.wound_up[-2:, 0]) == pytest.approx([rate], rel=2e-2)
+
+
+def test_rebound_from_a_rate_that_does_not_slip(reel):
+    """A line that shortens by a constant rate is an elastic wall that moves: rate at a quarter of the period
+    2 pi sqrt(m/k), twice the rate at half of it, where the line goes slack."""
+    rate, period = 0.1, 2.0 * math.pi * math.sqrt(MASS / SPRING)
+    made = reel(commands=[{"at": 0.0, "mode": "rate", "rate": rate}])
+    run = made.integrate(np.array([0.0, 0.25, 0.5, 1.0]) * period, **RK4)
+    assert -run.bodies.velocity[1:, 1, 0] == pytest.approx([rate, 2.0 * rate, 2.0 * rate], rel=3e-2)
+    assert run.reels.wound_up[:, 0] == pytest.approx(2.0 + rate * run.t, abs=1e-12)
+
+
+def test_constant_force_accelerates_the_target(reel):
+    """(F - N)/c is the speed in the end: m v' = N = F - c v, and before that the spring fills."""
+    times = np.linspace(0.0, 1.0, 6)
+    run = reel(commands=[{"at": 0.0, "mode": "tension", "force": 2.0}]).integrate(times, **RK4)
+    assert -run.bodies.velocity[:, 1, 0] == pytest.approx(pulled(times, 2.0), rel=2e-2, abs=1e-4)
+
+
+def test_constant_force_on_a_heavy_target(reel):
+    """Of a target that hardly moves the acceleration is F/m."""
+    force, mass = 2.0, 2e4
+    commands = [{"at": 0.0, "mode": "tension", "force": force}]
+    run = reel(overrides={"bodies.target.mass": mass}, commands=commands).integrate([0.0, 2.0, 4.0], **RK4)
+    speed = -run.bodies.velocity[:, 1, 0]
+    assert (speed[2] - speed[1]) / 2.0 == pytest.approx(force / mass, rel=1e-2)
+
+
+def test_brake_stops_a_drifting_target(reel):
+    """m v' = -(F + c v): it pays out (m/c)(v0 - (F/c) ln(1 + c v0/F)); the brake takes all of K but what the
+    line holds then, F^2/(2 k).  With c = 0 the way would be K/F."""
+    force, speed, damping = 2.0, 0.8, 2.0
+    made = reel(
+        overrides={"bodies.target.velocity": [speed, 0, 0], "tethers.line.reel.damping": damping},
+        commands=[{"at": 0.0, "mode": "brake", "force": force}],
+    )
+    run = made.integrate(np.linspace(0.0, 2.0, 101), method="RK4", step=2e-3)
+    paid, kinetic = 2.0 - run.reels.wound_up[:, 0], 0.5 * MASS * speed**2
+    way = MASS / damping * (speed - force / damping * math.log(1.0 + damping * speed / force))
+    assert paid[-1] == pytest.approx(way, rel=2e-2)
+    assert paid[-1] < kinetic / force
+    assert np.all(np.diff(paid) >= 0.0)
+    assert -run.reels.work[-1, 0] == pytest.approx(kinetic - 0.5 * force**2 / SPRING, rel=1e-2)
+
+
+@pytest.mark.parametrize("commands", [None, [{"at": 0.0, "mode": "lock"}]], ids=["none", "lock"])
+def test_locked_is_a_tether_of_that_length(reel, commands):
+    """Nothing is wound up, and the target moves as on a tether of 4 m in 2 pieces with the same nodes."""
+    drift = {"bodies.target.velocity": [0.3, 0.1, 0]}
+    run = reel(overrides=drift, commands=commands).integrate([0.0, 2.0], **RK4)
+    document = tomllib.loads(HEAD + LINE)
+    line = document["tethers"]["line"]
+    del line["reel"]
+    line.update(length=4.0, divisions=2)
+    plain = prepare(read_document(document, drift)).integrate([0.0, 2.0], **RK4)
+    assert np.all(run.reels.wound_up == 2.0)
+    assert np.all(run.reels.work == 0.0)
+    assert run.bodies.position[1, 1] == pytest.approx(plain.bodies.position[1, 1], abs=1e-7)
+
+
+def test_limits_slow_the_drum(reel):
+    """The way d left to a limit falls by rate d/(l/4) in the last quarter of an element: exponentially."""
+    rate, quarter = 0.5, 0.5
+    made = reel(
+        overrides={"tethers.line.reel.shortest": 3.0, "tethers.line.reel.largest_rate": rate},
+        commands=[{"at": 0.0, "mode": "rate", "rate": 9.0}, {"at": 4.0, "mode": "rate", "rate": -9.0}],
+    )
+    run = made.integrate([0.0, 1.0, 1.5, 2.0, 4.0, 5.0, 10.0, 11.0], **RK4)
+    s = run.reels.wound_up[:, 0]
+    assert s[:2] == pytest.approx([2.0, 2.5], abs=1e-9)
+    assert s[2:5] == pytest.approx(3.0 - quarter * np.exp(1.0 - run.t[2:5]), rel=1e-5)
+    reached = 4.0 + (s[4] - quarter) / rate
+    assert s[5] == pytest.approx(s[4] - rate, abs=1e-9)
+    assert s[6:] == pytest.approx(quarter * np.exp(reached - run.t[6:]), rel=1e-3)
+
+
+# conservation
+
+
+@pytest.mark.parametrize(
+    ("options", "bound", "unbooked"),
+    [
+        ({"rtol": 1e-7, "atol": 1e-9}, 1e-10, 1e-5),
+        ({"method": "RK45", "rtol": 1e-6, "atol": 1e-8}, 1e-7, 1e-4),
+        ({"method": "RK4", "step": 1e-3}, 1e-9, 1e-4),
+        ({"method": "Verlet", "step": 1e-3}, 1e-6, 1e-3),
+    ],
+    ids=["DOP853", "RK45", "RK4", "Verlet"],
+)
+def test_books_close_over_nodes_going_on_and_off(reel, unbalanced, options, bound, unbooked):
+    """Momenta of about 1 kg m/s and 1 kg m2/s, 4 J, two nodes that go onto the drum and come off it."""
+    made = reel(TUMBLING, {"effects.material_damping.relaxation_time": 2e-3})
+    run = made.integrate(np.linspace(0.0, 3.2, 17), **options)
+    held = run.reels.held[:, 0]
+    assert (held[0], held.max(), held[-1]) == (3.0, 5.0, 3.0)
+    books = energy.books(made.system, run)
+    assert np.abs(books.momentum - books.momentum[0]).max() < bound
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < bound
+    assert unbalanced(made, run) < unbooked
+    assert run.reels.work[-1, 0] > 3.0
+
+
+def test_a_node_that_changes_hands_keeps_all_momenta(reel):
+    """Off the drum and on again: what the energy falls by is in the books, momenta stay to round-off."""
+    made = reel(TUMBLING)
+    where = layout(made.system)
+    y = where.pack(made.x0, made.v0, made.bodies0)
+    y[: where.half] += 0.05 * np.sin(np.arange(where.half))
+    y[where.half : 2 * where.half] += 0.3 * np.cos(np.arange(where.half))
+    where.wound(y).wound_up[:] = 1.4  # of pieces of 0.5 m, 3 on the drum: the outlet is 0.6 m long
+    for onto, k in ((True, 4.0), (False, 3.0), (False, 2.0)):
+        after = hand_over(where, y, 0, onto)
+        assert where.wound(after).held[0] == k
+        old, new = (balance(made.system, where, state) for state in (y, after))
+        assert new[0] == pytest.approx(old[0], abs=1e-14)
+        assert new[1] == pytest.approx(old[1], abs=1e-14)
+        assert new[2] + after[-1] == pytest.approx(old[2] + y[-1], rel=1e-13)
+        assert abs(after[-1] - y[-1]) > 1e-5
+        y = after
+
+
+def test_a_node_that_comes_off_lies_on_the_line(reel):
+    """At the part f = (L0 - l)/L0 of the way; its velocity along the line the next node.s, across f of it."""
+    made = reel(TUMBLING)
+    where, reels = layout(made.system), made.system.reels
+    y = where.pack(made.x0, made.v0, made.bodies0)
+    where.wound(y).wound_up[:] = 1.25
+    where.wound(y).held[:] = 3.0  # L0 = 4 l - s = 0.75 m
+    node, following, drum = reels.nodes[0][2], reels.nodes[0][3], reels.drum[0]
+    before, after = where.whole(y), where.whole(hand_over(where, y, 0, onto=False))
+    way = before.x[following] - before.x[drum]
+    assert after.x[node] - before.x[drum] == pytest.approx(way / 3.0, abs=1e-14)
+    along, u = way / np.linalg.norm(way), before.v[following] - before.v[drum]
+    own = after.v[node] - before.v[drum]
+    assert own @ along == pytest.approx(u @ along, abs=1e-14)
+    assert np.cross(own, along) == pytest.approx(np.cross(u, along) / 3.0, abs=1e-14)
+
+
+def balance(system, where, y):
+    """Momentum, angular momentum and energy of a state y."""
+    whole, bodies, wound = where.whole(y), where.body_states(y), where.wound(y)
+    x, v = whole.x[: where.nodes], whole.v[: where.nodes]
+    inside, outlets = energy.at_outlets(system, x, wound)
+    held = energy.elastic(system, x, inside) + outlets + energy.potential(system, x, bodies)
+    return (
+        energy.momentum(system, v, bodies),
+        energy.angular_momentum(system, x, v, bodies),
+        held + energy.kinetic(system, v, bodies),
+    )
+
+
+def test_nodes_on_the_drum_are_point_masses_of_the_body(reel):
+    """A tether slack and locked, five nodes on the drum: the body tumbles as one with their mass built in."""
+    effects = {
+        "effects.orbit": {
+            "mean_motion": 0.3,
+            "radial": [1.0, 0, 0],
+            "along_track": [0.0, 1.0, 0],
+            "model": "linear",
+        }
+    }
+    loose = {
+        "tethers.line.reel.commands": [],
+        "tethers.line.reel.paid_out": 1.4,
+        "bodies.target.position": [1.4, 0.1, 0.0],
+        "tethers.line.youngs_modulus": 1e-6,
+        **effects,
+    }
+    made = reel(TUMBLING, loose)
+    assert made.system.reels.held[0] == 5.0
+    run = made.integrate([0.0, 0.5, 1.0])
+    body = made.case.bodies[0]
+    assert body.name == "drum"
+    held = made.system.reels.nodes[0][:5]
+    point = np.tile([0.4, 0.3, -0.2], (6, 1))
+    end = made.net.mass[made.system.reels.drum]
+    both = loaded(body, np.concatenate((made.net.mass[held], end)), point)
+    own = loaded(body, end, point[:1])
+    # velocity is that of the centre of mass without the nodes held
+    lever = body.attitude @ (both.centre_of_mass - own.centre_of_mass)
+    velocity = body.velocity + np.cross(body.attitude @ body.angular_velocity, lever)
+    moments = both.inertia
+    document = tomllib.loads(HEAD)
+    document["bodies"] = {
+        "drum": {
+            "mass": both.mass,
+            "inertia": np.diagonal(moments).tolist(),
+            "products_of_inertia": [moments[0, 1], moments[0, 2], moments[1, 2]],
+            "centre_of_mass": both.centre_of_mass.tolist(),
+            "velocity": velocity.tolist(),
+            "angular_velocity": body.angular_velocity.tolist(),
+        }
+    }
+    document["effects"] = {"orbit": effects["effects.orbit"]}
+    rigid = prepare(read_document(document)).integrate([0.0, 0.5, 1.0])
+    assert run.bodies.attitude[:, 0] == pytest.approx(rigid.bodies.attitude[:, 0], abs=1e-9)
+    shift = run.bodies.attitude[:, 0] @ (both.centre_of_mass - own.centre_of_mass)
+    assert run.bodies.position[:, 0] + shift == pytest.approx(rigid.bodies.position[:, 0], abs=1e-9)
+    assert not np.allclose(run.bodies.attitude[-1, 0], np.eye(3), atol=0.1)
+
+
+def test_two_drums_of_one_body(reel, unbalanced):
+    """The forces of nodes at one drum move the other: momenta stay, with light bodies and heavy nodes."""
+    tether = tomllib.loads(TUMBLING)["tethers"]["line"]
+    second = {**tether, "end": {"body": "drum", "point": [-0.3, 0.2, 0.4]}, "length": 4.5}
+    second["reel"] = {"at": "end", "paid_out": 2.9, "commands": [{"at": 0.1, "mode": "rate", "rate": -0.5}]}
+    made = reel(
+        TUMBLING,
+        {
+            "tethers.other": second,
+            "tethers.line.density": 8000.0,
+            "bodies.drum.angular_velocity": [1.0, 2.0, -1.5],
+        },
+    )
+    assert made.system.reels.held.tolist() == [3.0, 3.0]
+    run = made.integrate(np.linspace(0.0, 0.8, 5), method="RK4", step=1e-3)
+    assert np.abs(np.diff(run.reels.held, axis=0)).sum(axis=0).min() >= 1.0
+    books = energy.books(made.system, run)
+    assert np.abs(books.momentum - books.momentum[0]).max() < 1e-9
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-9
+    assert unbalanced(made, run) < 1e-4
+
+
+def test_a_fixed_support_takes_the_momenta(reel, unbalanced):
+    """All else less what the support gave: constant over nodes that go on and off."""
+    made = reel(
+        TUMBLING,
+        {"bodies.drum.motion": "fixed", "bodies.drum.velocity": None, "bodies.drum.angular_velocity": None},
+    )
+    run = made.integrate(np.linspace(0.0, 2.4, 7), method="RK4", step=1e-3)
+    assert run.reels.held[[0, 3, 6], 0].tolist() == [3.0, 5.0, 3.0]
+    books = energy.books(made.system, run)
+    kept = books.momentum - run.given.impulse[:, 0]
+    turned = books.angular_momentum - run.given.angular_impulse[:, 0]
+    assert kept == pytest.approx(np.tile(kept[0], (7, 1)), abs=1e-12)
+    assert turned == pytest.approx(np.tile(turned[0], (7, 1)), abs=1e-9)
+    assert np.abs(run.given.impulse[-1, 0]).max() > 0.5
+    assert not run.given.work.any()
+    assert unbalanced(made, run) < 1e-4
+
+
+def test_acceleration_of_a_state(reel):
+    """Nodes on the drum have its acceleration; without the reels' state there is none."""
+    made = reel(TUMBLING)
+    state = Wound(np.array([1.4]), np.array([3.0]), np.zeros(1))
+    a = acceleration(made.system, 0.5, made.x0, made.v0, made.bodies0, reels=state)
+    drum, held = made.system.reels.drum[0], made.system.reels.nodes[0][:3]
+    assert np.all(a[held] == a[drum])
+    assert np.abs(a[drum]).max() > 0.01
+    with pytest.raises(ValueError, match="reel"):
+        acceleration(made.system, 0.5, made.x0, made.v0, made.bodies0)
+
+
+def test_result_file(reel):
+    """What the reel did is there, the outlet's strain with its own length, its energy as potential energy."""
+    made = reel(commands=[{"at": 0.0, "mode": "tension", "force": 2.0}])
+    run = made.integrate([0.0, 0.2, 0.4], **RK4)
+    got = contents(made.system, run, True, {})
+    assert got["reel_names"].tolist() == ["line"]
+    assert got["reel_held"].tolist() == [[1], [1], [1]]
+    assert np.all(got["reel_wound_up"] == run.reels.wound_up)
+    outlet, length = int(made.system.reels.elements[0][1]), 4.0 - run.reels.wound_up[2, 0]
+    i, j = made.net.element_nodes[outlet]
+    e11 = 0.5 * (((run.x[2, j] - run.x[2, i]) ** 2).sum() / length**2 - 1.0)
+    assert got["strain"][2, outlet] == pytest.approx(e11, rel=1e-12)
+    assert got["potential"][2] == pytest.approx(0.5 * 1000.0 * e11**2 * length, rel=1e-12)
+    assert got["strain"][:, outlet - 1] == pytest.approx([-0.5] * 3)
+
+
+# places at time 0
+
+
+@pytest.mark.parametrize(
+    ("paid_out", "held"), [(6.0, 0), (4.0, 2), (3.5, 2), (3.25, 3), (3.26, 2), (1.2, 5), (0.25, 5)]
+)
+def test_nodes_on_the_drum_at_time_0(paid_out, held):
+    """Pieces of 1 m: L0 = paid_out - (5 - k) l must exceed a quarter, and the last piece is outside."""
+    assert at_start(6.0, 6, paid_out) == (6.0 - paid_out, held)
+    places = spread_outside(6.0, 6, paid_out)
+    outside = [paid_out - rest for rest in range(5 - held, 0, -1)]
+    assert places == pytest.approx([0.0] * held + [place / paid_out for place in outside], abs=1e-15)
+
+
+def test_a_launch_recoils_on_body_and_held_nodes(reel):
+    """Bullets that a body throws take their momenta from it and what it holds: three nodes of 0.04 kg."""
+    thrown = {"net.topology": "square", "net.size": 1.0, "net.mesh": 0.5, "net.bullets.mass": 0.3}
+    thrown |= {f"net.{key}": None for key in ("nodes", "elements", "node_masses", "fixed")}
+    thrown |= {"initial.packing": 0.2, "initial.frame": {"body": "drum", "position": [0.5, 0.6, 0.7]}}
+    made = [
+        reel(TUMBLING, {**thrown, "launch": {"radial_speed": speed, "axial_speed": speed}})
+        for speed in (0.0, 2.0)
+    ]
+    rest, recoiled = (_kept(one, 3) for one in made)
+    assert recoiled == pytest.approx(rest, abs=1e-14)
+    assert np.abs(made[1].bodies0.velocity[0] - made[0].bodies0.velocity[0]).max() > 0.1
+
+
+def _kept(made, held):
+    """Momentum and angular momentum (6,) at time 0 of the drum's body, the nodes on it, and the bullets."""
+    system, bodies = made.system, made.bodies0
+    nodes = np.concatenate((system.reels.nodes[0][:held], made.net.bullet_nodes))
+    momenta = made.net.mass[nodes, None] * made.v0[nodes]
+    own = system.bodies.mass[0] * bodies.velocity[0]
+    spin = bodies.attitude[0] @ system.bodies.inertia[0] @ bodies.angular_velocity[0]
+    moment = np.cross(made.x0[nodes], momenta).sum(axis=0) + np.cross(bodies.position[0], own)
+    return np.concatenate((momenta.sum(axis=0) + own, moment + spin))
+
+
+# bad input
+
+
+BAD = {
+    "at": ("middle", "must be"),
+    "paid_out": (0.4, "at least 0.5"),
+    "shortest": (6.5, "at most 6"),
+    "largest_rate": (0.0, "greater than 0"),
+    "damping": (None, "damping: missing, a command has a force"),
+    "speed": (1.0, "no such key"),
+}
+
+
+@pytest.mark.parametrize("key", BAD)
+def test_bad_reels(reel, key):
+    value, words = BAD[key]
+    commands = [{"at": 0.0, "mode": "brake", "force": 1.0}]
+    with pytest.raises(Refused, match=words):
+        reel(overrides={f"tethers.line.reel.{key}": value}, commands=commands)
+
+
+COMMANDS = {
+    "reverse": ([{"at": 0.0, "mode": "reverse"}], "does not know"),
+    "early": ([{"at": -1.0, "mode": "lock"}], "at least 0"),
+    "order": ([{"at": 1.0, "mode": "lock"}, {"at": 1.0, "mode": "lock"}], "increase"),
+    "no rate": ([{"at": 0.0, "mode": "rate"}], "rate: missing"),
+    "no force": ([{"at": 0.0, "mode": "tension"}], "force: missing"),
+    "negative": ([{"at": 0.0, "mode": "brake", "force": -1.0}], "at least 0"),
+    "lock with force": ([{"at": 0.0, "mode": "lock", "force": 1.0}], "not with mode"),
+    "brake with rate": ([{"at": 0.0, "mode": "brake", "force": 1.0, "rate": 1.0}], "not with mode"),
+    "no list": ({"at": 0.0}, "list of tables"),
+    "other key": ([{"at": 0.0, "mode": "lock", "until": 1.0}], "no such key"),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_bad_commands(reel, name):
+    commands, words = COMMANDS[name]
+    with pytest.raises(Refused, match=words):
+        reel(commands=commands)
+
+
+MISFITS = {
+    "drum on a node": ({"tethers.line.start": {"node": 0}}, "tied to a body"),
+    "drum on a moved body": ({"bodies.drum.motion": "prescribed"}, "free or fixed"),
+    "too far": ({"tethers.line.reel.paid_out": 3.9}, "paid_out"),
+    "breaking": ({"effects.breaking.strain": 0.1}, "contradict"),
+    "bending": ({"effects.bending.modulus": 1e9}, "contradict"),
+    "beta": ({"effects.rayleigh_damping": {"alpha": 0.0, "beta": 0.1}}, "contradict"),
+}
+
+
+@pytest.mark.parametrize("name", MISFITS)
+def test_what_reels_do_not_go_with(reel, name):
+    overrides, words = MISFITS[name]
+    with pytest.raises(Refused, match=words):
+        reel(overrides=overrides, commands=[])
+
+
+def test_no_implicit_method(reel):
+    with pytest.raises(ValueError, match="EM must do without"):
+        reel(commands=[]).integrate(method="EM", step=0.1)
