@@ -9,11 +9,12 @@ part of it: they move with the ends of their tether as these were before.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from reference_impl.arrays import Floats
+from reference_impl.arrays import Floats, Ints
 from reference_impl.bodies import Body, loaded
 from reference_impl.case import BodyPoint, Case
 from reference_impl.effects.launch_force import CHASER
@@ -55,6 +56,8 @@ def _start(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...]]:
         values[net.woven :] = between(values, net.parents, net.shares)[net.woven :]
     velocity[net.bullet_nodes] += throw
     _lead(net, after, position, velocity)
+    for nodes in _wound_up(case, net):
+        position[nodes], velocity[nodes] = position[nodes[0]], velocity[nodes[0]]
     return position, velocity, after
 
 
@@ -125,17 +128,24 @@ def _carry(
     return (*bodies[:number], after, *bodies[number + 1 :]), throw
 
 
-def _on_drums(case: Case, net: Net, name: str) -> tuple[Floats, Floats]:
-    """Masses (q,) [kg] of the nodes on drums of a body, and where they are (q, 3) [m] in its frame."""
-    masses, points = [np.empty(0)], [np.empty((0, 3))]
+def _wound_up(case: Case, net: Net, name: str | None = None) -> Iterator[Ints]:
+    """Of each reel, or of those on one body: the node at the drum's point, then the nodes on the drum."""
     for number, tether in enumerate(case.tethers):
         reel = tether.reel
         end = tether.start if reel is not None and reel.at_start else tether.end
-        if reel is not None and isinstance(end, BodyPoint) and end.body == name:
+        if reel is not None and isinstance(end, BodyPoint) and name in (None, end.body):
             _, held = at_start(tether.length, tether.divisions, reel.paid_out)
             nodes, _ = chain(net.element_nodes, net.tether, number, reel.at_start)
-            masses.append(net.mass[nodes[1 : 1 + held]])
-            points.append(np.tile(end.point, (len(masses[-1]), 1)))
+            yield nodes[: 1 + held]
+
+
+def _on_drums(case: Case, net: Net, name: str) -> tuple[Floats, Floats]:
+    """Masses (q,) [kg] of the nodes on drums of a body, and where they are (q, 3) [m] in its frame."""
+    masses, points = [np.empty(0)], [np.empty((0, 3))]
+    for nodes in _wound_up(case, net, name):
+        masses.append(net.mass[nodes[1:]])
+        (point,) = net.anchors.point[net.anchors.node == nodes[0]]
+        points.append(np.tile(point, (len(masses[-1]), 1)))
     return np.concatenate(masses), np.concatenate(points)
 
 
