@@ -13,6 +13,7 @@ from reference_impl.forces import acceleration
 from reference_impl.integration import Diverged, Interrupted, Trajectory, integrate
 from reference_impl.net import Net
 from reference_impl.read import parse_override, read, read_document
+from reference_impl.reels import Wound
 from reference_impl.scene import Scene, load, perturbed, prepare
 from reference_impl.start import initial_state
 from reference_impl.stiffness import damping, secant, tangent
@@ -33,6 +34,7 @@ __all__ = [
     "Scene",
     "System",
     "Trajectory",
+    "Wound",
     "acceleration",
     "assemble",
     "damping",

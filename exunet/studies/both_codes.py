@@ -217,6 +217,18 @@ class BothCodes:
         intact[self.reference_elements] = carrying > 0.0
         return intact
 
+    def wound_in_reference(self, state: State) -> reference.Wound:
+        """The reels at a state, in the reference's order."""
+        system, reels = self.start.system, self.theirs.system.reels
+        names = () if reels is None else reels.names
+        first = system.blocks.n_x - system.blocks.n_states
+        wound, work = (
+            np.array([state.first_order[system.blocks.state(f"{name}/{what}") - first] for name in names])
+            for what in ("wound_up", "work")
+        )
+        held = {winding.name: winding.on_drum(state.memory) for winding in system.forces.cable.reels}
+        return reference.Wound(wound, np.array([float(held[name]) for name in names]), work)
+
     def reference_motion(self, state: State) -> tuple[Floats, float]:
         """The reference's accelerations at a state [m/s2], and the power that its forces take out [W].
 
@@ -377,6 +389,10 @@ def _with_form(scene: Scene, form: Form) -> Scene:
     return scene.model_copy(update={"engine": scene.engine.model_copy(update=form.engine)})
 
 
+class NotCovered(InputError):
+    """There is nothing to compare a case with."""
+
+
 def read_both(path: str | Path, overrides: Sequence[str] = ()) -> BothCodes:
     """The case at `path` in both codes.
 
@@ -393,7 +409,7 @@ def both_of(case: Case) -> BothCodes:
     """As `read_both`, of a case that exunet has read."""
     if case.scene.initial.fold is not None:
         words = "initial.fold leaves places open, where the codes fold differently, so nothing is compared"
-        raise InputError(f"{case.name}: {words}")
+        raise NotCovered(f"{case.name}: {words}")
     # The form that states the law element by element; see `BothCodes.in_form` for the others.
     start = prepare(_with_form(case.scene, Form.CONNECTORS))
     try:
@@ -404,7 +420,7 @@ def both_of(case: Case) -> BothCodes:
     except reference.Refused as refused:
         reasons = "; ".join(fault.replace("\n", " ") for fault in refused.faults[:5])
         words = f"the reference does not cover this case, so nothing is compared: {reasons}"
-        raise InputError(f"{case.name}: {words}") from refused
+        raise NotCovered(f"{case.name}: {words}") from refused
     return BothCodes(case.name, case.path, start, theirs)
 
 

@@ -72,20 +72,26 @@ def measures(case: BothCodes, states_of_a_kind: int = MEASURED) -> Iterator[Chec
 def _quantities(case: BothCodes, state: State) -> Iterator[tuple[str, str, Floats, Floats]]:
     """Name, unit, and the values (...) of exunet and of the reference."""
     system, elements = case.theirs.system, case.reference_elements
+    kinematics = case.start.system.kinematics
+    if kinematics.held:  # elements on a drum have no length
+        moving = state.moving.completed(kinematics, state.time, state.memory)
+        state = State.of(state.time, moving, state.memory)
     ours, theirs = States.of(case.start.system, state), case.theirs_at(state.moving)
     x, v, bodies = theirs.x, theirs.v, theirs.bodies
-    intact = case.intact_in_reference(state)
+    intact, wound = case.intact_in_reference(state), case.wound_in_reference(state)
+    lengths, (_, outlets) = their_energy.lengths(system, wound), their_energy.at_outlets(system, x, wound)
     yield "kinetic energy", "J", ours.kinetic[0], their_energy.kinetic(system, v, bodies)
     yield "elastic energy", "J", ours.elastic[0], their_energy.elastic(system, x, intact)
-    yield "potential energy", "J", ours.potential[0], their_energy.potential(system, x, bodies)
+    yield "potential energy", "J", ours.potential[0], their_energy.potential(system, x, bodies) + outlets
     yield "momentum", "kg m/s", ours.momentum[0], their_energy.momentum(system, v, bodies)
     angular = their_energy.angular_momentum(system, x, v, bodies)
     yield "angular momentum", "kg m2/s", ours.angular_momentum[0], angular
-    yield "strain", "", ours.strain[0], formulas.strain(system, x)[elements]
+    yield "strain", "", ours.strain[0], formulas.strain(system, x, lengths)[elements]
     viscous = "material_damping" in case.effects
     # The reference tells the elastic tension; with a viscous one beside it the two are the same at rest.
     if not viscous or not state.velocity.any():
-        yield "tension", "N", ours.tension[0], formulas.tension(system, x, intact)[elements]
+        pulling = None if lengths is not None else intact  # outlets pull, though no element of the net does
+        yield "tension", "N", ours.tension[0], formulas.tension(system, x, pulling, lengths)[elements]
     # exunet integrates the work of the viscous stress over steps, and has no power at an instant: rung 5.
     if not viscous:
         taken = energy.power_taken(case.start.system.forces, ours.time, *ours.flat, state.memory)

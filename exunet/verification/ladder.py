@@ -13,7 +13,7 @@ from exunet.backends.protocol import IntegrationFailed
 from exunet.base.errors import ExunetError, InputError, Interrupted
 from exunet.codegen.compile import numba_installed
 from exunet.methods.method import Form
-from exunet.studies.both_codes import BothCodes, read_both
+from exunet.studies.both_codes import BothCodes, NotCovered, read_both
 from exunet.studies.neighbours import MOVE
 from exunet.verification import at_states, growth, horizon, matrices, stepping, symmetry, topology
 from exunet.verification.answers import ANSWERS, BODY_ANSWERS, Answer
@@ -191,11 +191,18 @@ class Ladder:
         """The scenes of rung 8, the known answers of bodies, and what takes whole runs."""
         named = [case for case in self._named if case.moves_bodies and case.name not in self._different]
         states = QUICK_STATES if self._quick else STATES
+        scenes = []
         for scene in body_scenes(named):
+            try:
+                _ = scene.case  # which is read here
+                scenes.append(scene)
+            except NotCovered as refused:
+                yield Step(8, scene.name, partial(iter, [left_out("all of it", str(refused))]))
+        for scene in scenes:
             yield Step(8, scene.name, partial(scene.at_states, states))
         for name, answer in BODY_ANSWERS:
             yield Step(8, name, partial(_known, name, answer, BODY_CASES))
-        runs = [scene for scene in body_scenes(named) if scene.whole]
+        runs = [scene for scene in scenes if scene.whole]
         if self._quick:
             yield _without(8, ", ".join(scene.name for scene in runs), "whole runs", "leaves out whole runs")
             return
