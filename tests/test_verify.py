@@ -95,9 +95,9 @@ def test_measures_name_the_state_where_they_differ(monkeypatch):
 
     seen = []
 
-    def wrong(system, x, intact):
+    def wrong(system, x, intact, lengths):
         seen.append(1)
-        pull = right(system, x, intact)
+        pull = right(system, x, intact, lengths)
         if len(seen) == 4:
             pull[17] += 1.0  # [N]
         return pull
