@@ -164,7 +164,7 @@ of_result(
 @planted(8, "mass of attached nodes left out of their bodies", case=SNAP)
 def carried_mass_lost(patch):
     right = bodies.make_body
-    patch.setattr(bodies, "make_body", lambda name, keys, carried: right(name, keys, []))
+    patch.setattr(bodies, "make_body", lambda name, keys, carried=(): right(name, keys, []))
 
 
 @planted(8, "a body of given motion with the centre of mass of its nodes and itself", case="whirled")
