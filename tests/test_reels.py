@@ -19,6 +19,7 @@ from exunet.forces import reel_loops
 from exunet.forces.held import mass_matrix
 from exunet.interfaces.commands.check import describe
 from exunet.net.reel import Drive
+from exunet.results.headlines import course_of, headline, headlines_of
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.simulation import Simulation
 
@@ -421,3 +422,20 @@ def test_a_fixed_drum_takes_the_momenta(tmp_path: Path) -> None:
     assert np.ptp(found.angular_momentum - given[1], axis=0).max() < 1e-8 * 3.0 * scale
     total = found.kinetic + found.elastic + found.potential + found.dissipated
     assert np.abs(total - total[0]).max() < 1e-5 * (found.kinetic + found.elastic + found.potential).max()
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_what_a_reel_did_is_told_with_its_spread(tmp_path: Path) -> None:
+    """At the end, in the registry of headlines, of a run and of an ensemble."""
+    case = case_of(tmp_path, FORMS["compiled"], commands=ON_AND_OFF)
+    found = exunet.run(case)
+    told = headlines_of(course_of(found))
+    assert told["tether_line_wound_up_m"] == found.states["line/wound_up"].values[-1, 0]
+    assert told["tether_line_work_of_reel_J"] == found.states["line/work"].values[-1, 0] != 0.0
+    for key in ("tether_line_wound_up_m", "tether_line_work_of_reel_J"):
+        assert headline(key).value(course_of(found)) == told[key]
+    many = exunet.ensemble(case, runs=2)
+    for key in told:
+        if key.startswith("tether_line"):
+            assert many.headlines[key] == pytest.approx(told[key], rel=1e-6)

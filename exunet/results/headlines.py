@@ -68,6 +68,7 @@ class Course:
     peak            : the largest of all steps
     body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
     tether_names, tether_tension  : (t, n_tethers) largest tension along each [N]
+    reel_names, reel : (t, n_reels, 2) length of the tether that is wound up [m], work of the drum on it [J]
     groups          : of elements whose strength is known; None: of none
     pairs, gap      : (t, n_pairs) distance of two bodies, surface to surface [m]
     loaded, loaded_element : (t, n_groups) largest tension / strength in each group, and in which element
@@ -87,6 +88,8 @@ class Course:
     body_centre: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
     tether_names: tuple[str, ...] = ()
     tether_tension: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    reel_names: tuple[str, ...] = ()
+    reel: Floats = field(default_factory=lambda: np.zeros((0, 0, 2)))
     pairs: tuple[Pair, ...] = ()
     gap: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     groups: Groups | None = None
@@ -99,6 +102,7 @@ class Course:
         names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
         names += ["body_centre"] if self.body_names else []
         names += ["tether_tension"] if self.tether_names else []
+        names += ["reel"] if self.reel_names else []
         names += ["gap"] if self.pairs else []
         names += ["loaded", "loaded_element"] if self.groups else []
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
@@ -257,6 +261,34 @@ def _of_margin_of_tether(name: str) -> Headline:
     return of_margin(TETHER + name)
 
 
+_WOUND_UP, _REEL_WORK = ("tether_", "_wound_up"), ("tether_", "_work_of_reel")
+REEL_STATES = ("wound_up", "work")  # of a reel, after the name of its tether
+
+
+def of_reel(name: str) -> tuple[Headline, Headline]:
+    """How much of a tether is wound up at the end, and the work that its drum has done."""
+    return _wound_up(name), _reel_work(name)
+
+
+def _wound_up(name: str) -> Headline:
+    words = f"wound up of tether {name}"
+    return Headline(
+        name.join(_WOUND_UP), words, "m", partial(_of_drum, name, 0), least=1e-9, remark="at the end"
+    )
+
+
+def _reel_work(name: str) -> Headline:
+    words = f"work of the reel of {name}"
+    return Headline(name.join(_REEL_WORK), words, "J", partial(_of_drum, name, 1), remark="on the tether")
+
+
+def _of_drum(name: str, quantity: int, course: Course) -> float | None:
+    """At the end."""
+    if name not in course.reel_names:
+        return None
+    return float(course.reel[-1, course.reel_names.index(name), quantity])
+
+
 _OF_PAIR, _JOINED = ("bodies_", "_least_distance"), "+"  # which no name has
 
 
@@ -298,6 +330,7 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
         *HEADLINES,
         *map(of_margin, course.groups.names if course.groups else ()),
         *map(of_tether, course.tether_names),
+        *chain.from_iterable(map(of_reel, course.reel_names)),
         *map(of_body, course.body_names),
         *chain.from_iterable(_of_pair_both(_JOINED.join(pair)) for pair in course.pairs),
     )
@@ -311,6 +344,8 @@ def headline(key: str) -> Headline:
     for (begin, _), made in (
         (_OF_BODY, of_body),
         (_OF_TETHER, of_tether),
+        (_WOUND_UP, _wound_up),
+        (_REEL_WORK, _reel_work),
         (_MARGIN_OF_TETHER, _of_margin_of_tether),
         (_OF_PAIR, of_pair),
         (_TIME_OF_PAIR, of_time_of_pair),
@@ -380,12 +415,28 @@ def course_of(result: Result) -> Course:
         body_centre=_centres(result),
         tether_names=tuple(result.net.tether_elements),
         tether_tension=over_blocks(partial(tensions_of_tethers, result.net), result.tension),
+        reel_names=(reels := _reels(result)),
+        reel=_drums(result, reels),
         pairs=tuple(pairs),
         gap=gaps_of(result, pairs),
         groups=groups,
         loaded=loaded,
         loaded_element=loaded_element,
     )
+
+
+def _reels(result: Result) -> tuple[str, ...]:
+    """The tethers that have one."""
+    return tuple(name for name in result.net.tether_elements if f"{name}/{REEL_STATES[0]}" in result.states)
+
+
+def _drums(result: Result, reels: tuple[str, ...]) -> Floats:
+    """(t, n_reels, 2) wound up [m], work [J]."""
+    found = np.zeros((len(result.time), len(reels), len(REEL_STATES)))
+    for k, name in enumerate(reels):
+        for m, state in enumerate(REEL_STATES):
+            found[:, k, m] = np.asarray(result.states[f"{name}/{state}"].values[:])[:, 0]
+    return found
 
 
 def _centres(result: Result) -> Floats:

@@ -24,7 +24,7 @@ from exunet.codegen.kernel import Kernel
 from exunet.methods.method import COMPILED_METHODS
 from exunet.results import measures as metrics
 from exunet.results.clearance import MOST_PAIRS, Pair, gaps, pairs_of
-from exunet.results.headlines import Course
+from exunet.results.headlines import REEL_STATES, Course
 from exunet.results.margins import Groups, Peak, loaded_over_blocks
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.monitor import Monitor
@@ -50,13 +50,14 @@ class Ensemble:
     tension       : (runs, t) largest tension of all elements at that time [N]
     body_centre   : (runs, t, n_bodies, 3) centres of mass of point masses and rigid bodies [m]
     tether_tension : (runs, t, n_tethers) largest tension along each tether [N]
+    reel          : (runs, t, n_reels, 2) wound up of its tether [m], work of the drum on it [J]
     gap           : (runs, t, n_pairs) distance of two bodies, surface to surface [m]
     loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
                      strength is known, and in which element
     largest_tension, time_of_largest_tension : (runs,) of all steps, stored or not [N], [s]
     element_of_largest_tension : (runs,) in which element; -1: none was ever taut
     right_hand_sides : (runs,) evaluations of the forces
-    body_names, tether_names : of those bodies and tethers
+    body_names, tether_names, reel_names : of those bodies and tethers
     pairs         : of bodies with shapes, their names
     groups        : of elements whose strength is known; None: of none
     """
@@ -72,6 +73,7 @@ class Ensemble:
     tension: Floats
     body_centre: Floats
     tether_tension: Floats
+    reel: Floats
     gap: Floats
     loaded: Floats
     loaded_element: NDArray[np.int64]
@@ -81,6 +83,7 @@ class Ensemble:
     right_hand_sides: NDArray[np.int64]
     body_names: tuple[str, ...] = ()
     tether_names: tuple[str, ...] = ()
+    reel_names: tuple[str, ...] = ()
     pairs: tuple[Pair, ...] = ()
     groups: Groups | None = None
 
@@ -108,6 +111,8 @@ class Ensemble:
             body_centre=self.body_centre[run],
             tether_names=self.tether_names,
             tether_tension=self.tether_tension[run],
+            reel_names=self.reel_names,
+            reel=self.reel[run],
             pairs=self.pairs,
             gap=self.gap[run],
             groups=self.groups,
@@ -210,6 +215,7 @@ def run_ensemble(
         Ensemble(times, *_stacked(found)),
         body_names=bodies,
         tether_names=tethers,
+        reel_names=tuple(winding.name for winding in start.system.forces.cable.reels),
         pairs=tuple(_pairs(start.system)),
         groups=Groups.of(start.net),
     )
@@ -218,6 +224,14 @@ def run_ensemble(
 def _pairs(system: System) -> list[Pair]:
     """The bodies whose distances are headlines."""
     return pairs_of([body.name for body in system.bodies if body.shape is not None])[:MOST_PAIRS]
+
+
+def _drums(states: States) -> Floats:
+    """(k, n_reels, 2) of each reel: wound up [m], work [J]."""
+    blocks, reels = states.system.blocks, states.system.forces.cable.reels
+    first = blocks.n_x - blocks.n_states
+    columns = [blocks.state(f"{one.name}/{what}") - first for one in reels for what in REEL_STATES]
+    return np.asarray(states.first_order[:, columns].reshape(len(states), len(reels), len(REEL_STATES)))
 
 
 def _gaps(states: States) -> Floats:
@@ -282,6 +296,7 @@ def _measured(states: States, dissipated: Floats) -> tuple[NDArray[Any], ...]:
         tension.max(axis=1, initial=0.0),
         np.concatenate([states.position[:, masses], states.bodies.position], axis=1),
         metrics.tensions_of_tethers(net, tension),
+        _drums(states),
         _gaps(states),
         *loaded_over_blocks(Groups.of(net), tension),
     )
