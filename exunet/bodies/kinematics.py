@@ -59,7 +59,7 @@ class Kinematics:
     held: tuple[Held, ...] = ()
 
     def __bool__(self) -> bool:
-        return bool(self.guides) or len(self.point) > 0
+        return bool(self.guides or self.held) or len(self.point) > 0
 
     def on_bodies(self, memory: Memories) -> OnBodies:
         """The points that are fixed to bodies at these memories, held ones last."""
@@ -121,7 +121,7 @@ class Kinematics:
             data.append(of)
 
         turns = (in_scene_axes, in_body_axes)
-        if len(self.point):
+        if len(self.point) or self.held:
             place, helpers = loops.place_attached, (*turns, loops.add_arm)
             attached = partial(_attached, self, blocks)
             add(KernelCall(loops.carry_forces, attached({}), place=place, helpers=helpers), attached)

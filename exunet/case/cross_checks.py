@@ -14,7 +14,7 @@ from exunet import net
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
-from exunet.case.scene import Launch, Scene
+from exunet.case.scene import Launch, NetFrame, Scene
 from exunet.forces import effects
 from exunet.forces.requirements import RestOfCase
 from exunet.methods import keys as solver
@@ -130,6 +130,31 @@ def _net_on_a_body(scene: Scene) -> Iterator[Fault]:
     if frame.is_given("body") and frame.body not in scene.bodies:
         known = ", ".join(scene.bodies) or "none"
         yield Fault("initial.frame.body", f'there is no body "{frame.body}" (bodies: {known})')
+    if frame.is_given("eject_at") and frame.eject_at > 0.0:
+        yield from within("initial.frame", each(*_ejected_later(scene, frame)))
+
+
+def _ejected_later(scene: Scene, frame: NetFrame) -> Iterator[Iterator[Fault]]:
+    yield _in_time(scene, frame)
+    yield _held_by_one_that_can(scene, frame)
+    yield _not_held_otherwise(scene)
+
+
+def _in_time(scene: Scene, frame: NetFrame) -> Iterator[Fault]:
+    if frame.eject_at >= scene.time.end:
+        words = f"must be before time.end, {scene.time.end:g} s, got {frame.eject_at:g} s"
+        yield Fault("eject_at", words)
+
+
+def _held_by_one_that_can(scene: Scene, frame: NetFrame) -> Iterator[Fault]:
+    body = scene.bodies.get(frame.body)
+    if body is not None and body.motion == "prescribed":
+        yield Fault("eject_at", f"{frame.body}, which holds the net, must be free or fixed, not prescribed")
+
+
+def _not_held_otherwise(scene: Scene) -> Iterator[Fault]:
+    if isinstance(scene.net, explicit.Keys) and scene.net.fixed:
+        yield Fault("eject_at", "a net that a body holds until then has no net.fixed nodes")
 
 
 def _list_fits_the_net(scene: Scene, name: str) -> Iterator[Fault]:

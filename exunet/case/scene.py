@@ -63,6 +63,9 @@ class NetFrame(Placed):
         description="quaternion [w, x, y, z] that turns the net's axes into those of the body's frame; "
         "brought to length 1",
     )
+    eject_at: NonNegative = Field(
+        0.0, description="until when the body holds the packed net; then velocity, spin and [launch] act [s]"
+    )
 
 
 class Initial(Table):

@@ -275,16 +275,17 @@ class Constraint:
     calls     : its calls in a kernel
     data      : of each call, by the memories in force
     bodies    : names of the free bodies that it hands forces on to
+    memory, switch : see `Memory`, `Switch`
     Energy that it gives is kept by first-order states of the system.
     """
 
     calls: tuple[KernelCall, ...]
     data: tuple[Callable[[Memories], tuple[Any, ...]], ...]
     bodies: tuple[str, ...] = ()
+    memory: Memory | None = None
+    switch: Switch | None = None
     dissipates: bool = field(default=False, init=False)
     acts_on: str = field(default="bodies", init=False)
-    memory: Memory | None = field(default=None, init=False)
-    switch: Switch | None = field(default=None, init=False)
     inputs: tuple[Input, ...] = field(default=(), init=False)
     has_potential: bool = field(default=False, init=False)
     damping_rate: float = field(default=0.0, init=False)

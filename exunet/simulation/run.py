@@ -303,7 +303,9 @@ def _describe(place: Path, describe: Describe | None, *, alone: bool) -> None:
     if alone:
         remove_descriptions(place)
     if describe is not None:
-        describe(load_result(place / RESULT_FILE), place)
+        with postponed():  # as above
+            result = load_result(place / RESULT_FILE)
+        describe(result, place)
 
 
 def _told(failure: BaseException, result: Result, folder: Path, place: Path) -> BaseException:

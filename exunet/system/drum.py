@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.kinematics import GIVEN, Kinematics
-from exunet.bodies.rigid import rotation_matrix
-from exunet.forces.held import held_by, mass_matrix
+from exunet.bodies.kinematics import Kinematics
 from exunet.forces.reel import Winding, memory_name
 from exunet.forces.reel_loops import Outlet, pulls
 from exunet.forces.terms import Change, Memories
 from exunet.net.reel import CLOSE, LARGEST_OUTLET, LEAST_OUTLET
+from exunet.system.exchange import exchanged
 from exunet.system.system import Layout, Moving
 
 Floats = NDArray[np.float64]
@@ -140,30 +139,11 @@ class Drum:
 
         memories : all, before and after
         """
-        body, (before, after) = self._body, memories
-        mass = float(self._blocks.mass[node])
-        was, position = moving.velocity[node].copy(), moving.position[node].copy()
-        states, first_order = moving.bodies, moving.first_order.copy()
-        if body < self._kinematics.n_free:
-            turn = rotation_matrix(states.attitude[body])
-            centre = states.position[body]
-            own = self._blocks.inertia.mass[body], self._blocks.inertia.moments[body]
-            held = held_by(self._kinematics.held, body, before)
-            motion = np.concatenate([states.velocity[body] @ turn, states.angular_velocity[body]])
-            momenta = mass_matrix(*own, *held) @ motion
-            sign, one = (1.0, _Node(node, position, was)) if loose is None else (-1.0, loose)
-            impulse = sign * mass * (one.velocity @ turn)
-            momenta += np.concatenate([impulse, np.cross((one.place - centre) @ turn, impulse)])
-            held = held_by(self._kinematics.held, body, after)
-            motion = np.linalg.solve(mass_matrix(*own, *held), momenta)
-            states.velocity[body], states.angular_velocity[body] = turn @ motion[:3], motion[3:]
-        else:  # its support takes the momentum
-            first = self._blocks.n_x - self._blocks.n_states
-            given = self._blocks.state(f"{self._reel.body}/{GIVEN[0][0]}") - first
-            place, velocity = (position, -was) if loose is None else (loose.place, loose.velocity)
-            first_order[given : given + 3] += mass * velocity
-            first_order[given + 3 : given + 6] += np.cross(place, mass * velocity)
-        points = moving.position.copy(), moving.velocity.copy()
+        sign, one = 1.0, _Node(node, moving.position[node].copy(), moving.velocity[node].copy())
         if loose is not None:
-            points[0][node], points[1][node] = loose.place, loose.velocity
-        return Moving(*points, states, first_order).completed(self._kinematics, time, after)
+            sign, one = -1.0, loose
+        momentum = sign * float(self._blocks.mass[node]) * one.velocity
+        points = one.place[None], momentum[None]
+        after = exchanged(moving, self._blocks, self._kinematics, self._body, memories, points)
+        after.position[node], after.velocity[node] = one.place, one.velocity
+        return after.completed(self._kinematics, time, memories[1])

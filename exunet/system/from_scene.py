@@ -18,6 +18,7 @@ from exunet.net.tether import reels_of, with_tethers
 from exunet.system.bodies import bodies_at_start
 from exunet.system.carried import carried, net_axes, thrown
 from exunet.system.drum import Drum
+from exunet.system.ejection import ejecting, holding
 from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
 from exunet.system.system import State, System
 
@@ -34,14 +35,19 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     reels = reels_of(net, scene.tethers)
     rigid = bodies_at_start(scene, net, tied, reels, faults)
     axes = net_axes(scene.initial.frame, rigid)
-    position, velocity = carried(axes, rigid, net, *packed_state(scene, woven))
+    packed, speed = packed_state(scene, woven)
+    position, velocity = carried(axes, rigid, net, packed, speed)
+    later = scene.initial.frame.eject_at if scene.initial.frame is not None else 0.0
+    if later > 0.0:
+        rigid = holding(axes, rigid, net, position)
     room = np.zeros((net.n_nodes - woven.n_nodes, 3))
     position, velocity = np.concatenate([position, room]), np.concatenate([velocity, room])
     kinematics, begin = rigid.kinematics, np.array(0.0)
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
     faults += along_tethers(net, reels, position, velocity)
-    gained, rigid = thrown(axes, rigid, net, position, kicks(scene, woven))  # leaves inner nodes as they are
-    velocity[: woven.n_nodes] += gained
+    if later == 0.0:  # inner nodes of tethers stay as they are
+        gained, rigid = thrown(axes, rigid, net, position, kicks(scene, woven))
+        velocity[: woven.n_nodes] += gained
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
     names = tuple(body.name for body in rigid.bodies)
     of_reels = (state for reel in reels for state in states_of(reel))
@@ -53,7 +59,11 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
     words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
     faults += [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
-    forces = replace(forces_of(scene.effects, blocks, faults), constraint=kinematics.term(blocks))
+    constraint = kinematics.term(blocks)
+    if later > 0.0:
+        added = speed + kicks(scene, woven)
+        constraint = ejecting(constraint, later, axes, rigid, blocks, added)
+    forces = replace(forces_of(scene.effects, blocks, faults), constraint=constraint)
     if reels:
         windings = tuple(Winding(reel, blocks, forces.cable.law) for reel in reels)
         terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped, UncheckedRun
+from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.interfaces.commands.estimates import ExpectedSpread, estimated, expected_spread, refuse_beyond
@@ -183,8 +184,8 @@ def _describe(
     moved: ExpectedSpread,
 ) -> None:
     """Write summary and figures, and fill the story, with what moved starts and the reference say."""
-    from exunet.figures import save_figures
-
+    with postponed():  # Ctrl-C in what is called when an import cleans up would be lost
+        from exunet.figures import save_figures
     agreement: Agreement | None = None
     no_check: str | None = None
     if reference and result.complete:

@@ -1,0 +1,110 @@
+"""A packed net that a body holds until it is ejected: books, before and after, what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from own_terms import FORMS, continue_alike
+
+import exunet
+from exunet.base.errors import CaseError
+from exunet.bodies.rigid import rotation_matrix
+from exunet.simulation.simulation import Simulation
+
+CASE = Path(exunet.__file__).parent / "cases" / "bodies" / "launch.toml"
+LATER, FREE = "initial.frame.eject_at=0.2", "tethers={}"
+SHORT = (
+    "time={end=0.3, output_step=0.02}",
+    "solver.tolerance=1e-9",
+    "bodies.chaser.angular_velocity=[0.5, 2.0, 1.0]",
+)
+
+
+def case(*overrides: str) -> exunet.Case:
+    return exunet.load(CASE, [*SHORT, LATER, *overrides])
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("tied", [False, True])
+def test_the_books_of_a_later_ejection(form: str, tied: bool) -> None:
+    """Momentum to 1e-12 and angular momentum to 1e-8 of what single parts have; the energy to 1e-5."""
+    found = exunet.run(case(FORMS[form], *([] if tied else [FREE])))
+    assert found.verdict == "ok"
+    (event,) = found.provenance["ejection"]
+    assert event == {"time_s": 0.2, "nodes": found.net.n_net_nodes}
+    scale = float((found.net.mass[:, None] * np.linalg.norm(found.velocity, axis=-1).T).sum(axis=0).max())
+    assert np.abs(found.momentum - found.momentum[0]).max() < 1e-12 * scale + 1e-13
+    turning = float(np.linalg.norm(found.angular_momentum[0])) + scale
+    assert np.abs(found.angular_momentum - found.angular_momentum[0]).max() < 1e-8 * turning
+    total = found.kinetic + found.elastic + found.potential + found.dissipated
+    assert np.abs(total - total[0]).max() < 1e-5 * found.kinetic.max()
+    thrown = found.time > 0.2
+    speeds = np.linalg.norm(found.velocity[:, found.net.bullet_nodes], axis=-1)
+    assert speeds[~thrown].max() < 2.5 < 2.9 < speeds[thrown].min()
+    # until then the net rests in the chaser's frame
+    body = found.bodies["chaser"]
+    turn = rotation_matrix(np.asarray(body.attitude))
+    net = found.position[:, : found.net.n_net_nodes]
+    inside = np.einsum("kij,kni->knj", turn, net - np.asarray(body.position)[:, None])
+    assert np.ptp(inside[found.time < 0.2], axis=0).max() < 1e-13
+    assert np.ptp(inside[thrown], axis=0).max() > 0.1
+
+
+def test_afterwards_it_goes_as_if_it_had_begun_then() -> None:
+    """Against a run that begins in the state of the chaser just before, with the throw at time 0."""
+    later = Simulation(case(FREE))
+    later.advance_to(0.2 - 1e-13)
+    chaser = later.state.bodies
+    body = later.start.system.bodies[0]
+    assert body.is_along_frame
+    begin = {"position": chaser.position, "velocity": chaser.velocity, "attitude": chaser.attitude}
+    begin |= {"angular_velocity": chaser.angular_velocity}
+    keys = [f"bodies.chaser.{name}={values[0].tolist()}" for name, values in begin.items()]
+    without = ["bodies.chaser.axis=", "bodies.chaser.angle=", "initial.frame.eject_at=0.0"]
+    keys = [key for key in keys if not key.startswith("bodies.chaser.attitude")]
+    # the file has axis and angle, which an attitude excludes: as a rotation vector
+    turned = 2.0 * np.arccos(np.clip(chaser.attitude[0, 0], -1.0, 1.0))
+    axis = chaser.attitude[0, 1:] / np.sin(0.5 * turned)
+    keys += [f"bodies.chaser.axis={axis.tolist()}", f"bodies.chaser.angle={float(turned)!r}", without[-1]]
+    now = Simulation(case(FREE, *keys))
+    for ahead in (0.0, 0.05, 0.1):
+        later.advance_to(0.2 + ahead)
+        if ahead:
+            now.advance_to(ahead)
+        np.testing.assert_allclose(later.state.position, now.state.position, atol=1e-9)
+        np.testing.assert_allclose(later.state.velocity, now.state.velocity, atol=1e-6)
+        for one, other in zip(later.state.bodies.parts(), now.state.bodies.parts(), strict=True):
+            np.testing.assert_allclose(np.abs(one), np.abs(other), atol=1e-9)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("cut", [0.1, 0.24])
+def test_a_snapshot_before_and_after(form: str, cut: float, tmp_path: Path) -> None:
+    one, other = Simulation(case(FORMS[form])), Simulation(case(FORMS[form]))
+    one.advance_to(cut)
+    continue_alike(one, other, 0.28, tmp_path)
+
+
+def test_the_support_of_a_fixed_chaser_takes_it() -> None:
+    keys = "{mass=80.0, inertia=[1.0, 1.0, 1.0], motion='fixed'}"
+    start = exunet.load(CASE, ["time={end=0.3, output_step=0.02}", LATER, FREE, f"bodies.chaser={keys}"])
+    found = exunet.run(start)
+    given = (found.states["chaser/impulse"].values, found.states["chaser/angular_impulse"].values)
+    assert np.abs(found.momentum - given[0]).max() < 1e-11
+    assert np.abs(found.angular_momentum - given[1]).max() < 1e-10
+    assert found.kinetic[0] == 0.0 < found.kinetic[-1]
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("initial.frame.eject_at=-0.1", "eject_at: must be a number not less than 0"),
+        ("initial.frame.eject_at=0.3", "eject_at: must be before time.end, 0.3 s, got 0.3 s"),
+        ("bodies.chaser.motion='prescribed'", "must be free or fixed, not prescribed"),
+    ],
+)
+def test_what_is_refused(override: str, words: str) -> None:
+    with pytest.raises(CaseError, match=words):
+        Simulation(case(override))
