@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 import exunet
 from exunet.bodies.rigid import rotation_matrix
+from exunet.results.summary import summarise
 
 CASES = Path(exunet.__file__).parent / "cases" / "bodies"
 
@@ -26,6 +27,17 @@ def stays(found: exunet.Result) -> None:
     reach = float(np.abs(found.position).max())
     for values, bound in ((found.momentum, 1e-10), (found.angular_momentum, 1e-8 * reach)):
         assert np.abs(values - values[0]).max() < bound * mass * speed
+
+
+def test_the_summary_has_the_books_of_momentum() -> None:
+    """Of a launch: kept to round-off, of parts with up to 0.2 kg x 3 m/s; with gravity: its impulse."""
+    found = result("launch", "time.end=0.1")
+    books = summarise(found)["momentum"]
+    assert books["linear_gained_kg_m_s"] < 1e-12 < 0.5 < books["linear_size_kg_m_s"] < 100.0
+    assert books["angular_gained_kg_m2_s"] < 1e-8 < 1.0 < books["angular_size_kg_m2_s"]
+    pulled = result("launch", "time.end=0.1", "effects.gravity.acceleration=[0.0, 0.0, -2.0]")
+    given = (80.0 + float(found.net.mass.sum())) * 2.0 * 0.1
+    assert summarise(pulled)["momentum"]["linear_gained_kg_m_s"] == pytest.approx(given, rel=1e-6)
 
 
 def test_the_dumbbell_swings() -> None:

@@ -159,6 +159,31 @@ def energy_balance(result: Result) -> float:
     return error / scale if error > 1e-14 * float(np.max(np.abs(potential))) else 0.0
 
 
+def momentum_gained(result: Result) -> dict[str, float]:
+    """Largest change of momentum and angular momentum about the origin since the start, and their size.
+
+    What bodies that are fixed or prescribed have given is taken off: what is left is the impulse of forces
+    from outside, such as gravity and drag, or error. The momentum's size is the largest sqrt(2 K M), which it
+    cannot exceed, M the mass that moves freely; the angular momentum's that of its largest value.
+    """
+    found = {}
+    mass = float(result.net.mass.sum()) + sum(body.mass for body in result.bodies.values())
+    for name, given, values in (
+        ("linear", "impulse", result.momentum),
+        ("angular", "angular_impulse", result.angular_momentum),
+    ):
+        values = np.asarray(values[:], dtype=float)
+        size = float(np.linalg.norm(values, axis=1).max())
+        states = (result.states.get(f"{body}/{given}") for body in result.bodies)
+        taken = [np.asarray(one.values[:]) for one in states if one is not None]
+        left = values - np.sum(taken, axis=0) if taken else values
+        found[f"{name}_gained"] = float(np.linalg.norm(left - left[0], axis=1).max())
+        found[f"{name}_size"] = size
+    fastest = float(np.sqrt(2.0 * np.max(np.asarray(result.kinetic[:])) * mass))
+    found["linear_size"] = max(found["linear_size"], fastest)
+    return found
+
+
 def energy_scale(result: Result) -> float:
     """Energy [J] that could deform the net, over the stored times: what errors of the energy are measured by.
 

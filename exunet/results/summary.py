@@ -17,7 +17,7 @@ from exunet.base.files import replacing
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
 from exunet.results.headlines import Course, Headline, course_of, headline, headlines_of, shown
-from exunet.results.measures import NEARLY_OPEN, energy_balance, energy_scale
+from exunet.results.measures import NEARLY_OPEN, energy_balance, energy_scale, momentum_gained
 from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates, Result
 from exunet.results.spread import Judged, Spread, description, numbers
@@ -56,6 +56,7 @@ def summarise(
             "in_deformation_J": energy_scale(result),
             "balance_error": energy_balance(result),
         },
+        "momentum": _momentum(result),
         "headlines": numbers(spread, headlines_of(course)),
         "spread": description(spread),
         "largest_tension": _largest_tension(result, course),
@@ -155,6 +156,12 @@ def _body(body: BodyStates) -> dict[str, float]:
     return {"mass_kg": body.mass}
 
 
+def _momentum(result: Result) -> dict[str, float]:
+    """Its books, and those of the angular momentum about the origin."""
+    found = momentum_gained(result).items()
+    return {f"{name}_{'kg_m_s' if name.startswith('linear') else 'kg_m2_s'}": value for name, value in found}
+
+
 def _given(result: Result, name: str) -> dict[str, Any]:
     """What a body that is fixed or prescribed has given to all else by the end; none of free ones."""
     found = ((quantity, result.states.get(f"{name}/{quantity}")) for quantity in _GIVEN)
@@ -245,6 +252,11 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
             f"{energy['balance_error']:.1e} of {energy['in_deformation_J']:.6g} J in deformation",
         ),
     ]
+    if summary["bodies"]:
+        books = summary["momentum"]
+        words = f"{books['linear_gained_kg_m_s']:.1e} of {books['linear_size_kg_m_s']:.4g} kg m/s; angular, "
+        words += f"about the origin, {books['angular_gained_kg_m2_s']:.1e} of "
+        table.append(("momentum gained", f"{words}{books['angular_size_kg_m2_s']:.4g} kg m2/s"))
     if broken := summary["broken"]:
         first, worst = broken[0], max(one["energy_excess"] for one in broken)
         words = f"{len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"

@@ -23,11 +23,11 @@ def exchanged(
     memories: tuple[Memories, Memories],
     points: tuple[Floats, Floats],
 ) -> Moving:
-    """The state after a body has taken the momenta of points, or given them (negative masses' momenta).
+    """The state after a body has taken points, or let them go.
 
     memories : before and after, which say what the body holds
-    points   : places (n, 3) [m], and momenta (n, 3) [kg m/s] that come to the body with points that it holds
-               afterwards; with the opposite sign those of points that it no longer holds
+    points   : places (n, 3) [m] and momenta (n, 3) [kg m/s] of points that it holds afterwards; of those that
+               it no longer holds, the momenta with which they leave, with the opposite sign
     A free body, what it holds and these points keep their momentum and angular momentum; the support of a
     fixed one takes both. Points are left where they are.
     """
