@@ -53,10 +53,13 @@ def at_outlets(system: System, x: Floats, wound: Wound) -> tuple[Bools | None, F
     return ~outlet, np.asarray((density * lengths) @ system.net.area)
 
 
-def potential(system: System, x: Floats, bodies: BodyStates | None = None) -> Floats:
+def potential(
+    system: System, x: Floats, bodies: BodyStates | None = None, gone: Bools | None = None
+) -> Floats:
     """Potential (...) [J] of gravity, orbit, j2, sunlight, bending and launch_force, fixed nodes included.
 
-    With that of the `bodies`, if given.
+    With that of the `bodies`, if given.  Of bullets that are `gone` (..., k) launch_force holds none; without
+    it the way of each decides.
 
     Raises ValueError where launch_force needs the states of the `bodies`.
     """
@@ -78,7 +81,9 @@ def potential(system: System, x: Floats, bodies: BodyStates | None = None) -> Fl
                 "launch_force stores energy: give the states of the bodies, the chaser among them"
             )
         particles = np.concatenate((x, bodies.position), axis=-2)
-        total = total + np.sum(effects.launch_force.held(ways(system, particles)), axis=-1)
+        s = ways(system, particles, bodies.attitude[..., system.bodies.rigid, :, :])
+        stored = effects.launch_force.held(s)
+        total = total + np.sum(stored if gone is None else np.where(gone, 0.0, stored), axis=-1)
     return np.asarray(total)
 
 
@@ -142,6 +147,8 @@ class Stored(Protocol):
     def intact(self) -> Bools: ...
     @property
     def reels(self) -> Wound: ...
+    @property
+    def gone(self) -> Bools: ...
 
 
 def lengths(system: System, wound: Wound) -> Floats | None:
@@ -159,7 +166,7 @@ def books(system: System, run: Stored) -> Books:
     return Books(
         kinetic(system, run.v, bodies),
         elastic(system, run.x, intact),
-        potential(system, run.x, bodies) + outlets,
+        potential(system, run.x, bodies, run.gone) + outlets,
         run.dissipated,
         momentum(system, run.v, bodies),
         angular_momentum(system, run.x, run.v, bodies),

@@ -1,9 +1,9 @@
 """Events: elements break, bullets leave or re-enter barrels, nodes go on and off drums; where in a step.
 
 An event is a margin that reaches zero from below: of an intact element E11 less its limit, of a pushed bullet
-s less the stroke, of one outside its barrel the stroke less s.  `Watch.landing` finds the first one in a step
-by repeating the step at other lengths until the instant is enclosed (Hairer, Norsett, Wanner, Solving ODEs I,
-II.6), so that the state there has the full order of the method.
+s less the stroke, of one outside its barrel the stroke less s, unless it is gone for good.  `Watch.landing`
+finds the first one in a step by repeating the step at other lengths until the instant is enclosed (Hairer,
+Norsett, Wanner, Solving ODEs I, II.6), so that the state there has the full order of the method.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ import numpy as np
 from scipy.optimize import brentq
 
 from reference_impl.arrays import Floats
+from reference_impl.bodies import turning
 from reference_impl.elements import excess, strain, stress
 from reference_impl.forces import ways
 from reference_impl.mode import Mode
 from reference_impl.reels import Wound
 from reference_impl.state import Layout
 from reference_impl.system import System
+from reference_impl.turns import skew, turned
 
 INSTANT = 1e-13  # [s] how closely an event is enclosed
 TOGETHER = 1e-12  # [s] events closer than this are one: round-off does not decide which of equals comes first
@@ -60,10 +62,15 @@ class Watch:
         reels = self.system.reels is not None
         return effects.breaking is not None or effects.launch_force is not None or reels
 
-    def margins(self, x: Floats, mode: Mode, wound: Wound) -> Floats:
-        """Margins (..., q) at positions x (..., N, 3): 2 R of reels, m of strain, k of ways [m].
+    def at(self, y: Floats, mode: Mode) -> Floats:
+        """Margins (..., q) in the states y."""
+        whole = self.layout.whole(y)
+        return self.margins(whole.x, whole.attitude, mode, self.layout.wound(y))
 
-        Strain where things can break; of reels, see `Reels.margins`.
+    def margins(self, x: Floats, attitude: Floats, mode: Mode, wound: Wound) -> Floats:
+        """Margins (..., q) at places x (..., N, 3) and attitudes (..., r, 3, 3).
+
+        2 R of reels, m of strain, k of ways [m]: strain where things can break; reels: see `Reels.margins`.
         """
         parts = []
         if (reels := self.system.reels) is not None:
@@ -72,8 +79,9 @@ class Watch:
             over = strain(self.system, x) - self.system.limits
             parts.append(np.where(mode.intact, over, -np.inf))
         if mode.pushed is not None and self.system.effects.launch_force is not None:
-            beyond = ways(self.system, x) - self.system.effects.launch_force.stroke
-            parts.append(np.where(mode.pushed, beyond, -beyond))
+            beyond = ways(self.system, x, attitude) - self.system.effects.launch_force.stroke
+            margin = np.where(mode.pushed, beyond, -beyond)
+            parts.append(margin if mode.gone is None else np.where(mode.gone, -np.inf, margin))
         return np.concatenate(parts, axis=-1)
 
     def due(self, y: Floats, mode: Mode, certain: int | None = None) -> np.ndarray:
@@ -81,8 +89,10 @@ class Watch:
 
         A bullet counts only while it moves towards the event: one that has just left has not come back.
         """
-        x, v, wound = self.layout.positions(y), self.layout.velocities(y), self.layout.wound(y)
-        margin, later = self.margins(x, mode, wound), self.margins(x + TOGETHER * v, mode, wound)
+        whole = self.layout.whole(y)
+        w = turning(whole.attitude, whole.spin, self.system.bodies.mobility)
+        x, attitude = whole.x + TOGETHER * whole.v, turned(whole.attitude, TOGETHER * w)
+        margin, later = self.at(y, mode), self.margins(x, attitude, mode, self.layout.wound(y))
         reached = (margin >= 0.0) | (later >= 0.0)
         if mode.pushed is not None:
             bullets = slice(len(margin) - len(mode.pushed), None)
@@ -111,7 +121,8 @@ class Watch:
             intact[broken] = False
             mode = replace(mode, intact=intact)
         if mode.pushed is not None:
-            mode = replace(mode, pushed=mode.pushed ^ reached[len(reached) - len(mode.pushed) :])
+            pushed = mode.pushed ^ reached[len(reached) - len(mode.pushed) :]
+            mode = replace(mode, pushed=pushed, gone=None if mode.gone is None else mode.gone | ~pushed)
         return mode, breaks
 
     def landing(
@@ -127,19 +138,15 @@ class Watch:
         `ends`, `rates` are y and y' at both ends of the step; attempt(tau) repeats it with the length tau.
         """
         layout = self.layout
-
-        def at(y: Floats) -> Floats:
-            return self.margins(layout.positions(y), mode, layout.wound(y))
-
-        begin = at(ends[0])
+        begin = self.at(ends[0], mode)
         below = begin < 0.0  # what is at its limit already has been settled
         wound = _wound_between(layout, ends, rates, h)
         inside = _between(layout, ends, rates, h)
-        looked = np.concatenate((begin[None], self.margins(inside, mode, wound)))
-        looked[-1] = at(ends[1])
+        looked = np.concatenate((begin[None], self.margins(*inside, mode, wound)))
+        looked[-1] = self.at(ends[1], mode)
 
         def margins(y: Floats) -> Floats:
-            return np.where(below, at(y), -np.inf)
+            return np.where(below, self.at(y, mode), -np.inf)
 
         def greatest(tau: float) -> float:
             return float(np.max(margins(attempt(tau) if tau else ends[0])))
@@ -190,12 +197,22 @@ def _wound_between(layout: Layout, ends: tuple[Floats, Floats], rates: Floats, h
     return Wound(s, np.broadcast_to(before.held, shape), np.broadcast_to(before.work, shape))
 
 
-def _between(layout: Layout, ends: tuple[Floats, Floats], rates: Floats, h: float) -> Floats:
-    """Positions (16, N, 3) at _SAMPLES of a step: Hermite's quintic through x, v and a at both ends."""
-    s = _SAMPLES[:, None, None]
-    x0, x1 = (layout.positions(y) for y in ends)
-    v0, v1 = (h * layout.velocities(y) for y in ends)
-    a0, a1 = (h * h * layout.accelerations(y, rate) for y, rate in zip(ends, rates, strict=True))
+def _between(layout: Layout, ends: tuple[Floats, Floats], rates: Floats, h: float) -> tuple[Floats, Floats]:
+    """Positions (16, N, 3) and attitudes (16, r, 3, 3) at _SAMPLES of a step."""
+    place, attitude = [], []
+    for y, rate in zip(ends, rates, strict=True):
+        whole = layout.whole(y)
+        place.append((whole.x, h * whole.v, h * h * layout.accelerations(y, rate)))
+        w, angular = (skew(values) for values in layout.turnings(y, rate))
+        turn = whole.attitude
+        attitude.append((turn, h * w @ turn, h * h * (angular + w @ w) @ turn))
+    return _quintic(*place), _quintic(*attitude)
+
+
+def _quintic(before: tuple[Floats, Floats, Floats], after: tuple[Floats, Floats, Floats]) -> Floats:
+    """Values (16, ...) at _SAMPLES: Hermite's quintic through values, slopes and curvatures at both ends."""
+    (x0, v0, a0), (x1, v1, a1) = before, after
+    s = _SAMPLES.reshape(-1, *[1] * x0.ndim)
     gap, slope0, slope1 = x1 - x0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
     cubic = 10.0 * gap - 4.0 * slope0 + 0.5 * slope1
     quartic = -15.0 * gap + 7.0 * slope0 - slope1

@@ -5,14 +5,14 @@ x is the array (n, 3) of nodal positions [m], v that of velocities [m/s]; d_e = 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from reference_impl import fields, held, mirror
-from reference_impl.arrays import Bools, Floats, dot
+from reference_impl.arrays import Bools, Floats, cross, dot
+from reference_impl.barrels import reaction
 from reference_impl.bodies import BodyStates, turning, turning_rate
 from reference_impl.effects.air_drag import bullet_drag, cable_drag
 from reference_impl.effects.molecular_drag import molecular_force
@@ -136,12 +136,14 @@ def acceleration(
     bodies: BodyStates | None = None,
     intact: Bools | None = None,
     reels: Wound | None = None,
+    gone: Bools | None = None,
 ) -> Floats:
     """dv/dt (n, 3) [m/s2], eq. (16), at any finite x, v (n, 3) [m, m/s]; zero at fixed nodes.
 
     `bodies` (b, ...) is needed where a body acts on the net (launch_force, points of bodies); these points
     are where it says, with their accelerations.  Elements that are not `intact` (m,) carry no load.  `reels`
-    (R,) is needed where there are any.  Raises ValueError without the bodies or reels that it needs.
+    (R,) is needed where there are any.  Bullets that are `gone` (k,) are not pushed by launch_force.  Raises
+    ValueError without the bodies or reels that it needs.
     """
     n, levers, rigid = len(system.net.mass), system.levers, system.bodies.rigid
     if bodies is None:
@@ -161,7 +163,7 @@ def acceleration(
         whole = Whole(x, v, attitude, spin, reels.wound_up, reels.held)
         held.place(system, x, reels.held)
         held.place(system, v, reels.held)
-    found = response(system, t, whole, Mode(intact))
+    found = response(system, t, whole, Mode(intact, gone=gone))
     angular = turning_rate(attitude, spin, found.torque, system.bodies)
     result = found.acceleration[:n].copy()
     result[levers.node] = levers.accelerations(found.acceleration[n:][rigid], angular, w, lever)
@@ -201,20 +203,22 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
         force[system.led] = 0.0  # what acts on these from outside is taken up by what drives them
         push += force
         power -= float(np.vdot(force, speeds))
-    beside = np.zeros((len(x) - n, 3))
-    if effects.launch_force is not None:
-        thrown = effects.launch_force.push(ways(system, x), mode.pushed)[:, None] * system.barrels
+    beside, torque, thrown = np.zeros((len(x) - n, 3)), np.zeros_like(whole.spin), None
+    if system.barrels is not None:
+        thrown = _thrown(system, whole, mode)
         push[system.net.bullet_nodes] += thrown
-        reaction = [-math.fsum(column) / effects.launch_force.chaser_mass for column in thrown.T.tolist()]
-        beside[system.chaser - n] = reaction
+        back, turn = reaction(thrown, _levers(system, x))
+        beside[system.barrels.body] = back / system.bodies.mass[system.barrels.body]
+        if system.barrels.rigid is not None:
+            torque[system.barrels.rigid] = turn
     result = system.compliance_of_inertia * push
     if effects.orbit is not None:
         orbital = orbital_acceleration(effects.orbit, nodes, speeds)
         if effects.j2 is not None:
             orbital = orbital + nodes @ system.oblate.T
         result += np.where(system.compliance_of_inertia > 0.0, orbital, 0.0)
-    torque, taken = _on_bodies(system, whole, push, beside)
-    given = _given(system, whole, push)
+    torque, taken = _on_bodies(system, whole, push, beside, torque)
+    given = _given(system, whole, push, thrown)
     power += taken - float(np.sum(given[:, 6]))
     if outlets is not None:
         _bear(system, whole, result, beside, torque, given)
@@ -261,8 +265,11 @@ def _bear(
         row[3:6] -= np.cross(whole.x[drums.node[mine]], force[mine]).sum(axis=0)
 
 
-def _given(system: System, whole: Whole, push: Floats) -> Floats:
-    """What driven bodies give (d, 7): the opposite of what pulls on their nodes."""
+def _given(system: System, whole: Whole, push: Floats, thrown: Floats | None) -> Floats:
+    """What driven bodies give (d, 7): the opposite of what pulls on their nodes, and what they throw with.
+
+    The work of a push `thrown` (k, 3) [N] is that at the barrel's place, which moves with the body.
+    """
     given = np.zeros((len(system.bodies.driven), 7))
     for row, k in zip(given, system.bodies.driven.tolist(), strict=True):
         mine = system.levers.node[system.bodies.rigid[system.levers.body] == k]
@@ -270,18 +277,29 @@ def _given(system: System, whole: Whole, push: Floats) -> Floats:
         row[:3] = force.sum(axis=0)
         row[3:6] = np.cross(whole.x[mine], force).sum(axis=0)
         row[6] = np.vdot(force, whole.v[mine])
+        if thrown is not None and system.barrels is not None and k == system.barrels.body:
+            w = turning(whole.attitude, whole.spin, system.bodies.mobility)[system.barrels.rigid]
+            moving = whole.v[system.chaser] + cross(w, _levers(system, whole.x))
+            row[:3] += thrown.sum(axis=0)
+            row[3:6] += np.cross(whole.x[system.net.bullet_nodes], thrown).sum(axis=0)
+            row[6] += np.vdot(thrown, moving)
     return given
 
 
-def _on_bodies(system: System, whole: Whole, push: Floats, beside: Floats) -> tuple[Floats, float]:
+def _on_bodies(
+    system: System, whole: Whole, push: Floats, beside: Floats, torque: Floats
+) -> tuple[Floats, float]:
     """Torques (r, 3) [N m] on the bodies, and the power taken from them [W]; adds to accelerations `beside`.
+
+    `torque` (r, 3) [N m] is that of launch_force.
 
     `push` (n, 3) [N] are the forces on the nodes, of which those on points of bodies act on these.
     """
-    torque, taken, rigid = np.zeros_like(whole.spin), 0.0, system.bodies.rigid
+    taken, rigid = 0.0, system.bodies.rigid
     if len(system.levers) and len(torque):
         levers = system.levers
-        force, torque = levers.wrench(push[levers.node], levers.turned(whole.attitude))
+        force, turn = levers.wrench(push[levers.node], levers.turned(whole.attitude))
+        torque = torque + turn
         beside[rigid] += force / system.bodies.mass[rigid, None]
     if len(beside) and fields.act(system):
         n = len(push)
@@ -314,14 +332,30 @@ def _working(system: System, t: float, x: Floats, v: Floats, mode: Mode) -> list
     return forces
 
 
-def ways(system: System, x: Floats) -> Floats:
+def ways(system: System, x: Floats, attitude: Floats | None = None) -> Floats:
     """Ways s (..., k) [m] of the bullets along their barrels, relative to the chaser, since the start.
 
-    x (..., N, 3) [m] are positions of nodes and bodies.
+    x (..., N, 3) [m] are positions of nodes and bodies, `attitude` R (..., r, 3, 3) those of rigid bodies,
+    needed where one of them is the chaser.
     """
-    assert system.launch_start is not None
-    relative = x.take(system.net.bullet_nodes, axis=-2) - x[..., system.chaser, None, :]
-    return dot(relative - system.launch_start, system.barrels)
+    assert system.barrels is not None
+    return system.barrels.ways(_levers(system, x), attitude)
+
+
+def _levers(system: System, x: Floats) -> Floats:
+    """The bullets (..., k, 3) [m] from the chaser's centre of mass."""
+    return np.asarray(x.take(system.net.bullet_nodes, axis=-2) - x[..., system.chaser, None, :])
+
+
+def _thrown(system: System, whole: Whole, mode: Mode) -> Floats:
+    """Forces (k, 3) [N] of launch_force on the bullets."""
+    launch, barrels = system.effects.launch_force, system.barrels
+    assert launch is not None
+    assert barrels is not None
+    s, pushed = ways(system, whole.x, whole.attitude), mode.pushed
+    if pushed is None and mode.gone is not None:
+        pushed = (s < launch.stroke) & ~mode.gone
+    return np.asarray(launch.push(s, pushed)[:, None] * barrels.directions(whole.attitude))
 
 
 def _element_forces(

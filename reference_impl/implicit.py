@@ -57,6 +57,8 @@ def unsupported(system: System) -> str:
         reasons.append("effects.thrust, which puts energy in")
     if effects.breaking is not None:
         reasons.append("effects.breaking, which ends an element's energy")
+    if system.barrels is not None and system.barrels.rigid is not None:
+        reasons.append("effects.launch_force.body, whose barrels would couple its steps to their turning")
     if len(system.levers):
         reasons.append("nodes that are points of bodies, which would couple its steps to their turning")
     if len(system.bodies.driven):
@@ -164,11 +166,11 @@ class _Scheme:
         i, j = system.ends
         all_of = np.arange(len(self.mass))
         rows, columns = [i, j, i, j, all_of, bent.row], [i, j, j, i, all_of, bent.col]
-        if effects.launch_force is not None:
+        if system.barrels is not None:
             bullets, chaser = net.bullet_nodes, np.full(len(net.bullet_nodes), system.chaser)
             rows += [bullets, chaser, bullets, chaser]
             columns += [bullets, chaser, chaser, bullets]
-            self.barrel = system.barrels[:, :, None] * system.barrels[:, None, :]
+            self.barrel = system.barrels.axis[:, :, None] * system.barrels.axis[:, None, :]
         self.shape, self.slots, self.pattern = _pattern(
             np.concatenate(rows), np.concatenate(columns), self.free
         )
@@ -216,8 +218,8 @@ class _Scheme:
         at_work[:n] += system.touching @ np.abs(pull)
         result[:n] = result[:n] + gather(system, pull)
         result += drag - push
-        if system.effects.launch_force is not None:
-            thrown = state.thrown[:, None] * system.barrels
+        if system.barrels is not None:
+            thrown = state.thrown[:, None] * system.barrels.axis
             for sums, sign, force in ((result, 1.0, thrown), (at_work, -1.0, np.abs(thrown))):
                 sums[system.net.bullet_nodes] -= sign * force
                 sums[system.chaser] += np.sum(force, axis=0)
@@ -233,7 +235,7 @@ class _Scheme:
         diagonal = (2.0 / h**2 * self.mass + self.drag / h)[:, :, None] * np.eye(3)
         diagonal -= self.mass[:, :, None] * (0.5 * self.gradient + self.coriolis / h)
         parts = [block, block, -block, -block, diagonal, self.bent]
-        if system.effects.launch_force is not None:
+        if system.barrels is not None:
             eased = -state.easing[:, None, None] * self.barrel
             parts += [eased, eased, -eased, -eased]
         values = np.concatenate(parts).ravel()

@@ -16,6 +16,7 @@ class Mode:
 
     intact: Bools | None = None  # (m,); None: none is broken
     pushed: Bools | None = None  # (k,) by launch_force; None: those with s < stroke
+    gone: Bools | None = None  # (k,) bullets that have left barrels for good; None: none ever does
     segment: int | None = None  # of thrust, see `Thrust.at`; None: the one that holds at t
     orders: tuple[int, ...] | None = None  # of reels, see `Reels.orders`; None: those that hold at t
 

@@ -280,12 +280,29 @@ def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
         faults += fold_faults(case.start.fold, shape)
     if thrown and not bullets:
         faults.append("launch: needs net.bullets")
-    if case.effects.launch_force is not None and any(body.name == CHASER for body in case.bodies):
-        faults.append(f"bodies.{CHASER}: effects.launch_force has a body of this name; choose another")
-    if (carrier := case.start.carrier) is not None:
-        if all(body.name != carrier.body for body in case.bodies):
-            faults.append(f"initial.frame.body: there is no body {carrier.body}")
-        if case.effects.launch_force is not None:
-            why = "the case format does not say in which axes the barrels are"
-            faults.append(refusal("effects.launch_force with initial.frame", why))
+    faults += _chaser_faults(case)
+    carrier = case.start.carrier
+    if carrier is not None and all(body.name != carrier.body for body in case.bodies):
+        faults.append(f"initial.frame.body: there is no body {carrier.body}")
     return faults + tie_faults(case, bullets)
+
+
+def _chaser_faults(case: Case) -> list[str]:
+    """Faults between launch_force and the bodies."""
+    faults, launch, names = [], case.effects.launch_force, [body.name for body in case.bodies]
+    if launch is None:
+        return []
+    if launch.body is not None and launch.body not in names:
+        faults.append(f"effects.launch_force.body: there is no body {launch.body}")
+    if launch.chaser_mass is not None:
+        if CHASER in names:
+            faults.append(
+                f"bodies.{CHASER}: effects.launch_force has a body of this name; choose another, or leave out"
+                " chaser_mass and name the body of the barrels, effects.launch_force.body"
+            )
+        if case.start.carrier is not None:
+            faults.append(
+                "effects.launch_force.chaser_mass: a point mass at the origin has no place beside"
+                " initial.frame; name the body that the barrels are fixed to, effects.launch_force.body"
+            )
+    return faults

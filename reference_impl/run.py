@@ -9,6 +9,7 @@ import numpy as np
 
 from reference_impl.arrays import Bools, Floats
 from reference_impl.bodies import BodyStates, orthonormal
+from reference_impl.effects.launch_force import LaunchForce
 from reference_impl.elements import strain
 from reference_impl.events import Break, Watch
 from reference_impl.forces import response, ways
@@ -37,6 +38,7 @@ class Trajectory:
     breaks: tuple[Break, ...]  # in order of time
     given: Given  # (nt, b, ...) by bodies whose motion is given
     reels: Wound  # (nt, R)
+    gone: Bools  # (nt, k) bullets that have left their barrels in a body for good
 
 
 class Diverged(ArithmeticError):
@@ -95,11 +97,13 @@ class Run:
     def begin(self, located: bool) -> None:
         """The mode at the start.  `located`: bullets change theirs at events; else their way s decides it."""
         effects = self.system.effects
-        pushed = None
-        if located and effects.launch_force is not None:
-            pushed = ways(self.system, self.layout.positions(self.y)) < effects.launch_force.stroke
+        pushed = gone = None
+        if effects.launch_force is not None:
+            beyond = self._beyond(effects.launch_force)
+            pushed = ~beyond if located else None
+            gone = beyond if effects.launch_force.body is not None else None
         intact = np.ones(len(self.system.net.area), dtype=bool) if effects.breaking is not None else None
-        self.mode = Mode(intact, pushed)
+        self.mode = Mode(intact, pushed, gone)
         self.enter_segment()
         self.break_exceeded()
 
@@ -144,8 +148,7 @@ class Run:
         if self.mode.intact is None:
             return False
         breaking = replace(self.mode, pushed=None)
-        x, wound = self.layout.positions(self.y), self.layout.wound(self.y)
-        reached = self.watch.margins(x, breaking, wound) >= 0.0
+        reached = self.watch.at(self.y, breaking) >= 0.0
         if not reached.any():
             return False
         if self.mode.pushed is not None:
@@ -163,6 +166,21 @@ class Run:
             any_was = True
         return any_was
 
+    def bullets_gone(self) -> bool:
+        """Lets bullets go that are out of their barrels in a body now; whether any was pushed before."""
+        launch = self.system.effects.launch_force
+        if self.mode.gone is None or launch is None:
+            return False
+        gone = self.mode.gone | self._beyond(launch)
+        changed = bool(np.any(gone != self.mode.gone))
+        self.mode = replace(self.mode, gone=gone)
+        return changed
+
+    def _beyond(self, launch: LaunchForce) -> Bools:
+        """Which bullets (k,) are out of their barrels now."""
+        whole = self.layout.whole(self.y)
+        return np.asarray(ways(self.system, whole.x, whole.attitude) >= launch.stroke)
+
     def store(self, t: float, y: Floats, mode: Mode) -> None:
         self.times.append(t)
         self.stored.append(y.copy())
@@ -170,8 +188,9 @@ class Run:
 
     def trajectory(self) -> Trajectory:
         y = np.array(self.stored).reshape(len(self.times), -1)
-        n, m = self.layout.nodes, len(self.system.net.area)
-        whole = np.ones(m, dtype=bool)
+        n, m, k = self.layout.nodes, len(self.system.net.area), len(self.system.net.bullet_nodes)
+        whole, none = np.ones(m, dtype=bool), np.zeros(k, dtype=bool)
+        gone = [none if mode.gone is None else mode.gone for mode in self.modes]
         intact = [whole if mode.intact is None else mode.intact for mode in self.modes]
         return Trajectory(
             np.array(self.times),
@@ -188,6 +207,7 @@ class Run:
             tuple(self.breaks),
             self.layout.given(y),
             self.layout.wound(y),
+            np.array(gone, dtype=bool).reshape(len(y), k),
         )
 
     def diverged(self, why: str) -> Diverged:

@@ -32,15 +32,24 @@ def initial_state(case: Case, net: Net) -> tuple[Floats, Floats]:
 
 
 def initial_bodies(case: Case, net: Net) -> tuple[Body, ...]:
-    """The bodies of a case: the chaser of launch_force first, in the origin, then those listed.
+    """The bodies of a case: a chaser that is a point mass first, in the origin, then those listed.
 
     With the mass of the nodes that are points of them.
     """
     launch = case.effects.launch_force
-    chaser = (
-        () if launch is None else (Body(CHASER, launch.chaser_mass, velocity=np.array(case.start.velocity)),)
-    )
-    return (*chaser, *_start(case, net)[2])
+    listed = _start(case, net)[2]
+    if launch is None or launch.chaser_mass is None:
+        return listed
+    return (Body(CHASER, launch.chaser_mass, velocity=np.array(case.start.velocity)), *listed)
+
+
+def net_axes(case: Case) -> Floats:
+    """Rotation (3, 3) that takes the net's axes at time 0 to the scene's."""
+    carrier = case.start.carrier
+    if carrier is None:
+        return np.eye(3)
+    (body,) = (body for body in case.bodies if body.name == carrier.body)
+    return np.asarray(body.attitude @ carrier.attitude)
 
 
 def _start(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...]]:
@@ -114,7 +123,7 @@ def _carry(
     assert carrier is not None
     number = [body.name for body in bodies].index(carrier.body)
     body = bodies[number]
-    axes, origin = body.attitude @ carrier.attitude, body.at(carrier.position)[0]
+    axes, origin = net_axes(case), body.at(carrier.position)[0]
     position[nodes] = origin + position[nodes] @ axes.T
     turning = skew(body.attitude @ body.angular_velocity)
     carried = body.velocity + (position[nodes] - body.at(body.centre_of_mass)[0]) @ turning.T

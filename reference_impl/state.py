@@ -165,17 +165,23 @@ class Layout:
         if not len(levers) and not self.clocks:
             return change.v
         whole, result = self.whole(y), change.v.copy()
-        w = turning(whole.attitude, whole.spin, self.bodies.mobility)
-        angular = turning_rate(whole.attitude, whole.spin, change.spin, self.bodies)
-        for k, rigid, motion in self._motions(y):
+        w, angular = self.turnings(y, rate)
+        for k, _, motion in self._motions(y):
             result[..., self.nodes + k, :] = motion.acceleration
-            angular[..., rigid, :] = motion.angular
         linear = result[..., self.nodes + self.bodies.rigid, :]
         lever = levers.turned(whole.attitude)
         result[..., levers.node, :] = levers.accelerations(linear, angular, w, lever)
         if self.reels:
             place(self.system, result, self.wound(y).held)
         return result
+
+    def turnings(self, y: Floats, rate: Floats) -> tuple[Floats, Floats]:
+        """w [rad/s], w' [rad/s2] (..., r, 3) in the scene's axes, in the states y, whose rates are dy/dt."""
+        whole = self.whole(y)
+        angular = turning_rate(whole.attitude, whole.spin, self.held(rate).spin, self.bodies)
+        for _, rigid, motion in self._motions(y):
+            angular[..., rigid, :] = motion.angular
+        return turning(whole.attitude, whole.spin, self.bodies.mobility), angular
 
     def pack(self, x: Floats, v: Floats, bodies: BodyStates | None, t: float = 0.0) -> Floats:
         """y at t [s] with empty books."""

@@ -14,19 +14,18 @@ from scipy.sparse import coo_array, csr_array
 from reference_impl import mirror
 from reference_impl.anchors import Levers
 from reference_impl.arrays import Floats, Ints
+from reference_impl.barrels import Barrels, aimed
 from reference_impl.bodies import Bodies, collect
 from reference_impl.case import Case
 from reference_impl.effects.areas import diameter, exposed
 from reference_impl.effects.bending import Hinges, hinges
 from reference_impl.effects.breaking import limits
 from reference_impl.effects.j2 import oblate_gradient
-from reference_impl.effects.launch_force import CHASER
 from reference_impl.effects.solar_pressure import solar_force
 from reference_impl.elements import Elements
-from reference_impl.launch import spread
 from reference_impl.net import Net
 from reference_impl.reels import Reels, reeled
-from reference_impl.start import initial_bodies, initial_state
+from reference_impl.start import initial_bodies
 from reference_impl.stiffness import damping, mass_proportional
 
 ALONE = collect(())[0]
@@ -39,7 +38,7 @@ class System(Elements):
     symmetric: bool = False  # exactly mirror-symmetric arithmetic, see `mirror`
     assembled: bool = False  # S(x) x + D v with assembled matrices, as eq. (16) is printed
     bodies: Bodies = ALONE
-    launch_start: Floats | None = None  # (k, 3) [m] of the bullets, from the chaser, at t = 0
+    barrels: Barrels | None = None  # of launch_force
     reels: Reels | None = None
 
     def __post_init__(self) -> None:
@@ -104,15 +103,10 @@ class System(Elements):
         return limits(self.effects.breaking, self.net, self.free_strain)
 
     @cached_property
-    def barrels(self) -> Floats:
-        """Unit vectors (k, 3) of the barrels of launch_force."""
-        assert self.effects.launch_force is not None
-        return spread(self.net, self.effects.launch_force.spread_angle)
-
-    @cached_property
     def chaser(self) -> int:
         """Which particle the chaser of launch_force is."""
-        return len(self.net.mass) + self.bodies.names.index(CHASER)
+        assert self.barrels is not None
+        return len(self.net.mass) + self.barrels.body
 
     @cached_property
     def levers(self) -> Levers:
@@ -178,8 +172,6 @@ class System(Elements):
 
 def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = False) -> System:
     """The system of a case."""
-    launched = case.effects.launch_force is not None
-    start = initial_state(case, net)[0][net.bullet_nodes] if launched else None
-    bodies, _ = collect(initial_bodies(case, net))
-    reels = reeled(case, net)
-    return System(net, case.effects, symmetric, assembled, bodies, start, reels if len(reels) else None)
+    bodies, states = collect(initial_bodies(case, net))
+    barrels, reels = aimed(case, net, bodies, states), reeled(case, net)
+    return System(net, case.effects, symmetric, assembled, bodies, barrels, reels if len(reels) else None)

@@ -4,6 +4,9 @@ With the way s of a bullet along its barrel, relative to the chaser and since th
 F0 (1 - s/stroke) or F0 (V/(V + s))^gamma while s < stroke (gas behind the start: F0).  Gas expands
 adiabatically: p V^gamma is constant (any textbook of thermodynamics).  The force depends on s alone, so it
 has a potential, the energy that springs or gas still hold: zero for a bullet that has left its barrel.
+
+The chaser is a point mass or one of the rigid bodies (`barrels`).  From a body a bullet leaves for good: it
+is not pushed again where its barrel turns back to it.
 """
 
 from __future__ import annotations
@@ -23,15 +26,17 @@ CHASER = "chaser"  # name of the point mass among the bodies
 class LaunchForce:
     """F0 `force` on each bullet [N], `stroke` [m], `spread_angle` of the barrels from +z [rad], chaser [kg].
 
-    `dead_length` V [m] and `exponent` gamma are those of gas; both None for springs.
+    `dead_length` V [m] and `exponent` gamma are those of gas; both None for springs.  With `body`, the name
+    of one of [bodies], the barrels are fixed to it and `chaser_mass` is None.
     """
 
     force: float
     stroke: float
     spread_angle: float
-    chaser_mass: float
+    chaser_mass: float | None
     dead_length: float | None = None
     exponent: float | None = None
+    body: str | None = None
 
     def push(self, s: Floats, pushed: Bools | None = None) -> Floats:
         """Force (k,) [N] along the barrels at ways s (k,) [m]; of bullets `pushed`, else where s < stroke."""
@@ -90,12 +95,15 @@ def read_launch_force(table: Table, bullets: bool) -> LaunchForce | None:
         table.need("force", number(above=0.0)),
         table.need("stroke", number(above=0.0)),
         table.need("spread_angle", number(0.0, maximum=math.pi / 2.0)),
-        table.need("chaser_mass", number(above=0.0)),
     )
-    gas: tuple[float | None, ...] = (None, None)
+    mass, body = table.get("chaser_mass", number(above=0.0), None), table.get("body", text, None)
+    if ("chaser_mass" in table.values) == ("body" in table.values):
+        names = f"{table.name('chaser_mass')} and {table.name('body')}"
+        table.faults.append(f"{table.path}: give exactly one of {names}")
+    gas: tuple[float | None, float | None] = (None, None)
     bounds = {"dead_length": number(above=0.0), "exponent": number(above=1.0)}
     if kind == "gas":
-        gas = tuple(table.need(key, bound) for key, bound in bounds.items())
+        gas = (table.need("dead_length", bounds["dead_length"]), table.need("exponent", bounds["exponent"]))
     else:
         for key in bounds:
             table.seen.add(key)
@@ -107,4 +115,4 @@ def read_launch_force(table: Table, bullets: bool) -> LaunchForce | None:
         table.faults.append(f"{table.path}: needs net.bullets")
     if None in values or (kind == "gas" and None in gas):
         return None
-    return LaunchForce(*values, *gas)
+    return LaunchForce(*values, mass, *gas, body)

@@ -1,0 +1,79 @@
+"""Barrels of `launch_force`: where they point, how far bullets are along them, what the pushes do to a body.
+
+A chaser is a point mass, whose barrels keep their directions, or a rigid body, in whose axes they rest.  With
+the body's rotation R and centre of mass X, a barrel a and the place r0 of its bullet at the start, both in
+the body's axes, and l = x - X, the way and its rate are (Goldstein, Classical Mechanics, ch. 4.9)
+
+    s = a.(R^T l - r0),  s' = n.(v - V - w x l),  n = R a.
+
+The virtual work F ds of a push F is that of F n on the bullet and of -F n on the body at the bullet's place.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from reference_impl.arrays import Floats, cross, dot
+from reference_impl.bodies import Bodies, BodyStates
+from reference_impl.case import Case
+from reference_impl.effects.launch_force import CHASER
+from reference_impl.launch import spread
+from reference_impl.net import Net
+from reference_impl.start import initial_state, net_axes
+
+
+@dataclass(frozen=True, eq=False)
+class Barrels:
+    """k barrels of one chaser."""
+
+    axis: Floats  # a (k, 3), unit vectors in the chaser's axes; those of a point mass are the scene's
+    start: Floats  # r0 (k, 3) [m] of the bullets at t = 0, from its centre of mass, in these axes
+    body: int  # which of the bodies it is
+    rigid: int | None = None  # which of the rigid ones; None for a point mass
+
+    def directions(self, attitude: Floats | None) -> Floats:
+        """n (..., k, 3) in the scene's axes, of attitudes R (..., r, 3, 3)."""
+        if self.rigid is None:
+            return self.axis
+        return np.asarray(np.einsum("...ij,kj->...ki", self._own(attitude), self.axis))
+
+    def ways(self, lever: Floats, attitude: Floats | None) -> Floats:
+        """s (..., k) [m] of bullets at l (..., k, 3) [m] from the chaser."""
+        if self.rigid is not None:
+            lever = np.einsum("...ji,...kj->...ki", self._own(attitude), lever)
+        return dot(lever - self.start, self.axis)
+
+    def _own(self, attitude: Floats | None) -> Floats:
+        if attitude is None:
+            raise ValueError("the barrels of launch_force turn with a body: give the attitudes of the bodies")
+        return np.asarray(attitude[..., self.rigid, :, :])
+
+
+def reaction(thrown: Floats, lever: Floats) -> tuple[Floats, Floats]:
+    """Force [N] and torque about its centre of mass [N m] (3,) on what throws with forces (k, 3) at (k, 3).
+
+    Sums without round-off, so that those of mirrored bullets cancel.
+    """
+    return _summed(-thrown), _summed(cross(lever, -thrown))
+
+
+def _summed(rows: Floats) -> Floats:
+    return np.array([math.fsum(column) for column in rows.T.tolist()])
+
+
+def aimed(case: Case, net: Net, bodies: Bodies, states: BodyStates) -> Barrels | None:
+    """The barrels of a case, from how it starts; None without launch_force."""
+    launch = case.effects.launch_force
+    if launch is None:
+        return None
+    axis = spread(net, launch.spread_angle)
+    body = bodies.names.index(CHASER if launch.body is None else launch.body)
+    start = initial_state(case, net)[0][net.bullet_nodes] - states.position[body]
+    if launch.body is None:
+        return Barrels(axis, start, body)
+    attitude = states.attitude[body]
+    axis = axis @ net_axes(case).T @ attitude
+    return Barrels(axis, start @ attitude, body, int(np.searchsorted(bodies.rigid, body)))

@@ -1,0 +1,295 @@
+"""Launch from a body in reference_impl: muzzle speeds, recoil and torque, books, bullets that are gone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from reference_impl import Refused, acceleration, energy, read_document
+from reference_impl.forces import Whole, response, ways
+
+SPRING = {"kind": "spring", "force": 64.0, "stroke": 0.05, "spread_angle": 0.4, "body": "chief"}
+GAS = {**SPRING, "kind": "gas", "dead_length": 0.02, "exponent": 1.4}
+LAUNCHES = pytest.mark.parametrize("launch", [SPRING, GAS], ids=["spring", "gas"])
+WORK = {"spring": 0.5 * 64.0 * 0.05, "gas": 64.0 * 0.02 / 0.4 * (1.0 - (0.02 / 0.07) ** 0.4)}
+EVEN = {"mass": 5.0, "inertia": [0.8, 0.8, 1.0]}
+UNEVEN = {
+    "mass": 5.0,
+    "inertia": [1.5, 2.0, 2.5],
+    "products_of_inertia": [0.2, -0.3, 0.25],
+    "centre_of_mass": [0.1, -0.2, 0.05],
+    "position": [0.3, -0.1, -0.4],
+    "velocity": [0.3, -0.2, 0.1],
+    "attitude": [1.0, 0.3, -0.2, 0.4],
+}
+OMEGA = [4.0, -3.0, 5.0]  # 7.07 rad/s
+FRAME = {"body": "chief", "position": [0.2, 0.1, 0.5], "axis": [1.0, 2.0, 0.5], "angle": 0.7}
+OUTWARDS = np.array([[-1.0, -1.0, 0], [1.0, -1.0, 0], [1.0, 1.0, 0], [-1.0, 1.0, 0]]) / math.sqrt(2.0)
+
+
+@pytest.fixture(scope="module")
+def launched(loose):
+    """launched(launch, body, frame, **effects): the loose net and a body that throws its bullets."""
+
+    def make(launch, body, frame=None, **effects):
+        case = loose(launch_force=launch, **effects)
+        carried = {} if frame is None else {"frame": frame}
+        return {**case, "initial": {**case["initial"], **carried}, "bodies": {"chief": body}}
+
+    return make
+
+
+def axes_of(frame, body):
+    """Rotation from the net's axes to the scene's."""
+
+    def turn(axis, angle):
+        x, y, z = np.array(axis) / np.linalg.norm(axis)
+        k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        return np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * k @ k
+
+    own = turn(body["axis"], body["angle"]) if "axis" in body else np.eye(3)
+    return own if frame is None else own @ turn(frame["axis"], frame["angle"])
+
+
+def along(made, run):
+    """Ways of the bullets (nt, k) [m]."""
+    x = np.concatenate((run.x, run.bodies.position), axis=1)
+    return ways(made.system, x, run.bodies.attitude)
+
+
+@LAUNCHES
+@pytest.mark.parametrize("angle", [0.0, 0.4, math.pi / 2.0])
+@pytest.mark.parametrize("carried", [False, True])
+def test_muzzle_speed_from_work_and_reduced_mass(launched, scene, launch, angle, carried):
+    """mu s'^2/2 = W with 1/mu = 1/m + 4 cos^2/M.
+
+    The body is in the middle of the bullets, so that the pushes have no torque on it.
+    """
+    body, frame = {**EVEN, "velocity": [0.3, -0.2, 0.1]}, None
+    if carried:
+        body |= {"axis": [0.2, -1.0, 0.4], "angle": 1.1, "position": [3.0, 2.0, 1.0]}
+        frame = {"body": "chief", "position": [0.0, 0.0, 0.0], "axis": [1.0, 2.0, 0.5], "angle": 0.7}
+    case = launched({**launch, "spread_angle": angle}, body, frame)
+    if not carried:
+        case["initial"]["velocity"] = body["velocity"]
+    made = scene(case)
+    run = made.integrate([0.0, 0.08])
+    m = made.net.mass[made.net.bullet_nodes[0]]
+    impulse = math.sqrt(2.0 * WORK[launch["kind"]] / (1.0 / m + 4.0 * math.cos(angle) ** 2 / 5.0))
+    thrown = math.sin(angle) * OUTWARDS + math.cos(angle) * np.array([0.0, 0.0, 1.0])
+    expected = impulse / m * thrown @ axes_of(frame, body).T + body["velocity"]
+    assert run.v[-1, made.net.bullet_nodes] == pytest.approx(expected, rel=1e-9, abs=1e-11)
+    recoil = axes_of(frame, body) @ [0.0, 0.0, -4.0 * impulse * math.cos(angle) / 5.0]
+    assert run.bodies.velocity[-1, 0] == pytest.approx(recoil + body["velocity"], rel=1e-9, abs=1e-11)
+    assert np.abs(run.bodies.angular_velocity).max() < 1e-12
+    assert run.gone.tolist() == [[False] * 4, [True] * 4]
+    assert made.system.bodies.names == ("chief",)
+
+
+def test_a_body_that_does_not_turn_throws_as_a_point_mass(launched, loose, scene):
+    mass = {key: value for key, value in SPRING.items() if key != "body"} | {"chaser_mass": 5.0}
+    times = np.linspace(0.0, 0.3, 7)
+    one = scene(loose(launch_force=mass)).integrate(times)
+    other = scene(launched(SPRING, EVEN)).integrate(times)
+    assert other.x == pytest.approx(one.x, abs=1e-11)
+    assert other.bodies.position == pytest.approx(one.bodies.position, abs=1e-11)
+
+
+METHODS = [
+    ({}, 1e-10, 1e-12),
+    ({"method": "RK45", "rtol": 1e-8, "atol": 1e-10}, 1e-7, 1e-9),
+    ({"method": "RK4", "step": 1e-4}, 1e-3, 1e-11),
+    ({"method": "Verlet", "step": 1e-4}, 1e-3, 1e-11),
+]
+NAMES = ["DOP853", "RK45", "RK4", "Verlet"]
+
+
+@LAUNCHES
+@pytest.mark.parametrize("carried", [False, True], ids=["apart", "carried"])
+@pytest.mark.parametrize("spin", [0.0, 1.0], ids=["still", "spinning"])
+@pytest.mark.parametrize(("options", "bound", "angular"), METHODS, ids=NAMES)
+def test_books_close(launched, scene, unbalanced, launch, carried, spin, options, bound, angular):
+    """Energy, momentum and angular momentum of net and body, whether the body turns fast or not at all."""
+    body = {**UNEVEN, "angular_velocity": [spin * w for w in OMEGA]}
+    made = scene(launched(launch, body, FRAME if carried else None))
+    run = made.integrate([0.0, 0.005, 0.03, 0.1], **options)
+    books = energy.books(made.system, run)
+    assert books.potential[0] == pytest.approx(4.0 * WORK[launch["kind"]])
+    assert books.potential[-1] == 0.0
+    assert run.gone[-1].all()
+    assert unbalanced(made, run) < bound
+    assert np.abs(books.momentum - books.momentum[0]).max() < 1e-12
+    drift = np.abs(books.angular_momentum - books.angular_momentum[0]).max()
+    assert drift < angular * max(1.0, np.abs(books.angular_momentum).max())
+    turned = np.abs(
+        np.einsum(
+            "tij,jk,tk->ti",
+            run.bodies.attitude[:, 0],
+            made.system.bodies.inertia[0],
+            run.bodies.angular_velocity[:, 0],
+        )
+    )
+    assert np.ptp(turned, axis=0).max() > 1e-3  # the pushes turn the body
+
+
+def test_forces_at_the_start(launched, scene):
+    """F0 n on each bullet, R a = n, the opposite on the body at the bullet's place; by hand."""
+    made = scene(launched(SPRING, {**UNEVEN, "angular_velocity": OMEGA}, FRAME))
+    bodies, bullets = made.bodies0, made.net.bullet_nodes
+    (body,) = made.case.bodies
+    axes = body.attitude @ axes_of(FRAME, {})
+    n = (math.sin(0.4) * OUTWARDS + math.cos(0.4) * np.array([0.0, 0.0, 1.0])) @ axes.T
+    h = bodies.attitude[0] @ made.system.bodies.inertia[0] @ bodies.angular_velocity[0]
+    x, v = (np.concatenate(pair) for pair in ((made.x0, bodies.position), (made.v0, bodies.velocity)))
+    found = response(made.system, 0.0, Whole(x, v, bodies.attitude, h[None]))
+    mass = made.net.mass[bullets, None]
+    assert mass * found.acceleration[bullets] == pytest.approx(64.0 * n, abs=1e-10)
+    assert 5.0 * found.acceleration[-1] == pytest.approx(-64.0 * n.sum(axis=0), abs=1e-10)
+    lever = made.x0[bullets] - bodies.position[0]
+    assert found.torque[0] == pytest.approx(np.cross(lever, -64.0 * n).sum(axis=0), abs=1e-10)
+    gone = np.array([True, False, False, True])
+    a = acceleration(made.system, 0.0, made.x0, made.v0, bodies, gone=gone)
+    assert mass * a[bullets] == pytest.approx(np.where(gone[:, None], 0.0, 64.0 * n), abs=1e-10)
+
+
+@LAUNCHES
+@pytest.mark.parametrize(("options", "bound", "angular"), METHODS, ids=NAMES)
+def test_a_bullet_that_has_left_is_not_pushed_again(
+    launched, scene, unbalanced, launch, options, bound, angular
+):
+    """Thrust brings the bullets back: then they move by thrust alone, and the body does not feel them."""
+    back = {"bullets": [0, 1, 2, 3], "time": [0.0, 1.0], "force": [[0.0, 0.0, -12.0]] * 2}
+    made = scene(launched({**launch, "spread_angle": 0.0}, EVEN, thrust=back))
+    times = np.linspace(0.0, 0.4, 21)
+    run = made.integrate(times, **options)
+    s = along(made, run)[:, 0]
+    out = int(np.argmax(run.gone[:, 0]))
+    assert s[out:].max() > 0.05
+    assert s[-1] < 0.04
+    assert run.gone[out:].all()
+    assert run.bodies.velocity[out:, 0] == pytest.approx(
+        np.tile(run.bodies.velocity[out, 0], (21 - out, 1)), abs=0
+    )
+    m = made.net.mass[made.net.bullet_nodes[0]]
+    slowed = run.v[out, made.net.bullet_nodes[0], 2] - 12.0 / m * (times[out:] - times[out])
+    assert run.v[out:, made.net.bullet_nodes[0], 2] == pytest.approx(slowed, abs=1e-6)
+    books = energy.books(made.system, run)
+    assert not books.potential[out:].any()
+    assert energy.potential(made.system, run.x[-1:], _last(run))[0] > 0.1  # by the way alone
+    assert unbalanced(made, run) < bound
+
+
+def _last(run):
+    bodies = run.bodies
+    return type(bodies)(*(getattr(bodies, key)[-1:] for key in bodies.__dataclass_fields__))
+
+
+def test_a_barrel_that_turns_back_does_not_push(launched, scene, unbalanced):
+    """Barrels on a body that spins: the ways of bullets that are gone come below the stroke again."""
+    body = {**UNEVEN, "mass": 50.0, "inertia": [15.0, 20.0, 25.0], "angular_velocity": OMEGA}
+    made = scene(launched(SPRING, body, FRAME))
+    run = made.integrate(np.linspace(0.0, 0.4, 21))
+    s = along(made, run)
+    assert (run.gone & (s < 0.0)).any()
+    assert not (np.diff(run.gone.astype(int), axis=0) < 0).any()
+    assert unbalanced(made, run) < 1e-8
+
+
+@LAUNCHES
+@pytest.mark.parametrize("carried", [False, True], ids=["apart", "carried"])
+@pytest.mark.parametrize("motion", ["fixed", "prescribed", "poses"])
+def test_given_motions_give_impulse_and_work(launched, scene, unbalanced, launch, carried, motion):
+    """Momentum less impulse, angular momentum less angular impulse, energy less work stay what they were."""
+    body = {key: value for key, value in UNEVEN.items() if motion == "prescribed" or key != "velocity"}
+    body["motion"] = "fixed" if motion == "fixed" else "prescribed"
+    if motion == "prescribed":
+        body["angular_velocity"] = OMEGA
+    elif motion == "poses":
+        del body["position"], body["attitude"]
+        body["pose_times"] = [0.0, 0.04, 1.0]
+        body["pose_positions"] = [[0.3, -0.1, -0.4], [0.4, 0.0, -0.3], [0.5, 0.1, 0.3]]
+        body["pose_attitudes"] = [[1.0, 0.3, -0.2, 0.4], [1.0, 0.2, -0.1, 0.6], [1.0, -0.4, 0.2, 0.1]]
+    made = scene(launched(launch, body, FRAME if carried else None))
+    run = made.integrate([0.0, 0.005, 0.03, 0.1])
+    books = energy.books(made.system, run)
+    assert run.gone[-1].any()  # bullets at rest may be caught up by their barrels
+    assert unbalanced(made, run) < 1e-9
+    assert books.dissipated == pytest.approx(-run.given.work[:, 0], abs=1e-13)
+    assert (np.abs(run.given.work[-1, 0]) > 0.01) == (motion != "fixed")
+    for kept, given in (("momentum", "impulse"), ("angular_momentum", "angular_impulse")):
+        rest = getattr(books, kept) - getattr(run.given, given)[:, 0]
+        assert np.abs(rest - rest[0]).max() < 1e-11
+    assert np.linalg.norm(run.given.impulse[-1, 0]) > 1.0
+
+
+def test_work_of_a_body_that_moves_evenly(launched, scene):
+    """Barrels along z on a body that moves with V: each bullet leaves with sqrt(2 W/m) more, work I.V."""
+    body = {**EVEN, "motion": "prescribed", "velocity": [0.3, -0.2, 0.5]}
+    case = launched({**SPRING, "spread_angle": 0.0}, body)
+    case["initial"]["velocity"] = body["velocity"]
+    made = scene(case)
+    run = made.integrate([0.0, 0.08])
+    m = made.net.mass[made.net.bullet_nodes[0]]
+    faster = math.sqrt(2.0 * WORK["spring"] / m)
+    assert run.v[-1, made.net.bullet_nodes, 2] == pytest.approx([0.5 + faster] * 4, rel=1e-9)
+    assert run.given.impulse[-1, 0] == pytest.approx([0.0, 0.0, 4.0 * m * faster], rel=1e-9, abs=1e-11)
+    assert run.given.work[-1, 0] == pytest.approx(0.5 * 4.0 * m * faster, rel=1e-9)
+
+
+@pytest.mark.parametrize("where", ["chief", "other"])
+def test_a_bullet_fixed_to_a_body_keeps_the_books(launched, scene, unbalanced, where):
+    """On the body that throws it nothing happens; on another one the push moves that."""
+    case = launched(SPRING, {**UNEVEN, "angular_velocity": OMEGA}, FRAME)
+    case["bodies"]["other"] = {**EVEN, "position": [2.0, 1.0, 1.0], "angular_velocity": [0.1, 0.2, 0.3]}
+    free = scene(case)
+    place = free.x0[free.net.numbered_bullets[1]]
+    named = {body.name: body for body in free.case.bodies}[where]
+    point = named.attitude.T @ (place - named.position)
+    case["bodies"][where]["attachments"] = {"it": {"bullet": 1, "point": point.tolist()}}
+    made = scene(case)
+    run = made.integrate([0.0, 0.005, 0.03, 0.06])
+    books = energy.books(made.system, run)
+    held = made.net.bullet_nodes == made.net.numbered_bullets[1]
+    assert np.all(run.gone[-1] == (~held if where == "chief" else True))
+    assert unbalanced(made, run) < 1e-9
+    assert np.abs(books.momentum - books.momentum[0]).max() < 1e-10  # the strings pull on points of bodies
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-9
+    if where == "chief":
+        assert np.abs(along(made, run)[:, held]).max() < 1e-12
+
+
+def test_the_result_lists_the_body_alone_and_em_says_no(launched, scene):
+    made = scene(launched(SPRING, EVEN))
+    with pytest.raises(ValueError, match=r"EM must do without effects\.launch_force\.body"):
+        made.integrate([0.0, 0.1], method="EM", step=1e-3)
+    with pytest.raises(ValueError, match="give the attitudes of the bodies"):
+        ways(made.system, np.concatenate((made.x0, made.bodies0.position)))
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (
+            {"chaser_mass": 5.0},
+            "effects.launch_force: give exactly one of effects.launch_force.chaser_mass and",
+        ),
+        ({"body": None}, "effects.launch_force: give exactly one of effects.launch_force.chaser_mass and"),
+        ({"body": "none"}, "effects.launch_force.body: there is no body none"),
+        ({"body": 5}, "effects.launch_force.body: must be"),
+        ({"body": None, "chaser_mass": -1.0}, "effects.launch_force.chaser_mass: must be greater than 0"),
+    ],
+)
+def test_bad_input_is_refused(launched, change, fault):
+    launch = {key: value for key, value in {**SPRING, **change}.items() if value is not None}
+    with pytest.raises(Refused) as refused:
+        read_document(launched(launch, EVEN))
+    (found,) = refused.value.faults
+    assert found.startswith(fault)
+
+
+def test_the_body_may_be_called_chaser(launched, scene):
+    case = launched({**SPRING, "body": "chaser"}, EVEN)
+    case["bodies"] = {"chaser": case["bodies"].pop("chief")}
+    assert scene(case).system.bodies.names == ("chaser",)
