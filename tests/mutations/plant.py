@@ -181,8 +181,8 @@ def viscous_compression(patch):
 def reference_current_tangent(patch):
     right = forces._element_forces
 
-    def wrong(system, x, v, mode):
-        push, power = right(system, x, v, mode)
+    def wrong(system, x, v, mode, *reels):
+        push, power = right(system, x, v, mode, *reels)
         d = forces.span(system, x)
         length = np.sqrt(forces.dot(d, d))[:, None]
         along = d / np.where(length > 0.0, length, 1.0)
