@@ -327,6 +327,8 @@ def test_faults_of_attachments(key: str, value: str, words: str, tmp_path: Path)
         start(tmp_path, *FIRST, f"bodies.first.attachments.{key}={value}")
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_check_tells_what_is_attached(tmp_path: Path) -> None:
     path = tmp_path / "chain.toml"
     path.write_text(CHAIN)

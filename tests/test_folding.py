@@ -414,7 +414,7 @@ def toml(value: Any) -> str:
 
 
 @pytest.mark.parametrize(
-    "name", ["accordion", pytest.param("star", marks=[pytest.mark.slow, pytest.mark.ci])]
+    "name", [pytest.param(name, marks=[pytest.mark.slow, pytest.mark.ci]) for name in ("accordion", "star")]
 )
 def test_a_folded_net_opens(name: str) -> None:
     """At rest but for the bullets at the start, nothing strained, momentum that of the launch throughout."""
@@ -440,6 +440,8 @@ def test_a_folded_net_without_a_launch_stays_at_rest() -> None:
     assert not run.momentum.any()
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_exunet_check_says_how_the_net_is_packed() -> None:
     rows = dict(describe(exunet.load(CASES / "nets" / "accordion.toml")))
     # 2 mm strings are the thickest: 25 layers of 2 mm.

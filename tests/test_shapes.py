@@ -353,6 +353,8 @@ def test_bodies_that_overlap_are_refused() -> None:
         prepare_case(exunet.load(CASE, [*beside, "bodies.b.position=[0.9, 0, 0]"]))
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_check_says_mass_inertia_axes_and_centre() -> None:
     """A frustum of 100 kg/m3: its volume is 0.98/3 pi, its centre 0.163 m below the middle."""
     rows = dict(describe(body(*FRUSTUM)))

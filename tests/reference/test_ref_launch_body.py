@@ -106,6 +106,8 @@ METHODS = [
 NAMES = ["DOP853", "RK45", "RK4", "Verlet"]
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 @LAUNCHES
 @pytest.mark.parametrize("carried", [False, True], ids=["apart", "carried"])
 @pytest.mark.parametrize("spin", [0.0, 1.0], ids=["still", "spinning"])
@@ -197,6 +199,8 @@ def test_a_barrel_that_turns_back_does_not_push(launched, scene, unbalanced):
     assert unbalanced(made, run) < 1e-8
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 @LAUNCHES
 @pytest.mark.parametrize("carried", [False, True], ids=["apart", "carried"])
 @pytest.mark.parametrize("motion", ["fixed", "prescribed", "poses"])

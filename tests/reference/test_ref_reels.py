@@ -183,6 +183,8 @@ def test_locked_is_a_tether_of_that_length(reel, commands):
     assert run.bodies.position[1, 1] == pytest.approx(plain.bodies.position[1, 1], abs=1e-7)
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_limits_slow_the_drum(reel):
     """The way d left to a limit falls by rate d/(l/4) in the last quarter of an element: exponentially."""
     rate, quarter = 0.5, 0.5
@@ -202,6 +204,8 @@ def test_limits_slow_the_drum(reel):
 # conservation
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("options", "bound", "unbooked"),
     [
@@ -346,6 +350,8 @@ def test_two_drums_of_one_body(reel, unbalanced):
     assert unbalanced(made, run) < 1e-4
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_fixed_support_takes_the_momenta(reel, unbalanced):
     """All else less what the support gave: constant over nodes that go on and off."""
     made = reel(
