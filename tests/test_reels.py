@@ -265,6 +265,13 @@ def test_what_is_refused(tmp_path: Path, override: str, words: str) -> None:
         start_of(tmp_path, override)
 
 
+def test_a_reel_and_a_body_of_one_name_are_refused(tmp_path: Path) -> None:
+    """Both would write states/NAME/work."""
+    name = "bodies.line={mass=1.0, inertia=[1.0, 1.0, 1.0], position=[0.0, 9.0, 0.0]}"
+    with pytest.raises(CaseError, match="tethers.line: a body has this name"):
+        start_of(tmp_path, name)
+
+
 def test_all_faults_of_a_reel_are_told_at_once(tmp_path: Path) -> None:
     """A command that is not valid hides neither the others nor their order."""
     commands = ["{at=2.0, mode='brake'}", "{at='x', mode='lock'}", "3"]

@@ -68,6 +68,8 @@ def _reels(scene: Scene) -> Iterator[Fault]:
     for name, keys in scene.tethers.items():
         if keys is None or keys.reel is None:
             continue
+        if name in scene.bodies:
+            yield Fault(f"tethers.{name}", "a body has this name, and a result what either gives: rename one")
         end = keys.start if keys.reel.at == "start" else keys.end
         body = scene.bodies.get(end.body) if end.body is not None else None
         if body is not None and body.motion == "prescribed":
