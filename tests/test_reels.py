@@ -268,7 +268,7 @@ def test_what_is_refused(tmp_path: Path, override: str, words: str) -> None:
 def test_a_reel_and_a_body_of_one_name_are_refused(tmp_path: Path) -> None:
     """Both would write states/NAME/work."""
     name = "bodies.line={mass=1.0, inertia=[1.0, 1.0, 1.0], position=[0.0, 9.0, 0.0]}"
-    with pytest.raises(CaseError, match="tethers.line: a body has this name"):
+    with pytest.raises(CaseError, match=r"tethers\.line: a body has this name"):
         start_of(tmp_path, name)
 
 
