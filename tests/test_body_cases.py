@@ -109,3 +109,24 @@ def test_the_frame_takes_its_net_along() -> None:
     assert found.tension.max() > 0.1
     total = found.kinetic + found.elastic + found.dissipated
     assert np.abs(total / total[0] - 1.0).max() < 1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_the_tow_pays_out_and_winds_up() -> None:
+    """The pull is that of the drive: N_e = force + damping x rate given way, cases/README.md, Reels."""
+    found = result("tow")
+    stays(found)
+    total = found.kinetic + found.elastic + found.potential + found.dissipated
+    assert np.abs(total / total[0] - 1.0).max() < 1e-7
+    wound = found.states["tow/wound_up"].values[:, 0]
+    rate = CubicSpline(found.time, wound)(found.time, 1)
+    pull = exunet.loads(found, "chaser").size[:, 0]
+    braking, winding = (found.time > 3.0) & (found.time < 9.5), (found.time > 11.0) & (found.time < 12.5)
+    np.testing.assert_allclose(pull[braking], 6.0 - 40.0 * rate[braking], rtol=2e-3)
+    np.testing.assert_allclose(pull[winding], 40.0 + 40.0 * (0.4 - rate[winding]), rtol=2e-3)
+    nodes = [event["event"].split(" ", 2)[2] for event in found.provenance["reels"] if "node" in event]
+    assert nodes == ["comes off the drum", "goes onto the drum", "goes onto the drum"]
+    assert found.tension[found.time > 20.0].max() == 0.0
+    apart = np.linalg.norm(found.bodies["chaser"].position - found.bodies["target"].position, axis=1)
+    assert (np.diff(apart[found.time > 20.0]) < 0.0).all()
