@@ -56,7 +56,7 @@ def summarise(
             "in_deformation_J": energy_scale(result),
             "balance_error": energy_balance(result),
         },
-        "momentum": _momentum(result) if result.bodies else None,
+        **({"momentum": _momentum(result)} if result.bodies else {}),
         "headlines": numbers(spread, headlines_of(course)),
         "spread": description(spread),
         "largest_tension": _largest_tension(result, course),
@@ -252,7 +252,7 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
             f"{energy['balance_error']:.1e} of {energy['in_deformation_J']:.6g} J in deformation",
         ),
     ]
-    if books := summary["momentum"]:
+    if books := summary.get("momentum"):
         words = f"{books['linear_gained_kg_m_s']:.1e} of {books['linear_size_kg_m_s']:.4g} kg m/s; angular, "
         words += f"about the origin, {books['angular_gained_kg_m2_s']:.1e} of "
         table.append(("momentum gained", f"{words}{books['angular_size_kg_m2_s']:.4g} kg m2/s"))
