@@ -21,6 +21,7 @@ from exunet.verification.figures import curves
 from exunet.verification.growth import BOOST, Growth, at_node, boosted, distances
 from exunet.verification.tolerances import (
     ANGULAR,
+    BOOKED,
     CONNECTIVITY,
     CONVERGED,
     DISSIPATED,
@@ -182,7 +183,8 @@ def _balances(form: BothCodes, own: Floats, code: str, motion: Trajectory) -> It
     apart = np.flatnonzero(~(own[:, 0].max(axis=0) <= CONVERGED.value))
     kept = int(apart[0]) if len(apart) else own.shape[-1]
     if kept and form.start.system.bodies:
-        found = [energies(form, motion, ENERGY)]
+        summed = code == "exunet" and form.start.system.forces.cable.viscous
+        found = [energies(form, motion, BOOKED if summed else ENERGY)]
         if form.effects <= CLOSED and not form.start.system.kinematics.guides:
             found += momenta(form, motion, MOMENTUM, ANGULAR)
         yield from changes(found, motion.time[:kept], code)
