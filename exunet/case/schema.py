@@ -39,7 +39,7 @@ _CHOSEN = (
     "chaser_mass",
 )
 _OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have
-_NAME = "chaser"  # of a body in the template
+_BODY, _TETHER = "chaser", "tow"  # names of these in the template
 
 
 def json_schema() -> Node:
@@ -153,7 +153,7 @@ def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
     """Lines of the keys of a table that are not tables, those that it needs first."""
     node = resolve(path, topology)
     given = {*node.get("required", ()), *_chosen(node), *(_OF_PARTS if "parts" in path else ())}
-    keys = {name: _plain(raw, topology) for name, raw in _properties(node).items()}
+    keys = {name: _plain(raw, topology) for name, raw in _properties(node, path).items()}
     for name in sorted(keys, key=lambda name: name not in given):
         if keys[name].get("type") != "object":
             yield ("" if name in given else "# ") + _assignment(name, keys[name])
@@ -172,7 +172,7 @@ def _chosen(node: Node) -> Iterator[str]:
 def _tables(path: tuple[str, ...], topology: str, *, needed: bool) -> Iterator[str]:
     """Lines of the tables in a table, which is itself needed or optional, each with its header."""
     node = resolve(path, topology)
-    for name, raw in _properties(node).items():
+    for name, raw in _properties(node, path).items():
         key = _plain(raw, topology)
         if key.get("type") != "object":
             continue
@@ -184,10 +184,13 @@ def _tables(path: tuple[str, ...], topology: str, *, needed: bool) -> Iterator[s
         yield from _tables(inner, topology, needed=on)
 
 
-def _properties(node: Node) -> Node:
-    """The keys of a table; of one whose keys are names that a case chooses, an example."""
-    named: Node = node.get("patternProperties", {})
-    return node.get("properties") or dict(zip([_NAME], named.values(), strict=False))
+def _properties(node: Node, path: tuple[str, ...]) -> Node:
+    """The keys of the table at `path`; of one whose keys are names that a case chooses, an example."""
+    if "properties" in node:
+        properties: Node = node["properties"]
+        return properties
+    name = _TETHER if path == ("tethers",) else _BODY
+    return dict(zip([name], node.get("patternProperties", {}).values(), strict=False))
 
 
 def _other_topologies(chosen: str) -> Iterator[str]:
