@@ -41,11 +41,40 @@ COMPILES_ITS_OWN = (
     "test_simulation.py::test_a_force_changes", "test_simulation.py::test_forces_on_several_points",
 )  # fmt: skip
 
+# Variants that take seconds each; a quicker one of the same test stays among the quick tests.
+TAKES_SECONDS = (
+    "reference/test_ref_launch_body.py::test_a_bullet_that_has_left_is_not_pushed_again[",
+    "reference/test_ref_launch_force.py::test_books_close_and_momentum_counts_the_chaser[RK4",
+    "reference/test_ref_launch_force.py::test_bullets_that_come_back_are_pushed_again[RK4",
+    "reference/test_ref_thrust.py::test_work_put_in_is_negative_dissipation[DOP853",
+    "reference/test_ref_thrust.py::test_work_put_in_is_negative_dissipation[RK",
+    "reference/test_ref_effects.py::test_books_close_with_everything_at_once[DOP853",
+    "reference/test_ref_effects.py::test_books_close_with_everything_at_once[RK45-on the ground",
+    "reference/test_ref_j2.py::test_energy_balances_in_a_strong_field[two_body",
+    "reference/test_ref_reels.py::test_locked_is_a_tether_of_that_length[lock",
+    "reference/test_ref_implicit.py::test_order_is_2[EM",
+    "test_cost.py::test_the_error_of_the_energy_is_the_same_in_flight[reference",
+    "test_resume.py::test_the_command_finishes_what_was_cut_short",
+    "test_thrust.py::test_thrust_gives_its_impulse_and_its_work_is_booked[RK44",
+    "test_thrust.py::test_thrust_gives_its_impulse_and_its_work_is_booked[VelocityVerlet",
+    "test_reels.py::test_nodes_go_on_and_come_off[solver={method='DOPRI5', tolerance=1e-9}",
+    "test_verify_answers.py::test_both_codes_give_the_known_answer[wave_large",
+    "test_retry.py::test_a_retry_mends_what_coarse_steps_spoil[engine0",
+    "test_result.py::test_a_file_that_cannot_grow_is_one_line_and_no_file[0.3",
+    "test_result.py::test_a_file_that_cannot_grow_is_one_line_and_no_file[0.01",
+    "test_fuzz.py::test_what_failed_once[jump_far_ahead",
+    "test_auto.py::test_the_promised_accuracy_is_met[damped",
+    "test_told_plainly.py::test_what_is_printed_fits_80_columns[arguments3",
+    "test_figures_print.py::test_pages_are_legible[(170.0, 80",
+    "test_figures_print.py::test_pages_are_legible[(85.0, 85",
+)
+
 
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         name = item.nodeid.removeprefix("tests/")
-        if "compiled" in name.partition("[")[2] and name.startswith(COMPILES_ITS_OWN):
+        compiles = "compiled" in name.partition("[")[2] and name.startswith(COMPILES_ITS_OWN)
+        if compiles or name.startswith(TAKES_SECONDS):
             item.add_marker(pytest.mark.slow)
             item.add_marker(pytest.mark.ci)

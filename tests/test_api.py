@@ -89,6 +89,8 @@ def test_example_compare_two_results():
     assert found.time[-1] == 0.3
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_example_figures_for_a_paper(tmp_path):
     (path,) = [one for one in EXAMPLES if one.stem == "figures_for_a_paper"]
     exunet.save(unfolding(square_net(cells=2, strings=True)), tmp_path / "result.h5")

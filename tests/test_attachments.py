@@ -348,6 +348,8 @@ def test_a_node_that_is_held_cannot_be_attached(tmp_path: Path) -> None:
         start(tmp_path, *FIRST, "net.fixed=[0]")
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("form", ["fused", "connectors"])
 @pytest.mark.parametrize("second", [SECOND, GUIDED], ids=["free", "guided"])
 def test_the_items_that_check_tells_are_those_of_the_engine(

@@ -26,6 +26,8 @@ def written(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_run_writes_result_summary_and_figures_only(tmp_path):
     done = ended(process("run", PLANAR, *SHORT, "--spread", 8, folder=tmp_path))
     assert done.returncode == 0, done.stderr
@@ -195,6 +197,8 @@ def test_faults_found_in_preparing_a_run_have_their_line(tmp_path, old, new, key
     assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):
     done = command(
         "run", PLANAR, "--set", "solver.method=RK44", "--set", "solver.step=2.5e-2",
@@ -212,6 +216,8 @@ def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):
     assert names.index("stored states") < names.index("energy balance") < names.index("largest tension")
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_tolerance_that_cannot_be_met_ends(tmp_path):
     done = command("run", PLANAR, "--set", "solver.tolerance=1e-30", "--out", "here", folder=tmp_path)
     assert done.returncode == 3
@@ -272,6 +278,8 @@ def load(path, overrides): pass
 """
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_check_that_cannot_be_made_is_told_beforehand_and_keeps_the_result(tmp_path, monkeypatch):
     """A package of its name stands in for a reference that does not know the case."""
     (tmp_path / "reference_impl").mkdir()
@@ -306,6 +314,8 @@ def test_a_check_covers_bodies(tmp_path):
     assert check["bodies"]["chaser"]["position_m"] < 1e-6
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
 def test_ctrl_c_while_the_reference_runs_keeps_the_result(tmp_path):
     """Pressed when the result is written; a package of its name stands in for a slow reference."""
@@ -322,6 +332,8 @@ def test_ctrl_c_while_the_reference_runs_keeps_the_result(tmp_path):
     assert exunet.load_result(result).complete
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_refused_run_leaves_an_earlier_result_alone(tmp_path):
     command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
     before = {name: (tmp_path / name).read_bytes() for name in written(tmp_path)}

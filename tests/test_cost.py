@@ -345,6 +345,8 @@ def test_a_budget_leaves_out_what_costs_too_much(monkeypatch, tmp_path):
     assert rows[0]["noise"] == "0.000"
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_an_interrupt_keeps_what_was_measured(monkeypatch, tmp_path):
     runs = []
 

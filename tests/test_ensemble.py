@@ -106,6 +106,8 @@ def test_an_interrupt_keeps_the_portions_that_are_complete(monkeypatch: Any) -> 
     assert not stop.value.result.complete
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_the_command_writes_file_and_figures_and_overwrites_nothing(tmp_path: Path) -> None:
     """The default folder, then the next free one; in a given one only with --overwrite."""
     arguments = ("ensemble", PLANAR, "-n", 8, "--perturb", 1e-6, *SET)

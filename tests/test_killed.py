@@ -142,6 +142,8 @@ def test_kill_minus_9_in_a_loop(tmp_path):
     assert check(tmp_path / "endless", 0.4) == "whole"
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_killed_run_leaves_its_beginning(tmp_path):
     """tests/test_nothing_lost.py has what becomes of an earlier result."""
     killed(started(tmp_path / "run", *ENDLESS), lambda: states_stored(tmp_path / "run") > 0)

@@ -109,9 +109,9 @@ def resumed(told: dict[str, Any]) -> int:
     return sum(any("checkpoint-" in words for words in story) for story in told["stories"])
 
 
-@pytest.mark.parametrize(
-    "form", ["compiled", pytest.param("fused", marks=[pytest.mark.slow, pytest.mark.ci])]
-)
+@pytest.mark.slow
+@pytest.mark.ci
+@pytest.mark.parametrize("form", ["compiled", "fused"])
 def test_killed_runs_are_resumed_to_the_same_bits(tmp_path: Path, form: str) -> None:
     """Also: checkpoints change nothing."""
     told = killed_and_resumed(tmp_path, "snaps", form, kills=6, without=True)

@@ -131,6 +131,8 @@ def test_a_second_run_that_stops_leaves_the_first_and_says_where_its_part_is(fir
     assert (first / "here-2" / "summary.json").exists()
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_ctrl_c_in_a_second_run_leaves_the_first(first, monkeypatch):
     def interrupted(*_: object) -> None:
         raise Interrupted("interrupted after t = 0 s")
@@ -204,6 +206,8 @@ def test_a_full_disk_leaves_the_first_result(first):
     assert len(exunet.load_result(first / "here").time) == 201
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL")
 def test_a_killed_second_run_leaves_the_first_and_can_be_resumed(first):
     before = content(first / "here")

@@ -311,6 +311,8 @@ def test_folder_that_cannot_be_made(tmp_path):
             save_figures(THROWN, folder)
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_users_matplotlib_settings_are_neither_used_nor_changed(tmp_path):
     usual = save_figures(unfolding(LINE), tmp_path / "a")[0].read_bytes()
     with matplotlib.rc_context({"font.size": 30, "axes.grid": True}):

@@ -191,6 +191,8 @@ def test_a_run_tells_its_spread_and_keeps_it(tmp_path: Path) -> None:
     assert command("run", *case, "--spread", -1, folder=tmp_path).returncode == 2
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_ctrl_c_during_the_moved_starts_keeps_the_result(tmp_path: Path, monkeypatch: Any) -> None:
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -218,6 +220,8 @@ def test_an_ensemble_is_left_soon_after_ctrl_c() -> None:
     assert threading.active_count() == running
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_without_numba_the_run_says_why_it_has_no_spread(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr(estimates, "numba_installed", lambda: False)
     case = (CASES / "planar_deployment.toml", "--set", "time.end=0.02", "--out", "here", "--spread", 3)

@@ -210,6 +210,8 @@ def test_what_is_refused_of_a_whole_tether(keys: str, words: str, tmp_path: Path
         start(tmp_path, f"tethers.tow.{keys}")
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_headlines_of_tethers_and_bodies(tmp_path: Path) -> None:
     """The peak of 294.65 N lasts for a few ms: 601 stored times find it to 1 %."""
     case = pair(tmp_path, "time.output_step=1e-4")

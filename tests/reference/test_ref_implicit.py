@@ -124,6 +124,8 @@ def test_order_is_2(cross, method):
         assert np.log2(wrong[1] / wrong[2]) == pytest.approx(2, abs=0.15), of
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_verlet_is_time_reversible_and_takes_one_right_hand_side(scene):
     """Without damping, back with -v: the start again."""
     made = scene("planar_undamped.toml")

@@ -27,6 +27,8 @@ def total_energy(made, run):
     return energy.kinetic(made.system, run.v) + energy.elastic(made.system, run.x) + run.dissipated
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_bullet_speeds(undamped, bullet_speeds):
     """field.md: 2.231874 m/s at 1.00 s and 1.621663 m/s at 1.50 s, all four alike."""
     made, run = undamped
@@ -36,6 +38,8 @@ def test_bullet_speeds(undamped, bullet_speeds):
     assert np.ptp(speeds[:4], axis=1).max() <= 1e-12
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_energy_is_constant_without_damping(undamped):
     """Issue: E0 = 6.404390 J; constant to 1e-5 over 2 s."""
     total = total_energy(*undamped)
@@ -43,6 +47,8 @@ def test_energy_is_constant_without_damping(undamped):
     assert np.abs(total / total[0] - 1.0).max() <= 1e-5
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_momenta_are_constant_without_damping(undamped):
     made, run = undamped
     assert np.abs(energy.momentum(made.system, run.v)).max() < 1e-9
@@ -57,12 +63,16 @@ def test_energy_with_damping_balances(damped):
     assert np.abs(total / total[0] - 1.0).max() <= 1e-5
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_symmetric_arithmetic_keeps_the_bullets_bitwise_alike(damped, bullet_speeds):
     made, run = damped
     speeds = bullet_speeds(made, run)
     assert np.all(speeds == speeds[:, :1])
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_symmetric_arithmetic_keeps_every_mirror_bitwise(damped):
     made, run = damped
     row = {tuple(p): i for i, p in enumerate((made.net.reference_position + 0.0).tolist())}
@@ -120,6 +130,8 @@ def test_curves_separate_at_the_defaults_of_ode45(scene, bullet_speeds, arithmet
     assert 1e-3 < np.abs(total / total[0] - 1.0).max() < 0.1  # these tolerances do not keep the balance
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_curves_stay_together_at_the_defaults_of_ode45_where_round_off_is_mirrored(scene, bullet_speeds):
     """Same tolerances, same steps rule: the separation is round-off, magnified by the problem."""
     made = scene("planar_deployment.toml", symmetric=True)
@@ -127,6 +139,8 @@ def test_curves_stay_together_at_the_defaults_of_ode45_where_round_off_is_mirror
     assert np.all(speeds == speeds[:, :1])
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_scipy_agrees(undamped, bullet_speeds):
     """SciPy's own driver of DOP853 on the same right-hand side.
 

@@ -113,6 +113,8 @@ def pulled(times, force):
 # known answers
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_constant_rate_pulls_the_target_at_that_rate(reel):
     """After the transient of a rate that slips, rate - N/c, the speed is the rate and the line is slack."""
     rate = 0.1
@@ -142,6 +144,8 @@ def test_constant_force_accelerates_the_target(reel):
     assert -run.bodies.velocity[:, 1, 0] == pytest.approx(pulled(times, 2.0), rel=2e-2, abs=1e-4)
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_constant_force_on_a_heavy_target(reel):
     """Of a target that hardly moves the acceleration is F/m."""
     force, mass = 2.0, 2e4
@@ -151,6 +155,8 @@ def test_constant_force_on_a_heavy_target(reel):
     assert (speed[2] - speed[1]) / 2.0 == pytest.approx(force / mass, rel=1e-2)
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_brake_stops_a_drifting_target(reel):
     """m v' = -(F + c v): it pays out (m/c)(v0 - (F/c) ln(1 + c v0/F)); the brake takes all of K but what the
     line holds then, F^2/(2 k).  With c = 0 the way would be K/F."""
@@ -328,6 +334,8 @@ def test_nodes_on_the_drum_are_point_masses_of_the_body(reel):
     assert not np.allclose(run.bodies.attitude[-1, 0], np.eye(3), atol=0.1)
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_two_drums_of_one_body(reel, unbalanced):
     """The forces of nodes at one drum move the other: momenta stay, with light bodies and heavy nodes."""
     tether = tomllib.loads(TUMBLING)["tethers"]["line"]

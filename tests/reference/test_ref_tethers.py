@@ -144,6 +144,8 @@ def test_a_throw_moves_the_end_of_a_tether_alone(document, scene):
     assert np.linalg.norm(made.v0[made.net.numbered_bullets[0]]) == pytest.approx(math.hypot(2.5, 0.7))
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(("rate", "axis"), [(math.sqrt(3.0), 1), (2.0, 2)], ids=["in plane", "out of plane"])
 def test_dumbbell_librates_with_the_orbit(tied, scene, rate, axis):
     """Clohessy and Wiltshire: small angles in the plane have n sqrt(3), out of the plane 2 n."""
