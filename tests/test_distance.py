@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from solid_numbers import SOLID_NUMBERS
 
 import exunet
 from exunet.bodies.distance import distances
@@ -26,17 +27,10 @@ from exunet.studies.spread import spread_of
 CASES = Path(__file__).parents[1] / "cases"
 SNAP = CASES / "bodies" / "snap.toml"
 QUICK = ("engine.loop=compiled",)
-NUMBERS: dict[str, Any] = {
-    "box": (1.0, 2.0, 3.0),
-    "sphere": (0.7, 0.0, 0.0),
-    "capsule": (0.3, 1.5, 0.0),
-    "cylinder": (0.5, 2.0, 0.0),
-    "frustum": (0.6, 0.2, 1.0),
-}
 
 
 def shape(kind: Any, numbers: Any = None, **more: Any) -> Shape:
-    return Shape((Solid(kind, numbers or NUMBERS[kind], **more),))
+    return Shape((Solid(kind, numbers or SOLID_NUMBERS[kind], **more),))
 
 
 def poses(*place: float, turn: Any = (0.0, 0.0, 0.0)) -> Any:
@@ -137,7 +131,7 @@ def test_a_point_and_a_solid(name: str) -> None:
     places = random_poses(np.random.default_rng(7), 500, 1.2)
     ball, here = shape("sphere", (1e-9, 0.0, 0.0)), np.repeat(poses(0, 0, 0), 500, axis=0)
     found = distances(ball, places, shape(name), here)
-    expected = np.array([of_point(name, NUMBERS[name], place) for place in places[:, :3]])
+    expected = np.array([of_point(name, SOLID_NUMBERS[name], place) for place in places[:, :3]])
     np.testing.assert_allclose(found, np.maximum(expected - 1e-9, 0.0), rtol=0.0, atol=1e-9)
     assert 0.01 < (found == 0.0).mean() < 0.7
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from result_samples import net as net_of
 from result_samples import result as result_of
+from solid_numbers import SOLID_NUMBERS
 
 import exunet
 from exunet.bodies.crossing import TOUCH, crossing
@@ -24,13 +25,6 @@ from exunet.results.rows import StoredRows
 from exunet.results.summary import rows, summarise
 
 CASES = Path(__file__).parents[1] / "cases"
-NUMBERS: dict[str, Any] = {
-    "box": (1.0, 2.0, 3.0),
-    "sphere": (0.7, 0.0, 0.0),
-    "capsule": (0.3, 1.5, 0.0),
-    "cylinder": (0.5, 2.0, 0.0),
-    "frustum": (0.6, 0.2, 1.0),
-}
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 FACES = np.array(
     [
@@ -45,7 +39,7 @@ def test_segments_against_their_points(kind: Any) -> None:
     """A thousand points along each of many segments, of a solid that is turned and off its origin."""
     rng = np.random.default_rng(3)
     turn = quaternion_of(rng.normal(size=3))
-    solid = Solid(kind, NUMBERS[kind], (0.2, -0.1, 0.3), tuple(turn.tolist()))
+    solid = Solid(kind, SOLID_NUMBERS[kind], (0.2, -0.1, 0.3), tuple(turn.tolist()))
     start, end = rng.normal(size=(2, 300, 3)) * 1.5
     part = np.linspace(0.0, 1.0, 1001)[:, None, None]
     along = (start + part * (end - start)).reshape(-1, 3)

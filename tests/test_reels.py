@@ -398,23 +398,19 @@ def test_a_body_with_nodes_on_its_drum_tumbles_as_one_of_their_masses(tmp_path: 
     assert np.abs(body.angular_velocity[-1] - body.angular_velocity[0]).max() > 0.1
 
 
-def test_restart(tmp_path: Path) -> None:
+VERLET = "solver={method='VelocityVerlet', step=1e-4}"
+
+
+@pytest.mark.parametrize(("form", "solver"), [
+    ("fused", COMPILED[1]),
+    *(("compiled", solver) for solver in ("solver.step=2e-4", COMPILED[1], VERLET)),
+])  # fmt: skip
+def test_restart(tmp_path: Path, form: str, solver: str) -> None:
     """Half, to a file, half: bitwise the whole, with nodes that go on and come off in either half."""
-    case = case_of(tmp_path, FORMS["fused"], commands=ON_AND_OFF)
+    case = case_of(tmp_path, FORMS[form], solver, commands=ON_AND_OFF)
     one, other = Simulation(case), Simulation(case)
     one.advance_to(0.31)
     continue_alike(one, other, 0.4, tmp_path)
-
-
-@pytest.mark.slow
-@pytest.mark.ci
-def test_restart_in_the_compiled_loop(tmp_path: Path) -> None:
-    verlet = "solver={method='VelocityVerlet', step=1e-4}"
-    for solver in ("solver.step=2e-4", COMPILED[1], verlet):
-        case = case_of(tmp_path, FORMS["compiled"], solver, commands=ON_AND_OFF)
-        one, other = Simulation(case), Simulation(case)
-        one.advance_to(0.31)
-        continue_alike(one, other, 0.4, tmp_path)
 
 
 @pytest.mark.slow
