@@ -9,6 +9,7 @@ from reference_impl.bodies import Bodies, BodyStates
 from reference_impl.case import Case, Refused
 from reference_impl.effects import Effects, Orbit
 from reference_impl.events import Break
+from reference_impl.fold import with_places
 from reference_impl.forces import acceleration
 from reference_impl.integration import Diverged, Interrupted, Trajectory, integrate
 from reference_impl.net import Net
@@ -49,4 +50,5 @@ __all__ = [
     "secant",
     "tangent",
     "weave",
+    "with_places",
 ]

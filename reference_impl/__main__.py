@@ -7,12 +7,17 @@ import math
 import os
 import sys
 import time
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
+
 from reference_impl.archive import contents, save
+from reference_impl.arrays import Floats
 from reference_impl.case import Refused
+from reference_impl.fold import with_places
 from reference_impl.forces import greatest_frequency
 from reference_impl.integration import (
     METHODS,
@@ -24,8 +29,8 @@ from reference_impl.integration import (
     integrate,
     unsupported,
 )
-from reference_impl.read import parse_override
-from reference_impl.scene import load
+from reference_impl.read import parse_override, read
+from reference_impl.scene import prepare
 from reference_impl.system import System
 
 ARITHMETIC: dict[str, dict[str, bool]] = {
@@ -58,6 +63,12 @@ def _parser() -> argparse.ArgumentParser:
         action="store_const",
         const="symmetric",
         help="the same as --arithmetic symmetric: keep mirror symmetries to the last bit",
+    )
+    parser.add_argument(
+        "--places",
+        type=Path,
+        metavar="FILE.npz",
+        help="of a folded net's nodes at time 0: arrays reference_position and place (n, 3) [m], in its axes",
     )
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="replaces a value of the case"
@@ -100,7 +111,10 @@ def _run(options: argparse.Namespace) -> int:
     overrides = dict(parse_override(text) for text in options.set)
     # RK45 is here to do what the paper did, with the matrices of eq. (16) as printed
     arithmetic = options.arithmetic or ("assembled" if options.method == "RK45" else "plain")
-    scene = load(options.case, overrides, **ARITHMETIC[arithmetic])
+    case = read(options.case, overrides)
+    if options.places is not None:
+        case = with_places(case, *_places(options.places))
+    scene = prepare(case, **ARITHMETIC[arithmetic])
     system = scene.system
     if options.method == "EM" and (reason := unsupported(system)):
         raise Refused([f"--method EM: reference_impl does not do it with {reason}"])
@@ -144,6 +158,14 @@ def _run(options: argparse.Namespace) -> int:
     if note:
         _say(f"{note} {options.output} holds the {len(trajectory.t)} states up to t = {trajectory.t[-1]:g} s")
     return code
+
+
+def _places(path: Path) -> tuple[Floats, Floats]:
+    try:
+        with np.load(path) as file:
+            return file["reference_position"], file["place"]
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise Refused([f"{path}: no archive of reference_position and place: {error}"]) from error
 
 
 def _check(options: argparse.Namespace) -> None:

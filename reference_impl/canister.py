@@ -13,13 +13,25 @@ from reference_impl.table import Table, numbers, one_of_names
 PATTERNS = ("accordion", "star")
 
 
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where another program's fold puts nodes: reference positions and places, (n, 3) [m], net's axes."""
+
+    reference_position: Floats
+    place: Floats
+
+
 @dataclass(frozen=True)
 class Fold:
-    """A pattern and the canister round the origin: edges along x, y, z [m], or radius and height along z."""
+    """A pattern and the canister round the origin: edges along x, y, z [m], or radius and height along z.
+
+    `places` that are given stand in for those found here; they keep the same rules, or are refused.
+    """
 
     pattern: str
     box: tuple[float, ...] | None
     cylinder: tuple[float, ...] | None
+    places: Places | None = None
 
     @property
     def room(self) -> Floats:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.spatial import cKDTree
 
 from reference_impl.accordion import accordion
 from reference_impl.arrays import Floats, Ints
-from reference_impl.canister import Fold
+from reference_impl.canister import Fold, Places
 from reference_impl.case import Case, Refused
 from reference_impl.launch import unit_outwards
 from reference_impl.net import Net, between
@@ -14,6 +17,7 @@ from reference_impl.shape import Hexagonal, Radial
 from reference_impl.star import star
 
 _OF_STRING = 0.95  # distance of a string's ends over its length
+_LEAST, _ROUND_OFF = 0.9, 1e-9  # chord of an element over its length; of lengths
 
 
 def folded(case: Case, net: Net) -> Floats:
@@ -23,6 +27,8 @@ def folded(case: Case, net: Net) -> Floats:
     ends, length, of_string = net.element_nodes[own], net.reference_length[own], net.of_string[own]
     d = 2.0 * float(np.sqrt(net.area[own].max() / np.pi))
     meshed = np.unique(ends[~of_string])
+    if fold.places is not None:
+        return _given(net, fold, fold.places, d, meshed)
     place = net.reference_position[: net.woven].copy()
     if fold.pattern == "star":
         place = _starred(case, net, fold, d, meshed)
@@ -35,6 +41,41 @@ def folded(case: Case, net: Net) -> Floats:
             raise _refused(fold, extent)
         place[meshed] = found
     _lead_strings(case, net, place, d)
+    return place
+
+
+def with_places(case: Case, reference_position: Floats, place: Floats) -> Case:
+    """The case with its folded net where another program puts it: (n, 3) of all its nodes, in its axes [m].
+
+    The format leaves places open, so that two folds by its rules differ. Raises Refused without a fold.
+    """
+    given = Places(np.asarray(reference_position, dtype=float), np.asarray(place, dtype=float))
+    if case.start.fold is None:
+        raise Refused(["places are for a net that is folded: the case has no initial.fold"])
+    if given.place.shape != given.reference_position.shape or given.place.shape[1:] != (3,):
+        raise Refused(["places: give a reference position and a place (n, 3) of each node"])
+    return replace(case, start=replace(case.start, fold=replace(case.start.fold, places=given)))
+
+
+def _given(net: Net, fold: Fold, places: Places, d: float, meshed: Ints) -> Floats:
+    """Given places in this net's order, if they are those of a fold of it by the rules of the format."""
+    flat = net.reference_position[: net.woven]
+    if len(places.place) != len(flat):
+        raise Refused([f"places: {len(places.place)} nodes are given, the net has {len(flat)}"])
+    away, row = cKDTree(places.reference_position).query(flat)
+    if away.max() > _ROUND_OFF * np.ptp(flat) or len(np.unique(row)) < len(row):
+        raise Refused([f"places: none is given of the node at {flat[away.argmax()]} m"])
+    place = np.asarray(places.place[row])
+    if not np.isfinite(place).all():
+        raise Refused(["places: they must be finite numbers"])
+    if not fold.holds(place[meshed] * (1.0 - _ROUND_OFF), d):
+        raise Refused(["places: the net is not inside its canister"])
+    own = net.tether < 0
+    chord = np.linalg.norm(np.diff(place[net.element_nodes[own]], axis=1)[:, 0], axis=1)
+    part = chord / net.reference_length[own]
+    worst = int(np.argmax(np.maximum(_LEAST - part, part - 1.0)))
+    if not _LEAST - _ROUND_OFF <= part[worst] <= 1.0 + _ROUND_OFF:
+        raise Refused([f"places: element {worst} has {part[worst]:.4f} of its length, not 0.9 to 1"])
     return place
 
 

@@ -19,7 +19,8 @@ from exunet.bodies.mesh import closed
 from exunet.bodies.rigid import product, quaternion_of, rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid
 from exunet.results.clearance import gaps, pairs_of
-from exunet.results.headlines import course_of, headline, headlines_of
+from exunet.results.course import course_of
+from exunet.results.headlines import headline, headlines_of
 from exunet.results.summary import rows, summarise
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.spread import spread_of

@@ -11,8 +11,8 @@ from commands import command
 
 import exunet
 from exunet.figures.ensemble import FIGURES
+from exunet.results.course import INTERVALS
 from exunet.results.ensemble_result import LEVELS, EnsembleResult
-from exunet.results.headlines import INTERVALS
 from exunet.studies import moved_starts
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"

@@ -13,7 +13,8 @@ from result_samples import square_net, unfolding
 
 import exunet
 from exunet.interfaces.commands.ensemble import rows as table_of
-from exunet.results.headlines import course_of, headline, headlines_of
+from exunet.results.course import course_of
+from exunet.results.headlines import headline, headlines_of
 from exunet.results.margins import Groups, Peak
 from exunet.results.summary import rows, summarise
 from exunet.simulation.preparation import prepare_case

@@ -19,7 +19,8 @@ from exunet.forces import reel_loops
 from exunet.forces.held import mass_matrix
 from exunet.interfaces.commands.check import describe
 from exunet.net.reel import Drive
-from exunet.results.headlines import course_of, headline, headlines_of
+from exunet.results.course import course_of
+from exunet.results.headlines import headline, headlines_of
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.simulation import Simulation
 

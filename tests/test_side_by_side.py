@@ -15,7 +15,7 @@ from exunet.backends.compiled.side_by_side import side_by_side_kernel
 from exunet.codegen.compile import WIDTH
 from exunet.methods.method import Method
 from exunet.simulation.preparation import Start, prepare
-from exunet.studies import ensemble
+from exunet.studies import ensemble, measured_runs
 from exunet.studies.ensemble import Ensemble, kernel_of_many, perturbed_positions, run_ensemble
 
 DAMPED: dict[str, Any] = {"effects": {"rayleigh_damping": {"alpha": 0.3, "beta": 1e-6}}}
@@ -75,8 +75,8 @@ def test_neither_the_place_among_others_nor_the_workers_matter(monkeypatch: pyte
         one, other = getattr(found, field.name), getattr(back, field.name)
         if isinstance(one, np.ndarray):
             assert np.array_equal(one, other[::-1]), field.name
-    monkeypatch.setattr(ensemble, "_FIRST", 5)
-    monkeypatch.setattr(ensemble, "_MOST_VALUES", 1)
+    monkeypatch.setattr(measured_runs, "_FIRST", 5)
+    monkeypatch.setattr(measured_runs, "_MOST_VALUES", 1)
     same(found, run_ensemble(begin, places, together=True))
 
 

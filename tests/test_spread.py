@@ -19,7 +19,10 @@ from exunet.figures import FIGURES, figures
 from exunet.interfaces.commands import estimates
 from exunet.interfaces.commands import run as run_command
 from exunet.results import run_folder
-from exunet.results.headlines import HEADLINES, INTERVALS, Course, Peak, course_of, headlines_of, printed
+from exunet.results.course import INTERVALS, Course, course_of
+from exunet.results.digits import printed
+from exunet.results.headlines import HEADLINES, headlines_of
+from exunet.results.margins import Peak
 from exunet.results.spread import Spread
 from exunet.results.summary import rows, summarise
 from exunet.simulation.preparation import prepare

@@ -14,7 +14,8 @@ import exunet
 from exunet.bodies.rigid import rotation_matrix
 from exunet.interfaces.commands.check import describe
 from exunet.results import loads as loads_module
-from exunet.results.headlines import course_of, headline, headlines_of
+from exunet.results.course import course_of
+from exunet.results.headlines import headline, headlines_of
 from exunet.results.measures import net_centre
 from exunet.results.reading import load_result
 from exunet.simulation.preparation import Start, prepare_case

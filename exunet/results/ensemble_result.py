@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
+from exunet.results.course import Course
 from exunet.results.frame import table
-from exunet.results.headlines import CURVES, Course, headline, headlines_for
+from exunet.results.headlines import CURVES, headline, headlines_for
 from exunet.results.reading import damage, refuse_unreadable
 from exunet.results.writing import new_file, put, put_text
 

@@ -1,17 +1,14 @@
 """The headline quantities of a run: one registry, of which table, summary, spread and ensembles are made.
 
-A headline is a function of a run's `Course`: a few quantities over time, and what was seen of all steps. The
-courses of a spread and of an ensemble have instants of their own (`instants`), so that their headlines do not
-depend on which states a case stores.
-
-To add one, add a line to `HEADLINES`; what it needs and no course has yet is a field of `Course`.
+A headline is a function of a run's `Course`. To add one, add a line to `HEADLINES`; what it needs and no
+course has yet is a field of `Course`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -19,100 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.results.areas import achievable_area
-from exunet.results.clearance import MOST_PAIRS, Pair, gaps_of, pairs_of, shapes_of
-from exunet.results.margins import (
-    STRINGS,
-    TETHER,
-    THREADS,
-    Groups,
-    Margin,
-    Peak,
-    loaded_over_blocks,
-    peak_of_all_steps,
-)
-from exunet.results.measures import (
-    NEARLY_OPEN,
-    deployment_of_course,
-    largest_tensions,
-    mouth_areas,
-    net_centre,
-    speeds_of,
-    tensions_of_tethers,
-)
-from exunet.results.result import Result
-from exunet.results.rows import StoredRows, over_blocks
+from exunet.results.course import REEL_STATES, Course
+from exunet.results.digits import printed, unit_of_last_digit
+from exunet.results.margins import STRINGS, TETHER, THREADS
+from exunet.results.measures import NEARLY_OPEN, deployment_of_course
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-INTERVALS = 400  # between the instants of a course
-
-
-def instants(end: float) -> Floats:
-    """(401,) times [s] from 0 to `end`, at which the courses of a spread and of an ensemble are taken."""
-    return np.linspace(0.0, end, INTERVALS + 1)
-
-
-@dataclass(frozen=True, eq=False)
-class Course:
-    """What headlines are computed from: one run, over its times.
-
-    time            : (t,) [s]
-    area            : (t,) of the mouth [m2]; zeros without one
-    achievable_area : the largest that the mouth can have [m2]; 0 or infinite: there is no mouth to speak of
-    centre          : (t, 3) centre of mass of the net [m]
-    bullet_speed    : (t, n_bullets) [m/s]
-    kinetic, elastic, dissipated : (t,) [J]
-    tension         : (t,) largest tension of all elements at each time [N]
-    peak            : the largest of all steps
-    body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
-    tether_names, tether_tension  : (t, n_tethers) largest tension along each [N]
-    reel_names, reel : (t, n_reels, 2) length of the tether that is wound up [m], work of the drum on it [J]
-    groups          : of elements whose strength is known; None: of none
-    pairs, gap      : (t, n_pairs) distance of two bodies, surface to surface [m]
-    loaded, loaded_element : (t, n_groups) largest tension / strength in each group, and in which element
-    """
-
-    time: Floats
-    area: Floats
-    achievable_area: float
-    centre: Floats
-    bullet_speed: Floats
-    kinetic: Floats
-    elastic: Floats
-    dissipated: Floats
-    tension: Floats
-    peak: Peak
-    body_names: tuple[str, ...] = ()
-    body_centre: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
-    tether_names: tuple[str, ...] = ()
-    tether_tension: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    reel_names: tuple[str, ...] = ()
-    reel: Floats = field(default_factory=lambda: np.zeros((0, 0, 2)))
-    pairs: tuple[Pair, ...] = ()
-    gap: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    groups: Groups | None = None
-    loaded: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    loaded_element: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
-
-    def at_every_second(self) -> Course:
-        """The same at half as many times, the last one included."""
-        rows = np.arange(len(self.time) - 1, -1, -2)[::-1]
-        names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
-        names += ["body_centre"] if self.body_names else []
-        names += ["tether_tension"] if self.tether_names else []
-        names += ["reel"] if self.reel_names else []
-        names += ["gap"] if self.pairs else []
-        names += ["loaded", "loaded_element"] if self.groups else []
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
-
-    def margin(self, group: str) -> Margin | None:
-        """The least of a group of elements; None where it has none."""
-        if self.groups is None or group not in self.groups.names:
-            return None
-        number = self.groups.names.index(group)
-        return self.groups.least(number, self.time, self.loaded, self.loaded_element, self.peak)
 
 
 @dataclass(frozen=True)
@@ -201,10 +110,6 @@ HEADLINES = (
 )
 
 
-_OF_BODY, _OF_TETHER = ("body_", "_displacement"), ("tether_", "_largest_tension")
-_MARGIN_OF_TETHER = ("tether_", "_margin")
-
-
 def of_body(name: str) -> Headline:
     """How far the centre of mass of a body is from its start at the end."""
 
@@ -215,7 +120,7 @@ def of_body(name: str) -> Headline:
         return float(np.linalg.norm(centre[-1] - centre[0]))
 
     words = f"displacement of {name}"
-    return Headline(name.join(_OF_BODY), words, "m", value, least=1e-8, remark="at the end")
+    return Headline(f"body_{name}_displacement", words, "m", value, least=1e-8, remark="at the end")
 
 
 def of_tether(name: str) -> Headline:
@@ -227,7 +132,7 @@ def of_tether(name: str) -> Headline:
         return float(course.tether_tension[:, course.tether_names.index(name)].max(initial=0.0))
 
     words = f"largest tension of tether {name}"
-    return Headline(name.join(_OF_TETHER), words, "N", value, remark="at stored times")
+    return Headline(f"tether_{name}_largest_tension", words, "N", value, remark="at stored times")
 
 
 def of_margin(group: str) -> Headline:
@@ -243,7 +148,7 @@ def of_margin(group: str) -> Headline:
 
     name = f"margin_of_{group}"
     if group.startswith(TETHER):
-        name = group.removeprefix(TETHER).join(_MARGIN_OF_TETHER)
+        name = f"tether_{group.removeprefix(TETHER)}_margin"
     return Headline(
         name,
         f"margin of {group}",
@@ -261,10 +166,6 @@ def _of_margin_of_tether(name: str) -> Headline:
     return of_margin(TETHER + name)
 
 
-_WOUND_UP, _REEL_WORK = ("tether_", "_wound_up"), ("tether_", "_work_of_reel")
-REEL_STATES = ("wound_up", "work")  # of a reel, after the name of its tether
-
-
 def of_reel(name: str) -> tuple[Headline, Headline]:
     """How much of a tether is wound up at the end, and the work that its drum has done."""
     return _wound_up(name), _reel_work(name)
@@ -272,14 +173,14 @@ def of_reel(name: str) -> tuple[Headline, Headline]:
 
 def _wound_up(name: str) -> Headline:
     words = f"wound up of tether {name}"
-    return Headline(
-        name.join(_WOUND_UP), words, "m", partial(_of_drum, name, 0), least=1e-9, remark="at the end"
-    )
+    value = partial(_of_drum, name, REEL_STATES.index("wound_up"))
+    return Headline(f"tether_{name}_wound_up", words, "m", value, least=1e-9, remark="at the end")
 
 
 def _reel_work(name: str) -> Headline:
     words = f"work of the reel of {name}"
-    return Headline(name.join(_REEL_WORK), words, "J", partial(_of_drum, name, 1), remark="on the tether")
+    value = partial(_of_drum, name, REEL_STATES.index("work"))
+    return Headline(f"tether_{name}_work_of_reel", words, "J", value, remark="on the tether")
 
 
 def _of_drum(name: str, quantity: int, course: Course) -> float | None:
@@ -289,7 +190,7 @@ def _of_drum(name: str, quantity: int, course: Course) -> float | None:
     return float(course.reel[-1, course.reel_names.index(name), quantity])
 
 
-_OF_PAIR, _JOINED = ("bodies_", "_least_distance"), "+"  # which no name has
+_JOINED = "+"  # between the names of a pair; no name has it
 
 
 def of_pair(pair: str) -> Headline:
@@ -300,7 +201,9 @@ def of_pair(pair: str) -> Headline:
         return float(course.gap[:, names.index(pair)].min()) if pair in names else None
 
     words = f"least distance of {pair.replace(_JOINED, ' and ')}"
-    return Headline(pair.join(_OF_PAIR), words, "m", value, least=1e-8, remark="surface to surface")
+    return Headline(
+        f"bodies_{pair}_least_distance", words, "m", value, least=1e-8, remark="surface to surface"
+    )
 
 
 def of_time_of_pair(pair: str) -> Headline:
@@ -314,10 +217,7 @@ def of_time_of_pair(pair: str) -> Headline:
         return float(course.time[gap.argmin()]) if np.ptp(gap) > 0.0 else None
 
     words = f"time of least distance of {pair.replace(_JOINED, ' and ')}"
-    return Headline(pair.join(_TIME_OF_PAIR), words, "s", value, at_a_time=True)
-
-
-_TIME_OF_PAIR = ("bodies_", "_time_of_least_distance")
+    return Headline(f"bodies_{pair}_time_of_least_distance", words, "s", value, at_a_time=True)
 
 
 def _of_pair_both(pair: str) -> tuple[Headline, Headline]:
@@ -336,21 +236,18 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
     )
 
 
+_ONES = (*HEADLINES, of_margin(THREADS), of_margin(STRINGS))
+_OF_A_NAME = (of_body, of_tether, _wound_up, _reel_work, _of_margin_of_tether, of_pair, of_time_of_pair)
+_ANY = "*"  # in place of a name
+
+
 def headline(key: str) -> Headline:
     """The headline of a key; raises KeyError if there is none."""
-    for one in (*HEADLINES, of_margin(THREADS), of_margin(STRINGS)):
+    for one in _ONES:
         if one.key == key:
             return one
-    for (begin, _), made in (
-        (_OF_BODY, of_body),
-        (_OF_TETHER, of_tether),
-        (_WOUND_UP, _wound_up),
-        (_REEL_WORK, _reel_work),
-        (_MARGIN_OF_TETHER, _of_margin_of_tether),
-        (_OF_PAIR, of_pair),
-        (_TIME_OF_PAIR, of_time_of_pair),
-    ):
-        end = made("").key.removeprefix(begin)
+    for made in _OF_A_NAME:
+        begin, _, end = made(_ANY).key.partition(_ANY)
         if key.startswith(begin) and key.endswith(end):
             return made(key[len(begin) : -len(end)])
     raise KeyError(key)
@@ -394,90 +291,6 @@ def headlines_of(course: Course) -> dict[str, float | None]:
     return {one.key: one.value(course) for one in headlines_for(course)}
 
 
-def course_of(result: Result) -> Course:
-    """The course of a result over its stored times; the peak is that of all steps, where the run tells it."""
-    tension, bullets = largest_tensions(result), result.net.bullet_nodes
-    groups = Groups.of(result.net)
-    pairs = pairs_of(list(shapes_of(result)))[:MOST_PAIRS]
-    loaded, loaded_element = loaded_over_blocks(groups, result.tension)
-    return Course(
-        time=result.time,
-        area=mouth_areas(result),
-        achievable_area=achievable_area(result.net),
-        centre=_of_rows(partial(net_centre, result.net), result.position, 3),
-        bullet_speed=_of_rows(partial(speeds_of, bullets), result.velocity, len(bullets)),
-        kinetic=result.kinetic,
-        elastic=result.elastic,
-        dissipated=result.dissipated,
-        tension=tension,
-        peak=_peak(result, tension),
-        body_names=tuple(result.bodies),
-        body_centre=_centres(result),
-        tether_names=tuple(result.net.tether_elements),
-        tether_tension=over_blocks(partial(tensions_of_tethers, result.net), result.tension),
-        reel_names=(reels := _reels(result)),
-        reel=_drums(result, reels),
-        pairs=tuple(pairs),
-        gap=gaps_of(result, pairs),
-        groups=groups,
-        loaded=loaded,
-        loaded_element=loaded_element,
-    )
-
-
-def _reels(result: Result) -> tuple[str, ...]:
-    """The tethers that have one."""
-    return tuple(name for name in result.net.tether_elements if f"{name}/{REEL_STATES[0]}" in result.states)
-
-
-def _drums(result: Result, reels: tuple[str, ...]) -> Floats:
-    """(t, n_reels, 2) wound up [m], work [J]."""
-    found = np.zeros((len(result.time), len(reels), len(REEL_STATES)))
-    for k, name in enumerate(reels):
-        for m, state in enumerate(REEL_STATES):
-            found[:, k, m] = np.asarray(result.states[f"{name}/{state}"].values[:])[:, 0]
-    return found
-
-
-def _centres(result: Result) -> Floats:
-    """(t, n_bodies, 3) [m]."""
-    centres = [np.asarray(body.position[:]) for body in result.bodies.values()]
-    return np.stack(centres, axis=1) if centres else np.zeros((len(result.time), 0, 3))
-
-
-def _of_rows(measure: Callable[[Floats], Floats], values: Any, width: int) -> Any:
-    """What `measure` makes of each row; of rows that stay in a file, when it is asked for."""
-    if isinstance(values, StoredRows):
-        return StoredRows(lambda start, stop: measure(values[start:stop]), (len(values), width))
-    return measure(values)
-
-
-def _peak(result: Result, tension: Floats) -> Peak:
-    if known := peak_of_all_steps(result):
-        return known
-    at = int(np.argmax(tension))
-    element = int(np.argmax(result.tension[at])) if tension[at] > 0.0 else -1
-    return Peak(float(tension[at]), float(result.time[at]), element)
-
-
 def shown(one: Headline, value: float) -> str:
     """A value to the digits that a headline has, with its unit."""
     return f"{printed(value, max(unit_of_last_digit(value, one.digits), one.least))} {one.unit}".rstrip()
-
-
-def unit_of_last_digit(value: float, digits: int) -> float:
-    """What the last of so many significant digits of a value counts; 0 for 0."""
-    return 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1) if value else 0.0
-
-
-def printed(value: float, unit_of_last: float) -> str:
-    """A value down to a digit: 1234.6 with 0.1, 1200 with 100; without rounding where that is 0."""
-    if unit_of_last <= 0.0 or not math.isfinite(unit_of_last):
-        return f"{value:.4g}"
-    if abs(value) < 0.5 * unit_of_last:
-        return "0"
-    decimals = -math.floor(math.log10(unit_of_last) + 1e-9)
-    if abs(value) >= 1e7 or decimals > 7:
-        digits = max(0, math.floor(math.log10(max(abs(value), unit_of_last))) + decimals)
-        return f"{value:.{digits}e}"
-    return f"{round(value, decimals):.{max(0, decimals)}f}"

@@ -18,8 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.results.course import Course
+from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
-from exunet.results.headlines import Course, Headline, headlines_for, printed, shown, unit_of_last_digit
+from exunet.results.headlines import Headline, headlines_for, shown
 
 Floats = NDArray[np.float64]
 

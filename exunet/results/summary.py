@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from exunet.base.files import replacing
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
-from exunet.results.headlines import Course, Headline, course_of, headline, headlines_of, shown
+from exunet.results.course import Course, course_of
+from exunet.results.headlines import Headline, headline, headlines_of, shown
 from exunet.results.measures import NEARLY_OPEN, energy_balance, energy_scale, momentum_gained
 from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates, Result

@@ -16,7 +16,7 @@ import numpy as np
 from exunet.case.stored_times import stored_times
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.methods.plan import Plan
-from exunet.results.headlines import instants
+from exunet.results.course import instants
 from exunet.simulation import auto
 from exunet.simulation.preparation import Start
 from exunet.simulation.recorder import columns_of

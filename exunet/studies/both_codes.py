@@ -35,6 +35,7 @@ from exunet.simulation.preparation import Start, prepare
 from exunet.studies.books import Books, Break
 from exunet.studies.neighbours import launch_speed
 from exunet.system.effect_survey import without_choice
+from exunet.system.initial import places_of_fold
 from exunet.system.system import Moving, State
 from reference_impl import forces as formulas
 from reference_impl.mode import Mode
@@ -407,16 +408,16 @@ def read_both(path: str | Path, overrides: Sequence[str] = ()) -> BothCodes:
 
 def both_of(case: Case) -> BothCodes:
     """As `read_both`, of a case that exunet has read."""
-    if case.scene.initial.fold is not None:
-        words = "initial.fold leaves places open, where the codes fold differently, so nothing is compared"
-        raise NotCovered(f"{case.name}: {words}")
     # The form that states the law element by element; see `BothCodes.in_form` for the others.
     start = prepare(_with_form(case.scene, Form.CONNECTORS))
     try:
         overrides = dict(
             map(reference.parse_override, (*case.overrides, *without_choice(case.scene, start.scene)))
         )
-        theirs = reference.prepare(reference.read(case.path, overrides))
+        read = reference.read(case.path, overrides)
+        if places := places_of_fold(start.scene):
+            read = reference.with_places(read, *places)
+        theirs = reference.prepare(read)
     except reference.Refused as refused:
         reasons = "; ".join(fault.replace("\n", " ") for fault in refused.faults[:5])
         words = f"the reference does not cover this case, so nothing is compared: {reasons}"

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
@@ -14,26 +13,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.loop import CompiledIntegration, CompiledLoop, loop_kernel
-from exunet.backends.compiled.side_by_side import RunsSideBySide, side_by_side_kernel
-from exunet.backends.protocol import IntegrationFailed, StepsCollapsed
+from exunet.backends.compiled.loop import loop_kernel
+from exunet.backends.compiled.side_by_side import side_by_side_kernel
 from exunet.base.errors import InputError, RunStopped
 from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import WIDTH, kept_before
 from exunet.codegen.kernel import Kernel
 from exunet.methods.method import COMPILED_METHODS
-from exunet.results import measures as metrics
-from exunet.results.clearance import MOST_PAIRS, Pair, gaps, pairs_of
-from exunet.results.headlines import REEL_STATES, Course
-from exunet.results.margins import Groups, Peak, loaded_over_blocks
+from exunet.results.clearance import Pair
+from exunet.results.course import Course
+from exunet.results.margins import Groups, Peak
 from exunet.simulation.expected_cost import seconds_of_a_course
-from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.simulation.refinement import finer
 from exunet.simulation.trial import is_compiled
+from exunet.studies.measured_runs import Measured, MeasuredRun, one_run, runs_side_by_side, shown_pairs
 from exunet.studies.neighbours import perturbed
-from exunet.system.states import States
-from exunet.system.system import System
 
 Floats = NDArray[np.float64]
 
@@ -177,11 +172,11 @@ def run_ensemble(
     kernel, stop = loop_kernel(start.system), Event()
     shared = kernel_of_many(start, len(position), together)
 
-    def one(run: int) -> tuple[Any, ...]:
+    def one(run: int) -> MeasuredRun:
         moved = start.moved(position[run], speeds[run])
         for left in range(retries, -1, -1):
             try:
-                return _one(moved, kernel, times, stop)
+                return one_run(moved, kernel, times, stop)
             except RunStopped as found:
                 plan = finer(moved.plan) if found.step_cause and left else None
                 if plan is None:
@@ -189,9 +184,9 @@ def run_ensemble(
                 moved = replace(moved, plan=plan)
         raise AssertionError("the last attempt returns or raises")
 
-    def several(runs: range) -> list[tuple[Any, ...]]:
+    def several(runs: range) -> list[MeasuredRun]:
         moved = [start.moved(position[run], speeds[run]) for run in runs]
-        found = _side_by_side(moved, shared, times, stop) if shared else [None] * len(runs)
+        found = runs_side_by_side(moved, shared, times, stop) if shared else [None] * len(runs)
         # A run that stops among others does so alone, where it may begin anew with finer steps.
         return [one(run) if done is None else done for run, done in zip(runs, found, strict=True)]
 
@@ -209,42 +204,7 @@ def run_ensemble(
             stop.set()
             pool.shutdown(wait=True, cancel_futures=True)
             raise
-    blocks = start.system.blocks
-    bodies, tethers = (*blocks.body, *blocks.rigid), tuple(start.net.tether_elements)
-    return replace(
-        Ensemble(times, *_stacked(found)),
-        body_names=bodies,
-        tether_names=tethers,
-        reel_names=tuple(winding.name for winding in start.system.forces.cable.reels),
-        pairs=tuple(_pairs(start.system)),
-        groups=Groups.of(start.net),
-    )
-
-
-def _pairs(system: System) -> list[Pair]:
-    """The bodies whose distances are headlines."""
-    return pairs_of([body.name for body in system.bodies if body.shape is not None])[:MOST_PAIRS]
-
-
-def _drums(states: States) -> Floats:
-    """(k, n_reels, 2) of each reel: wound up [m], work [J]."""
-    blocks, reels = states.system.blocks, states.system.forces.cable.reels
-    first = blocks.n_x - blocks.n_states
-    columns = [blocks.state(f"{one.name}/{what}") - first for one in reels for what in REEL_STATES]
-    return np.asarray(states.first_order[:, columns].reshape(len(states), len(reels), len(REEL_STATES)))
-
-
-def _gaps(states: States) -> Floats:
-    """(k, n_pairs) distances of these bodies [m]."""
-    pairs, bodies = _pairs(states.system), states.bodies
-    if not pairs:
-        return np.zeros((len(states), 0))
-    shapes, poses = {}, {}
-    for k, body in enumerate(states.system.bodies):
-        if body.shape is not None:
-            shapes[body.name] = body.shape
-            poses[body.name] = body.frame_poses(bodies.position[:, k], bodies.attitude[:, k])
-    return gaps(pairs, shapes, poses)
+    return _stacked(start, times, found)
 
 
 def whole_number(name: str, given: object, at_least: int) -> None:
@@ -275,146 +235,22 @@ def _states(name: str, given: object, n_points: int, runs: int | None) -> Floats
     return states.astype(np.float64)
 
 
-def _stacked(found: Sequence[tuple[Any, ...]]) -> list[Any]:
-    return [np.array(column) for column in zip(*found, strict=True)]
-
-
-def _measured(states: States, dissipated: Floats) -> tuple[NDArray[Any], ...]:
-    """What `Ensemble` has of states (k,), from `bullet_speed` to `loaded_element`."""
-    net = states.system.net
-    tension = states.tension
-    masses = list(states.system.blocks.body.values())
-    position = states.position[:, : net.n_nodes]
-    return (
-        metrics.speeds_of(net.bullet_nodes, states.velocity),
-        metrics.mouth_area(net, position),
-        states.kinetic,
-        states.elastic,
-        states.potential,
-        dissipated,
-        metrics.net_centre(net, position),
-        tension.max(axis=1, initial=0.0),
-        np.concatenate([states.position[:, masses], states.bodies.position], axis=1),
-        metrics.tensions_of_tethers(net, tension),
-        _drums(states),
-        _gaps(states),
-        *loaded_over_blocks(Groups.of(net), tension),
+def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensemble:
+    columns: dict[str, Any] = {
+        name: np.array([getattr(run.states, name) for run in found]) for name in Measured._fields
+    }
+    for name in MeasuredRun._fields[1:]:  # of all steps
+        columns[name] = np.array([getattr(run, name) for run in found])
+    blocks = start.system.blocks
+    return Ensemble(
+        time=times,
+        **columns,
+        body_names=(*blocks.body, *blocks.rigid),
+        tether_names=tuple(start.net.tether_elements),
+        reel_names=tuple(winding.name for winding in start.system.forces.cable.reels),
+        pairs=tuple(shown_pairs(start.system)),
+        groups=Groups.of(start.net),
     )
-
-
-def _row(
-    parts: Sequence[tuple[NDArray[Any], ...]], monitor: Monitor, right_hand_sides: int
-) -> tuple[Any, ...]:
-    """All of a run, from what was measured in parts of it."""
-    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    peak = monitor.peaks.provenance()
-    return (*columns, peak["tension_N"], peak["time_s"], peak["element"], right_hand_sides)
-
-
-def _one(start: Start, kernel: Kernel, times: Floats, stop: Event) -> tuple[Any, ...]:
-    """Through the stored times, with guards and events, as a run."""
-    parts = [_measured(States.of(start.system, start.state), np.zeros(1))]
-    monitor = Monitor(start.system, start.state, store=lambda *stored: parts.append(_measured(*stored)))
-    monitor.explain(start.plan)
-    through = _from_time_to_time if start.state.memory else _in_stretches
-    try:
-        right_hand_sides = through(start, kernel, times, monitor, stop)
-    except IntegrationFailed as failure:
-        collapsed = isinstance(failure, StepsCollapsed)
-        raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
-    return _row(parts, monitor, right_hand_sides)
-
-
-def _from_time_to_time(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:
-    """The general way: events are looked for after each step."""
-    loop = CompiledLoop(start.system, start.state, start.plan, monitor, kernel)
-    for time in times[1:]:
-        monitor.mark(time)
-        loop.advance(time)
-        _leave_if(stop)
-    loop.hand_over()
-    return loop.counts.right_hand_sides
-
-
-def _in_stretches(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:
-    """Without events many times are reached in one call of compiled code; the steps are the same."""
-    loop = CompiledIntegration(start.system, start.state, start.plan, kernel)
-    loop.look_at_tensions()
-    for stretch in _stretches(times, stop):
-        batch = loop.through(stretch)
-        for time in batch.time[1:]:
-            monitor.mark(time)
-        if len(batch.time) > 1:
-            monitor.take(batch)
-        if words := loop.collapse():
-            raise StepsCollapsed(words)
-        tension, time, element = loop.largest_tension
-        monitor.peaks.take(time, tension, element)
-    return loop.counts.right_hand_sides
-
-
-def _side_by_side(
-    starts: list[Start], kernel: Kernel, times: Floats, stop: Event
-) -> list[tuple[Any, ...] | None]:
-    """The same of several runs at once; None for a run that stopped."""
-    system, runs = starts[0].system, len(starts)
-    moved = (np.array(parts) for parts in zip(*((one.position, one.velocity) for one in starts), strict=True))
-    begun = _measured(States.of_points(system, np.repeat(times[0], runs), *moved), np.zeros(runs))
-    parts: list[list[tuple[NDArray[Any], ...]]] = [
-        [tuple(column[run : run + 1] for column in begun)] for run in range(runs)
-    ]
-    # The guards look at each stored time, as in a run.
-    monitors: list[Monitor | None] = [Monitor(system, start.state, every=1) for start in starts]
-    loop = RunsSideBySide(system, [start.state for start in starts], starts[0].plan, kernel)
-    most = max(2, _MOST_VALUES // (WIDTH * system.blocks.n_x))
-    for stretch in _stretches(times, stop, _FIRST, most):
-        found = loop.through(stretch)
-        points = (part.reshape(-1, *part.shape[2:]) for part in (found.position, found.velocity))
-        states = States.of_points(system, np.tile(found.time, runs), *points)
-        with np.errstate(all="ignore"):  # of runs that diverge
-            measured = _measured(states, found.taken.ravel())
-        for run, monitor in enumerate(monitors):
-            if monitor is None:
-                continue
-            first = run * len(stretch)
-            try:
-                monitor.see(states[first : first + len(stretch)], found.taken[run])
-            except RunStopped:
-                monitors[run] = None
-            tension, time, element = loop.largest_tension(run)
-            monitor.peaks.take(time, tension, element)
-            parts[run].append(tuple(column[first + 1 : first + len(stretch)] for column in measured))
-    return [
-        None if monitor is None else _row(parts[run], monitor, loop.right_hand_sides)
-        for run, monitor in enumerate(monitors)
-    ]
-
-
-_STRETCH = 0.2  # [s] of wall time after which a run sees that it is to be left
-_MOST_TIMES = 128  # states that the guards look at in one go
-_FIRST = 134  # times of a first stretch of runs side by side: a third of those of a course
-_MOST_VALUES = 2**19  # coordinates that runs side by side keep in one go
-
-
-def _stretches(times: Floats, stop: Event, first: int = 1, most: int = _MOST_TIMES) -> Iterator[Floats]:
-    """Parts of the times, each from the last of the one before; raises KeyboardInterrupt once it is to stop.
-
-    first, most : times in the first of them, and at most
-    """
-    at, number = 0, min(first, most)
-    while at < len(times) - 1:
-        began = clock.perf_counter()
-        stretch = times[at : at + number + 1]
-        yield stretch
-        _leave_if(stop)
-        at += len(stretch) - 1
-        if clock.perf_counter() - began < _STRETCH:
-            number = min(2 * number, most)
-
-
-def _leave_if(stop: Event) -> None:
-    if stop.is_set():
-        raise KeyboardInterrupt
 
 
 _GAIN = 6.0  # times as fast as one by one, where runs go side by side

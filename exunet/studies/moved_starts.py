@@ -14,8 +14,8 @@ from exunet.codegen.compile import WIDTH
 from exunet.methods.keys import AUTO
 from exunet.methods.method import COMPILED_METHODS, METHODS
 from exunet.results.areas import achievable_area
+from exunet.results.course import INTERVALS, Course
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
-from exunet.results.headlines import INTERVALS, Course
 from exunet.simulation.preparation import Start, start_of
 from exunet.simulation.recorder import first_story
 from exunet.simulation.run import provenance

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from exunet.results.areas import achievable_area
-from exunet.results.headlines import Course, instants
+from exunet.results.course import Course, instants
 from exunet.results.spread import COVERING, FEWEST, Spread
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import in_the_compiled_loop

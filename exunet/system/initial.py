@@ -8,7 +8,7 @@ import numpy as np
 
 from exunet.base.errors import Fault
 from exunet.case.scene import Initial, Launch, Scene
-from exunet.net import explicit
+from exunet.net import explicit, weave
 from exunet.net.arrays import Floats, Ints, Net
 from exunet.net.folding import folded
 from exunet.net.reel import Reel
@@ -40,6 +40,17 @@ def packed_state(scene: Scene, net: Net) -> tuple[Floats, Floats]:
         velocity += _of_all_nodes(initial.node_velocities, scene.net)
     velocity[net.fixed_nodes] = 0.0
     return position, velocity
+
+
+def places_of_fold(scene: Scene) -> tuple[Floats, Floats] | None:
+    """Reference positions and places (n, 3) [m] of a folded net's nodes, in its axes; None of another net.
+
+    Another program cannot know them: the rules of a fold leave places open.
+    """
+    if scene.initial.fold is None:
+        return None
+    net = weave(scene.net)
+    return net.reference_position, folded(net, scene.net, scene.initial.fold).position
 
 
 def kicks(scene: Scene, net: Net) -> Floats:

@@ -11,6 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+import numpy as np
+
 from exunet.base.errors import InputError
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
@@ -18,6 +20,7 @@ from exunet.results.agreement import Agreement
 from exunet.results.comparison import ComparedRun, compare, read_states
 from exunet.results.result import Result
 from exunet.system.effect_survey import without_choice
+from exunet.system.initial import places_of_fold
 
 # Tells beforehand whether the reference knows the case. Ends the reference with the process that started it,
 # however that died: its end of the pipe closes then.
@@ -27,10 +30,14 @@ def end_with_parent():
     os.read(0, 1)
     os._exit(1)
 threading.Thread(target=end_with_parent, daemon=True).start()
-import reference_impl
-overrides = dict(map(reference_impl.parse_override, sys.argv[5::2]))
+import numpy, reference_impl
+given = list(zip(sys.argv[4::2], sys.argv[5::2]))
+overrides = dict(reference_impl.parse_override(value) for option, value in given if option == "--set")
 try:
-    reference_impl.load(sys.argv[1], overrides)
+    case = reference_impl.read(sys.argv[1], overrides)
+    for places in (numpy.load(value) for option, value in given if option == "--places"):
+        case = reference_impl.with_places(case, **places)
+    reference_impl.prepare(case)
     print("known", flush=True)
 except reference_impl.Refused:
     pass  # it says so itself
@@ -52,6 +59,10 @@ class ReferenceRun:
         self._output = Path(self._folder.name) / "reference.npz"
         # -P: what lies in the working directory must not stand in for a module.
         command = [sys.executable, "-P", "-c", _CHILD, str(case.path.absolute()), "-o", str(self._output)]
+        if places := places_of_fold(resolved or case.scene):
+            path = Path(self._folder.name) / "places.npz"
+            np.savez(path, reference_position=places[0], place=places[1])
+            command += ["--places", str(path)]
         for override in (*case.overrides, *without_choice(case.scene, resolved or case.scene)):
             command += ["--set", override]
         self._process = subprocess.Popen(

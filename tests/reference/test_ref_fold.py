@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
-from reference_impl import Refused, read_document
+from reference_impl import Refused, prepare, read_document, with_places
 from reference_impl.pleats import ways
 
 D = 0.004  # [m] of the strings, the thickest threads of the cases of `document`
@@ -346,3 +346,38 @@ def test_what_does_not_fit_is_refused(folded, topology, pattern, keys, words):
     with pytest.raises(Refused, match=r"initial.fold: the net does not fit into its canister") as refused:
         folded(topology, pattern, **keys)
     assert words in refused.value.faults[0]
+
+
+def test_another_fold_by_the_rules_stands_in(folded):
+    """The mirror image of a fold is one; nodes are told in another order."""
+    made = folded("square", box=[0.6, 0.6, 0.3], **SQUARE)
+    flat, place = made.net.reference_position, made.x0 * [-1.0, 1.0, 1.0]
+    given = prepare(with_places(made.case, flat[::-1], place[::-1]))
+    assert np.array_equal(given.x0, place)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda flat, place: (flat[1:], place[1:]), "nodes are given, the net has"),
+        (lambda flat, place: (flat + 0.1, place), "none is given of the node at"),
+        (
+            lambda flat, place: (flat[np.maximum(np.arange(len(flat)), 1)], place),
+            "none is given of the node at",
+        ),
+        (lambda flat, place: (flat, place[:-1]), "a place .n, 3. of each node"),
+        (lambda flat, place: (flat, 0.8 * place), "of its length, not 0.9 to 1"),
+        (lambda flat, place: (flat, place + np.array([0.0, 0.0, 0.2])), "not inside its canister"),
+        (lambda flat, place: (flat, place * np.nan), "finite numbers"),
+    ],
+)
+def test_places_that_are_no_fold_are_refused(folded, change, words):
+    made = folded("square", box=[0.6, 0.6, 0.3], **SQUARE)
+    with pytest.raises(Refused, match=f"^places: .*{words}"):
+        prepare(with_places(made.case, *change(made.net.reference_position, made.x0)))
+
+
+def test_places_need_a_fold(document, scene):
+    flat = scene(document("square"))
+    with pytest.raises(Refused, match="the case has no"):
+        with_places(flat.case, flat.net.reference_position, flat.x0)

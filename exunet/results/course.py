@@ -1,0 +1,166 @@
+"""The course of a run: the few quantities over time of which its headlines are made.
+
+The courses of a spread and of an ensemble have instants of their own (`instants`), so that their headlines do
+not depend on which states a case stores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.results.areas import achievable_area
+from exunet.results.clearance import MOST_PAIRS, Pair, gaps_of, pairs_of, shapes_of
+from exunet.results.margins import Groups, Margin, Peak, loaded_over_blocks, peak_of_all_steps
+from exunet.results.measures import (
+    largest_tensions,
+    mouth_areas,
+    net_centre,
+    speeds_of,
+    tensions_of_tethers,
+)
+from exunet.results.result import Result
+from exunet.results.rows import StoredRows, over_blocks
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+REEL_STATES = ("wound_up", "work")  # of a reel, after the name of its tether
+INTERVALS = 400  # between the instants of a course
+
+
+def instants(end: float) -> Floats:
+    """(401,) times [s] from 0 to `end`, at which the courses of a spread and of an ensemble are taken."""
+    return np.linspace(0.0, end, INTERVALS + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What headlines are computed from: one run, over its times.
+
+    time            : (t,) [s]
+    area            : (t,) of the mouth [m2]; zeros without one
+    achievable_area : the largest that the mouth can have [m2]; 0 or infinite: there is no mouth to speak of
+    centre          : (t, 3) centre of mass of the net [m]
+    bullet_speed    : (t, n_bullets) [m/s]
+    kinetic, elastic, dissipated : (t,) [J]
+    tension         : (t,) largest tension of all elements at each time [N]
+    peak            : the largest of all steps
+    body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
+    tether_names, tether_tension  : (t, n_tethers) largest tension along each [N]
+    reel_names, reel : (t, n_reels, 2) length of the tether that is wound up [m], work of the drum on it [J]
+    groups          : of elements whose strength is known; None: of none
+    pairs, gap      : (t, n_pairs) distance of two bodies, surface to surface [m]
+    loaded, loaded_element : (t, n_groups) largest tension / strength in each group, and in which element
+    """
+
+    time: Floats
+    area: Floats
+    achievable_area: float
+    centre: Floats
+    bullet_speed: Floats
+    kinetic: Floats
+    elastic: Floats
+    dissipated: Floats
+    tension: Floats
+    peak: Peak
+    body_names: tuple[str, ...] = ()
+    body_centre: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    tether_names: tuple[str, ...] = ()
+    tether_tension: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    reel_names: tuple[str, ...] = ()
+    reel: Floats = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    pairs: tuple[Pair, ...] = ()
+    gap: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    groups: Groups | None = None
+    loaded: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    loaded_element: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
+
+    def at_every_second(self) -> Course:
+        """The same at half as many times, the last one included."""
+        rows = np.arange(len(self.time) - 1, -1, -2)[::-1]
+        names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
+        names += ["body_centre"] if self.body_names else []
+        names += ["tether_tension"] if self.tether_names else []
+        names += ["reel"] if self.reel_names else []
+        names += ["gap"] if self.pairs else []
+        names += ["loaded", "loaded_element"] if self.groups else []
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    def margin(self, group: str) -> Margin | None:
+        """The least of a group of elements; None where it has none."""
+        if self.groups is None or group not in self.groups.names:
+            return None
+        number = self.groups.names.index(group)
+        return self.groups.least(number, self.time, self.loaded, self.loaded_element, self.peak)
+
+
+def course_of(result: Result) -> Course:
+    """The course of a result over its stored times; the peak is that of all steps, where the run tells it."""
+    tension, bullets = largest_tensions(result), result.net.bullet_nodes
+    groups = Groups.of(result.net)
+    pairs = pairs_of(list(shapes_of(result)))[:MOST_PAIRS]
+    loaded, loaded_element = loaded_over_blocks(groups, result.tension)
+    return Course(
+        time=result.time,
+        area=mouth_areas(result),
+        achievable_area=achievable_area(result.net),
+        centre=_of_rows(partial(net_centre, result.net), result.position, 3),
+        bullet_speed=_of_rows(partial(speeds_of, bullets), result.velocity, len(bullets)),
+        kinetic=result.kinetic,
+        elastic=result.elastic,
+        dissipated=result.dissipated,
+        tension=tension,
+        peak=_peak(result, tension),
+        body_names=tuple(result.bodies),
+        body_centre=_centres(result),
+        tether_names=tuple(result.net.tether_elements),
+        tether_tension=over_blocks(partial(tensions_of_tethers, result.net), result.tension),
+        reel_names=(reels := _reels(result)),
+        reel=_drums(result, reels),
+        pairs=tuple(pairs),
+        gap=gaps_of(result, pairs),
+        groups=groups,
+        loaded=loaded,
+        loaded_element=loaded_element,
+    )
+
+
+def _reels(result: Result) -> tuple[str, ...]:
+    """The tethers that have one."""
+    return tuple(name for name in result.net.tether_elements if f"{name}/{REEL_STATES[0]}" in result.states)
+
+
+def _drums(result: Result, reels: tuple[str, ...]) -> Floats:
+    """(t, n_reels, 2) wound up [m], work [J]."""
+    found = np.zeros((len(result.time), len(reels), len(REEL_STATES)))
+    for k, name in enumerate(reels):
+        for m, state in enumerate(REEL_STATES):
+            found[:, k, m] = np.asarray(result.states[f"{name}/{state}"].values[:])[:, 0]
+    return found
+
+
+def _centres(result: Result) -> Floats:
+    """(t, n_bodies, 3) [m]."""
+    centres = [np.asarray(body.position[:]) for body in result.bodies.values()]
+    return np.stack(centres, axis=1) if centres else np.zeros((len(result.time), 0, 3))
+
+
+def _of_rows(measure: Callable[[Floats], Floats], values: Any, width: int) -> Any:
+    """What `measure` makes of each row; of rows that stay in a file, when it is asked for."""
+    if isinstance(values, StoredRows):
+        return StoredRows(lambda start, stop: measure(values[start:stop]), (len(values), width))
+    return measure(values)
+
+
+def _peak(result: Result, tension: Floats) -> Peak:
+    if known := peak_of_all_steps(result):
+        return known
+    at = int(np.argmax(tension))
+    element = int(np.argmax(result.tension[at])) if tension[at] > 0.0 else -1
+    return Peak(float(tension[at]), float(result.time[at]), element)

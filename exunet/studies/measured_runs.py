@@ -1,0 +1,226 @@
+"""One run, or several side by side, through compiled code, with what an ensemble keeps of them."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterator, Sequence
+from threading import Event
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.backends.compiled.loop import CompiledIntegration, CompiledLoop
+from exunet.backends.compiled.side_by_side import RunsSideBySide
+from exunet.backends.protocol import IntegrationFailed, StepsCollapsed
+from exunet.base.errors import RunStopped
+from exunet.codegen.compile import WIDTH
+from exunet.codegen.kernel import Kernel
+from exunet.results import measures as metrics
+from exunet.results.clearance import MOST_PAIRS, Pair, gaps, pairs_of
+from exunet.results.course import REEL_STATES
+from exunet.results.margins import Groups, loaded_over_blocks
+from exunet.simulation.monitor import Monitor
+from exunet.simulation.preparation import Start
+from exunet.system.states import States
+from exunet.system.system import System
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_STRETCH = 0.2  # [s] of wall time after which a run sees that it is to be left
+_MOST_TIMES = 128  # states that the guards look at in one go
+_FIRST = 134  # times of a first stretch of runs side by side: a third of those of a course
+_MOST_VALUES = 2**19  # coordinates that runs side by side keep in one go
+
+
+class Measured(NamedTuple):
+    """What an ensemble keeps of states (k,): units and meaning as its fields of these names."""
+
+    bullet_speed: Floats
+    area: Floats
+    kinetic: Floats
+    elastic: Floats
+    potential: Floats
+    dissipated: Floats
+    centre: Floats
+    tension: Floats
+    body_centre: Floats
+    tether_tension: Floats
+    reel: Floats
+    gap: Floats
+    loaded: Floats
+    loaded_element: Ints
+
+    def rows(self, start: int, stop: int) -> Measured:
+        return Measured._make(column[start:stop] for column in self)
+
+
+class MeasuredRun(NamedTuple):
+    """A whole run: its states, and what was seen of all its steps."""
+
+    states: Measured
+    largest_tension: float
+    time_of_largest_tension: float
+    element_of_largest_tension: int
+    right_hand_sides: int
+
+
+def shown_pairs(system: System) -> list[Pair]:
+    """The bodies whose distances are headlines."""
+    return pairs_of([body.name for body in system.bodies if body.shape is not None])[:MOST_PAIRS]
+
+
+def _drums(states: States) -> Floats:
+    """(k, n_reels, 2) of each reel: wound up [m], work [J]."""
+    blocks, reels = states.system.blocks, states.system.forces.cable.reels
+    first = blocks.n_x - blocks.n_states
+    columns = [blocks.state(f"{one.name}/{what}") - first for one in reels for what in REEL_STATES]
+    return np.asarray(states.first_order[:, columns].reshape(len(states), len(reels), len(REEL_STATES)))
+
+
+def _gaps(states: States) -> Floats:
+    """(k, n_pairs) distances of these bodies [m]."""
+    pairs, bodies = shown_pairs(states.system), states.bodies
+    if not pairs:
+        return np.zeros((len(states), 0))
+    shapes, poses = {}, {}
+    for k, body in enumerate(states.system.bodies):
+        if body.shape is not None:
+            shapes[body.name] = body.shape
+            poses[body.name] = body.frame_poses(bodies.position[:, k], bodies.attitude[:, k])
+    return gaps(pairs, shapes, poses)
+
+
+def _measured(states: States, dissipated: Floats) -> Measured:
+    net = states.system.net
+    tension = states.tension
+    masses = list(states.system.blocks.body.values())
+    position = states.position[:, : net.n_nodes]
+    loaded, loaded_element = loaded_over_blocks(Groups.of(net), tension)
+    return Measured(
+        bullet_speed=metrics.speeds_of(net.bullet_nodes, states.velocity),
+        area=metrics.mouth_area(net, position),
+        kinetic=states.kinetic,
+        elastic=states.elastic,
+        potential=states.potential,
+        dissipated=dissipated,
+        centre=metrics.net_centre(net, position),
+        tension=tension.max(axis=1, initial=0.0),
+        body_centre=np.concatenate([states.position[:, masses], states.bodies.position], axis=1),
+        tether_tension=metrics.tensions_of_tethers(net, tension),
+        reel=_drums(states),
+        gap=_gaps(states),
+        loaded=loaded,
+        loaded_element=loaded_element,
+    )
+
+
+def _joined(parts: Sequence[Measured], monitor: Monitor, right_hand_sides: int) -> MeasuredRun:
+    """All of a run, from what was measured in parts of it."""
+    peak = monitor.peaks.provenance()
+    return MeasuredRun(
+        Measured._make(map(np.concatenate, zip(*parts, strict=True))),
+        peak["tension_N"],
+        peak["time_s"],
+        peak["element"],
+        right_hand_sides,
+    )
+
+
+def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> MeasuredRun:
+    """Through the stored times, with guards and events, as a run."""
+    parts = [_measured(States.of(start.system, start.state), np.zeros(1))]
+    monitor = Monitor(start.system, start.state, store=lambda *stored: parts.append(_measured(*stored)))
+    monitor.explain(start.plan)
+    through = _from_time_to_time if start.state.memory else _in_stretches
+    try:
+        right_hand_sides = through(start, kernel, times, monitor, stop)
+    except IntegrationFailed as failure:
+        collapsed = isinstance(failure, StepsCollapsed)
+        raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
+    return _joined(parts, monitor, right_hand_sides)
+
+
+def _from_time_to_time(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:
+    """The general way: events are looked for after each step."""
+    loop = CompiledLoop(start.system, start.state, start.plan, monitor, kernel)
+    for time in times[1:]:
+        monitor.mark(time)
+        loop.advance(time)
+        _leave_if(stop)
+    loop.hand_over()
+    return loop.counts.right_hand_sides
+
+
+def _in_stretches(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:
+    """Without events many times are reached in one call of compiled code; the steps are the same."""
+    loop = CompiledIntegration(start.system, start.state, start.plan, kernel)
+    loop.look_at_tensions()
+    for stretch in _stretches(times, stop):
+        batch = loop.through(stretch)
+        for time in batch.time[1:]:
+            monitor.mark(time)
+        if len(batch.time) > 1:
+            monitor.take(batch)
+        if words := loop.collapse():
+            raise StepsCollapsed(words)
+        tension, time, element = loop.largest_tension
+        monitor.peaks.take(time, tension, element)
+    return loop.counts.right_hand_sides
+
+
+def runs_side_by_side(
+    starts: list[Start], kernel: Kernel, times: Floats, stop: Event
+) -> list[MeasuredRun | None]:
+    """The same of several runs at once; None for a run that stopped."""
+    system, runs = starts[0].system, len(starts)
+    moved = (np.array(parts) for parts in zip(*((one.position, one.velocity) for one in starts), strict=True))
+    begun = _measured(States.of_points(system, np.repeat(times[0], runs), *moved), np.zeros(runs))
+    parts = [[begun.rows(run, run + 1)] for run in range(runs)]
+    # The guards look at each stored time, as in a run.
+    monitors: list[Monitor | None] = [Monitor(system, start.state, every=1) for start in starts]
+    loop = RunsSideBySide(system, [start.state for start in starts], starts[0].plan, kernel)
+    most = max(2, _MOST_VALUES // (WIDTH * system.blocks.n_x))
+    for stretch in _stretches(times, stop, _FIRST, most):
+        found = loop.through(stretch)
+        points = (part.reshape(-1, *part.shape[2:]) for part in (found.position, found.velocity))
+        states = States.of_points(system, np.tile(found.time, runs), *points)
+        with np.errstate(all="ignore"):  # of runs that diverge
+            measured = _measured(states, found.taken.ravel())
+        for run, monitor in enumerate(monitors):
+            if monitor is None:
+                continue
+            first = run * len(stretch)
+            try:
+                monitor.see(states[first : first + len(stretch)], found.taken[run])
+            except RunStopped:
+                monitors[run] = None
+            tension, time, element = loop.largest_tension(run)
+            monitor.peaks.take(time, tension, element)
+            parts[run].append(measured.rows(first + 1, first + len(stretch)))
+    return [
+        None if monitor is None else _joined(parts[run], monitor, loop.right_hand_sides)
+        for run, monitor in enumerate(monitors)
+    ]
+
+
+def _stretches(times: Floats, stop: Event, first: int = 1, most: int = _MOST_TIMES) -> Iterator[Floats]:
+    """Parts of the times, each from the last of the one before; raises KeyboardInterrupt once it is to stop.
+
+    first, most : times in the first of them, and at most
+    """
+    at, number = 0, min(first, most)
+    while at < len(times) - 1:
+        began = clock.perf_counter()
+        stretch = times[at : at + number + 1]
+        yield stretch
+        _leave_if(stop)
+        at += len(stretch) - 1
+        if clock.perf_counter() - began < _STRETCH:
+            number = min(2 * number, most)
+
+
+def _leave_if(stop: Event) -> None:
+    if stop.is_set():
+        raise KeyboardInterrupt
