@@ -181,7 +181,9 @@ def compared(own, apart=0.0, end=0.3):
     case = read_both(CASE)
     place = np.broadcast_to(case.start.position, (len(INSTANTS), *case.start.position.shape))
     shift = case.size * np.broadcast_to(apart, INSTANTS.shape)[:, None, None] * np.array([1.0, 0.0, 0.0])
-    flight = [Trajectory(INSTANTS, where, np.zeros_like(place), None, 1) for where in (place, place + shift)]
+    flight = [
+        Trajectory(INSTANTS, where, np.zeros_like(place), None, 1, None) for where in (place, place + shift)
+    ]
     return list(_compared(case, own, *flight, end))
 
 

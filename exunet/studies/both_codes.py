@@ -76,8 +76,9 @@ class Trajectory:
     velocity   : (t, k, 3) of these points [m/s]
     seen       : the same states as the reference has them, with the bodies
     steps      : how many were taken
+    reels      : (t, n_reels) of each, as the reference has them
     dissipated : (t,) energy that has left the system since the start [J], less what bodies whose motion is
-                 given have put in; None: it was not booked
+                 given, and reels, have put in; None: it was not booked
     breaks     : elements that broke, in order of time
     """
 
@@ -86,6 +87,7 @@ class Trajectory:
     velocity: Floats
     seen: Theirs
     steps: int
+    reels: reference.Wound
     dissipated: Floats | None = None
     breaks: tuple[Break, ...] = ()
 
@@ -288,13 +290,15 @@ class BothCodes:
         start = replace(self.start, plan=plan or self.start.plan)
         books = Books(start.system, start.state, booked=booked)
         stepper = integrator(start.scene.engine, start.system, start.state, start.plan, books)
-        states, left = [start.state.moving], [0.0]
+        states, left, reels = [start.state.moving], [0.0], [self.wound_in_reference(start.state)]
         for until in times[1:].tolist():
             stepper.advance(until)
             if booked:
                 stepper.hand_over()
                 left.append(books.dissipated)
-            states.append(stepper.state().moving)
+            state = stepper.state()
+            states.append(state.moving)
+            reels.append(self.wound_in_reference(state))
         x, v, first_order = (
             np.array([getattr(state, name) for state in states])
             for name in ("position", "velocity", "first_order")
@@ -304,7 +308,11 @@ class BothCodes:
         seen = self.theirs_at(Moving(x, v, bodies, first_order))
         arms = with_arms((x, v), self.rigid_of(seen), self.size)
         energy = np.array(left) - start.system.given_work(first_order) if booked else None
-        return Trajectory(np.asarray(times), *arms, seen, stepper.counts.steps, energy, tuple(books.breaks))
+        wound = reference.Wound(
+            *(np.array([getattr(one, name) for one in reels]) for name in ("wound_up", "held", "work"))
+        )
+        steps, breaks = stepper.counts.steps, tuple(books.breaks)
+        return Trajectory(np.asarray(times), *arms, seen, steps, wound, energy, breaks)
 
     def run_reference(self, times: Floats, **how: Any) -> Trajectory:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.integration."""
@@ -313,7 +321,7 @@ class BothCodes:
         arms = with_arms(self.points_of(found), self.rigid_of(seen), self.size)
         ours = np.argsort(self.reference_elements)  # exunet's element of each of the reference's
         breaks = tuple(Break(int(ours[one.element]), one.time) for one in found.breaks)
-        return Trajectory(found.t, *arms, seen, found.n_steps, found.dissipated, breaks)
+        return Trajectory(found.t, *arms, seen, found.n_steps, found.reels, found.dissipated, breaks)
 
     def rigid_of(self, seen: Theirs | reference.Trajectory) -> tuple[Floats, Floats, Floats, Floats]:
         """Of the rigid bodies, in exunet's order: what `reference.BodyStates` has of each.

@@ -59,8 +59,12 @@ def energies(case: BothCodes, motion: Trajectory, allowed: Tolerance) -> Balance
     intact = np.ones((len(motion.time), case.start.net.n_elements), dtype=bool)
     for one in motion.breaks:
         intact[motion.time >= one.time, case.reference_elements[one.element]] = False
+    inside, outlets = energy.at_outlets(system, seen.x, motion.reels)
+    if inside is not None:
+        intact &= inside
     kinetic = energy.kinetic(system, seen.v, seen.bodies)
-    total = kinetic + energy.elastic(system, seen.x, intact) + energy.potential(system, seen.x, seen.bodies)
+    total = kinetic + energy.elastic(system, seen.x, intact) + outlets
+    total = total + energy.potential(system, seen.x, seen.bodies)
     if motion.dissipated is not None:
         total = total + motion.dissipated
     return Balance("energy", "J", total[:, None], float(kinetic.max()), allowed)

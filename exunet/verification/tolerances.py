@@ -97,6 +97,12 @@ LIBRATION = Tolerance(
 )
 BRAKED = Tolerance(1e-9, "of the largest value: what the tolerance of 1e-11 leaves in some 100 steps")
 WHIRLED = Tolerance(1e-9, "of the radius: what the tolerance of 1e-11 leaves in some 1e3 steps, one turn")
+REELED = Tolerance(
+    5e-4,
+    "of the largest value: while it is taut the line gets 0.03 % shorter, and as much stiffer, and the "
+    "formulas take its strain of 1e-4 for small",
+)
+LOCKED = Tolerance(0.0, "the work of a drum that does not turn", "J")
 THROWN_BACK = Tolerance(0.0, "they have met the end of the tether, and come closer", "m/s")
 MOMENTUM = Tolerance(1e-12, "of the sum of the nodes' shares: linear invariants are kept to round-off")
 ANGULAR = Tolerance(1e-8, "of the sum of the nodes' shares: kept by the accuracy of the integration only")

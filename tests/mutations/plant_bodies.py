@@ -11,11 +11,11 @@ from exunet.backends.compiled import loop, schemes
 from exunet.backends.exudyn.model import Model
 from exunet.bodies import constraint_loops, rigid
 from exunet.bodies.body import RigidBody
-from exunet.forces import on_bodies
-from exunet.system import bodies, carried, from_scene
+from exunet.forces import on_bodies, reel, reel_loops
+from exunet.system import bodies, carried, drum, ejection, exchange, from_scene
 from exunet.system.system import System
 from reference_impl import bodies as reference_bodies
-from reference_impl import fields, start, state
+from reference_impl import fields, reels, start, state
 from reference_impl.anchors import Levers
 
 SNAP, ORBIT, FREE = "snap_off_centre", "librations", "free_bodies"
@@ -159,6 +159,45 @@ _of_step(
 of_result(
     "reference_gradient", 8, "torques of the field with the wrong sign", fields, "torques", np.negative, ORBIT
 )
+
+
+FELT, LENGTH = "(tension * stretch - 0.5 * outlet.stiffness * strain * strain)", "tension * stretch"
+_of_text(
+    "reel_energy_of_length",
+    "reel_rate",
+    "a drum that does not feel the energy in the length that comes in",
+    reel_loops,
+    "pulls",
+    FELT,
+    LENGTH,
+    (reel, drum),
+)
+_of_text(
+    "reel_takes_up",
+    "reel_force",
+    "a drive that pays out where its force is missing",
+    reel_loops,
+    "winding_rate",
+    "+ outlet.takes_up",
+    "- outlet.takes_up",
+    (reel,),
+)
+_of_text(
+    "exchange_moment",
+    "reel_nodes",
+    "moment of nodes that come onto a drum with the wrong sign",
+    exchange,
+    "exchanged",
+    "momenta[3:] += np.cross",
+    "momenta[3:] -= np.cross",
+    (drum, ejection),
+)
+
+
+@planted(8, "a drive with twice its damping", REFERENCE, "reel_force")
+def reference_drive(patch):
+    right = reels._wish
+    patch.setattr(reels, "_wish", lambda command, pull, damping: right(command, pull, 2.0 * damping))
 
 
 @planted(8, "mass of attached nodes left out of their bodies", case=SNAP)

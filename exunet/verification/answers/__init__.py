@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from exunet.studies.both_codes import BothCodes
-from exunet.verification.answers import bodies, linear, motions, mouth, orders, turning
+from exunet.verification.answers import bodies, linear, motions, mouth, orders, reels, turning
 from exunet.verification.check import Evidence
 
 Answer = Callable[[BothCodes], Iterator[Evidence]]
@@ -36,4 +36,7 @@ BODY_ANSWERS: tuple[tuple[str, Answer], ...] = (
     ("braked_body", bodies.braked),
     ("whirled", bodies.whirled),
     ("librations", bodies.librations),
+    ("reel_rate", reels.at_a_rate),
+    ("reel_force", reels.with_a_force),
+    ("reel_nodes", reels.exchanges),
 )
