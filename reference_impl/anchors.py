@@ -51,6 +51,10 @@ class Levers:
     def __len__(self) -> int:
         return len(self.node)
 
+    def some(self, rows: Ints) -> Levers:
+        """Those of these rows."""
+        return Levers(self.node[rows], self.body[rows], self.arm[rows], self.bodies)
+
     @cached_property
     def gathering(self) -> csr_array:
         """(r, a): 1 where a node is a point of a body."""

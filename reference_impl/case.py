@@ -104,11 +104,15 @@ class Tether:
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """The net's axes at time 0, carried by a body: origin (3,) [m], rotation (3, 3) in the body's frame."""
+    """The net's axes at time 0, carried by a body: origin (3,) [m], rotation (3, 3) in the body's frame.
+
+    The body holds the packed net until `eject_at` [s].
+    """
 
     body: str
     position: Floats
     attitude: Floats
+    eject_at: float = 0.0
 
 
 @dataclass(frozen=True)

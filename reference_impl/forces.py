@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from reference_impl import fields, held, mirror
+from reference_impl.anchors import Levers
 from reference_impl.arrays import Bools, Floats, cross, dot
 from reference_impl.barrels import reaction
 from reference_impl.bodies import BodyStates, turning, turning_rate
@@ -58,6 +59,7 @@ class Whole:
     spin: Floats  # h (..., r, 3) [kg m2/s] about the centres of mass, in the scene's axes
     wound_up: Floats | None = None  # s (..., R) [m] of the reels
     held: Floats | None = None  # k (..., R)
+    packed: Floats | None = None  # (..., 1) 1 while a body holds the net, then 0; None: the time decides
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,9 +143,9 @@ def acceleration(
     """dv/dt (n, 3) [m/s2], eq. (16), at any finite x, v (n, 3) [m, m/s]; zero at fixed nodes.
 
     `bodies` (b, ...) is needed where a body acts on the net (launch_force, points of bodies); these points
-    are where it says, with their accelerations.  Elements that are not `intact` (m,) carry no load.  `reels`
-    (R,) is needed where there are any.  Bullets that are `gone` (k,) are not pushed by launch_force.  Raises
-    ValueError without the bodies or reels that it needs.
+    are where it says, with their accelerations, and so is a net that a body holds at t.  Elements that are
+    not `intact` (m,) carry no load.  `reels` (R,) is needed where there are any.  Bullets that are `gone`
+    (k,) are not pushed by launch_force.  Raises ValueError without the bodies or reels that it needs.
     """
     n, levers, rigid = len(system.net.mass), system.levers, system.bodies.rigid
     if bodies is None:
@@ -151,6 +153,8 @@ def acceleration(
             raise ValueError("launch_force acts between bullets and chaser: give the states of the bodies")
         if len(levers):
             raise ValueError("nodes are points of bodies: give the states of the bodies")
+        if system.packs(t):
+            raise ValueError("a body holds the net: give the states of the bodies")
         return motion(system, t, x, v, Mode(intact))[0][:n]
     attitude, own = bodies.attitude[rigid], bodies.angular_velocity[rigid]
     spin = np.einsum("bij,bjk,bk->bi", attitude, system.bodies.resistance, own)
@@ -158,6 +162,10 @@ def acceleration(
     x, v = np.concatenate((x, bodies.position)), np.concatenate((v, bodies.velocity))
     x[levers.node] = levers.places(bodies.position[rigid], lever)
     v[levers.node] = levers.velocities(bodies.velocity[rigid], w, lever)
+    packed = held.load(system, None, system.packs(t))
+    lever_of_packed = packed.turned(attitude)
+    x[packed.node] = packed.places(bodies.position[rigid], lever_of_packed)
+    v[packed.node] = packed.velocities(bodies.velocity[rigid], w, lever_of_packed)
     whole = Whole(x, v, attitude, spin)
     if reels is not None and system.reels is not None:
         whole = Whole(x, v, attitude, spin, reels.wound_up, reels.held)
@@ -167,6 +175,7 @@ def acceleration(
     angular = turning_rate(attitude, spin, found.torque, system.bodies)
     result = found.acceleration[:n].copy()
     result[levers.node] = levers.accelerations(found.acceleration[n:][rigid], angular, w, lever)
+    result[packed.node] = packed.accelerations(found.acceleration[n:][rigid], angular, w, lever_of_packed)
     if whole.held is not None:
         held.place(system, result, whole.held)
     return result
@@ -220,8 +229,11 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
     torque, taken = _on_bodies(system, whole, push, beside, torque)
     given = _given(system, whole, push, thrown)
     power += taken - float(np.sum(given[:, 6]))
+    packed = system.packs(t) if whole.packed is None else bool(np.any(whole.packed))
+    if packed or outlets is not None:
+        carried = held.load(system, whole.held, packed)
+        _bear(system, whole, carried, result, beside, torque, given)
     if outlets is not None:
-        _bear(system, whole, result, beside, torque, given)
         power -= float(np.sum(outlets.power))
     reeling = np.empty((2, 0)) if outlets is None else np.stack((outlets.rate, outlets.power))
     return Response(
@@ -241,28 +253,28 @@ def _outlets(system: System, t: float, whole: Whole, mode: Mode) -> Outlets | No
 
 
 def _bear(
-    system: System, whole: Whole, result: Floats, beside: Floats, torque: Floats, given: Floats
+    system: System,
+    whole: Whole,
+    carried: Levers,
+    result: Floats,
+    beside: Floats,
+    torque: Floats,
+    given: Floats,
 ) -> None:
-    """Lets bodies bear the nodes at drums: changes accelerations, torques, and what driven bodies give.
+    """Lets bodies bear the nodes that they hold: changes accelerations, torques, and what driven bodies give.
 
-    `result` (n, 3) [m/s2] are the accelerations that the nodes would have free; those at drums then rest.
+    `result` (n, 3) [m/s2] are the accelerations that the nodes would have free; those held then rest.
     """
-    assert system.reels is not None
-    assert whole.held is not None
-    rigid, drums, net = system.bodies.rigid, system.drums, system.net
-    there = held.nodes_of(system.reels, whole.held)
-    borne = np.array([net.mass[nodes] @ result[nodes] for nodes in there])
-    force = held.bearing(system, whole.attitude, whole.spin, whole.held, borne, beside[rigid], torque)
-    for nodes in there:
-        result[nodes] = 0.0
-    push, turn = drums.wrench(force, drums.turned(whole.attitude))
-    free = system.bodies.free[rigid, None]
-    beside[rigid] += free * push / system.bodies.mass[rigid, None]
-    torque += free * turn
-    for row, k in zip(given, system.bodies.driven.tolist(), strict=True):
-        mine = rigid[drums.body] == k
-        row[:3] -= force[mine].sum(axis=0)
-        row[3:6] -= np.cross(whole.x[drums.node[mine]], force[mine]).sum(axis=0)
+    bodies, rigid, node = system.bodies, system.bodies.rigid, carried.node
+    borne = system.net.mass[node, None] * result[node]
+    result[node] = 0.0
+    push, turn = held.yielding(system, carried, whole.attitude, whole.spin, borne, beside[rigid], torque)
+    beside[rigid] += push / bodies.mass[rigid, None]
+    torque += turn
+    for row, k in zip(given, bodies.driven.tolist(), strict=True):
+        mine = rigid[carried.body] == k
+        row[:3] -= borne[mine].sum(axis=0)
+        row[3:6] -= np.cross(whole.x[node[mine]], borne[mine]).sum(axis=0)
 
 
 def _given(system: System, whole: Whole, push: Floats, thrown: Floats | None) -> Floats:

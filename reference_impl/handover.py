@@ -1,11 +1,12 @@
-"""A node goes onto the drum of a reel, or comes off it: a jump that keeps momentum and angular momentum.
+"""What bodies hold changes: a node goes onto a drum or comes off it, a packed net is ejected.
 
-A body and the point masses that it holds have, about the body's centre of mass X, which does not jump,
+A jump that keeps momentum and angular momentum.  A body and the point masses that it holds have, about the
+body's centre of mass X, which does not jump,
 
     P = M V + sum m (V + w x l),  H = I w + sum m l x (V + w x l),
 
-linear in V and w: with what the node has, six equations for V and w after the jump.  What the energy falls by
-has left.  A fixed body's support gives the node its change of momentum.
+linear in V and w: with what the nodes have, six equations for V and w after the jump.  What the energy falls
+by has left, negative where it rises.  A fixed body's support gives the nodes their change of momentum.
 """
 
 from __future__ import annotations
@@ -13,11 +14,11 @@ from __future__ import annotations
 import numpy as np
 
 from reference_impl import energy
-from reference_impl.arrays import Floats, cross
+from reference_impl.anchors import Levers
+from reference_impl.arrays import Floats, Ints, cross
 from reference_impl.bodies import turning
-from reference_impl.held import masses
+from reference_impl.held import inertia, load, own_inertia
 from reference_impl.state import Layout
-from reference_impl.turns import skew
 
 
 def hand_over(layout: Layout, y: Floats, reel: int, onto: bool) -> Floats:
@@ -35,30 +36,65 @@ def hand_over(layout: Layout, y: Floats, reel: int, onto: bool) -> Floats:
         length = float(reels.outside(wound.wound_up, wound.held)[reel])
         part = (length - float(reels.piece[reel])) / length
         place, velocity = _let_go(whole.x[pair], whole.v[pair], part)
-    after, total = y.copy(), _energy(layout, y)
-    x, v = (part.reshape(-1, 3) for part in (after[: layout.half], after[layout.half : 2 * layout.half]))
-    x[node], v[node] = place, velocity
+    after = y.copy()
+    rows = layout.held(after)
+    rows.x[node], rows.v[node] = place, velocity
     layout.wound(after).held[reel] += 1.0 if onto else -1.0
-    mass, body = system.net.mass[node], system.drums.body[reel]
-    particle = system.bodies.rigid[body]
-    had, has = mass * _screw(whole.x[node], whole.v[node]), mass * _screw(place, velocity)
-    if system.bodies.free[particle]:
-        centre = whole.x[layout.nodes + particle]
+    return _kept(layout, y, after, int(system.drums.body[reel]), np.array([node]), onto)
+
+
+def eject(layout: Layout, y: Floats) -> Floats:
+    """The state after the packed net has left its body.
+
+    Each node has what it gets beside the velocity that it had with the body before.
+    """
+    packed, whole = layout.system.packed, layout.whole(y)
+    assert packed is not None
+    after, node = y.copy(), packed.levers.node
+    rows = layout.held(after)
+    rows.x[node] = whole.x[node]
+    rows.v[node] = whole.v[node] + packed.given @ whole.attitude[packed.body].T
+    layout.packed(after)[:] = 0.0
+    return _kept(layout, y, after, packed.body, node, onto=False)
+
+
+def _kept(layout: Layout, y: Floats, after: Floats, body: int, node: Ints, onto: bool) -> Floats:
+    """The state `after`, with the motion of a rigid body and the books that follow from y.
+
+    The nodes (q,) come to the body, `onto`, or leave it, to the places and velocities that they have after.
+    """
+    system, whole, rows = layout.system, layout.whole(y), layout.held(after)
+    bodies, attitude, particle = system.bodies, whole.attitude, system.bodies.rigid[body]
+    mass = system.net.mass[node]
+    if bodies.free[particle]:
+        centre, own = whole.x[layout.nodes + particle], layout.nodes + particle
         if onto:
-            gained = mass * _screw(whole.x[node] - centre, whole.v[node])
+            gained = _momenta(mass, whole.x[node] - centre, whole.v[node])
         else:
-            gained = -mass * _screw(place - centre, velocity)
-        w = turning(whole.attitude, whole.spin, system.bodies.mobility)[body]
-        motion = np.concatenate((whole.v[layout.nodes + particle], w))
-        momenta = _inertia(layout, y, body) @ motion + gained
-        motion = np.linalg.solve(_inertia(layout, after, body), momenta)
-        v[layout.nodes + particle] = motion[:3]
-        layout.held(after).spin[body] = _own_inertia(layout, y, body) @ motion[3:]
+            gained = -_momenta(mass, rows.x[node] - centre, rows.v[node])
+        w = turning(attitude, whole.spin, bodies.mobility)[body]
+        before, now = (inertia(system, _load(layout, state), attitude, body) for state in (y, after))
+        motion = np.linalg.solve(now, before @ np.concatenate((whole.v[own], w)) + gained)
+        rows.v[own] = motion[:3]
+        rows.spin[body] = own_inertia(system, attitude, body) @ motion[3:]
     else:
-        row = np.flatnonzero(system.bodies.driven == particle)[0]
+        had = _momenta(mass, whole.x[node], whole.v[node])
+        has = _momenta(mass, rows.x[node], rows.v[node])
+        row = np.flatnonzero(bodies.driven == particle)[0]
         after[layout.booked : -1].reshape(-1, 7)[row, :6] += has - had
-    after[-1] += total - _energy(layout, after)
+    after[-1] += _energy(layout, y) - _energy(layout, after)
     return after
+
+
+def _load(layout: Layout, y: Floats) -> Levers:
+    """What bodies hold in a state."""
+    return load(layout.system, layout.wound(y).held, bool(np.any(layout.packed(y))))
+
+
+def _momenta(mass: Floats, x: Floats, v: Floats) -> Floats:
+    """Momentum and angular momentum about the origin (6,) of masses (q,) at (q, 3) with (q, 3)."""
+    each = mass[:, None] * v
+    return np.concatenate((each.sum(axis=0), cross(x, each).sum(axis=0)))
 
 
 def _let_go(x: Floats, v: Floats, part: float) -> tuple[Floats, Floats]:
@@ -67,30 +103,6 @@ def _let_go(x: Floats, v: Floats, part: float) -> tuple[Floats, Floats]:
     distance = float(np.linalg.norm(way))
     along = way / distance if distance else way
     return x[0] + part * way, v[0] + part * u + (1.0 - part) * (u @ along) * along
-
-
-def _screw(x: Floats, v: Floats) -> Floats:
-    """Velocity and its moment (6,) about the origin."""
-    return np.concatenate((v, cross(x, v)))
-
-
-def _own_inertia(layout: Layout, y: Floats, body: int) -> Floats:
-    """I (3, 3) [kg m2] of a rigid body in the scene's axes."""
-    attitude = layout.whole(y).attitude[body]
-    return np.asarray(attitude @ layout.bodies.resistance[body] @ attitude.T)
-
-
-def _inertia(layout: Layout, y: Floats, body: int) -> Floats:
-    """Matrix (6, 6) that takes V and w of a rigid body to P and H of it and the masses that it holds."""
-    drums, mu = layout.system.drums, masses(layout.system, layout.wound(y).held)
-    matrix = np.zeros((6, 6))
-    matrix[:3, :3] = layout.bodies.mass[layout.bodies.rigid[body]] * np.eye(3)
-    matrix[3:, 3:] = _own_inertia(layout, y, body)
-    lever = drums.turned(layout.whole(y).attitude)
-    for reel in np.flatnonzero(drums.body == body):
-        moved = np.hstack((np.eye(3), -skew(lever[reel])))  # the drum's velocity, of V and w
-        matrix += mu[reel] * moved.T @ moved
-    return matrix
 
 
 def _energy(layout: Layout, y: Floats) -> float:

@@ -61,6 +61,8 @@ def unsupported(system: System) -> str:
         reasons.append("effects.launch_force.body, whose barrels would couple its steps to their turning")
     if len(system.levers):
         reasons.append("nodes that are points of bodies, which would couple its steps to their turning")
+    if system.packed is not None:
+        reasons.append("initial.frame.eject_at, before which a net would couple its steps to turning")
     if len(system.bodies.driven):
         reasons.append("bodies whose motion is given")
     if fields.turn(system):

@@ -126,7 +126,7 @@ def integrate(
         with np.errstate(all="ignore"):
             run.begin(located=scheme.method in PAIRS)
             run.store(run.t, run.y, run.mode)
-            _follow(run, scheme.stepper(run, times), times, progress)
+            _follow(run, scheme, times, progress)
     except Breakdown as error:
         raise run.diverged(str(error)) from None
     except KeyboardInterrupt:
@@ -134,25 +134,45 @@ def integrate(
     return run.trajectory()
 
 
-def _follow(run: Run, stepper: Stepper, times: Floats, progress: Progress | None) -> None:
-    """Takes the run from stored time to stored time; steps end at knots and commands too."""
+def _follow(run: Run, scheme: Scheme, times: Floats, progress: Progress | None) -> None:
+    """Takes the run from stored time to stored time; steps end at knots, commands and an ejection too.
+
+    After an ejection the method starts anew, with a first step as at the beginning of a run.
+    """
+    stepper, ejection = scheme.stepper(run, times), _ejection(run, times)
     thrust, end = run.system.effects.thrust, float(times[-1])
     kinks = set(() if thrust is None else thrust.time)
     for commands in () if run.system.reels is None else run.system.reels.commands:
         kinks.update(command.at for command in commands)
     for drive in run.system.bodies.drives:
         kinks.update(drive.times if isinstance(drive, Poses) else ())
+    if ejection is not None:
+        kinks.add(ejection)
     knots = sorted(t for t in kinks if run.t < t <= end)
     if knots:
         stepper.renew(knots[0])
     for time in times[1:].tolist():
         while knots and knots[0] <= time:
-            stepper.advance(knots.pop(0))
+            knot = knots.pop(0)
+            stepper.advance(knot)
             run.enter_segment()
+            if knot == ejection:
+                run.eject()
+                if knot < end:
+                    stepper = scheme.stepper(run, np.concatenate(([knot], times[times > knot])))
             stepper.renew(knots[0] if knots else end)
         run.store(time, *stepper.advance(time))
         if progress is not None:
             progress(time, end)
+
+
+def _ejection(run: Run, times: Floats) -> float | None:
+    """When the packed net is ejected [s], a stored time where these agree but for round-off; None: never."""
+    packed = run.system.packed
+    if packed is None or not packed.holds(run.t):
+        return None
+    after = [t for t in times.tolist() if not packed.holds(t)]
+    return min(packed.until, after[0]) if after else None
 
 
 def _check_bodies(system: System, bodies: BodyStates | None) -> None:

@@ -242,11 +242,12 @@ def _carrier(table: Table) -> Carrier | None:
         return None
     body, position = table.need("body", text), table.get("position", numbers(3), (0.0, 0.0, 0.0))
     attitude = read_attitude(table)
+    eject_at = table.get("eject_at", number(0.0), 0.0)
     table.close()
     return (
         None
         if body is None or position is None or attitude is None
-        else Carrier(body, np.array(position), attitude)
+        else Carrier(body, np.array(position), attitude, eject_at or 0.0)
     )
 
 
@@ -281,10 +282,26 @@ def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
     if thrown and not bullets:
         faults.append("launch: needs net.bullets")
     faults += _chaser_faults(case)
-    carrier = case.start.carrier
-    if carrier is not None and all(body.name != carrier.body for body in case.bodies):
+    return faults + _carrier_faults(case) + tie_faults(case, bullets)
+
+
+def _carrier_faults(case: Case) -> list[str]:
+    """Faults between the body that carries the net's axes and the rest."""
+    carrier, faults = case.start.carrier, []
+    if carrier is None:
+        return []
+    if all(body.name != carrier.body for body in case.bodies):
         faults.append(f"initial.frame.body: there is no body {carrier.body}")
-    return faults + tie_faults(case, bullets)
+    if not carrier.eject_at:
+        return faults
+    key = "initial.frame.eject_at"
+    if case.times and carrier.eject_at >= case.times[-1]:
+        faults.append(f"{key}: must be before time.end, {case.times[-1]:.10g}, not {carrier.eject_at:.10g}")
+    if any(body.prescribed for body in case.bodies if body.name == carrier.body):
+        faults.append(f"{key}: the motion of body {carrier.body} must be free or fixed, not prescribed")
+    if isinstance(case.shape, Explicit) and case.shape.fixed:
+        faults.append(f"{key}: body {carrier.body} cannot hold nodes that net.fixed holds still")
+    return faults
 
 
 def _chaser_faults(case: Case) -> list[str]:

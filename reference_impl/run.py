@@ -13,7 +13,7 @@ from reference_impl.effects.launch_force import LaunchForce
 from reference_impl.elements import strain
 from reference_impl.events import Break, Watch
 from reference_impl.forces import response, ways
-from reference_impl.handover import hand_over
+from reference_impl.handover import eject, hand_over
 from reference_impl.mode import Mode
 from reference_impl.reels import Wound
 from reference_impl.state import Given, Layout, layout
@@ -142,6 +142,10 @@ class Run:
             self.breaks += breaks
             self.y = self.y.copy()
             self.y[-1] += sum(b.energy for b in breaks)
+
+    def eject(self) -> None:
+        """Lets the packed net go."""
+        self.y = eject(self.layout, self.y)
 
     def break_exceeded(self) -> bool:
         """Breaks what is at or beyond its limit now; whether anything did."""

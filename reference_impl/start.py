@@ -4,7 +4,8 @@ Packing is a homothety about the origin (`fold` has the other start); velocity a
 (screw theory: Murray, Li & Sastry, A Mathematical Introduction to Robotic Manipulation, 2.4).  Both are 4 x 4
 matrices on (x, y, z, 1).  Points of bodies and tethers between them come last: they follow from what they
 hang on.  A throw is an impulse between bullets and the body that throws, so the inner nodes of tethers get no
-part of it: they move with the ends of their tether as these were before.
+part of it: they move with the ends of their tether as these were before.  A net that is ejected later moves
+with the body that holds it, and gets nothing yet.
 """
 
 from __future__ import annotations
@@ -43,6 +44,16 @@ def initial_bodies(case: Case, net: Net) -> tuple[Body, ...]:
     return (Body(CHASER, launch.chaser_mass, velocity=np.array(case.start.velocity)), *listed)
 
 
+def thrown(case: Case, net: Net) -> tuple[Floats, Floats]:
+    """Places (n, 3) [m] and velocities (n, 3) [m/s] that `[initial]` and `[launch]` give, in the net's axes.
+
+    Zero for nodes of tethers.
+    """
+    position, velocity = _cast(case, net)
+    velocity[net.bullet_nodes] += _throw(case, net)
+    return position, velocity
+
+
 def net_axes(case: Case) -> Floats:
     """Rotation (3, 3) that takes the net's axes at time 0 to the scene's."""
     carrier = case.start.carrier
@@ -57,8 +68,10 @@ def _start(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...]]:
     position, velocity = _cast(case, net)
     throw = _throw(case, net)
     bodies = tuple(_with_nodes(body, net, number) for number, body in enumerate(case.bodies))
-    after = bodies
-    if case.start.carrier is not None:
+    after, carrier = bodies, case.start.carrier
+    if carrier is not None:
+        if carrier.eject_at:
+            velocity, throw = np.zeros_like(velocity), np.zeros_like(throw)
         after, throw = _carry(case, net, bodies, position, velocity, throw)
     _lead(net, bodies, position, velocity)
     for values in (position, velocity):
@@ -132,7 +145,7 @@ def _carry(
     throw = throw @ axes.T
     given = net.mass[net.bullet_nodes, None] * throw
     after = body
-    if body.drive is None:
+    if body.drive is None and given.any():
         after = _recoil(body, _on_drums(case, net, body.name), position[net.bullet_nodes], given)
     return (*bodies[:number], after, *bodies[number + 1 :]), throw
 

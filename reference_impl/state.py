@@ -5,8 +5,9 @@ rotation matrices and angular momenta of the r rigid bodies (`bodies`); W: the e
 
 Where motions are given, time and what these d bodies gave stand before W: impulse, angular impulse, work.
 Of the R reels the lengths wound up and the numbers of nodes on the drums stand after the time, their work
-before what bodies gave.
-Nodes that are points of bodies and driven bodies have rows that rest; `Layout.whole` puts in what they do.
+before what bodies gave.  Where a body ejects the net, 1 while it is packed, then 0, stands before that work.
+Nodes that are points of bodies or held by them, and driven bodies, have rows that rest; `Layout.whole` puts
+in what they do.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from reference_impl.bodies import (
 )
 from reference_impl.drive import Guided
 from reference_impl.forces import Response, Whole
-from reference_impl.held import nodes_of, place
+from reference_impl.held import load, place, place_packed
 from reference_impl.reels import Wound
 from reference_impl.system import System
 
@@ -43,7 +44,10 @@ class Given:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the parts of y are: size 6 N + 12 r + 3 R + 1, and 7 d + 1 more with d > 0 driven bodies."""
+    """Where the parts of y are: size 6 N + 12 r + 3 R + 1, and 7 d + 1 more with d > 0 driven bodies.
+
+    One more with a net that a body ejects.
+    """
 
     system: System
 
@@ -84,7 +88,16 @@ class Layout:
     @property
     def booked(self) -> int:
         """Where the work of reels ends and what driven bodies gave begins."""
-        return self.controlled + self.reels
+        return self.freed + self.reels
+
+    @property
+    def freed(self) -> int:
+        """Where it ends whether a net is packed, and the work of reels begins."""
+        return self.controlled + int(self.system.packed is not None)
+
+    def packed(self, y: Floats) -> Floats:
+        """Whether a body still holds the packed net in the states y, (..., 1) of 1 or 0; (..., 0) without."""
+        return y[..., self.controlled : self.freed]
 
     def wound(self, y: Floats) -> Wound:
         """The reels in the states y."""
@@ -92,7 +105,7 @@ class Layout:
         return Wound(
             y[..., begin : begin + count],
             y[..., begin + count : self.controlled],
-            y[..., self.controlled : self.booked],
+            y[..., self.freed : self.booked],
         )
 
     @property
@@ -113,7 +126,7 @@ class Layout:
     def whole(self, y: Floats) -> Whole:
         """x, v (..., N, 3), R (..., r, 3, 3) and h (..., r, 3) of all particles and rigid bodies."""
         held, levers = self._driven(y, self.held(y)), self.system.levers
-        if not len(levers):
+        if not len(levers) and self.system.packed is None:
             return held  # nor are there reels, whose drums are points of bodies
         x, v = held.x.copy(), held.v.copy()
         lever = levers.turned(held.attitude)
@@ -121,12 +134,17 @@ class Layout:
         rigid = self.nodes + self.bodies.rigid
         x[..., levers.node, :] = levers.places(x[..., rigid, :], lever)
         v[..., levers.node, :] = levers.velocities(v[..., rigid, :], w, lever)
+        if self.system.packed is not None and np.any(there := self.packed(y)):
+            levers = self.system.packed.levers
+            lever = levers.turned(held.attitude)
+            place_packed(self.system, x, there, levers.places(x[..., rigid, :], lever))
+            place_packed(self.system, v, there, levers.velocities(v[..., rigid, :], w, lever))
         if not self.reels:
-            return Whole(x, v, held.attitude, held.spin)
+            return Whole(x, v, held.attitude, held.spin, packed=self.packed(y))
         wound = self.wound(y)
         for values in (x, v):
             place(self.system, values, wound.held)
-        return Whole(x, v, held.attitude, held.spin, wound.wound_up, wound.held)
+        return Whole(x, v, held.attitude, held.spin, wound.wound_up, wound.held, self.packed(y))
 
     def _driven(self, y: Floats, held: Whole) -> Whole:
         """With the given motions put in."""
@@ -162,7 +180,7 @@ class Layout:
     def accelerations(self, y: Floats, rate: Floats) -> Floats:
         """(..., N, 3) [m/s2] in the states y, whose rates are dy/dt."""
         change, levers = self.held(rate), self.system.levers
-        if not len(levers) and not self.clocks:
+        if not len(levers) and not self.clocks and self.system.packed is None:
             return change.v
         whole, result = self.whole(y), change.v.copy()
         w, angular = self.turnings(y, rate)
@@ -171,6 +189,10 @@ class Layout:
         linear = result[..., self.nodes + self.bodies.rigid, :]
         lever = levers.turned(whole.attitude)
         result[..., levers.node, :] = levers.accelerations(linear, angular, w, lever)
+        if self.system.packed is not None and np.any(there := self.packed(y)):
+            levers = self.system.packed.levers
+            held = levers.accelerations(linear, angular, w, levers.turned(whole.attitude))
+            place_packed(self.system, result, there, held)
         if self.reels:
             place(self.system, result, self.wound(y).held)
         return result
@@ -196,12 +218,13 @@ class Layout:
         drifting = self.bodies.free[:, None] * bodies.velocity
         spin = self.bodies.free[rigid, None] * spin
         books = np.zeros(self.reels + 7 * len(self.bodies.driven) + 1)
-        wound = np.empty(0)
+        wound, held = np.empty(0), None
         if (reels := self.system.reels) is not None:
-            wound = np.concatenate((reels.wound_up, reels.held))
-            moving[np.concatenate(nodes_of(reels, reels.held))] = 0.0
+            wound, held = np.concatenate((reels.wound_up, reels.held)), reels.held
+        packed = np.full(self.freed - self.controlled, float(self.system.packs(t)))
+        moving[load(self.system, held, self.system.packs(t)).node] = 0.0
         clock = np.full(self.clocks, t)
-        parts = (x, bodies.position, moving, drifting, attitude, spin, clock, wound, books)
+        parts = (x, bodies.position, moving, drifting, attitude, spin, clock, wound, packed, books)
         return np.concatenate([np.ravel(part) for part in parts])
 
     def rate(self, y: Floats, whole: Whole, response: Response) -> Floats:
@@ -215,7 +238,8 @@ class Layout:
         if self.clocks:
             parts.append(np.ones(1))
         if self.reels:
-            parts += [response.reeling[0], np.zeros(self.reels), response.reeling[1]]
+            parts += [response.reeling[0], np.zeros(self.reels)]
+        parts += [np.zeros(self.freed - self.controlled), response.reeling[1]]
         if self.clocks:
             parts.append(response.given.ravel())
         return np.concatenate((*parts, (response.power,)))

@@ -24,6 +24,7 @@ from reference_impl.effects.j2 import oblate_gradient
 from reference_impl.effects.solar_pressure import solar_force
 from reference_impl.elements import Elements
 from reference_impl.net import Net
+from reference_impl.packed import Packed, packed
 from reference_impl.reels import Reels, reeled
 from reference_impl.start import initial_bodies
 from reference_impl.stiffness import damping, mass_proportional
@@ -40,6 +41,7 @@ class System(Elements):
     bodies: Bodies = ALONE
     barrels: Barrels | None = None  # of launch_force
     reels: Reels | None = None
+    packed: Packed | None = None  # the net, until a body ejects it
 
     def __post_init__(self) -> None:
         if self.symmetric and self.assembled:
@@ -122,7 +124,11 @@ class System(Elements):
         assert self.reels is not None
         levers = self.levers
         row = np.array([np.flatnonzero(levers.node == node)[0] for node in self.reels.drum], dtype=np.intp)
-        return Levers(levers.node[row], levers.body[row], levers.arm[row], levers.bodies)
+        return levers.some(row)
+
+    def packs(self, t: float) -> bool:
+        """Whether a body still holds the net packed at t [s]."""
+        return self.packed is not None and self.packed.holds(t)
 
     @cached_property
     def led(self) -> Ints:
@@ -174,4 +180,7 @@ def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = Fa
     """The system of a case."""
     bodies, states = collect(initial_bodies(case, net))
     barrels, reels = aimed(case, net, bodies, states), reeled(case, net)
-    return System(net, case.effects, symmetric, assembled, bodies, barrels, reels if len(reels) else None)
+    held = packed(case, net, bodies)
+    return System(
+        net, case.effects, symmetric, assembled, bodies, barrels, reels if len(reels) else None, held
+    )

@@ -1,0 +1,531 @@
+"""A packed net that a body holds until it ejects it, in reference_impl: motion, books, restart, bad input."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from reference_impl import Refused, acceleration, energy, read_document
+from reference_impl.bodies import loaded
+from reference_impl.elements import tension
+from reference_impl.handover import eject
+from reference_impl.state import layout
+
+SOFT = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 5e5}
+BODY = {
+    "mass": 6.0,
+    "inertia": [0.8, 1.0, 1.2],
+    "products_of_inertia": [0.1, -0.15, 0.05],
+    "centre_of_mass": [0.1, -0.2, 0.3],
+    "position": [0.5, 0.6, 0.7],
+    "velocity": [0.3, -0.2, 0.1],
+    "attitude": [1.0, 0.5, -0.2, 0.3],
+    "angular_velocity": [0.5, 1.0, -1.5],
+}
+FIXED = {key: value for key, value in BODY.items() if "velocity" not in key} | {"motion": "fixed"}
+FRAME = {"body": "chief", "position": [0.2, 0.4, 0.8], "axis": [1.0, 2.0, 0.5], "angle": 0.7}
+PUSH = {"velocity": [0.2, -0.1, 0.4], "spin": [0.3, -0.5, 0.8]}
+LINE = {"area": 1e-5, "density": 4000.0, "youngs_modulus": 1e6, "length": 1.7, "divisions": 4}
+ORBIT = {"mean_motion": 0.3, "radial": [1.0, 0, 0], "along_track": [0.0, 1.0, 0], "model": "linear"}
+EJECTED = 0.15  # [s]
+TIMES = [0.0, 0.1, EJECTED, 0.18, 0.2]
+FINE = {"rtol": 1e-11, "atol": 1e-12}
+
+
+@pytest.fixture(scope="module")
+def held(document):
+    """held(initial, body, **more): a net nearly taut, its bullets of 0.3 kg, and a body that holds it."""
+
+    def make(initial=None, body=BODY, **more):
+        strings, bullets = {**SOFT, "length": 0.3}, {"mass": 0.3}
+        case = document("square", size=1.0, mesh=0.5, cable=SOFT, strings=strings, bullets=bullets)
+        case["initial"] = {"packing": 0.9, "frame": {**FRAME, "eject_at": EJECTED}, **(initial or {})}
+        case["launch"] = {"radial_speed": 2.5, "axial_speed": 1.5}
+        case["bodies"] = {"chief": body}
+        case["time"] = {"end": 0.3, "output_times": TIMES[1:]}
+        return {**case, **more}
+
+    return make
+
+
+def packed_places(made):
+    """Places (n, 3) [m] of the net's nodes in the frame of the body, from the keys of the case."""
+    turn = Rotation.from_rotvec(0.7 * np.array([1.0, 2.0, 0.5]) / math.sqrt(5.25)).as_matrix()
+    return FRAME["position"] + 0.9 * made.net.reference_position[: made.net.woven] @ turn.T, turn
+
+
+def start_of(made):
+    """The array of the state at time 0, and its layout."""
+    where = layout(made.system)
+    return where, where.pack(made.x0, made.v0, made.bodies0)
+
+
+def books_of(made, where, y):
+    """Momentum, angular momentum and energy of an array of a state."""
+    whole, bodies = where.whole(y), where.body_states(y)
+    x, v = whole.x[: where.nodes], whole.v[: where.nodes]
+    inside, outlets = energy.at_outlets(made.system, x, where.wound(y))
+    stored = energy.elastic(made.system, x, inside) + outlets + energy.potential(made.system, x, bodies)
+    return (
+        energy.momentum(made.system, v, bodies),
+        energy.angular_momentum(made.system, x, v, bodies),
+        float(stored + energy.kinetic(made.system, v, bodies)),
+    )
+
+
+def later(case, run, k):
+    """The case with the body as it is at the k-th stored time, and the net thrown from there at time 0."""
+    (body,) = case["bodies"]
+    attitude = run.bodies.attitude[k, 0]
+    now = {
+        "position": (run.bodies.position[k, 0] - attitude @ BODY["centre_of_mass"]).tolist(),
+        "attitude": Rotation.from_matrix(attitude).as_quat(scalar_first=True).tolist(),
+        "velocity": run.bodies.velocity[k, 0].tolist(),
+        "angular_velocity": run.bodies.angular_velocity[k, 0].tolist(),
+    }
+    return {**case, "initial": {"packing": 0.9, "frame": FRAME}, "bodies": {body: {**BODY, **now}}}
+
+
+# before the ejection
+
+
+@pytest.mark.parametrize("body", [BODY, FIXED], ids=["free", "fixed"])
+def test_held_nodes_rest_in_the_frame_of_the_body(held, scene, body):
+    """Places are packing times reference in the frame, velocities V + w x l, without what nodes get later."""
+    made = scene(held(PUSH, body))
+    run = made.integrate([0.0, 0.05, 0.1], method="RK4", step=0.01)
+    own = packed_places(made)[0] - BODY["centre_of_mass"]
+    for x, v, position, velocity, attitude, turning in zip(
+        run.x,
+        run.v,
+        *(getattr(run.bodies, key)[:, 0] for key in ("position", "velocity", "attitude")),
+        run.bodies.angular_velocity[:, 0],
+        strict=True,
+    ):
+        assert x == pytest.approx(position + own @ attitude.T, abs=1e-14)
+        assert v == pytest.approx(velocity + np.cross(turning, own) @ attitude.T, abs=1e-14)
+    assert run.x[0] == pytest.approx(made.x0, abs=1e-14)
+    assert run.v[0] == pytest.approx(made.v0, abs=1e-14)
+    assert (np.abs(run.x[-1] - run.x[0]).max() > 0.05) == (body is BODY)
+
+
+def test_body_and_net_move_as_one_rigid_body(held, scene, document):
+    """The body with the masses of the nodes built in, in Hill's frame: with torques of gravity and turning.
+
+    `velocity` is that of the body's own centre of mass, which results give too.
+    """
+    made = scene(held(PUSH, effects={"orbit": ORBIT}))
+    run = made.integrate([0.0, 0.07, 0.14])
+    (body,) = made.case.bodies
+    both = loaded(body, made.net.mass, packed_places(made)[0])
+    shift = both.centre_of_mass - body.centre_of_mass
+    lever, moments = body.attitude @ shift, both.inertia
+    case = document("square", size=1.0)
+    case["bodies"] = {
+        "both": {
+            "mass": both.mass,
+            "inertia": np.diagonal(moments).tolist(),
+            "products_of_inertia": [moments[0, 1], moments[0, 2], moments[1, 2]],
+            "centre_of_mass": both.centre_of_mass.tolist(),
+            "position": BODY["position"],
+            "attitude": BODY["attitude"],
+            "velocity": (body.velocity + np.cross(body.attitude @ body.angular_velocity, lever)).tolist(),
+            "angular_velocity": BODY["angular_velocity"],
+        }
+    }
+    del case["launch"]
+    alone = scene({**case, "initial": {"packing": 0.0}, "effects": {"orbit": ORBIT}}).integrate(run.t)
+    moved = run.bodies.position[:, 0] + run.bodies.attitude[:, 0] @ shift
+    assert run.bodies.attitude == pytest.approx(alone.bodies.attitude, abs=1e-10)
+    assert run.bodies.angular_velocity == pytest.approx(alone.bodies.angular_velocity, abs=1e-9)
+    assert moved == pytest.approx(alone.bodies.position[:, 0], abs=1e-10)
+    assert np.linalg.norm(shift) > 0.1
+
+
+def test_forces_between_held_nodes_move_nothing(held, scene):
+    """Nets with and without a free strain e = -0.1 + 0.1^2/2, by which each element pulls with E A 0.095."""
+    cold = {"thermal_strain": {"temperature_change": -100.0, "expansion_coefficient": 1e-3}}
+    slack, taut = (scene(held({"packing": 1.0}, effects=effects)) for effects in ({}, cold))
+    one, other = slack.integrate([0.0, 0.1]), taut.integrate([0.0, 0.1])
+    assert tension(taut.system, other.x)[1] == pytest.approx(math.pi * 1e-6 * 5e5 * 0.095, rel=1e-12)
+    assert other.x == pytest.approx(one.x, abs=1e-13)
+    assert other.bodies.attitude == pytest.approx(one.bodies.attitude, abs=1e-13)
+
+
+def test_what_acts_on_a_held_node_acts_on_body_and_net_as_one(held, scene):
+    """Newton's and Euler's equations of the body with the nodes' masses: weight, thrust on a bullet, and the
+    pull of a tether of one element between another bullet and a second body, E A E11 L/L0 along it."""
+    thrust, g = [3.0, -2.0, 1.0], np.array([0.5, -1.0, -2.0])
+    made = scene(
+        held(
+            effects={
+                "gravity": {"acceleration": g.tolist()},
+                "thrust": {"bullets": [0], "time": [0.0, 1.0], "force": [thrust, thrust]},
+                "thermal_strain": {"temperature_change": -100.0, "expansion_coefficient": 1e-3},
+            },
+            bodies={
+                "chief": BODY,
+                "target": {"mass": 3.0, "inertia": [1.0] * 3, "position": [3.0, 2.0, 1.0]},
+            },
+            tethers={
+                "line": {
+                    **LINE,
+                    "divisions": 1,
+                    "length": 3.2,
+                    "start": {"bullet": 2},
+                    "end": {"body": "target"},
+                }
+            },
+        )
+    )
+    body, target = made.case.bodies
+    nodes = slice(made.net.woven)
+    both = loaded(body, made.net.mass[nodes], packed_places(made)[0])
+    centre = body.at(both.centre_of_mass)[0]
+    inertia, w = body.attitude @ both.inertia @ body.attitude.T, body.attitude @ body.angular_velocity
+    pushed, pulled = made.net.numbered_bullets[[0, 2]]
+    way = target.position - made.x0[pulled]
+    distance, free = np.linalg.norm(way), -0.1 + 0.5 * 0.1**2
+    tension = 1e-5 * 1e6 * (0.5 * (distance**2 / 3.2**2 - 1.0) - free) * way / 3.2
+    force = tension + thrust + both.mass * g
+    torque = np.cross(made.x0[pulled] - centre, tension) + np.cross(made.x0[pushed] - centre, thrust)
+    angular = np.linalg.solve(inertia, torque - np.cross(w, inertia @ w))
+    lever = made.x0[nodes] - centre
+    expected = force / both.mass + np.cross(angular, lever) + np.cross(w, np.cross(w, lever))
+    got = acceleration(made.system, 0.0, made.x0, made.v0, made.bodies0)
+    assert got[nodes] == pytest.approx(expected, abs=1e-12)
+    assert np.linalg.norm(tension) > 0.5
+    with pytest.raises(ValueError, match="states of the bodies"):
+        acceleration(scene(held()).system, 0.0, made.x0[nodes], made.v0[nodes])
+
+
+def test_an_element_between_a_held_node_and_another_body_breaks(explicit, scene):
+    """The ends part at 1 m/s: E11 = ((1 + t)^2 - 1)/2 is at its limit of 0.02 when 1 + t = sqrt(1.04)."""
+    case = explicit(
+        [[0.0, 0, 0], [1.0, 0, 0]],
+        [[0, 1]],
+        {"frame": {"body": "chief", "eject_at": 0.5}},
+        cable={"area": 1e-6, "density": 1000.0, "youngs_modulus": 1e6},
+    )
+    heavy = {"mass": 1e12, "inertia": [1e12] * 3}
+    end = {"a": {"node": 1, "point": [0.0, 0.0, 0.0]}}
+    parting = {**heavy, "position": [1.0, 0, 0], "velocity": [1.0, 0, 0], "attachments": end}
+    made = scene(
+        {**case, "bodies": {"chief": heavy, "other": parting}, "effects": {"breaking": {"strain": 0.02}}}
+    )
+    run = made.integrate([0.0, 0.1])
+    assert [broken.time for broken in run.breaks] == pytest.approx([math.sqrt(1.04) - 1.0], abs=1e-11)
+    assert run.breaks[0].energy == pytest.approx(0.5 * 1e6 * 0.02**2 * 1e-6, rel=1e-9)
+
+
+# the ejection
+
+
+def test_each_node_gets_its_velocity_and_all_momenta_stay(held, scene):
+    """Beside the velocity with the body before: R A (velocity + spin x p + throw), p the packed place.
+
+    Momenta of 4 kg m/s and 8 kg m2/s to round-off; what the energy rises by is booked.
+    """
+    made = scene(held(PUSH))
+    where, y = start_of(made)
+    after = eject(where, y)
+    (body,) = made.case.bodies
+    p = 0.9 * made.net.reference_position
+    turn = body.attitude @ packed_places(made)[1]
+    throw = np.zeros_like(p)
+    corner = p[made.net.bullet_nodes, :2]
+    throw[made.net.bullet_nodes, :2] = 2.5 * corner / np.linalg.norm(corner, axis=1)[:, None]
+    throw[made.net.bullet_nodes, 2] = 1.5
+    given = PUSH["velocity"] + np.cross(PUSH["spin"], p) + throw
+    assert where.whole(after).x == pytest.approx(where.whole(y).x, abs=0.0)
+    assert where.whole(after).v[: where.nodes] == pytest.approx(made.v0 + given @ turn.T, abs=1e-14)
+    old, new = (books_of(made, where, state) for state in (y, after))
+    assert new[0] == pytest.approx(old[0], abs=1e-14)
+    assert new[1] == pytest.approx(old[1], abs=2e-14)
+    assert new[2] + after[-1] == pytest.approx(old[2] + y[-1], abs=1e-13)
+    assert after[-1] < -5.0
+
+
+def test_recoil_of_a_body_at_rest(held, scene):
+    """Four bullets thrown along the axis through the common centre of mass: M V = -4 m u, m lumped mass."""
+    body = {"mass": 6.0, "inertia": [1.0] * 3}
+    case = held({"frame": {"body": "chief", "eject_at": EJECTED}}, body)
+    made = scene({**case, "launch": {"radial_speed": 0.0, "axial_speed": 2.0}})
+    run = made.integrate([0.0, 0.1, EJECTED])
+    thrown = made.net.mass[made.net.bullet_nodes].sum()
+    speed = -thrown * 2.0 / 6.0
+    assert run.bodies.velocity[:, 0, 2] == pytest.approx([0.0, 0.0, speed], abs=1e-15)
+    assert run.v[2, made.net.bullet_nodes] == pytest.approx(np.tile([0, 0, 2.0], (4, 1)), abs=1e-15)
+    assert run.dissipated == pytest.approx(
+        [0.0, 0.0, -0.5 * thrown * 2.0**2 - 0.5 * 6.0 * speed**2], rel=1e-14
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "booked", "kept"),
+    [
+        (FINE, 1e-10, 1e-12),
+        ({"method": "RK45", "rtol": 1e-8, "atol": 1e-11}, 1e-7, 1e-9),
+        ({"method": "RK4", "step": 1e-3}, 1e-5, 1e-10),
+        ({"method": "Verlet", "step": 1e-3}, 1e-4, 1e-6),
+    ],
+    ids=["DOP853", "RK45", "RK4", "Verlet"],
+)
+def test_books_close_over_the_ejection(held, scene, options, booked, kept):
+    """14 J, of which 9 J are put in, 4 kg m/s, 8 kg m2/s; the net is taut after the ejection."""
+    made = scene(held(PUSH))
+    run = made.integrate(TIMES, **options)
+    books = energy.books(made.system, run)
+    assert np.abs(books.momentum - books.momentum[0]).max() < kept
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < kept
+    assert np.abs(books.total - books.total[0]).max() < booked * books.kinetic.max()
+    assert np.all(books.dissipated[:2] == 0.0)
+    assert np.all(books.dissipated[2:] < -5.0)
+    assert books.elastic[-1] > 0.03
+
+
+def test_the_same_as_a_net_thrown_at_that_instant(held, scene):
+    """A second case starts with the body where the first has it then, and throws at time 0."""
+    case = held()
+    waiting = scene(case, {"initial.frame.eject_at": 0.29}).integrate([0.0, EJECTED], **FINE)
+    run = scene(case).integrate(TIMES, **FINE)
+    other = scene(later(case, waiting, -1)).integrate(np.array(TIMES[2:]) - EJECTED, **FINE)
+    for key in ("x", "v"):
+        assert getattr(run, key)[2:] == pytest.approx(getattr(other, key), abs=1e-9)
+    for key in ("position", "velocity", "attitude", "angular_velocity"):
+        assert getattr(run.bodies, key)[2:] == pytest.approx(getattr(other.bodies, key), abs=1e-9)
+    assert np.abs(run.x[-1] - run.x[2]).max() > 0.1
+
+
+def test_a_barrel_of_the_body_pushes_from_the_ejection_on(held, scene):
+    """What a spring pushes a held bullet with goes back to the body: as if launched at that instant."""
+    force = {"kind": "spring", "force": 60.0, "stroke": 0.05, "spread_angle": 0.4, "body": "chief"}
+    case = held(effects={"launch_force": force})
+    del case["launch"]
+    waiting = scene(case, {"initial.frame.eject_at": 0.29}).integrate([0.0, EJECTED], **FINE)
+    made = scene(case)
+    run = made.integrate(TIMES, **FINE)
+    other = scene(later(case, waiting, -1)).integrate(np.array(TIMES[2:]) - EJECTED, **FINE)
+    assert run.gone.all(axis=1).tolist() == [False, False, False, True, True]
+    for key in ("x", "v"):
+        assert getattr(run, key)[2:] == pytest.approx(getattr(other, key), abs=1e-9)
+    books = energy.books(made.system, run)
+    assert np.abs(books.total - books.total[0]).max() < 1e-9
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-11
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"method": "RK45", "rtol": 1e-9, "atol": 1e-11}, {"method": "RK4", "step": 7e-4}],
+    ids=["DOP853", "RK45", "RK4"],
+)
+def test_a_run_from_the_stored_state_at_the_ejection_goes_on_as_the_first(held, scene, options):
+    """At eject_at the ejection is over, and methods start anew there."""
+    made = scene(held(PUSH))
+    run = made.integrate(TIMES, **options)
+    bodies = {
+        key: getattr(run.bodies, key)[2] for key in ("position", "velocity", "attitude", "angular_velocity")
+    }
+    other = made.integrate(TIMES[2:], x0=run.x[2], v0=run.v[2], bodies0=type(run.bodies)(**bodies), **options)
+    assert other.x == pytest.approx(run.x[2:], abs=1e-9)
+    assert other.bodies.attitude == pytest.approx(run.bodies.attitude[2:], abs=1e-9)
+
+
+@pytest.mark.parametrize("options", [FINE, {"method": "RK4", "step": 9e-4}], ids=["DOP853", "RK4"])
+def test_the_instant_is_met_whatever_is_stored(held, scene, options):
+    """Stored times that leave out eject_at change steps, not the motion."""
+    made = scene(held())
+    run, other = (made.integrate(times, **options) for times in ([0.0, 0.1, EJECTED, 0.17], [0.0, 0.17]))
+    assert other.x[-1] == pytest.approx(run.x[-1], abs=1e-9)
+
+
+def test_a_stored_time_that_is_the_instant_but_for_round_off_is_after_it(held, scene):
+    """11 times 0.03 is less than 0.33, by the last bit; no step of 1e-17 s is taken."""
+    assert 11 * 0.03 < 0.33
+    case = held(time={"end": 0.34, "output_step": 0.03})
+    run = scene(case, {"initial.frame.eject_at": 0.33}).integrate(method="RK4", step=0.03)
+    assert np.flatnonzero(run.dissipated < -5.0).tolist() == [11, 12]
+    assert run.n_steps == 12
+
+
+def test_a_fixed_body_takes_the_momenta(held, scene):
+    """At rest it bears the weight of the net, -g m t at x m g; at the ejection it gives each node m v.
+
+    From then on all momenta are those of free fall from there: m g t of all, though the net pulls.
+    """
+    g = np.array([0.5, -1.0, -2.0])
+    made = scene(held(PUSH, FIXED, effects={"gravity": {"acceleration": g.tolist()}}))
+    run = made.integrate(TIMES, **FINE)
+    mass, x, t = made.net.mass, made.x0, run.t[:2, None]
+    impulse, turned = run.given.impulse[:, 0], run.given.angular_impulse[:, 0]
+    weight, moment = mass.sum() * g, np.cross(mass @ x, g)
+    assert impulse[:2] == pytest.approx(-t * weight, abs=1e-13)
+    assert turned[:2] == pytest.approx(-t * moment, abs=1e-13)
+    assert impulse[2] == pytest.approx(mass @ run.v[2] - EJECTED * weight, abs=1e-13)
+    assert turned[2] == pytest.approx(mass @ np.cross(x, run.v[2]) - EJECTED * moment, abs=1e-13)
+    assert np.all(impulse[3:] == impulse[2])
+    books = energy.books(made.system, run)
+    assert books.momentum == pytest.approx(impulse + run.t[:, None] * weight, abs=1e-12)
+    assert books.dissipated[2] == pytest.approx(-0.5 * mass @ np.sum(run.v[2] ** 2, axis=1), rel=1e-12)
+    assert np.abs(books.total - books.total[0]).max() < 1e-9
+    assert np.all(run.bodies.position == run.bodies.position[0])
+    assert not run.given.work.any()
+
+
+def test_a_tether_from_the_body_to_the_net(held, scene):
+    """Heavy and taut once the bullet flies: its inner nodes get no part, momenta and energy stay."""
+    line = {"line": {**LINE, "start": {"bullet": 2}, "end": {"body": "chief", "point": [-0.1, 0.1, 0.0]}}}
+    made = scene(held(PUSH, tethers=line))
+    where, y = start_of(made)
+    after, inner = eject(where, y), slice(made.net.woven + 1, None)  # after the end on the body
+    assert np.array_equal(where.whole(after).v[inner][:3], where.whole(y).v[inner][:3])
+    assert made.net.mass[inner].min() > 0.01
+    run = made.integrate(TIMES, **FINE)
+    own = np.einsum("tji,tnj->tni", run.bodies.attitude[:, 0], run.x - run.bodies.position)[:2]
+    assert own[1, : made.net.woven] == pytest.approx(own[0, : made.net.woven], abs=1e-13)
+    assert np.abs(own[1, inner] - own[0, inner]).max() > 1e-3  # they are free
+    books = energy.books(made.system, run)
+    assert np.abs(books.momentum - books.momentum[0]).max() < 1e-12
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-11
+    assert np.abs(books.total - books.total[0]).max() < 1e-9
+    assert tension(made.system, run.x)[-1, made.net.tether == 0].max() > 0.01
+
+
+def test_nodes_on_a_drum_stay_with_the_body(held, scene):
+    """It recoils as one rigid body with the drum's nodes built in, by -sum of m u and its moment."""
+    reel = {"paid_out": 0.9, "commands": []}
+    line = {**LINE, "start": {"body": "chief", "point": [-0.4, 0.3, 0.2]}, "end": {"bullet": 2}, "reel": reel}
+    line |= {"length": 2.7, "divisions": 9, "reel": {**reel, "paid_out": 1.8}, "area": 1e-4}
+    made = scene(held(PUSH, tethers={"line": line}))
+    where, y = start_of(made)
+    after = eject(where, y)
+    (nodes,), count = made.system.reels.nodes, int(made.system.reels.held[0])
+    assert count == 3
+    (body,) = made.case.bodies
+    own = loaded(body, made.net.mass[made.system.reels.drum], np.array([[-0.4, 0.3, 0.2]]))
+    both = loaded(own, made.net.mass[nodes[:count]], np.tile([-0.4, 0.3, 0.2], (count, 1)))
+    centre = body.at(both.centre_of_mass)[0]
+    thrown = slice(made.net.woven)
+    momenta = made.net.mass[thrown, None] * (where.whole(after).v - where.whole(y).v)[thrown]
+    new, old = where.body_states(after), where.body_states(y)
+    turning = (new.angular_velocity - old.angular_velocity)[0] @ body.attitude.T
+    lost = np.cross(made.x0[thrown] - centre, momenta).sum(axis=0)
+    assert body.attitude @ both.inertia @ body.attitude.T @ turning == pytest.approx(-lost, abs=1e-13)
+    lever = centre - old.position[0]
+    change = (new.velocity - old.velocity)[0] + np.cross(turning, lever)
+    assert both.mass * change == pytest.approx(-momenta.sum(axis=0), abs=1e-13)
+    before, now = (books_of(made, where, state) for state in (y, after))
+    assert now[0] == pytest.approx(before[0], abs=1e-13)
+    assert now[1] == pytest.approx(before[1], abs=1e-13)
+
+
+def test_attached_nodes_are_neither_held_nor_thrown(held, scene):
+    """They stay points of their bodies: bullet 0 of the one that ejects, bullet 1 of another."""
+    here = {**BODY, "attachments": {"a": {"bullet": 0, "point": [0.3, 0.2, 0.6]}}}
+    there = {"mass": 2.0, "inertia": [1.0] * 3, "position": [1.2, 0.8, 1.8]}
+    there["attachments"] = {"a": {"bullet": 1, "point": [0.1, 0.0, 0.0]}}
+    made = scene(held(PUSH, bodies={"chief": here, "other": there}))
+    assert not np.isin(made.net.numbered_bullets[:2], made.system.packed.levers.node).any()
+    run = made.integrate(TIMES, **FINE)
+    books = energy.books(made.system, run)
+    assert np.abs(books.momentum - books.momentum[0]).max() < 1e-12
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-11
+    assert np.abs(books.total - books.total[0]).max() < 1e-9
+    chief, point = run.bodies.attitude[:, 0], np.array([0.3, 0.2, 0.6])
+    lever = chief @ (point - made.system.bodies.centre_of_mass[0])
+    turning = np.einsum("tij,tj->ti", chief, run.bodies.angular_velocity[:, 0])
+    expected = run.bodies.velocity[:, 0] + np.cross(turning, lever)
+    assert run.v[:, made.net.numbered_bullets[0]] == pytest.approx(expected, abs=1e-13)
+
+
+def test_effects_on_a_held_net_are_in_the_books(held, scene, unbalanced):
+    """Drag, light, thrust, two dampings, bending and Hill's frame: the work of each on the held nodes too."""
+    push = {"bullets": [1, 3], "time": [0.0, 0.2], "force": [[4.0, 0, -2.0], [0.0, 3.0, 1.0]]}
+    sun = {"flux": 1e7, "direction": [0.0, 0.6, 0.8], "pressure_coefficient": 1.5, "bullet_area": 0.1}
+    gas = {"density": 1e-3, "flow": [-9.0, 2.0, 0.0], "drag_coefficient": 2.2, "bullet_area": 0.1}
+    effects = {
+        "orbit": ORBIT,
+        "molecular_drag": gas,
+        "solar_pressure": sun,
+        "thrust": push,
+        "mass_damping": {"alpha": 0.2},
+        "rayleigh_damping": {"alpha": 0.1, "beta": 1e-3},
+        "material_damping": {"relaxation_time": 1e-3},
+        "bending": {"modulus": 1e7},
+    }
+    made = scene(held(PUSH, effects=effects))
+    run = made.integrate([0.0, 0.1, 0.14])
+    assert unbalanced(made, run) < 1e-10
+    assert abs(run.dissipated[-1]) > 0.3
+    assert unbalanced(made, made.integrate(TIMES[:4], method="RK4", step=1e-3)) < 1e-6
+
+
+def test_explicit_nets_have_velocities_of_their_nodes(explicit, scene):
+    """Each listed node gets its own at the ejection; the middle of a divided side their mean."""
+    velocities = [[1.0, 0, 0], [0.0, 2.0, 0]]
+    case = explicit(
+        [[0.0, 0, 0], [1.0, 0, 0]],
+        [[0, 1]],
+        {"node_velocities": velocities, "frame": {"body": "chief", "eject_at": 0.5}},
+        divisions=2,
+    )
+    made = scene({**case, "bodies": {"chief": {"mass": 1e12, "inertia": [1e12] * 3}}})
+    run = made.integrate([0.0, 0.4, 0.5], method="RK4", step=0.1)
+    assert run.v[1] == pytest.approx(0.0, abs=1e-15)
+    assert run.v[2] == pytest.approx(np.array([*velocities, [0.5, 1.0, 0.0]]), abs=1e-12)
+
+
+# what is read, and what is refused
+
+
+def test_zero_is_the_default(held, scene):
+    case = held(PUSH)
+    zero = scene(case, {"initial.frame.eject_at": 0.0})
+    absent = scene(case, {"initial.frame.eject_at": None})
+    assert zero.system.packed is None
+    assert np.array_equal(zero.v0, absent.v0)
+    assert np.array_equal(zero.bodies0.velocity, absent.bodies0.velocity)
+
+
+STEADY = {**BODY, "motion": "prescribed"}
+BAD = {
+    "negative": ({"initial.frame.eject_at": -0.1}, "initial.frame.eject_at: must be at least 0"),
+    "text": ({"initial.frame.eject_at": "later"}, "initial.frame.eject_at: must be a number"),
+    "end": ({"initial.frame.eject_at": 0.3}, "initial.frame.eject_at: must be before time.end, 0.3, not 0.3"),
+    "prescribed": ({"bodies.chief": STEADY}, "body chief must be free or fixed, not prescribed"),
+    "no body": ({"initial.frame.body": "none"}, "initial.frame.body: there is no body none"),
+    "no frame": ({"initial.frame": {"eject_at": 0.1}}, "initial.frame.body: missing"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_ejections_are_refused(held, name):
+    overrides, words = BAD[name]
+    with pytest.raises(Refused) as refused:
+        read_document(held(), overrides)
+    (fault,) = refused.value.faults
+    assert words in fault
+
+
+def test_each_fault_has_its_line(held):
+    """A prescribed body may carry a net's axes, not hold the net; both faults are told at once."""
+    with pytest.raises(Refused) as refused:
+        read_document(held(), {"bodies.chief": STEADY, "initial.frame.eject_at": 2.0})
+    assert len(refused.value.faults) == 2
+    read_document(held(), {"bodies.chief": STEADY, "initial.frame.eject_at": 0.0})
+
+
+def test_nodes_cannot_be_held_by_two(explicit):
+    case = explicit(
+        [[0.0, 0, 0], [1.0, 0, 0]], [[0, 1]], {"frame": {"body": "chief", "eject_at": 0.5}}, fixed=[1]
+    )
+    with pytest.raises(Refused, match=r"eject_at: body chief cannot hold nodes that net\.fixed holds still"):
+        read_document({**case, "bodies": {"chief": FIXED}})
+
+
+def test_the_implicit_method_is_refused(held, scene):
+    with pytest.raises(ValueError, match=r"EM must do without initial\.frame\.eject_at"):
+        scene(held()).integrate(method="EM", step=0.01)
