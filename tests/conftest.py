@@ -41,7 +41,8 @@ COMPILES_ITS_OWN = (
     "test_simulation.py::test_a_force_changes", "test_simulation.py::test_forces_on_several_points",
 )  # fmt: skip
 
-# Variants that take seconds each; a quicker one of the same test stays among the quick tests.
+# Variants that take seconds each, or compile kernels that no other quick test needs; a quicker one of the
+# same test stays among the quick tests.
 TAKES_SECONDS = (
     "reference/test_ref_launch_body.py::test_a_bullet_that_has_left_is_not_pushed_again[",
     "reference/test_ref_launch_force.py::test_books_close_and_momentum_counts_the_chaser[RK4",
@@ -62,6 +63,15 @@ TAKES_SECONDS = (
     "test_retry.py::test_a_retry_mends_what_coarse_steps_spoil[engine0",
     "test_result.py::test_a_file_that_cannot_grow_is_one_line_and_no_file[0.3",
     "test_result.py::test_a_file_that_cannot_grow_is_one_line_and_no_file[0.01",
+    "test_verify_bodies.py::test_states_of_a_scene_agree[snap_off_centre",
+    "test_verify_bodies.py::test_all_codes_give_the_known_answer[snap_off_centre",
+    "test_fuzz.py::test_what_failed_once[at_rest_in_orbit",
+    "test_bodies.py::test_a_free_body_turns_as_jacobis_functions_say[compiled",
+    "test_cost.py::test_the_energy_is_that_of_every_block[point mass",
+    "test_forces_on_bodies.py::test_energy_and_momenta_are_kept[fused",
+    "test_effects_on_bodies.py::test_a_body_in_orbit_moves_as_a_particle[two_body",
+    "test_barrels.py::test_a_guided_chaser_gives_what_the_bullets_get[fixed-fused",
+    "test_attachments.py::test_momentum_and_energy_are_kept[fused-guided-kept",
     "test_fuzz.py::test_what_failed_once[jump_far_ahead",
     "test_auto.py::test_the_promised_accuracy_is_met[damped",
     "test_told_plainly.py::test_what_is_printed_fits_80_columns[arguments3",

@@ -28,6 +28,7 @@ from exunet.studies.spread import spread_of
 CASES = Path(__file__).parents[1] / "cases"
 SNAP = CASES / "bodies" / "snap.toml"
 QUICK = ("engine.loop=compiled",)
+CONNECTORS = ("engine={loop='exudyn', net='connectors'}",)  # compiles nothing
 
 
 def shape(kind: Any, numbers: Any = None, **more: Any) -> Shape:
@@ -204,7 +205,10 @@ def flown() -> exunet.Result:
         "bodies={chaser={shape='sphere', radius=0.5, mass=1.0, position=[-2, 3, 5], velocity=[2, 0, 0]},"
         "target={shape='box', size=[2, 2, 2], mass=8.0, position=[0, 0, 5], angular_velocity=[0, 1, 0]}}"
     )
-    case = (CASES / "verification" / "free_net.toml", [*QUICK, bodies, "time={end=2, output_step=0.25}"])
+    case = (
+        CASES / "verification" / "bodies" / "free_bodies.toml",
+        [*CONNECTORS, bodies, "time={end=2, output_step=0.25}"],
+    )
     return exunet.run(exunet.load(*case))
 
 

@@ -435,6 +435,8 @@ def test_a_folded_net_opens(name: str) -> None:
     assert area[-1] > area[0]
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_folded_net_without_a_launch_stays_at_rest() -> None:
     """No element is strained, so nothing moves: momentum and speeds are zero."""
     case = exunet.load(CASES / "nets" / "accordion.toml", ["launch=", "time.end=0.1"])
