@@ -63,8 +63,6 @@ TAKES_SECONDS = (
     "test_retry.py::test_a_retry_mends_what_coarse_steps_spoil[engine0",
     "test_result.py::test_a_file_that_cannot_grow_is_one_line_and_no_file[0.3",
     "test_result.py::test_a_file_that_cannot_grow_is_one_line_and_no_file[0.01",
-    "test_verify_bodies.py::test_states_of_a_scene_agree[snap_off_centre",
-    "test_verify_bodies.py::test_all_codes_give_the_known_answer[snap_off_centre",
     "test_fuzz.py::test_what_failed_once[at_rest_in_orbit",
     "test_bodies.py::test_a_free_body_turns_as_jacobis_functions_say[compiled",
     "test_cost.py::test_the_energy_is_that_of_every_block[point mass",

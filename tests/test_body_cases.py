@@ -52,6 +52,30 @@ def test_the_dumbbell_swings() -> None:
     assert np.abs(angle).max() == pytest.approx(0.1, rel=1e-3)
 
 
+@pytest.mark.parametrize("form", [
+    "engine={loop='exudyn', net='connectors'}",
+    *(
+        pytest.param(form, marks=[pytest.mark.slow, pytest.mark.ci])
+        for form in ("engine={loop='exudyn', net='fused'}", "engine.loop=compiled")
+    ),
+])  # fmt: skip
+def test_the_release_waits(form: str) -> None:
+    """The line from a held bullet pulls at the deployer, also where the engine has elements of its own."""
+    found = result("release", "time.end=0.5", form)
+    stays(found)
+    deployer, held = found.bodies["deployer"], found.time < 0.4
+    net = found.position[:, : found.net.n_net_nodes] - deployer.position[:, None]
+    inside = np.einsum("kij,kni->knj", rotation_matrix(np.asarray(deployer.attitude)), net)
+    assert np.ptp(inside[held], axis=0).max() < 1e-13
+    pulled = found.tension[:, found.net.tether_elements["line"]].max(axis=1) > 0.0
+    first = found.time[pulled][0]
+    assert 0.1 < first < 0.2
+    spin = np.linalg.norm(deployer.angular_velocity - deployer.angular_velocity[0], axis=1)
+    assert spin[found.time < first].max() < 1e-3 < 1e-2 < spin[held][-1]
+    total = found.kinetic + found.elastic + found.potential + found.dissipated
+    assert np.abs(total - total[0]).max() < 1e-6 * found.kinetic.max()
+
+
 def test_the_snap_throws_back() -> None:
     found = result("snap", "time.end=1.4")
     stays(found)

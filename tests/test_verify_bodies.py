@@ -26,27 +26,24 @@ from reference_impl.anchors import Levers
 
 SCENES = {scene.name: scene for scene in body_scenes([])}
 CASES = shipped("bodies")
-FOR_CI = (pytest.mark.slow, pytest.mark.ci)  # kernels of their own, and seconds of the reference
-QUICK = {"snap_off_centre"}
 
 
 def failing(checks):
     return [f"{check.name}: {check.measured} ({check.worst})" for check in checks if not check.holds]
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in QUICK else FOR_CI) for name in SCENES]
-)
+@pytest.mark.slow
+@pytest.mark.ci
+@pytest.mark.parametrize("name", SCENES)
 def test_states_of_a_scene_agree(name):
     checks = list(SCENES[name].at_states(5))
     assert failing(checks) == []
     assert len(checks) > 12
 
 
-@pytest.mark.parametrize(
-    ("name", "answer"),
-    [pytest.param(name, answer, marks=() if name in QUICK else FOR_CI) for name, answer in BODY_ANSWERS],
-)
+@pytest.mark.slow
+@pytest.mark.ci
+@pytest.mark.parametrize(("name", "answer"), BODY_ANSWERS)
 def test_all_codes_give_the_known_answer(name, answer):
     checks = [
         finding for finding in answer(read_both(shipped(BODY_CASES)[name])) if isinstance(finding, Check)

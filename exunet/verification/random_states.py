@@ -82,9 +82,9 @@ def random_instants(start: Start, kind: str, count: int, random: np.random.Gener
             state = replace(state, time=random.uniform(0.0, start.scene.time.end))
         for held, switch in timed:
             x, v = system.layout.pack(state.moving)
-            first = np.zeros(1, dtype=np.int64)
-            passed = switch.change(state.time, x, v, held.initial, first, state.memory)
-            memory[held.name] = passed.memory
+            if len(items := switch.crossed(state.time, x, v, held.initial)):
+                passed = switch.change(state.time, x, v, held.initial, items, state.memory)
+                memory[held.name] = passed.memory
         yield replace(state, memory=memory)
 
 

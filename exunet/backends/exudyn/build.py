@@ -112,8 +112,16 @@ def _connectors(model: Model, system: System, state: State, *, implicit: bool, p
 
 
 def _native(system: System) -> NDArray[np.bool_]:
-    """(n_elements,) True for elements between points that the engine knows."""
-    return np.asarray(~np.isin(system.net.element_nodes, system.kinematics.point).any(axis=1))
+    """(n_elements,) True for elements between points that the engine knows.
+
+    It does not know where a body holds a point for a while: what joins such a point to one that is not held
+    is left to the kernel. Within a packed net distances stay; on a drum elements carry nothing.
+    """
+    ends, kinematics = system.net.element_nodes, system.kinematics
+    native = ~np.isin(ends, kinematics.point).any(axis=1)
+    for held in kinematics.held:
+        native &= np.isin(ends, held.points).sum(axis=1) != 1
+    return np.asarray(native)
 
 
 def _apply(

@@ -15,6 +15,7 @@ from exunet.codegen.compile import numba_installed
 from exunet.methods.method import Form, Method
 from exunet.methods.plan import Plan
 from exunet.studies.both_codes import BothCodes, Floats
+from exunet.system.ejection import HELD
 from exunet.system.stability import largest_damping_rate, largest_frequency
 from exunet.system.system import State, System
 from exunet.verification.check import Check, difference, worst_of
@@ -58,7 +59,18 @@ def random_bodies(case: BothCodes, kind: str, count: int, random: np.random.Gene
     reach = KINDS[kind] * float(np.ptp(everything, axis=0).max())
     for state in random_instants(start, kind, count, random):
         bodies = replace(state.bodies, position=reach * state.bodies.position)
-        yield replace(state, bodies=bodies)
+        yield _with_packed_net(start.system, replace(state, bodies=bodies))
+
+
+def _with_packed_net(system: System, state: State) -> State:
+    """A net that a body holds is packed there: the engine's items within it see the distances as they are."""
+    for held in system.kinematics.held:
+        if held.memory == HELD and (nodes := held.points[: held.number(state.memory)]).size:
+            moving = state.moving.completed(system.kinematics, state.time, state.memory)
+            position, velocity = state.position.copy(), state.velocity.copy()
+            position[nodes], velocity[nodes] = moving.position[nodes], moving.velocity[nodes]
+            state = replace(state, position=position, velocity=velocity)
+    return state
 
 
 def motions(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
