@@ -21,7 +21,8 @@ from exunet.bodies.shapes import SOLIDS, Shape, Solid
 from exunet.results.clearance import gaps, pairs_of
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_of
-from exunet.results.summary import rows, summarise
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.spread import spread_of
 

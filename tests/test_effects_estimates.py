@@ -16,7 +16,8 @@ from exunet.case.casefile import load
 from exunet.forces.effects import EFFECTS
 from exunet.forces.surface import bullet_disc
 from exunet.interfaces.cli import app
-from exunet.results.summary import rows, summarise
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 from exunet.studies.ablation import Toggled, ablate

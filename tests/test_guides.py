@@ -18,7 +18,8 @@ from exunet.forces.blocks import Blocks
 from exunet.forces.rotation_loops import in_body_axes, in_scene_axes
 from exunet.forces.terms import KernelTerm
 from exunet.interfaces.commands.check import describe
-from exunet.results.summary import rows, summarise
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import run_into, simulate
 from exunet.system.states import States

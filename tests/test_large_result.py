@@ -25,7 +25,8 @@ from exunet.results.comparison import ComparedRun, compare
 from exunet.results.measures import bullet_speeds, energy_balance
 from exunet.results.reading import load_result
 from exunet.results.segments import SegmentStore
-from exunet.results.summary import rows, summarise
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 from exunet.results.writing import join
 from exunet.net import weave
 from exunet.figures import save_figures

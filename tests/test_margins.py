@@ -16,7 +16,8 @@ from exunet.interfaces.commands.ensemble import rows as table_of
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_of
 from exunet.results.margins import Groups, Peak
-from exunet.results.summary import rows, summarise
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.spread import spread_of
 

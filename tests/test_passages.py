@@ -22,7 +22,8 @@ from exunet.results import passages as module
 from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates
 from exunet.results.rows import StoredRows
-from exunet.results.summary import rows, summarise
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 
 CASES = Path(__file__).parents[1] / "cases"
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

@@ -12,7 +12,8 @@ import exunet
 from exunet.backends.protocol import Batch
 from exunet.base.errors import RunStopped
 from exunet.methods.plan import Plan
-from exunet.results.summary import rows, summarise
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 from exunet.simulation import simulation as simulating
 from exunet.simulation.guards import ENERGY_BOUND
 from exunet.simulation.monitor import GOOD_PART, Monitor

@@ -24,7 +24,8 @@ from exunet.results.digits import printed
 from exunet.results.headlines import HEADLINES, headlines_of
 from exunet.results.margins import Peak
 from exunet.results.spread import Spread
-from exunet.results.summary import rows, summarise
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 from exunet.simulation.preparation import prepare
 from exunet.studies.spread import runs_within, spread_of, start_of_runs
 

@@ -16,7 +16,8 @@ from typer.testing import CliRunner
 
 import exunet
 from exunet.interfaces.cli import app
-from exunet.results.summary import rows, summarise
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 
 ROOT = Path(__file__).parent.parent
 CASES = ROOT / "cases"

@@ -33,7 +33,8 @@ from exunet.results.run_folder import (
 )
 from exunet.results.segments import Segments
 from exunet.results.spread import Spread
-from exunet.results.summary import rows, summarise, write_summary
+from exunet.results.summary import summarise, write_summary
+from exunet.results.table import rows
 from exunet.simulation.expected_cost import expected_cost
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.run import Describe, Progress, case_of_store, refuse_checkpoints, resume, run_into

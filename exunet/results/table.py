@@ -1,0 +1,199 @@
+"""The table that a run prints: its summary in rows of words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from exunet.results.headlines import Headline, headline, shown
+from exunet.results.measures import NEARLY_OPEN
+from exunet.results.spread import Judged, Spread
+from exunet.results.summary import COMPLETE
+
+
+def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tuple[str, str]]:
+    """Rows (name, value with unit) of the table at the end of a run; spread: that of the summary."""
+    method, cost, energy = summary["method"], summary["cost"], summary["energy"]
+    setting = (
+        f"tolerance {method['tolerance']:.3g}" if method["tolerance"] else f"step {method['step_s']:.4g} s"
+    )
+    table = [
+        ("verdict", summary["verdict"]),
+        ("nodes, elements", f"{summary['nodes']}, {summary['elements']}"),
+        ("mass", f"{summary['mass_kg']:.6f} kg"),
+        *_body_rows(summary["bodies"]),
+        ("method", f"{method['name']}, {setting}"),
+        ("steps", f"{cost['steps']} accepted, {cost['rejected_steps']} rejected"),
+        ("right-hand sides", f"{cost['right_hand_sides']}"),
+        ("wall time", f"{cost['build_s']:.2f} s build, {cost['integration_s']:.2f} s integration"),
+        *_part_row(summary),
+        (
+            "energy balance",
+            f"{energy['balance_error']:.1e} of {energy['in_deformation_J']:.6g} J in deformation",
+        ),
+    ]
+    if books := summary.get("momentum"):
+        words = f"{books['linear_gained_kg_m_s']:.1e} of {books['linear_size_kg_m_s']:.4g} kg m/s; angular, "
+        words += f"about the origin, {books['angular_gained_kg_m2_s']:.1e} of "
+        table.append(("momentum gained", f"{words}{books['angular_size_kg_m2_s']:.4g} kg m2/s"))
+    if broken := summary["broken"]:
+        first, worst = broken[0], max(one["energy_excess"] for one in broken)
+        words = f"{len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
+        table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
+    table += _without_contact(summary) + [("note", note) for note in summary["notes"]]
+    return table + _headline_rows(summary, spread) + _check_rows(summary["check"])
+
+
+def _body_rows(bodies: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
+    return [(f"body {name}", f"{one['mass_kg']:.6g} kg{_gave(one)}") for name, one in bodies.items()]
+
+
+def _gave(body: dict[str, Any]) -> str:
+    """Of a body that is fixed or prescribed."""
+    if "work_J" not in body:
+        return ""
+    impulse = ", ".join(f"{value:.4g}" for value in body["impulse_N_s"])
+    return f"; gave {body['work_J']:.4g} J and an impulse of ({impulse}) N s"
+
+
+def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """A heading for the rows about the stored states, which do not reach the end of a run that stopped."""
+    if summary["verdict"] == COMPLETE:
+        return []
+    until = summary["simulated_until_s"]
+    return [("stored states", f"until t = {until:.6g} s; the rows below refer to them")]
+
+
+def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list[tuple[str, str]]:
+    judged = spread.judged if isinstance(spread, Spread) else {}
+    found = []
+    for one in map(headline, summary["headlines"]):
+        value = summary["headlines"][one.key]["this_run"]
+        if one.key in judged:
+            words = judged[one.key].words() + _where(judged[one.key])
+        else:
+            words = shown(one, value) + _where_in_run(one, summary)
+        relative_to = judged[one.key].median if one.key in judged else value
+        remarks = [one.remark] if one.remark else []
+        remarks += _remarks(one, relative_to, summary["deployment"])
+        if one.key in judged and (worst := summary["margins"].get(one.group)):
+            remarks.append(f"in this run at t = {worst['time_s']:.6g} s")
+            remarks += [] if worst["of"] == "all steps" else ["at stored times, between which it may be less"]
+        found.append((one.words, f"{words} ({'; '.join(remarks)})" if remarks else words))
+    if summary["deployment"] is None:
+        found.append(("deployment", "no mouth: not defined for this topology"))
+    if isinstance(spread, Spread):
+        told = [("spread", spread.words()), ("spread", spread.verdict())]
+        return [*found, *told, *_outside_row(summary["headlines"], spread)]
+    why = "not asked for" if spread is None else spread
+    return [*found, ("spread", f"{why}: these are the numbers of one run of a chaotic net")]
+
+
+def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, str]]:
+    """What of the run itself lies outside the ranges: its start may be special, as a symmetric one is."""
+    found = []
+    for key, judged in spread.judged.items():
+        value = headlines[key]["this_run"]
+        if not judged.predictable and value is not None and not judged.least <= value <= judged.largest:
+            found.append(f"{judged.headline.words} {shown(judged.headline, value)}")
+    if not found:
+        return []
+    return [("this run", f"outside of the range, so that its exact start is not typical: {', '.join(found)}")]
+
+
+def _where(judged: Judged) -> str:
+    """In which places, of runs that have some."""
+    if not judged.places:
+        return ": no element was ever taut" if judged.headline.place is not None else ""
+    (place, runs), *others = judged.places
+    if not others:
+        return f" in {judged.headline.place_is} {place}"
+    return f", in {judged.headline.place_is} {place} in {runs} of {judged.runs} runs"
+
+
+def _where_in_run(one: Headline, summary: dict[str, Any]) -> str:
+    if one.place is None:
+        return ""
+    if one.group:
+        worst = summary["margins"][one.group]
+        words = f" in {one.place_is} {worst['element']} at t = {worst['time_s']:.6g} s"
+        return words if worst["of"] == "all steps" else f"{words} (of the stored times)"
+    peak = summary["largest_tension"]
+    if peak["element"] is None and summary["verdict"] != COMPLETE:
+        return f": no element was taut until {summary['simulated_until_s']:.6g} s"
+    if peak["element"] is None:
+        return ": no element was ever taut"
+    words = f" in {one.place_is} {peak['element']}"
+    return words if peak["of"] == "all steps" else f"{words} (of the stored times)"
+
+
+def _remarks(one: Headline, value: float, deployment: dict[str, Any] | None) -> list[str]:
+    """What the table says of areas: relative to which, and whether they may still grow."""
+    if deployment is None:
+        return []
+    most = deployment["achievable_area_m2"]
+    if one.key == "largest_area_m2":
+        return [f"{value / most:.1%} of the achievable {most:.3f} m2"]
+    if one.key == "time_of_largest_area_s" and deployment["largest_area_at_end"]:
+        return ["at the end of the run: still growing?"]
+    return [f"{NEARLY_OPEN * most:.3f} m2"] if one.key == "time_above_80_percent_s" else []
+
+
+def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:
+    if not check:
+        return []
+    if refused := check.get("refused"):
+        return [("check", f"refused: {refused}")]
+    agrees_until = check["agrees_until_s"]
+    until = "the end" if agrees_until is None else f"t = {agrees_until:.3f} s"
+    speed, position = check["speed_difference"], check["position_difference"]
+    return [
+        (
+            "check: agrees until",
+            f"{until} (bullet speeds within {speed['allowed_m_s']:.1e} m/s, "
+            f"positions within {position['allowed_m']:.1e} m)",
+        ),
+        (
+            "check: until then",
+            f"speeds within {speed['largest_while_agreeing_m_s']:.1e} m/s, "
+            f"positions within {position['largest_while_agreeing_m']:.1e} m",
+        ),
+        *_apart_row(check["apart_from_s"]),
+        *_beside_rows(check),
+    ]
+
+
+def _beside_rows(check: dict[str, Any]) -> list[tuple[str, str]]:
+    """Of bodies and of what broke, over the whole run."""
+    table = []
+    for name, body in check["bodies"].items():
+        words = f"positions within {body['position_m']:.1e} m"
+        if body["attitude_rad"] is not None:
+            words += f", attitudes within {body['attitude_rad']:.1e} rad"
+        table.append((f"check: body {name}", words))
+    if broken := check["broken"]:
+        alone = broken["only_here"] + broken["only_in_reference"]
+        words = f"{broken['in_both']} in both codes, times within {broken['time_difference_s']:.1e} s"
+        table.append(("check: broken", f"{words}; {alone} in one only" if alone else words))
+    return table
+
+
+def _apart_row(apart_from: float | None) -> list[tuple[str, str]]:
+    if apart_from is None:
+        return []
+    words = f"from t = {apart_from:.3f} s (earlier disagreement is that of single instants within a snap)"
+    return [("check: apart for good", words)]
+
+
+def _without_contact(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """A warning for each thing that went through another."""
+    found = []
+    for one in summary["overlaps"]:
+        when = f"at t = {one['from_s']:.6g} s"
+        if one["until_s"] > one["from_s"]:
+            when = f"from t = {one['from_s']:.6g} s to {one['until_s']:.6g} s"
+        often = f", {one['times']} times" if one["times"] > 1 else ""
+        found.append(f"bodies {' and '.join(one['bodies'])} overlap {when}{often}")
+    for one in summary["passages"]:
+        when = f"first element {one['element']} at t = {one['first_s']:.6g} s"
+        found.append(f"{one['elements']} element(s) in or through body {one['body']}, {when}")
+    return [("no contact", f"{words}: there is no contact in this scene") for words in found]
