@@ -30,8 +30,9 @@ def outside_of_the_project(tmp_path_factory: pytest.TempPathFactory) -> Iterator
     assert list(folder.iterdir()) == []
 
 
-# What compiles kernels of its own for the compiled loop, 3 to 10 s each where no cache has them: by file, or
-# by file and test. They are slow tests that .ci/run runs; the quick ones try the same in Exudyn's loop.
+# What compiles kernels of its own for the compiled loop or the fused net, 2 to 10 s each where no cache has
+# them: by file, or by file and test. They are slow tests that .ci/run runs; the quick ones try the same with
+# connectors in Exudyn's loop.
 COMPILES_ITS_OWN = (
     "test_bounce.py", "test_forces_on_bodies.py", "test_guides.py", "test_inputs_and_states.py",
     "test_sleeping.py", "test_thrust.py", "test_attachments.py", "test_effects_on_bodies.py",
@@ -82,7 +83,8 @@ TAKES_SECONDS = (
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         name = item.nodeid.removeprefix("tests/")
-        compiles = "compiled" in name.partition("[")[2] and name.startswith(COMPILES_ITS_OWN)
+        form = name.partition("[")[2]
+        compiles = ("compiled" in form or "fused" in form) and name.startswith(COMPILES_ITS_OWN)
         if compiles or name.startswith(TAKES_SECONDS):
             item.add_marker(pytest.mark.slow)
             item.add_marker(pytest.mark.ci)

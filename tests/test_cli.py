@@ -274,7 +274,8 @@ def test_a_case_beyond_the_reference_keeps_the_result(tmp_path):
 STAND_IN = """
 class Refused(Exception): pass
 def parse_override(text): return text, None
-def load(path, overrides): pass
+def read(path, overrides): pass
+def prepare(case): pass
 """
 
 

@@ -235,10 +235,11 @@ class BothCodes:
     def reference_motion(self, state: State) -> tuple[Floats, float]:
         """The reference's accelerations at a state [m/s2], and the power that its forces take out [W].
 
-        (n_points + n_rigid, 3) of the points, then of the centres of rigid bodies.
+        (n_points + n_rigid, 3) of the points, then of the centres of rigid bodies. What driven bodies and
+        drums put in is no part of it.
         """
         response = self.reference_response(state)[1]
-        power = response.power + float(response.given[:, 6].sum())  # what driven bodies give counts as taken
+        power = response.power + float(response.given[:, 6].sum()) + float(response.reeling[1].sum())
         return response.acceleration[self.reference_particles], power
 
     def reference_response(self, state: State) -> tuple[formulas.Whole, formulas.Response]:
