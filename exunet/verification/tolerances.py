@@ -54,7 +54,11 @@ RESOLVED_BY_STEPS = Tolerance(
 )
 SECANT_SYMMETRY = Tolerance(0.0, "eq. (3) is symmetric term by term, so its sum is so to the last bit")
 SECANT_FORCE = Tolerance(1e-12, "S(x) x of the reference against the engine's forces; as for the forces")
-ONE_STEP = Tolerance(1e-13, "of the largest coordinate and speed: round-off of 1e-14 in each of 4 stages")
+ONE_STEP = Tolerance(
+    1e-13,
+    "of the largest coordinate and speed, times the size over five times the shortest element where that is "
+    "more than 1: a last bit of a coordinate is 1e-16 size / (0.02 length) of the strain of a taut element",
+)
 SAME_SCHEME = Tolerance(
     1.0,
     "the codes may part as far as one code parts from itself when its start is moved by the round-off of all "
