@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NoReturn
+import math
+from typing import Any, NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,17 @@ from exunet.system.states import States
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
-Store = Callable[[States, Floats], None]
-
 # The guards look at one state in so many; where they find one wrong, they look at those before it too.
 STATES_A_LOOK = 32
 # A run may continue from a state while its energy balance is within this part of the guard's bound: what the
 # steps that went wrong have done to it is then a tenth of what may be wrong with a result.
 GOOD_PART = 0.1
+
+
+class Store(Protocol):
+    """What takes the marked states; `again`: in place of the last one, which an event changed at its time."""
+
+    def __call__(self, states: States, dissipated: Floats, *, again: bool = False) -> None: ...
 
 
 class Monitor:
@@ -58,6 +62,7 @@ class Monitor:
         self._marks: list[float] = []
         self._base = 0.0
         self._drifted = False
+        self._stored_until = -math.inf
         self._push: Floats | None = None
         self.peaks = Peaks()
         self.dissipated = 0.0
@@ -172,11 +177,19 @@ class Monitor:
         self.events = [*self.events, *told]  # snapshots hold the old list
         asleep = {} if change.awake is None else {AWAKE: change.awake}
         self._remember({**self._memory, memory: change.memory, **asleep})
+        moves = change.x is not None or change.v is not None
         if time == self.safe.time:  # a run that goes back there is beyond the event
             self.safe_dissipated += change.energy_lost or 0.0
-            x, v = self._system.layout.pack(self.safe.moving)
-            x, v = (x if change.x is None else change.x), (v if change.v is None else change.v)
-            self.safe = State.of(time, self._system.layout.unpack(x, v), dict(self._memory))
+            self.safe = self._changed(self.safe, change)
+        if time == self._stored_until and self._store is not None and moves:
+            after = States.of(self._system, self._changed(self.last_good, change))
+            self._store(after, np.array([self.dissipated]), again=True)
+
+    def _changed(self, state: State, change: Change) -> State:
+        """A state after an event, with the memories of now."""
+        x, v = self._system.layout.pack(state.moving)
+        x, v = (x if change.x is None else change.x), (v if change.v is None else change.v)
+        return State.of(state.time, self._system.layout.unpack(x, v), dict(self._memory))
 
     def take(self, batch: Batch) -> None:
         """Raises RunStopped, with the `step_cause` that a smaller step may mend or not."""
@@ -242,6 +255,7 @@ class Monitor:
                 self.safe, self.safe_dissipated = states.state(good[-1]), float(dissipated[good[-1]])
         if self._store is not None and len(marked):
             self._store(states[marked], dissipated[marked])
+            self._stored_until = float(states.time[marked[-1]])
 
     def _stop(self, states: States, dissipated: Floats, marked: NDArray[np.int64]) -> NoReturn:
         """Raise RunStopped for the first state of a batch that is wrong."""

@@ -91,8 +91,16 @@ class Recorder:
             return float(self._waiting[-1][0].time[-1])
         return float(self.rows.read("time", len(self.rows) - 1, len(self.rows))[0])
 
-    def store(self, states: States, dissipated: Floats) -> None:
-        """Take stored states with their dissipated energy (k,) [J]; `flush` appends them."""
+    def store(self, states: States, dissipated: Floats, *, again: bool = False) -> None:
+        """Take stored states with their dissipated energy (k,) [J]; `flush` appends them.
+
+        again : a state in place of the last one, which still waits
+        """
+        if again:
+            before, energy = self._waiting.pop()
+            self._n_waiting -= 1
+            if len(before) > 1:
+                self._waiting.append((before[:-1], energy[:-1]))
         self._waiting.append((states, dissipated))
         self._n_waiting += len(states)
 

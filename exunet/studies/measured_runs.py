@@ -131,7 +131,13 @@ def _joined(parts: Sequence[Measured], monitor: Monitor, right_hand_sides: int) 
 def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> MeasuredRun:
     """Through the stored times, with guards and events, as a run."""
     parts = [_measured(States.of(start.system, start.state), np.zeros(1))]
-    monitor = Monitor(start.system, start.state, store=lambda *stored: parts.append(_measured(*stored)))
+
+    def store(states: States, dissipated: Floats, *, again: bool = False) -> None:
+        if again:
+            parts[-1] = parts[-1].rows(0, -1)
+        parts.append(_measured(states, dissipated))
+
+    monitor = Monitor(start.system, start.state, store=store)
     monitor.explain(start.plan)
     through = _from_time_to_time if start.state.memory else _in_stretches
     try:
