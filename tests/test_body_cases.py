@@ -154,3 +154,10 @@ def test_the_tow_pays_out_and_winds_up() -> None:
     assert found.tension[found.time > 20.0].max() == 0.0
     apart = np.linalg.norm(found.bodies["chaser"].position - found.bodies["target"].position, axis=1)
     assert (np.diff(apart[found.time > 20.0]) < 0.0).all()
+
+
+def test_effects_are_not_chosen_for_bodies_and_tethers() -> None:
+    """Their estimates are of a net alone: an orbit that swings a dumbbell would be switched off."""
+    chosen = ["effects.choose=auto", "effects.threshold=1e-3"]
+    with pytest.raises(exunet.ExunetError, match=r"effects\.choose: its estimates are of a net alone"):
+        exunet.load(CASES / "dumbbell.toml", chosen)

@@ -70,7 +70,7 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
     found = []
     for k, command in enumerate(commands):
         out = folder / str(k)
-        many = ["--spread", "2"] if k else ["--spread", "0"]
+        many = ["--spread", "8"] if k else ["--spread", "0"]
         done = CliRunner().invoke(app, ["run", *command, *many, "--out", str(out)])
         assert done.exception is None, done.output
         found.append(json.loads((out / "summary.json").read_text(encoding="utf-8")))

@@ -45,6 +45,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _bodies(scene),
         _tethers(scene),
         _reels(scene),
+        _choice(scene),
         within("effects", effects.cross_checks(scene)),
     )
 
@@ -55,6 +56,12 @@ def _bodies(scene: Scene) -> Iterator[Fault]:
 
 def _tethers(scene: Scene) -> Iterator[Fault]:
     yield from within("tethers", tether.cross_checks(scene.tethers, scene.bodies))
+
+
+def _choice(scene: Scene) -> Iterator[Fault]:
+    if scene.effects.is_given("choose") and (scene.bodies or scene.tethers):
+        words = "its estimates are of a net alone, without bodies and tethers: give the tables of what acts"
+        yield Fault("effects.choose", words)
 
 
 _NOT_WITH_REELS = {

@@ -66,6 +66,8 @@ def _between_tables() -> Iterator[Node]:
     known = ["auto", *(method.value for method in COMPILED_METHODS)]
     yield {"if": compiled, "then": _at("solver", "method", {"enum": known})}
     remembering = [method.value for method, facts in METHODS.items() if facts.remembers_acceleration]
+    none = {"maxProperties": 0}
+    yield {"if": effect("choose"), "then": {"properties": {"bodies": none, "tethers": none}}}
     for name, module in EFFECTS.items():
         if needs_fresh_steps(module):
             yield {"if": effect(name), "then": _at("solver", "method", {"not": {"enum": remembering}})}

@@ -37,6 +37,17 @@ def _path(text: str | Path) -> Path:
     return Path(text)
 
 
+def _enough(moved: int | None) -> int | None:
+    if not moved:
+        return moved
+    from exunet.results.spread import FEWEST
+
+    if moved < FEWEST:
+        words = f"{moved} moved starts say nothing of a range: give at least {FEWEST}, or 0 for none"
+        raise typer.BadParameter(words)
+    return moved
+
+
 CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE", parser=_path)]
 Overrides = Annotated[
     list[str],
@@ -49,6 +60,8 @@ Moved = Annotated[
         "--spread",
         metavar="N",
         min=0,
+        max=100_000,
+        callback=_enough,
         help="number of moved starts that show how far each number is known (32, or what takes as long as "
         "the run, at least 8); 0: none",
     ),

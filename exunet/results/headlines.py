@@ -37,6 +37,7 @@ class Headline:
     place    : where a value was found, as the element of a tension; None: nowhere in particular
     place_is : what `place` numbers, in a word
     at_a_time : it is one of the course's times, known no better than to half of their spacing
+    at_a_step : it is the end of a step, known no better than to half of it
     remark   : what the table says after the value
     group    : of elements, whose margin it is; "": of none
     """
@@ -50,6 +51,7 @@ class Headline:
     place: Callable[[Course], int] | None = None
     place_is: str = ""
     at_a_time: bool = False
+    at_a_step: bool = False
     remark: str = ""
     group: str = ""
 
@@ -86,7 +88,7 @@ HEADLINES = (
         place=lambda course: course.peak.element,
         place_is="element",
     ),
-    Headline("time_of_largest_tension", "time of largest tension", "s", _time_of_peak),
+    Headline("time_of_largest_tension", "time of largest tension", "s", _time_of_peak, at_a_step=True),
     Headline("largest_area", "largest area", "m2", _of_deployment("largest_area")),
     Headline(
         "time_of_largest_area", "time of largest area", "s", _of_deployment("time_of_largest"), at_a_time=True

@@ -61,8 +61,10 @@ class Judged:
         if self.value is not None and self.error is not None:
             if self.error == 0.0:
                 return shown(one, self.value)
-            last = max(_last_digit(one, self.value), _digit_above(self.error))
-            return f"{printed(self.value, last)} ± {_rounded_up(self.error):g} {one.unit}".rstrip()
+            last = max(_last_digit(one, self.value), unit_of_last_digit(self.error, 1))
+            rounding = abs(self.value - round(self.value / last) * last)
+            error = _rounded_up(self.error + rounding)
+            return f"{printed(self.value, last)} ± {error:g} {one.unit}".rstrip()
         last = max(_last_digit(one, self.least), _last_digit(one, self.largest))
         low, middle, high = (printed(each, last) for each in (self.least, self.median, self.largest))
         unit = f" {one.unit}" if one.unit else ""
@@ -78,11 +80,6 @@ def _rounded_up(error: float) -> float:
     """An error to one digit, not less than it is."""
     last = unit_of_last_digit(error, 1)
     return float(np.ceil(error / last * (1.0 - 1e-9)) * last)
-
-
-def _digit_above(error: float) -> float:
-    """The power of ten whose half is not less than an error."""
-    return 10.0 ** np.ceil(np.log10(2.0 * error)) if error > 0.0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +116,8 @@ class Spread:
     @cached_property
     def judged(self) -> dict[str, Judged]:
         """The headlines that the runs have, by key."""
-        found = (_judge(one, self.courses, self.plain, self.finer) for one in headlines_for(self.plain))
+        step = self.step or 0.0
+        found = (_judge(one, self.courses, self.plain, self.finer, step) for one in headlines_for(self.plain))
         return {one.headline.key: one for one in found if one is not None}
 
     @property
@@ -154,7 +152,9 @@ class Spread:
         )
 
 
-def _judge(one: Headline, courses: Sequence[Course], plain: Course, finer: Course) -> Judged | None:
+def _judge(
+    one: Headline, courses: Sequence[Course], plain: Course, finer: Course, step: float
+) -> Judged | None:
     values = np.array([value for course in courses if (value := one.value(course)) is not None])
     if not len(values):
         return None
@@ -173,13 +173,15 @@ def _judge(one: Headline, courses: Sequence[Course], plain: Course, finer: Cours
         values = np.append(values, converged)
         least, middle, largest = float(values.min()), float(np.median(values)), float(values.max())
         return Judged(one, len(values), middle, least, largest, places=places)
-    return Judged(
-        one, len(values), middle, least, largest, converged, _error(one, error, plain, finer), places
-    )
+    error = _error(one, error, plain, finer, step)
+    return Judged(one, len(values), middle, least, largest, converged, error, places)
 
 
-def _error(one: Headline, error: float, plain: Course, finer: Course) -> float:
-    """`error` of moved starts, or what the setting or the spacing of the instants does, if that is more."""
+def _error(one: Headline, error: float, plain: Course, finer: Course, step: float) -> float:
+    """`error` of moved starts, or what the setting or the spacing of the instants does, if that is more.
+
+    step : of equal steps [s], at the ends of which a peak is seen; 0 where the method chooses them
+    """
     fine, coarse, seldom = (one.value(course) for course in (finer, plain, finer.at_every_second()))
     assert fine is not None
     for other in (coarse, seldom):
@@ -187,6 +189,8 @@ def _error(one: Headline, error: float, plain: Course, finer: Course) -> float:
             error = max(error, abs(other - fine))
     if one.at_a_time:
         error = max(error, 0.5 * float(finer.time[1] - finer.time[0]))
+    if one.at_a_step:
+        error = max(error, 0.5 * step)
     return error
 
 

@@ -27,6 +27,8 @@ def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
     limit = asked if asked is not None else getattr(choice, "threshold", None) or ASKED
     out = console()
     out.print(f"{case.scene.title}: {case.scene.time.end:g} s, advice for {limit:g} of the net's size")
+    if case.scene.bodies or case.scene.tethers:
+        out.print("The estimates are of the net alone, without bodies and tethers.")
     found = survey(case.scene)
     out.print(_estimates(found, limit))
     out.print("\nHow estimated:")
