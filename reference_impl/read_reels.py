@@ -23,6 +23,10 @@ def read_reel(table: Table, length: float | None, divisions: int | None) -> Reel
     paid_out = table.get("paid_out", within, length)
     quarter = None if length is None or divisions is None else 0.25 * length / divisions
     shortest = table.get("shortest", within, quarter)
+    if shortest is not None and paid_out is not None and shortest > paid_out:
+        table.faults.append(
+            f"{table.name('shortest')}: is more than what is outside at first, {paid_out:g} m"
+        )
     largest_rate = table.get("largest_rate", number(above=0.0), math.inf)
     damping = table.get("damping", number(above=0.0), None)
     commands = _commands(table)

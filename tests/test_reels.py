@@ -243,6 +243,7 @@ REFUSED = [
     (f"{REEL}.paid_out=0.1", "line.reel.paid_out: must be between 0.125 m"),
     (f"{REEL}.paid_out=2.5", r"line.reel.paid_out: is shorter than the 2.8\d+ m between its ends"),
     (f"{REEL}.shortest=0.1", "line.reel.shortest: must be between"),
+    (f"{REEL}={{paid_out=3.0, shortest=3.5}}", "line.reel.shortest: is above the 3 m outside at time 0"),
     (f"{REEL}.largest_rate=0.0", "line.reel.largest_rate: must be a number greater than 0"),
     ("tethers.line.start={node=0}", "line.reel.at: the start of the tether is not tied to a body"),
     ("bodies.left.motion='prescribed'", "line.reel.at: the drum's body, left, must be free or fixed"),

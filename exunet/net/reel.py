@@ -164,6 +164,9 @@ def cross_checks_of_reel(reel: ReelKeys, body: str | None, length: float, divisi
         if value is not None and not least <= value <= length:
             words = f"must be between {least:.6g} m, a quarter of an element, and length = {length:g} m"
             yield Fault(key, f"{words}, got {value:g} m")
+    outside = length if reel.paid_out is None else reel.paid_out
+    if reel.shortest is not None and outside < reel.shortest <= length:
+        yield Fault("shortest", f"is above the {outside:g} m outside at time 0: winding would never begin")
     every = (_of_command(k, one, reel) for k, one in enumerate(reel.commands) if one is not None)
     valid = ((k, one) for k, one in enumerate(reel.commands) if one is not None)
     yield from each(*every, *(_in_order(*pair) for pair in pairwise(valid)))
