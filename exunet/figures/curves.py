@@ -29,7 +29,7 @@ def bullet_speeds(
 ) -> Figure | None:
     """Speed of each bullet over time, with the other run's if given; None without bullets.
 
-    The band of moved starts is from the slowest to the fastest of all their bullets.
+    The bands of moved starts are those of their slowest and of their fastest bullet.
     """
     speeds = metrics.bullet_speeds(result)
     count = speeds.shape[1]
@@ -61,9 +61,11 @@ def bullet_speeds(
             _curve(axes, agreement.time, column, label=label, **grey)
         _mark_horizon(axes, agreement)
     if spread is not None and "slowest_bullet" in spread.quantiles:
-        ends = spread.band("slowest_bullet")[0], spread.band("fastest_bullet")[1]
-        _spread_band(axes, spread, ends, BLACK)
-        top = max(top, float(ends[1].max()))
+        words = {"slowest_bullet": f"slowest, fastest bullet of {spread.runs} moved starts"}
+        for name in ("slowest_bullet", "fastest_bullet"):
+            # Matplotlib keeps labels that begin with "_" out of the legend.
+            _spread_band(axes, spread, spread.band(name), BLACK, words.get(name, f"_{name}"))
+        top = max(top, float(spread.band("fastest_bullet")[1].max()))
     axes.set_ylim(0, 1.05 * top or 1.0)
     _legend(figure, axes)
     return figure
