@@ -190,7 +190,8 @@ def loads_on_bodies(result: Result, page: Page) -> Figure | None:
         _curve(axes, result.time, sizes[one], place / len(largest), label=label, markersize=4.5, **style)
     if len(drawn) > len(largest):
         axes.plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
-    axes.set_ylim(bottom=0.0)
+    top = max(float(sizes[one].max(initial=0.0)) for one in largest)
+    axes.set_ylim(0.0, 1.05 * top or 1.0)
     _legend(figure, axes)
     return figure
 
@@ -220,7 +221,7 @@ def distances(result: Result, page: Page) -> Figure | None:
     axes.plot(result.time[row], least, "o", label=words, **style)
     if len(pairs) > len(nearest):
         axes.plot([], [], " ", label=f"{len(pairs) - len(nearest)} more pairs, which stay farther apart")
-    axes.set_ylim(bottom=0.0)
+    axes.set_ylim(0.0, 1.05 * float(found[:, nearest].max()) or 1.0)
     _legend(figure, axes)
     return figure
 
