@@ -21,7 +21,7 @@ Size = tuple[float, float]
 
 # What each shows, and of which results it can be made.
 FIGURES = {
-    "reference_net": "the net in its reference configuration, with node numbers and dimensions",
+    "reference_net": "the net in its reference configuration, node numbers, dimensions; needs elements",
     "snapshots": "up to six configurations between the first and the last stored time",
     "bullet_speeds": "speed of each bullet over time; needs bullets",
     "energies": "kinetic and elastic energy, their sum, and the dissipated work over time",

@@ -29,9 +29,14 @@ SNAPSHOTS = 6
 MOST_LABELS = 24
 
 
-def reference_net(result: Result, page: Page) -> Figure:
-    """The net in its reference configuration, with node numbers and, if it has openings, its dimensions."""
+def reference_net(result: Result, page: Page) -> Figure | None:
+    """The net in its reference configuration, with node numbers and, if it has openings, its dimensions.
+
+    None for a scene of bodies and tethers alone, whose net has no element.
+    """
     net = result.net.alone
+    if not net.n_elements:
+        return None
     shown = dimensions(net)
     arrows = [
         np.append(end + a.offset, net.reference_position[0, 2]) for a in shown for end in (a.start, a.end)
