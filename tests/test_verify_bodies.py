@@ -32,8 +32,7 @@ def failing(checks):
     return [f"{check.name}: {check.measured} ({check.worst})" for check in checks if not check.holds]
 
 
-@pytest.mark.slow
-@pytest.mark.ci
+@pytest.mark.slow  # the whole ladder, which .ci/run climbs, has more states
 @pytest.mark.parametrize("name", SCENES)
 def test_states_of_a_scene_agree(name):
     checks = list(SCENES[name].at_states(5))
@@ -41,8 +40,7 @@ def test_states_of_a_scene_agree(name):
     assert len(checks) > 12
 
 
-@pytest.mark.slow
-@pytest.mark.ci
+@pytest.mark.slow  # as above
 @pytest.mark.parametrize(("name", "answer"), BODY_ANSWERS)
 def test_all_codes_give_the_known_answer(name, answer):
     checks = [
