@@ -27,14 +27,21 @@ from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.preparation import Start
 from exunet.simulation.refinement import finer
 from exunet.simulation.trial import is_compiled
-from exunet.studies.measured_runs import Measured, MeasuredRun, one_run, runs_side_by_side, shown_pairs
+from exunet.studies.measured_runs import (
+    MEASURED,
+    Measured,
+    MeasuredRun,
+    one_run,
+    runs_side_by_side,
+    shown_pairs,
+)
 from exunet.studies.neighbours import perturbed
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Ensemble:
+class Ensemble(Measured):
     """Measures of all runs at the stored times.
 
     time          : (t,) [s]
@@ -58,20 +65,6 @@ class Ensemble:
     """
 
     time: Floats
-    bullet_speed: Floats
-    area: Floats
-    kinetic: Floats
-    elastic: Floats
-    potential: Floats
-    dissipated: Floats
-    centre: Floats
-    tension: Floats
-    body_centre: Floats
-    tether_tension: Floats
-    reel: Floats
-    gap: Floats
-    loaded: Floats
-    loaded_element: NDArray[np.int64]
     largest_tension: Floats
     time_of_largest_tension: Floats
     element_of_largest_tension: NDArray[np.int64]
@@ -237,7 +230,7 @@ def _states(name: str, given: object, n_points: int, runs: int | None) -> Floats
 
 def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensemble:
     columns: dict[str, Any] = {
-        name: np.array([getattr(run.states, name) for run in found]) for name in Measured._fields
+        name: np.array([getattr(run.states, name) for run in found]) for name in MEASURED
     }
     for name in MeasuredRun._fields[1:]:  # of all steps
         columns[name] = np.array([getattr(run, name) for run in found])

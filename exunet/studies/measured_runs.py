@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from threading import Event
 from typing import NamedTuple
 
@@ -34,8 +35,9 @@ _FIRST = 134  # times of a first stretch of runs side by side: a third of those 
 _MOST_VALUES = 2**19  # coordinates that runs side by side keep in one go
 
 
-class Measured(NamedTuple):
-    """What an ensemble keeps of states (k,): units and meaning as its fields of these names."""
+@dataclass(frozen=True)
+class Measured:
+    """What an ensemble keeps of states (k,), here of one run; meaning and units: `ensemble.Ensemble`."""
 
     bullet_speed: Floats
     area: Floats
@@ -52,8 +54,12 @@ class Measured(NamedTuple):
     loaded: Floats
     loaded_element: Ints
 
-    def rows(self, start: int, stop: int) -> Measured:
-        return Measured._make(column[start:stop] for column in self)
+
+MEASURED = tuple(one.name for one in fields(Measured))
+
+
+def _rows(measured: Measured, start: int, stop: int) -> Measured:
+    return Measured(**{name: getattr(measured, name)[start:stop] for name in MEASURED})
 
 
 class MeasuredRun(NamedTuple):
@@ -120,7 +126,7 @@ def _joined(parts: Sequence[Measured], monitor: Monitor, right_hand_sides: int) 
     """All of a run, from what was measured in parts of it."""
     peak = monitor.peaks.provenance()
     return MeasuredRun(
-        Measured._make(map(np.concatenate, zip(*parts, strict=True))),
+        Measured(**{name: np.concatenate([getattr(one, name) for one in parts]) for name in MEASURED}),
         peak["tension_N"],
         peak["time_s"],
         peak["element"],
@@ -134,7 +140,7 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
 
     def store(states: States, dissipated: Floats, *, again: bool = False) -> None:
         if again:
-            parts[-1] = parts[-1].rows(0, -1)
+            parts[-1] = _rows(parts[-1], 0, -1)
         parts.append(_measured(states, dissipated))
 
     monitor = Monitor(start.system, start.state, store=store)
@@ -183,7 +189,7 @@ def runs_side_by_side(
     system, runs = starts[0].system, len(starts)
     moved = (np.array(parts) for parts in zip(*((one.position, one.velocity) for one in starts), strict=True))
     begun = _measured(States.of_points(system, np.repeat(times[0], runs), *moved), np.zeros(runs))
-    parts = [[begun.rows(run, run + 1)] for run in range(runs)]
+    parts = [[_rows(begun, run, run + 1)] for run in range(runs)]
     # The guards look at each stored time, as in a run.
     monitors: list[Monitor | None] = [Monitor(system, start.state, every=1) for start in starts]
     loop = RunsSideBySide(system, [start.state for start in starts], starts[0].plan, kernel)
@@ -204,7 +210,7 @@ def runs_side_by_side(
                 monitors[run] = None
             tension, time, element = loop.largest_tension(run)
             monitor.peaks.take(time, tension, element)
-            parts[run].append(measured.rows(first + 1, first + len(stretch)))
+            parts[run].append(_rows(measured, first + 1, first + len(stretch)))
     return [
         None if monitor is None else _joined(parts[run], monitor, loop.right_hand_sides)
         for run, monitor in enumerate(monitors)
