@@ -118,8 +118,8 @@ ENERGY = Tolerance(
 BOOKED = Tolerance(
     1e-7,
     "of the largest kinetic energy: exunet sums viscous work by Simpson's rule, of which a step in which the "
-    "stress of a taut thread ends misses 1 part in 300; two such steps of 1e-5 s made 2e-8 of a launch, and few "
-    "of the steps of a run are such",
+    "stress of a taut thread ends misses 1 part in 300; two such steps of 1e-5 s made 2e-8 of a launch, and "
+    "few of the steps of a run are such",
 )
 BRAKING = Tolerance(1e-4, "of the loss: the formula has a constant distance of the masses; it is to 5e-6")
 ORDER = Tolerance(0.5, "half an order: observed orders approach the declared one only for small steps")

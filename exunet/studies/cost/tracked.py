@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.studies.both_codes import with_arms
+from exunet.studies.both_trajectories import with_arms
 from exunet.studies.neighbours import tracked_speeds
 from exunet.system.system import System
 

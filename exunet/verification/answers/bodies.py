@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from exunet.case.stored_times import stored_times
-from exunet.studies.both_codes import BothCodes, Floats, Theirs
+from exunet.studies.both_codes import BothCodes, Floats
+from exunet.studies.both_trajectories import Theirs
 from exunet.verification import tolerances as tol
 from exunet.verification.answers.both import against, best
 from exunet.verification.balances import changes, energies, momenta

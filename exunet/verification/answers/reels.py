@@ -12,7 +12,8 @@ import numpy as np
 
 from exunet.case.stored_times import stored_times
 from exunet.net.reel import Drive, Reel
-from exunet.studies.both_codes import BothCodes, Floats, Trajectory
+from exunet.studies.both_codes import BothCodes, Floats
+from exunet.studies.both_trajectories import Trajectory
 from exunet.verification import tolerances as tol
 from exunet.verification.answers.both import best
 from exunet.verification.balances import changes, energies, momenta
