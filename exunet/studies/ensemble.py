@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
-from threading import Event
+from threading import Event, local
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.compiled.loop import loop_kernel
-from exunet.backends.compiled.side_by_side import side_by_side_kernel
+from exunet.backends.compiled.side_by_side import RunsSideBySide, side_by_side_kernel
 from exunet.base.errors import InputError, RunStopped
 from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import WIDTH, kept_before
@@ -162,7 +162,7 @@ def run_ensemble(
     else:
         speeds = _states("velocity", velocity, start.system.blocks.n_points, len(position))
     times = stored_times(start.scene.time)
-    kernel, stop = loop_kernel(start.system), Event()
+    kernel, stop, own = loop_kernel(start.system), Event(), local()
     shared = kernel_of_many(start, len(position), together)
 
     def one(run: int) -> MeasuredRun:
@@ -177,15 +177,20 @@ def run_ensemble(
                 moved = replace(moved, plan=plan)
         raise AssertionError("the last attempt returns or raises")
 
+    def begin() -> None:
+        """In each thread."""
+        if shared is not None:
+            own.loop = RunsSideBySide(start.system, start.plan, shared)
+
     def several(runs: range) -> list[MeasuredRun]:
         moved = [start.moved(position[run], speeds[run]) for run in runs]
-        found = runs_side_by_side(moved, shared, times, stop) if shared else [None] * len(runs)
+        found = runs_side_by_side(moved, own.loop, times, stop) if shared else [None] * len(runs)
         # A run that stops among others does so alone, where it may begin anew with finer steps.
         return [one(run) if done is None else done for run, done in zip(runs, found, strict=True)]
 
     width = WIDTH if shared else 1
     groups = [range(k, min(k + width, len(position))) for k in range(0, len(position), width)]
-    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(workers or os.cpu_count() or 1, initializer=begin) as pool:
         try:
             found = []
             for group in pool.map(several, groups):

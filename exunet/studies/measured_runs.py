@@ -31,8 +31,8 @@ Ints = NDArray[np.int64]
 
 _STRETCH = 0.2  # [s] of wall time after which a run sees that it is to be left
 _MOST_TIMES = 128  # states that the guards look at in one go
-_FIRST = 134  # times of a first stretch of runs side by side: a third of those of a course
-_MOST_VALUES = 2**19  # coordinates that runs side by side keep in one go
+_MOST_VALUES = 2**21  # coordinates that runs side by side keep in one go
+_MOST_WORK = 1e7  # elements times steps of runs side by side in one go: about _STRETCH
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def _in_stretches(start: Start, kernel: Kernel, times: Floats, monitor: Monitor,
 
 
 def runs_side_by_side(
-    starts: list[Start], kernel: Kernel, times: Floats, stop: Event
+    starts: list[Start], loop: RunsSideBySide, times: Floats, stop: Event
 ) -> list[MeasuredRun | None]:
     """The same of several runs at once; None for a run that stopped."""
     system, runs = starts[0].system, len(starts)
@@ -192,9 +192,9 @@ def runs_side_by_side(
     parts = [[_rows(begun, run, run + 1)] for run in range(runs)]
     # The guards look at each stored time, as in a run.
     monitors: list[Monitor | None] = [Monitor(system, start.state, every=1) for start in starts]
-    loop = RunsSideBySide(system, [start.state for start in starts], starts[0].plan, kernel)
-    most = max(2, _MOST_VALUES // (WIDTH * system.blocks.n_x))
-    for stretch in _stretches(times, stop, _FIRST, most):
+    loop.begin([start.state for start in starts])
+    number = _times_side_by_side(starts[0], times)
+    for stretch in _stretches(times, stop, number, number):
         found = loop.through(stretch)
         points = (part.reshape(-1, *part.shape[2:]) for part in (found.position, found.velocity))
         states = States.of_points(system, np.tile(found.time, runs), *points)
@@ -215,6 +215,14 @@ def runs_side_by_side(
         None if monitor is None else _joined(parts[run], monitor, loop.right_hand_sides)
         for run, monitor in enumerate(monitors)
     ]
+
+
+def _times_side_by_side(start: Start, times: Floats) -> int:
+    """Times that runs side by side go through in one go, without many values or long work."""
+    assert start.plan.step is not None  # what such runs go by
+    longest = float(np.diff(times).max(initial=0.0))
+    work = max(1, start.net.n_elements) * max(1.0, longest / start.plan.step)
+    return max(2, min(_MOST_VALUES // (WIDTH * start.system.blocks.n_x), int(_MOST_WORK / work)))
 
 
 def _stretches(times: Floats, stop: Event, first: int = 1, most: int = _MOST_TIMES) -> Iterator[Floats]:

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from exunet.backends.compiled import many_steps
-from exunet.backends.compiled.many_steps import begin, keep, see_tensions, through_equal
-from exunet.backends.compiled.work_space import Kept, Motion, Run, Seen, SeenOfRuns
+from exunet.backends.compiled.many_steps import begin, see_tensions, through_equal
+from exunet.backends.compiled.work_space import Motion, Run, Seen, SeenOfRuns
 from exunet.codegen.compile import version_of
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
@@ -37,6 +37,18 @@ def accept(m: Any) -> None:
     """Nothing is to be done where the states stand in the rows x1 and v1 of the steps' result."""
 
 
+def keep(row: int, t: float, m: Any, kept: Any) -> int:
+    """Copy the states into a row of each run (`KeptOfRuns`); returns the next row."""
+    kept.time[row] = t
+    for run in range(kept.taken.shape[0]):
+        kept.taken[run, row] = kept.now_taken[0, run]
+        for c in range(m.x.size):
+            kept.x[run, row, c] = kept.now_x[c, run]
+        for c in range(m.v.size):
+            kept.v[run, row, c] = kept.now_v[c, run]
+    return row + 1
+
+
 def in_lanes(run: Any) -> Any:
     """A `Run` whose arrays have the runs as their last axis, as one of vectors."""
     m, clock, seen, kept = borrowed(run)
@@ -56,8 +68,7 @@ def in_lanes(run: Any) -> Any:
     )
     peaks, elements, x, v, elastic, look_above, level = seen
     seen_in_lanes = SeenOfRuns(peaks, elements, x, v, elastic, look_above, lanes_of(level))
-    rows = Kept(kept.time, lanes_of(kept.x), lanes_of(kept.v), lanes_of(kept.taken))
-    return Run(motion, clock, seen_in_lanes, rows)
+    return Run(motion, clock, seen_in_lanes, kept)
 
 
 def begin_runs(t: float, verlet: bool, run: Any) -> None:
@@ -72,7 +83,7 @@ def runs_through(verlet: bool, times: Any, step: float, run: Any) -> int:
 
 IMPORTS = (
     *many_steps.IMPORTS,
-    "from exunet.backends.compiled.work_space import Kept, Motion, Run, Seen, SeenOfRuns",
+    "from exunet.backends.compiled.work_space import Motion, Run, Seen, SeenOfRuns",
     f"from exunet.codegen.lanes import lanes_of  # {version_of('lanes')}",
 )
 _SEEN = tuple(function for function in many_steps.STEPS if function is not many_steps.see)

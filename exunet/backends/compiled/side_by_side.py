@@ -5,6 +5,7 @@ The steps are those of a run alone, their text too, so each run has the bits tha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -12,7 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.compiled import many_runs
-from exunet.backends.compiled.work_space import Kept, Motion, Run, SeenOfRuns, Stages, clock_at, seen_nothing
+from exunet.backends.compiled.work_space import (
+    KeptOfRuns,
+    Motion,
+    Run,
+    SeenOfRuns,
+    Stages,
+    clock_at,
+    seen_nothing,
+)
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.generate import tells_all_power
 from exunet.codegen.kernel import Kernel
@@ -66,33 +75,46 @@ class StatesOfRuns(NamedTuple):
 
 
 class RunsSideBySide:
-    """Up to WIDTH runs of one system from states at one time, by one plan.
+    """Up to WIDTH runs of one system at a time, by one plan; each thread has its own.
 
     kernel : what `side_by_side_kernel` gives for both, which several of these may share
+
+    All groups of runs use the same room: to fetch other pages takes longer than what is done with the states.
     """
 
-    def __init__(self, system: System, states: Sequence[State], plan: Plan, kernel: Kernel) -> None:
-        self._system, self._plan, self._module, self._runs = system, plan, kernel.module, len(states)
+    def __init__(self, system: System, plan: Plan, kernel: Kernel) -> None:
+        self._system, self._plan, self._kernel, self._module = system, plan, kernel, kernel.module
         self._verlet = plan.method == Method.VELOCITY_VERLET
-        self._motion = _motion_of(system, states, kernel, in_place=_in_place(system, plan))
+        self._room = np.empty(0)
+
+    def begin(self, states: Sequence[State]) -> None:
+        """Go on with runs from these states, which have one time."""
+        system = self._system
+        self._runs = len(states)
+        self._motion = _motion_of(system, states, self._kernel, in_place=_in_place(system, self._plan))
         self._clock = clock_at(states[0].time, 0.0)
         self._seen = _seen_nothing(system, self._motion)
         self._module.begin_runs(states[0].time, self._verlet, self._run_with(0))
 
     def _run_with(self, rows: int) -> Run:
         """With room for states at so many times."""
-        x, v = (_aligned(rows, *values.shape) for values in (self._motion.x, self._motion.v))
-        kept = Kept(np.zeros(rows), x, v, _aligned(rows, WIDTH))
+        x, v, taken = self._motion.x, self._motion.v, self._motion.taken
+        shapes = (WIDTH, rows, len(x)), (WIDTH, rows, len(v))
+        sizes = [math.prod(shape) for shape in shapes]
+        if len(self._room) < sum(sizes):
+            self._room = np.empty(sum(sizes))
+        of_x, of_v = np.split(self._room[: sum(sizes)], sizes[:1])
+        places, speeds = of_x.reshape(shapes[0]), of_v.reshape(shapes[1])
+        kept = KeptOfRuns(np.zeros(rows), places, speeds, np.zeros((WIDTH, rows)), x, v, taken)
         return Run(self._motion, self._clock, self._seen, kept)
 
     def through(self, times: Floats) -> StatesOfRuns:
-        """From times[0], the states' time, through all times [s]."""
+        """From times[0], the states' time, through all times [s]; the next call overwrites them."""
         run = self._run_with(len(times))
         self._module.runs_through(self._verlet, np.array(times, dtype=float), self._plan.step, run)
-        time, *kept = run.kept
-        x, v, taken = (np.moveaxis(values[..., : self._runs], -1, 0).copy() for values in kept)
+        x, v, taken = (part[: self._runs] for part in (run.kept.x, run.kept.v, run.kept.taken))
         points = self._runs, len(times), -1, 3
-        return StatesOfRuns(time, x.reshape(points), v.reshape(points), taken)
+        return StatesOfRuns(run.kept.time, x.reshape(points), v.reshape(points), taken)
 
     def largest_tension(self, run: int) -> tuple[float, float, int]:
         """Of all steps so far: tension [N], when [s], in which element (-1: none pulled)."""

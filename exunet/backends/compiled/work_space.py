@@ -152,13 +152,30 @@ class Kept(NamedTuple):
     taken: Floats
 
 
+class KeptOfRuns(NamedTuple):
+    """Rows of states of several runs, each run's own beside each other, and where the runs stand.
+
+    time         : (k,)
+    x, v, taken  : (runs, k, n_x), (runs, k, n_v), (runs, k)
+    now_x, now_v, now_taken : (n_x, runs), (n_v, runs), (1, runs) the states
+    """
+
+    time: Floats
+    x: Floats
+    v: Floats
+    taken: Floats
+    now_x: Floats
+    now_v: Floats
+    now_taken: Floats
+
+
 class Run(NamedTuple):
     """What a stretch of steps works on: the state, a record `CLOCK`, what was seen, room for states."""
 
     motion: Motion
     clock: NDArray[np.void]
     seen: Seen | SeenOfRuns
-    kept: Kept
+    kept: Kept | KeptOfRuns
 
 
 class EqualSteps(NamedTuple):
