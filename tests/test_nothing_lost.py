@@ -97,6 +97,51 @@ def test_an_explicit_folder_that_would_lose_something_is_refused(tmp_path, targe
     assert content(tmp_path) == before
 
 
+@pytest.mark.parametrize("name", ["area.png", "summary.json"])
+def test_a_run_replaces_no_file_that_it_did_not_write(tmp_path, name):
+    """Figures that `plot` drew of another result, or files that are not exunet's at all."""
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / name).write_text("mine")
+    done = command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
+    assert done.returncode == 2
+    assert f"here: {name} in this folder would be replaced" in done.stderr
+    assert "--overwrite" in done.stderr
+    assert content(tmp_path) == {f"here/{name}": b"mine"}
+    with pytest.raises(InputError, match="would be replaced"):
+        run_into(tmp_path / "here", load(PLANAR, VALUES))
+
+
+def test_an_ensemble_replaces_no_file_that_it_did_not_write(tmp_path):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "bands.png").write_text("mine")
+    done = command("ensemble", PLANAR, *SHORT, "-n", 8, "--out", "here", folder=tmp_path)
+    assert done.returncode == 2
+    assert "here: bands.png in this folder would be replaced" in done.stderr
+    assert content(tmp_path) == {"here/bands.png": b"mine"}
+
+
+def test_figures_are_drawn_over_those_of_the_same_result_only(first):
+    """In the folder of the result they are its own; anywhere else they may show another."""
+    figures_of_first = [first / "here" / f"{name}.png" for name in ("area", "energies")]
+    (first / "there").mkdir()
+    (first / "there" / "area.png").write_text("mine")
+    before = content(first / "there")
+    done = command("plot", "here", "--out", "there", folder=first)
+    assert done.returncode == 2
+    assert "there: area.png in this folder would be replaced" in done.stderr
+    assert "--overwrite" in done.stderr
+    assert content(first / "there") == before
+    for path in figures_of_first:
+        path.write_text("older")
+    for arguments in (("here",), ("here/result.h5", "--out", "there", "--overwrite")):
+        assert command("plot", *arguments, folder=first).returncode == 0
+    for path in figures_of_first:
+        assert (first / "there" / path.name).read_bytes() == path.read_bytes() != b"older"
+    (first / "here" / "result.h5").rename(first / "here" / "other.h5")  # beside figures of whatever result
+    assert command("plot", "here/other.h5", folder=first).returncode == 2
+    assert command("plot", "here/other.h5", "--out", "new", folder=first).returncode == 0
+
+
 def test_overwrite_replaces_result_and_what_described_it(first):
     (first / "here" / "agreement.png").write_text("of the first run's check")
     (first / "here" / "notes.txt").write_text("mine")

@@ -292,6 +292,9 @@ def cost_command(
     until: Annotated[float | None, typer.Option(help="end of the runs [s]", metavar="T")] = None,
     budget: Annotated[float, typer.Option(help="wall time", metavar="SECONDS", min=0.0)] = 120.0,
     out: Folder = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace what an earlier study left in the folder")
+    ] = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
     """Measure what accuracy costs on a case, method by method; write the work-precision diagram."""
@@ -301,7 +304,7 @@ def cost_command(
 
     loaded = load(case, overrides)
     with located_faults(loaded):
-        code = cost(loaded, out, until, budget)
+        code = cost(loaded, out, until, budget, overwrite=overwrite)
     raise typer.Exit(code)
 
 
@@ -325,30 +328,15 @@ def plot_command(
         str | None, typer.Option(help="width and height of each figure [mm]", metavar="90x60")
     ] = None,
     title: Annotated[bool, typer.Option("--title", help="with a title above each figure")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace figures in the folder, of whatever result")
+    ] = False,
 ) -> None:
     """Draw the figures of a result, with the spread beside it, into its folder or into --out."""
-    from exunet.figures import save_figures
-    from exunet.results.ensemble_result import load_ensemble
-    from exunet.results.reading import load_result
-    from exunet.results.run_folder import SPREAD
+    from exunet.interfaces.commands.plot import plot
 
-    own = result if result.is_dir() else result.parent
-    folder = out or own
-    spread = load_ensemble(own / SPREAD) if (own / SPREAD).is_file() else None
-    sides = None if size is None else _sides(size)
-    for path in save_figures(
-        load_result(result), folder, spread=spread, format=kind, size=sides, title=title
-    ):
+    for path in plot(result, out, kind, size, title=title, overwrite=overwrite):
         typer.echo(path)
-
-
-def _sides(text: str) -> tuple[float, float]:
-    """Width and height [mm] of "90x60"."""
-    try:
-        width, height = map(float, text.lower().split("x"))
-    except ValueError:
-        raise InputError(f"--size: give width x height in millimetres, as 90x60, got {text!r}") from None
-    return width, height
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from exunet.interfaces.commands.printing import print_table, status
 from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_ensemble
 from exunet.results.headlines import HEADLINES, Headline, headline
-from exunet.results.run_folder import held
+from exunet.results.run_folder import held, refuse_replacing
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.trial import try_out
@@ -67,6 +67,8 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
         if file.exists() and not asked.overwrite:
             words = "there is an ensemble in this folder: replace it (--overwrite), or give another --out"
             raise InputError(f"{folder}: {words}")
+        if not asked.overwrite:
+            refuse_replacing(folder, _FILES)
         gain, compiles = way_of(start, asked.runs)
         each = seconds_of_a_course(start, try_out(start, _BUDGET)) / gain
         seconds = each * asked.runs / (os.cpu_count() or 1)
