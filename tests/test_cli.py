@@ -65,6 +65,10 @@ def test_check_adds_the_reference(tmp_path):
     assert check["agrees_until_s"] is None
     assert 0 <= check["speed_difference"]["largest_m_s"] < 1e-12  # free flight: round-off only
     assert "check: agrees until" in done.stdout
+    told = done.stderr.splitlines()
+    (words,) = (line for line in told if line.startswith("check "))
+    assert "not in this time" in words
+    assert told.index(words) < told.index("simulating 0.02 s")
     assert (tmp_path / "here/agreement.png").stat().st_size > 10_000
 
 

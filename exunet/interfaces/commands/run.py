@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,7 +13,13 @@ from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped,
 from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
-from exunet.interfaces.commands.estimates import ExpectedSpread, estimated, expected_spread, refuse_beyond
+from exunet.interfaces.commands.estimates import (
+    ExpectedSpread,
+    estimated,
+    expected_spread,
+    not_counted,
+    refuse_beyond,
+)
 from exunet.interfaces.commands.folders import opened, ready, silent, to_stderr
 from exunet.interfaces.commands.measures import rows_on_measures
 from exunet.interfaces.commands.naming import folder_of
@@ -105,7 +112,7 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
             say(_elsewhere(wanted, folder))
         cost = estimated(start, spread=asked.spread)
         refuse_beyond(cost, start, folder)
-        for name, words in cost.rows():
+        for name, words in [*cost.rows(), *not_counted(check=asked.check, error=asked.estimate)]:
             say(f"{name:8s}{words}")
 
         def simulate(progress: Progress | None, describe: Describe) -> Result:
@@ -190,7 +197,7 @@ def _describe(
     agreement: Agreement | None = None
     no_check: str | None = None
     if reference and result.complete:
-        agreement, story.unchecked, no_check = _agreement(reference, result)
+        agreement, story.unchecked, no_check = _agreement(reference, result, quiet=asked.quiet)
     elif reference:
         no_check = "the run stopped before its end"
     spread = _spread(case, result, story, moved)
@@ -241,11 +248,14 @@ def _estimate(case: Case, result: Result) -> tuple[ErrorEstimate | None, RunStop
 
 
 def _agreement(
-    reference: ReferenceRun, result: Result
+    reference: ReferenceRun, result: Result, *, quiet: bool
 ) -> tuple[Agreement | None, ExunetError | None, str | None]:
     """What the reference says; or the error that it could not be asked, and the reason for the summary."""
+    words = "waiting for the reference"
+    if reference.at_work and not quiet and not sys.stderr.isatty():
+        to_stderr(words)
     try:
-        with waiting("waiting for the reference"):
+        with waiting(words):
             return reference.agreement(result), None, None
     except InputError as error:
         return None, UncheckedRun(f"the result is written but not checked: {error}"), str(error)
