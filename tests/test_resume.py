@@ -12,6 +12,7 @@ from commands import command
 
 import exunet
 from exunet.base.errors import InputError, UnsoundStates
+from exunet.interfaces.commands import run as command_run
 from exunet.simulation import run as runs
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
@@ -73,6 +74,28 @@ def test_the_command_finishes_what_was_cut_short(tmp_path, monkeypatch, at):
     again = command("resume", cut, folder=tmp_path)
     assert again.returncode == 2
     assert again.stderr == f"{cut}: there is no unfinished run in this folder\n"
+
+
+@pytest.mark.parametrize(("stored", "asked", "runs_after_it"), [(0, None, 0), (9, None, 9), (9, 0, 0)])
+def test_a_resumed_run_has_the_moved_starts_of_the_run(tmp_path, monkeypatch, stored, asked, runs_after_it):
+    """Unless `resume` asks for another number."""
+    made = []
+
+    def killed(*_: object) -> None:
+        raise KilledError
+
+    def moved_starts(_start: object, runs: int, **_: object) -> None:
+        made.append(runs)
+        raise InputError("not run in this test")
+
+    arguments = ("run", PLANAR, "--set", "time.end=0.02", "--out", "here", "--quiet", "--spread", stored)
+    with monkeypatch.context() as patch:
+        patch.setattr(runs, "drive", killed)
+        with pytest.raises(KilledError):
+            command(*arguments, folder=tmp_path)
+    monkeypatch.setattr(command_run, "spread_of", moved_starts)
+    assert command_run.resume_run(tmp_path / "here", quiet=True, spread=asked) is None
+    assert made == [runs_after_it] * (runs_after_it > 0)
 
 
 def test_a_damaged_checkpoint_is_refused_in_one_line(tmp_path, monkeypatch):

@@ -44,7 +44,7 @@ from exunet.results.summary import summarise, write_summary
 from exunet.results.table import rows
 from exunet.simulation.expected_cost import expected_cost
 from exunet.simulation.preparation import prepare_case
-from exunet.simulation.run import Describe, Progress, case_of_store, refuse_checkpoints, resume, run_into
+from exunet.simulation.run import Describe, Progress, refuse_checkpoints, request_of_store, resume, run_into
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.studies.spread import BESIDE, spread_of
 from exunet.verification.reference_run import ReferenceRun
@@ -117,17 +117,28 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
 
         def simulate(progress: Progress | None, describe: Describe) -> Result:
             return run_into(
-                folder, case, start, progress, asked.checkpoint_every, describe, overwrite=asked.overwrite
+                folder,
+                case,
+                start,
+                progress,
+                asked.checkpoint_every,
+                describe,
+                overwrite=asked.overwrite,
+                moved_starts=None if cost.spread.refused else cost.spread.runs,
             )
 
         return _run(case, simulate, folder, asked, cost.spread, cost.run.known, start.scene)
 
 
 def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) -> ExunetError | None:
-    """Go on with an unfinished run in a folder, and describe it as `run_case` does."""
+    """Go on with an unfinished run in a folder, and describe it as `run_case` does.
+
+    spread : number of moved starts; None: that of the run
+    """
     if not has_unfinished(folder):
         raise InputError(f"{folder}: there is no unfinished run in this folder")
-    case, _ = case_of_store(Segments(folder / STORE_FOLDER))
+    begun = request_of_store(Segments(folder / STORE_FOLDER))
+    case, spread = begun.case, begun.moved_starts if spread is None else spread
     ready(folder, (RESULT_FILE, *DESCRIPTIONS))
 
     def simulate(progress: Progress | None, describe: Describe) -> Result:
