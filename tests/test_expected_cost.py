@@ -113,7 +113,7 @@ def test_a_run_beyond_the_machine_is_refused_before_it_begins(tmp_path, monkeypa
     done = command("run", PLANAR, "--set", "time.end=0.02", "--out", "here", folder=tmp_path)
     assert done.returncode == 2
     for word in words:
-        assert word in done.stderr
+        assert word in done.told
     assert list(tmp_path.iterdir()) == []
 
 

@@ -2,13 +2,16 @@
 
 Exit codes: 0 done, 1 a check of `verify` failed (or a defect of exunet), 2 bad input (nothing written), 3 a
 run that stopped (what was computed is kept), 4 a run that `--check` could not check (its result is written),
-130 interrupted.
+130 interrupted, 141 nobody reads what is printed any more.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import suppress
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -18,6 +21,9 @@ import typer
 from exunet.base.errors import ExunetError, InputError
 from exunet.base.version import VERSION
 from exunet.codegen.compilation import told_compilation
+from exunet.interfaces.commands.lines import HANG, folded, silent, tell, width_of
+
+CLOSED_PIPE = 141  # 128 + 13, the number of SIGPIPE
 
 app = typer.Typer(
     add_completion=False,
@@ -71,13 +77,17 @@ Folder = Annotated[Path | None, typer.Option(help="folder for what is written", 
 
 def main() -> None:
     """Entry point: errors become one line each on stderr and an exit code, never a traceback."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed before the start, as by >&-
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a title may hold what the terminal cannot show
-    say = _silent if "--quiet" in sys.argv else _to_stderr
+    say = silent if "--quiet" in sys.argv else tell
     try:
         with told_compilation(say):
             code = app(prog_name="exunet", standalone_mode=False) or 0
+        sys.stdout.flush()
         sys.exit(code)
     except ExunetError as error:
         _leave(str(error), error.exit_code)
@@ -88,7 +98,11 @@ def main() -> None:
     except SystemExit as done:
         if done.code == 130:  # typer's way to end on Ctrl-C says nothing
             _leave("interrupted", 130)
+        if isinstance(done.__context__, BrokenPipeError):  # typer's and rich's way to end then
+            _leave_closed_pipe()
         raise
+    except BrokenPipeError:
+        _leave_closed_pipe()
     except OSError as error:
         reason = error.strerror or error
         if error.filename is not None:
@@ -97,17 +111,16 @@ def main() -> None:
         _leave(f"cannot print: {reason}", 2)
 
 
-def _to_stderr(words: str) -> None:
-    sys.stderr.write(f"{words}\n")
-
-
-def _silent(_words: str) -> None:
-    """Nothing is said."""
-
-
 def _leave(words: str, code: int) -> NoReturn:
-    sys.stderr.write(f"{words}\n")
+    tell(words)
     sys.exit(code)
+
+
+def _leave_closed_pipe() -> NoReturn:
+    """End as a program that SIGPIPE ends: nobody reads on, as with `| head`, which is no fault to tell."""
+    with suppress(OSError, ValueError):  # what is still to be flushed must not fail at the interpreter's end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(CLOSED_PIPE)
 
 
 def _print_version(asked: bool) -> None:
@@ -256,7 +269,15 @@ def schema_command(
         typer.echo("\n# JSON Schema of this format (exunet schema --json prints it alone):")
     if not template:
         text = json.dumps(schema.json_schema(), indent=2)
-        typer.echo(text if as_json else "\n".join(f"# {line}" for line in text.splitlines()))
+        typer.echo(text if as_json else "\n".join(_comments(text)))
+
+
+def _comments(text: str) -> Iterator[str]:
+    """Lines that a text has as TOML comments, folded to where they are read."""
+    width = width_of(sys.stdout) - len("# ")
+    for line in text.splitlines():
+        indent = len(line) - len(line.lstrip())
+        yield from (f"# {part}" for part in folded(line, width, indent + HANG))
 
 
 @app.command("verify")

@@ -17,7 +17,8 @@ from exunet.case.casefile import Case
 from exunet.codegen.compile import require_numba
 from exunet.figures.ensemble import FIGURES, save_ensemble_figures
 from exunet.interfaces.commands.estimates import duration, size
-from exunet.interfaces.commands.folders import opened, ready, silent, to_stderr
+from exunet.interfaces.commands.folders import opened, ready
+from exunet.interfaces.commands.lines import silent, tell
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.results.digits import printed, unit_of_last_digit
@@ -60,7 +61,7 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
     require_numba("an ensemble")
     refuse_too_many(asked.runs)
     wanted = asked.out or folder_of(case, "ensemble")
-    say = silent if asked.quiet else to_stderr
+    say = silent if asked.quiet else tell
     with opened(wanted, own=asked.out is None and not asked.overwrite) as folder, held(folder):
         ready(folder, (ENSEMBLE_FILE, *_FILES))
         file = folder / ENSEMBLE_FILE

@@ -20,7 +20,8 @@ from exunet.interfaces.commands.estimates import (
     not_counted,
     refuse_beyond,
 )
-from exunet.interfaces.commands.folders import opened, ready, silent, to_stderr
+from exunet.interfaces.commands.folders import opened, ready
+from exunet.interfaces.commands.lines import silent, tell
 from exunet.interfaces.commands.measures import rows_on_measures
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
@@ -101,7 +102,7 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
         raise InputError('--estimate-error: is of the trajectory, not for solver.accuracy_of = "measures"')
     refuse_checkpoints(start, asked.checkpoint_every)
     wanted = asked.out or folder_of(case)
-    say = silent if asked.quiet else to_stderr
+    say = silent if asked.quiet else tell
     with opened(wanted, own=asked.out is None and not asked.overwrite) as folder:
         ready(folder, (RESULT_FILE, *DESCRIPTIONS))
         if not asked.overwrite:
@@ -113,7 +114,7 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
         cost = estimated(start, spread=asked.spread)
         refuse_beyond(cost, start, folder)
         for name, words in [*cost.rows(), *not_counted(check=asked.check, error=asked.estimate)]:
-            say(f"{name:8s}{words}")
+            say(f"{name:8s}{words}", 8)
 
         def simulate(progress: Progress | None, describe: Describe) -> Result:
             return run_into(
@@ -189,7 +190,7 @@ def _beside(case: Case, scene: Scene | None, *, quiet: bool) -> Iterator[Referen
         return
     with ReferenceRun(case, scene) as reference:
         if (refusal := reference.refusal()) and not quiet:
-            to_stderr(f"check   the result will not be checked: {refusal}")
+            tell(f"check   the result will not be checked: {refusal}", 8)
         yield reference
 
 
@@ -264,7 +265,7 @@ def _agreement(
     """What the reference says; or the error that it could not be asked, and the reason for the summary."""
     words = "waiting for the reference"
     if reference.at_work and not quiet and not sys.stderr.isatty():
-        to_stderr(words)
+        tell(words)
     try:
         with waiting(words):
             return reference.agreement(result), None, None
