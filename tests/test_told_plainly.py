@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,6 +40,16 @@ def test_help_is_short_for_h(tmp_path, name):
     assert short.returncode == long.returncode == 0
     assert short.stdout == long.stdout
     assert "Usage: exunet" in short.stdout
+    assert max(map(len, short.stdout.splitlines())) <= 80
+    assert not re.search(r"<\w|[{}]|\w\.\.\.$", short.stdout, re.MULTILINE)  # <bool>, {CASE}, cut words
+    options = re.findall(r"^  -\S.*", short.stdout, re.MULTILINE)
+    explained = re.findall(r"^  -\S.*?(?:\S  +|\n {10,})\S", short.stdout, re.MULTILINE)
+    assert len(options) == len(explained) >= 1
+
+
+def test_help_has_the_units(tmp_path):
+    for name, words in (("ensemble", "start [m]"), ("cost", "runs [s]"), ("plot", "figure [mm]")):
+        assert words in " ".join(command(name, "-h", folder=tmp_path).stdout.split())
 
 
 def test_the_version_is_told(tmp_path):

@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import partial
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -22,6 +23,7 @@ from exunet.base.errors import ExunetError, InputError
 from exunet.base.version import VERSION
 from exunet.codegen.compilation import told_compilation
 from exunet.interfaces.commands.lines import HANG, folded, silent, tell, width_of
+from exunet.interfaces.plain_help import PlainCommand
 
 CLOSED_PIPE = 141  # 128 + 13, the number of SIGPIPE
 
@@ -29,10 +31,12 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
+_command = partial(app.command, cls=PlainCommand)
 _UsageError: Any = typer.BadParameter.__base__  # of all faults of arguments and options
 
 
@@ -43,36 +47,44 @@ def _path(text: str | Path) -> Path:
     return Path(text)
 
 
+MOST_MOVED = 100_000
+
+
 def _enough(moved: int | None) -> int | None:
-    if not moved:
-        return moved
     from exunet.results.spread import FEWEST
 
-    if moved < FEWEST:
-        words = f"{moved} moved starts say nothing of a range: give at least {FEWEST}, or 0 for none"
-        raise typer.BadParameter(words)
+    if moved and not FEWEST <= moved <= MOST_MOVED:
+        words = f"must be 0 for none, or from {FEWEST} to {MOST_MOVED} (fewer show no range)"
+        raise typer.BadParameter(f"{words}, got {moved}")
     return moved
+
+
+def _out(default: str) -> Any:
+    """The option of the folder; default: where a command writes without it."""
+    words = f"folder to write into (default: {default})"
+    return typer.Option("--out", help=words, metavar="DIR", parser=_path)
+
+
+def _spread(default: str) -> Any:
+    """The option of the moved starts; default: how many there are without it."""
+    words = (
+        "number of further runs, from starts moved by up to 1e-9 m, which show how far each number is known"
+    )
+    return typer.Option(
+        "--spread", metavar="N", callback=_enough, help=f"{words}; 0: none (default: {default})"
+    )
 
 
 CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE", parser=_path)]
 Overrides = Annotated[
     list[str],
-    typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the case (empty: remove it)"),
-]
-Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
-Moved = Annotated[
-    int | None,
     typer.Option(
-        "--spread",
-        metavar="N",
-        min=0,
-        max=100_000,
-        callback=_enough,
-        help="number of moved starts that show how far each number is known (32, or what takes as long as "
-        "the run, at least 8); 0: none",
+        "--set",
+        metavar="KEY=VALUE",
+        help="replace a value of the case, or remove it (KEY=); may be given several times",
     ),
 ]
-Folder = Annotated[Path | None, typer.Option(help="folder for what is written", metavar="DIR", parser=_path)]
+Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
 
 
 def main() -> None:
@@ -132,16 +144,17 @@ def _print_version(asked: bool) -> None:
 @app.callback()
 def exunet(
     version: Annotated[
-        bool, typer.Option("--version", help="print the version", callback=_print_version, is_eager=True)
+        bool,
+        typer.Option("--version", help="print the version and exit", callback=_print_version, is_eager=True),
     ] = False,
 ) -> None:
     """Simulates deployable nets."""
 
 
-@app.command("run")
+@_command("run")
 def run_command(
     case: CasePath,
-    out: Folder = None,
+    out: Annotated[Path | None, _out("results/CASE, or results/CASE-2 ... if that is there")] = None,
     overwrite: Annotated[
         bool,
         typer.Option("--overwrite", help="replace the result in the folder, once the new one is complete"),
@@ -153,14 +166,19 @@ def run_command(
     ] = False,
     checkpoint_every: Annotated[
         float | None,
-        typer.Option(help="simulated time between two checkpoints [s]", metavar="SECONDS"),
+        typer.Option(
+            help="simulated time between two checkpoints [s] (default: one every 30 s of wall time)",
+            metavar="S",
+        ),
     ] = None,
-    spread: Moved = None,
+    spread: Annotated[
+        int | None, _spread("32, or fewer, at least 8, if they take longer than the run")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate a case; write result.h5, figures and summary.json into results/CASE/.
+    """Simulate a case.
 
-    If that is there already, into results/CASE-2/ and so on.
+    Writes result.h5, summary.json and figures, and prints what the run found.
     """
     from exunet.case.casefile import load
     from exunet.interfaces.commands.run import Asked, run_case
@@ -170,24 +188,28 @@ def run_command(
         raise stopped
 
 
-@app.command("ensemble")
+@_command("ensemble")
 def ensemble_command(
     case: CasePath,
     runs: Annotated[int, typer.Option("-n", "--runs", help="number of runs", metavar="N")] = 1000,
     perturb: Annotated[
-        float, typer.Option(help="by up to which each coordinate of the start is moved [m]", metavar="M")
+        float, typer.Option(help="largest move of each coordinate of the start [m]", metavar="M")
     ] = 1e-9,
     seed: Annotated[
-        int | None, typer.Option(help="of the moves (default: the case's, or 0)", metavar="S")
+        int | None,
+        typer.Option(help="seed of the random moves (default: the case's, or 0)", metavar="S"),
     ] = None,
-    out: Folder = None,
+    out: Annotated[Path | None, _out("results/CASE--ensemble, or the next that is free")] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="replace the ensemble in the folder, once it is complete")
     ] = False,
     overrides: Overrides = [],  # noqa: B006
     quiet: Quiet = False,
 ) -> None:
-    """Run a case from many moved starts; write ensemble.h5 and figures into results/CASE--ensemble/."""
+    """Run a case many times, from starts that are moved a little.
+
+    Writes ensemble.h5 and figures, and prints medians and ranges.
+    """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
     from exunet.interfaces.commands.ensemble import AskedEnsemble, run_ensemble_case
@@ -199,22 +221,25 @@ def ensemble_command(
         raise stopped
 
 
-@app.command("resume")
+@_command("resume")
 def resume_command(
     folder: Annotated[
         Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=_path)
     ],
-    spread: Moved = None,
+    spread: Annotated[int | None, _spread("as many as the run was to have")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Continue a run that was killed, from its last checkpoint; the result is the same to the last bit."""
+    """Continue a run that was killed, from its last checkpoint.
+
+    The result is the same to the last bit as that of a run that was not killed.
+    """
     from exunet.interfaces.commands.run import resume_run
 
     if stopped := resume_run(folder, quiet=quiet, spread=spread):
         raise stopped
 
 
-@app.command("check")
+@_command("check")
 def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B006
     """Validate a case and say what would be simulated."""
     from exunet.case.casefile import load
@@ -228,22 +253,27 @@ def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B
     print_table(loaded.scene.title, rows)
 
 
-@app.command("effects")
+@_command("effects")
 def effects_command(
     case: CasePath,
     accuracy: Annotated[
         float | None,
         typer.Option(
             min=0.0,
-            help="displacement that matters, as a part of the net's size (0.01, or effects.threshold)",
+            metavar="X",
+            help="displacement that matters, as a part of the net's size (default: effects.threshold, "
+            "or 0.01)",
         ),
     ] = None,
     measure: Annotated[
-        bool, typer.Option("--ablate", help="also run the case with each effect toggled")
+        bool, typer.Option("--ablate", help="also run the case with each effect switched on or off")
     ] = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Print what every known effect would do to a case: on or off, size, cost, advice."""
+    """Print what every known effect would do to a case.
+
+    For each: on or off, its size, its cost, and advice.
+    """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
     from exunet.interfaces.commands.effects import show_effects
@@ -253,12 +283,15 @@ def effects_command(
         show_effects(loaded, asked=accuracy, measure=measure)
 
 
-@app.command("schema")
+@_command("schema")
 def schema_command(
     as_json: Annotated[bool, typer.Option("--json", help="only the JSON Schema")] = False,
     template: Annotated[bool, typer.Option("--template", help="only the commented template case")] = False,
 ) -> None:
-    """Print the case format: a commented template case, and its JSON Schema."""
+    """Print the case format.
+
+    That is a commented template case and a JSON Schema.
+    """
     from exunet.case import schema
 
     if as_json and template:
@@ -280,21 +313,21 @@ def _comments(text: str) -> Iterator[str]:
         yield from (f"# {part}" for part in folded(line, width, indent + HANG))
 
 
-@app.command("verify")
+@_command("verify")
 def verify_command(
     cases: Annotated[
         list[Path] | None,
-        typer.Argument(help="case files; none: the shipped ones", metavar="[CASE]...", parser=_path),
+        typer.Argument(help="case files (default: the shipped ones)", metavar="CASE", parser=_path),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="whole runs of one case only")] = False,
     hard: Annotated[
         bool, typer.Option("--hard", help="the gallery of hard cases; with --quick in the compiled loop only")
     ] = False,
-    out: Folder = None,
+    out: Annotated[Path | None, _out("results/verification, or results/hard")] = None,
 ) -> None:
-    """Compare Exudyn with the reference and both with known answers; write verification.md and figures.
+    """Compare both codes with each other and with known answers.
 
-    With --hard: run the gallery of hard cases instead and write hard.md.
+    Writes verification.md and figures; with --hard runs the gallery of hard cases instead and writes hard.md.
     """
     if hard:
         from exunet.interfaces.commands.verify import verify_hard
@@ -307,18 +340,23 @@ def verify_command(
     raise typer.Exit(verify(cases or [], out or Path("results/verification"), quick=quick))
 
 
-@app.command("cost")
+@_command("cost")
 def cost_command(
     case: CasePath,
-    until: Annotated[float | None, typer.Option(help="end of the runs [s]", metavar="T")] = None,
-    budget: Annotated[float, typer.Option(help="wall time", metavar="SECONDS", min=0.0)] = 120.0,
-    out: Folder = None,
+    until: Annotated[
+        float | None, typer.Option(help="end of the runs [s] (default: the case's)", metavar="T")
+    ] = None,
+    budget: Annotated[float, typer.Option(help="wall time [s]", metavar="S", min=0.0)] = 120.0,
+    out: Annotated[Path | None, _out("results/CASE--cost, or the next that is free")] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="replace what an earlier study left in the folder")
     ] = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Measure what accuracy costs on a case, method by method; write the work-precision diagram."""
+    """Measure what accuracy costs on a case, method by method.
+
+    Writes a table and the work-precision diagram.
+    """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
     from exunet.interfaces.commands.cost import cost
@@ -329,31 +367,40 @@ def cost_command(
     raise typer.Exit(code)
 
 
-@app.command("compare")
+@_command("compare")
 def compare_command(
-    a: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="A", parser=_path)],
-    b: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="B", parser=_path)],
+    a: Annotated[Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="A", parser=_path)],
+    b: Annotated[Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="B", parser=_path)],
 ) -> None:
-    """Print the differences of two runs of the same net at the times that both have stored."""
+    """Print the differences of two runs of the same net.
+
+    They are compared at the times that both have stored.
+    """
     from exunet.interfaces.commands.compare import compare_runs
 
     compare_runs(a, b)
 
 
-@app.command("plot")
+@_command("plot")
 def plot_command(
-    result: Annotated[Path, typer.Argument(help="result.h5 of a run", metavar="RESULT", parser=_path)],
-    out: Folder = None,
+    result: Annotated[
+        Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=_path)
+    ],
+    out: Annotated[Path | None, _out("that of the result")] = None,
     kind: Annotated[str, typer.Option("--format", help="png, pdf or svg", metavar="FORMAT")] = "png",
     size: Annotated[
-        str | None, typer.Option(help="width and height of each figure [mm]", metavar="90x60")
+        str | None,
+        typer.Option(help="width and height of each figure [mm], such as 90x60", metavar="WIDTHxHEIGHT"),
     ] = None,
-    title: Annotated[bool, typer.Option("--title", help="with a title above each figure")] = False,
+    title: Annotated[bool, typer.Option("--title", help="write a title above each figure")] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="replace figures in the folder, of whatever result")
     ] = False,
 ) -> None:
-    """Draw the figures of a result, with the spread beside it, into its folder or into --out."""
+    """Draw the figures of a result.
+
+    The spread is drawn too where spread.h5 stands beside the result.
+    """
     from exunet.interfaces.commands.plot import plot
 
     for path in plot(result, out, kind, size, title=title, overwrite=overwrite):
