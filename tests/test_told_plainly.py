@@ -69,11 +69,11 @@ def test_a_quiet_run_says_nothing_but_errors(tmp_path):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("schema",),
         ("check", PLANAR),
         ("effects", ORBIT),
         ("run", PLANAR, *SHORT),
         ("run", PLANAR, "--set", "title=" + "x" * 200, *SHORT),
+        ("schema",),
     ],
 )
 def test_what_is_printed_fits_80_columns(tmp_path, arguments):
