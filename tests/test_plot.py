@@ -71,6 +71,7 @@ def curves(figure):
 
 
 AWAY = np.linspace(0, 50, 7)[:, None, None]  # m
+BLOWN = np.geomspace(1, 1e25, 7)[:, None, None]
 
 ODD = {
     "thrown": (THROWN, BOTH),
@@ -82,7 +83,7 @@ ODD = {
     "at rest": (result(square_net(), [0, 1], [square_net().reference_position] * 2), BOTH),
     "one node": (result(net([(0, 0, 0)], [], bullets=(0,)), [0, 1], np.zeros((2, 1, 3))), SPEEDS),
     "far away": (replace(THROWN, position=THROWN.position + AWAY), BOTH),
-    "blown up": (replace(THROWN, position=1e25 * THROWN.position, complete=False, verdict="?"), BOTH),
+    "blown up": (replace(THROWN, position=BLOWN * THROWN.position, complete=False, verdict="?"), BOTH),
     "falling": (replace(unfolding(LINE), potential=-np.linspace(0, 9, 7)), set()),
     "odd verdict": (replace(THROWN, complete=False, verdict="$5_^{ 中文 \n" + 50 * "more "), BOTH),
 }

@@ -22,7 +22,7 @@ Size = tuple[float, float]
 # What each shows, and of which results it can be made.
 FIGURES = {
     "reference_net": "the net in its reference configuration, node numbers, dimensions; needs elements",
-    "snapshots": "up to six configurations between the first and the last stored time",
+    "snapshots": "up to six configurations from the first stored time to the last, as the size has room",
     "bullet_speeds": "speed of each bullet over time; needs bullets",
     "energies": "kinetic and elastic energy, their sum, and the dissipated work over time",
     "area": "mouth area and mesh area over time; needs a mouth or mesh openings",

@@ -117,7 +117,9 @@ def columns_that_fit(labels: Sequence[str], width: float) -> int:
 @lru_cache(maxsize=512)
 def text_width(text: str, size: float) -> float:
     """Width of a text [points], mathematics included."""
-    outlines = TextPath((0, 0), text or " ", size=size, prop=FontProperties("DejaVu Sans"))
+    if not text.strip():  # Matplotlib has no path of nothing
+        return 0.0
+    outlines = TextPath((0, 0), text, size=size, prop=FontProperties("DejaVu Sans"))
     return float(np.max(outlines.vertices[:, 0], initial=0.0))
 
 

@@ -49,7 +49,7 @@ def tension_map(result: Result, page: Page, peaks: Floats, label: str) -> Figure
     if not peaks.all():
         entries.append(Line2D([], [], label="no tension", **SLACK))
     above = BAR if peaks.any() else 0.05
-    figure, (axes,) = framed(result, page, view, 1, "Tensions", entries, above, 120.0)
+    figure, (axes,) = framed(result, page, view, [""], "Tensions", entries, above, 120.0)
     colors = tension_colors()
     broad = line_scale(figure) * broadness(net) * (0.6 + 3.0 * peaks / top)
     order = np.argsort(peaks, kind="stable")  # the largest on top
