@@ -12,6 +12,7 @@ from matplotlib.colors import to_rgba
 from result_samples import net, result, square_net, unfolding
 from test_figures_print import NEAREST, drawn, lightness, words
 
+from exunet.base.errors import InputError
 from exunet.figures import figure
 from exunet.figures.style import BLACK, BLUE
 from exunet.figures.ticks import MOST, ticks
@@ -148,6 +149,44 @@ def test_small_pages_have_as_many_snapshots_as_can_be_read():
     assert len(times[0]) == 6
     assert len(times[1]) < 6
     assert (times[1][0], times[1][-1]) == (times[0][0], times[0][-1])  # first and last
+
+
+def test_tensions_leave_out_tethers():
+    """They have no place in the reference configuration; a scene without a net has no such figure."""
+    with pytest.raises(InputError, match="cannot have 'tensions'"):
+        figure(towed(), "tensions")
+    of = thrown_beside()
+    made = figure(of, "tensions")
+    axes = made.axes[0]
+    segments = [one for c in axes.collections if isinstance(c, LineCollection) for one in c.get_segments()]
+    assert len(segments) == of.net.n_net_elements
+    assert len(made.axes) == 2  # one plane, in which the net is flat, and the colour bar
+    told = labels(figure(replace(of, tension=0.0 * of.tension), "tensions"))
+    assert told == ["bullet", "no tension at the stored times"]
+
+
+def test_tensions_along_tethers():
+    """Steps over the unstretched length, and both ends named; none without a tether."""
+    of = towed()
+    of = replace(of, tension=np.outer(np.linspace(0, 1, 7), [1.0, 4.0, 2.0, 0.0]))
+    made = figure(of, "tethers")
+    (line,) = made.axes[0].get_lines()
+    np.testing.assert_allclose(line.get_xdata(), [0, 2, 4, 6, 8])
+    np.testing.assert_allclose(line.get_ydata(), [1, 4, 2, 0, 0])
+    assert line.get_drawstyle() == "steps-post"
+    assert labels(made) == ["tow, from node 1 to node 5"]
+    held = {
+        "chaser": replace(of.bodies["chaser"], nodes=np.array([1])),
+        "target": replace(of.bodies["target"], nodes=np.array([5])),
+    }
+    assert labels(figure(replace(of, bodies=held), "tethers")) == ["tow, from chaser to target"]
+    assert labels(figure(thrown_beside(), "tethers")) == ["line, from bullet 9 to node 13"]
+    with pytest.raises(InputError, match="cannot have 'tethers'"):
+        figure(unfolding(square_net()), "tethers")
+    for size in SIZES:
+        for text in words(drawn(figure(of, "tethers", size=size))):
+            box = text.get_window_extent()
+            assert min(box.x0, box.y0) >= 0, text
 
 
 @pytest.mark.parametrize("horizontal", [True, False])

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from exunet.figures.page import Page, legend_above, line_scale
+from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_styles, number
 from exunet.figures.thinning import thinned, thinned_band
 from exunet.results import measures as metrics
@@ -67,7 +67,7 @@ def bullet_speeds(
             _spread_band(axes, spread, spread.band(name), BLACK, words.get(name, f"_{name}"))
         top = max(top, float(spread.band("fastest_bullet")[1].max()))
     axes.set_ylim(0, 1.05 * top or 1.0)
-    _legend(figure, axes)
+    finish(figure, axes)
     return figure
 
 
@@ -107,7 +107,7 @@ def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -
                 least, largest = spread.band(name)
                 words = f"{name}, {spread.runs} moved starts"
                 _spread_band(axes, spread, (least / unit, largest / unit), style["color"], words)
-    _legend(figure, axes)
+    finish(figure, axes)
     return figure
 
 
@@ -141,7 +141,7 @@ def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Fi
         at = (measures.time_of_largest, measures.relative_area)
         axes.plot(*at, "o", color=BLACK, markersize=6, markerfacecolor="none", clip_on=False, label=text)
     axes.set_ylim(0, 1.05 * (top if result.complete else min(top, 2.0)))
-    _legend(figure, axes)
+    finish(figure, axes)
     return figure
 
 
@@ -172,7 +172,7 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
             axes.plot(times, peaks, "x", label=words, **dots)
         top = max(top, float(peaks.max()))
     axes.set_ylim(0, 1.05 * top or 1.0)
-    _legend(figure, axes)
+    finish(figure, axes)
     return figure
 
 
@@ -192,7 +192,7 @@ def loads_on_bodies(result: Result, page: Page) -> Figure | None:
         axes.plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
     top = max(float(sizes[one].max(initial=0.0)) for one in largest)
     axes.set_ylim(0.0, 1.05 * top or 1.0)
-    _legend(figure, axes)
+    finish(figure, axes)
     return figure
 
 
@@ -222,7 +222,7 @@ def distances(result: Result, page: Page) -> Figure | None:
     if len(pairs) > len(nearest):
         axes.plot([], [], " ", label=f"{len(pairs) - len(nearest)} more pairs, which stay farther apart")
     axes.set_ylim(0.0, 1.05 * float(found[:, nearest].max()) or 1.0)
-    _legend(figure, axes)
+    finish(figure, axes)
     return figure
 
 
@@ -245,7 +245,7 @@ def rotation(result: Result, page: Page) -> Figure | None:
             style: dict[str, Any] = {"color": color, "linewidth": width, "linestyle": line, "marker": marker}
             column, shift = values[:, "xyz".index(axis)], "xyz".index(axis) / 3
             _curve(axes, result.time, column, shift, label=f"{name}, {axis}", markersize=4.0, **style)
-    _legend(figure, axes)
+    finish(figure, axes)
     return figure
 
 
@@ -271,7 +271,7 @@ def agreement(result: Result, page: Page, found: Agreement) -> Figure:
             dotted: dict[str, Any] = {"color": color, "linewidth": 1.0, "linestyle": line}
             axes.plot((0, 1), (level, level), transform=axes.get_yaxis_transform(), label=label, **dotted)
     _mark_horizon(axes, found)
-    _legend(figure, axes)
+    finish(figure, axes)
     return figure
 
 
@@ -320,12 +320,3 @@ def _curve_axes(result: Result, page: Page, title: str, y_label: str) -> tuple[F
     axes.set_xlabel("time [s]")
     axes.set_ylabel(y_label)
     return figure, axes
-
-
-def _legend(figure: Figure, axes: Axes) -> None:
-    """The legend above the axes; lines and markers to suit the figure's size."""
-    scale = line_scale(figure)
-    for line in axes.get_lines():
-        line.set_linewidth(scale * line.get_linewidth())
-        line.set_markersize(scale * line.get_markersize())
-    legend_above(figure, *axes.get_legend_handles_labels())

@@ -72,6 +72,15 @@ def line_scale(figure: Figure) -> float:
     return min(1.0, max(0.65, math.sqrt(figure.get_figwidth() * INCH / 170.0)))
 
 
+def finish(figure: Figure, axes: Axes) -> None:
+    """Lines and markers of curves to suit the figure's size, and their legend above the axes."""
+    scale = line_scale(figure)
+    for line in axes.get_lines():
+        line.set_linewidth(scale * line.get_linewidth())
+        line.set_markersize(scale * line.get_markersize())
+    legend_above(figure, *axes.get_legend_handles_labels())
+
+
 def legend_above(figure: Figure, handles: Sequence[Any], labels: Sequence[str], **place: Any) -> None:
     """The legend above the axes, where it hides nothing, in as many columns as the width has room for.
 

@@ -48,7 +48,8 @@ def _multiples(low: float, high: float) -> Iterator[tuple[float, Floats]]:
     for down in range(3):
         for factor in (5, 2, 1):
             step = factor * 10.0 ** (power - down)
-            at = step * np.arange(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
+            first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+            at = step * np.arange(first, last + 1, dtype=np.float64)
             if 2 <= len(at) <= 2 * MOST:
                 yield step, at
 
