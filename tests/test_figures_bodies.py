@@ -189,6 +189,21 @@ def test_tensions_along_tethers():
             assert min(box.x0, box.y0) >= 0, text
 
 
+def test_rotations_name_their_axes_and_repeat_no_line():
+    """Of six bodies the four that turn fastest."""
+    of = towed(6)
+    turning = {
+        name: replace(one, angular_velocity=np.full((7, 3), 0.1 * k))
+        for k, (name, one) in enumerate(of.bodies.items())
+    }
+    made = figure(replace(of, bodies=turning), "rotation")
+    assert made.axes[0].get_ylabel() == "angular velocity\nin body axes [rad/s]"
+    lines = made.axes[0].get_lines()
+    names = [f"body_{k}, {axis}" for k in (2, 3, 4, 5) for axis in "xyz"]
+    assert [line.get_label() for line in lines] == [*names, "2 more, which turn more slowly"]
+    assert len({(line.get_color(), line.get_linestyle()) for line in lines[:-1]}) == 12
+
+
 @pytest.mark.parametrize("horizontal", [True, False])
 def test_every_axis_has_at_least_two_round_numbers(horizontal):
     random = np.random.default_rng(0)

@@ -31,7 +31,7 @@ FIGURES = {
     "largest_tension": "largest tension of all elements over time; needs elements",
     "loads": "pull of the threads on each body at the nodes that are fixed to it; needs such nodes",
     "distances": "distance of each two bodies with shapes, surface to surface, over time; needs two of them",
-    "rotation": "angular velocity of each rigid body over time; needs a rigid body",
+    "rotation": "angular velocity of rigid bodies over time, in body axes; needs a rigid body",
     "agreement": "differences between two codes over time; needs an `agreement`",
 }
 LEAST, MOST = 40.0, 1000.0  # mm, sides of a figure

@@ -23,6 +23,8 @@ from exunet.results.rows import over_blocks
 
 Floats = NDArray[np.float64]
 
+_BODY_LINES = ("-", "--", ":", "-.")
+
 
 def bullet_speeds(
     result: Result, page: Page, agreement: Agreement | None = None, spread: EnsembleResult | None = None
@@ -227,7 +229,10 @@ def distances(result: Result, page: Page) -> Figure | None:
 
 
 def rotation(result: Result, page: Page) -> Figure | None:
-    """Angular velocity of each rigid body over time, in body axes; None without rigid bodies."""
+    """Angular velocity of each rigid body over time, in body axes; None without rigid bodies.
+
+    Of more than four bodies those that turn fastest.
+    """
     turning = {
         name: np.asarray(body.angular_velocity)
         for name, body in result.bodies.items()
@@ -235,16 +240,20 @@ def rotation(result: Result, page: Page) -> Figure | None:
     }
     if not turning:
         return None
-    figure, axes = _curve_axes(
-        result, page, "Rotation of the bodies, in body axes", "angular velocity [rad/s]"
-    )
-    for k, (name, values) in enumerate(turning.items()):
-        line = ("-", "--", ":", "-.")[k % 4]
+    label = "angular velocity\nin body axes [rad/s]"
+    figure, axes = _curve_axes(result, page, "Rotation of the bodies", label)
+    fastest = sorted(turning, key=lambda name: -float(np.abs(turning[name]).max()))[: len(_BODY_LINES)]
+    shown = [name for name in turning if name in fastest]
+    for name, line in zip(shown, _BODY_LINES, strict=False):
         styles = zip("xyz", (YELLOW, RED, BLUE), (2.4, 1.6, 1.0), "os^", strict=True)
-        for axis, color, width, marker in styles:
+        for column, (axis, color, width, marker) in enumerate(styles):
             style: dict[str, Any] = {"color": color, "linewidth": width, "linestyle": line, "marker": marker}
-            column, shift = values[:, "xyz".index(axis)], "xyz".index(axis) / 3
-            _curve(axes, result.time, column, shift, label=f"{name}, {axis}", markersize=4.0, **style)
+            words = f"{name}, {axis}"
+            _curve(
+                axes, result.time, turning[name][:, column], column / 3, label=words, markersize=4.0, **style
+            )
+    if len(turning) > len(shown):
+        axes.plot([], [], " ", label=f"{len(turning) - len(shown)} more, which turn more slowly")
     finish(figure, axes)
     return figure
 
