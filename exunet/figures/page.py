@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
+from exunet.figures.powers import tell_power_of_ten
 from exunet.figures.style import SMALL, blank, drawing
 
 INCH = 25.4  # mm
@@ -73,11 +74,14 @@ def line_scale(figure: Figure) -> float:
 
 
 def finish(figure: Figure, axes: Axes) -> None:
-    """Lines and markers of curves to suit the figure's size, and their legend above the axes."""
+    """Lines and markers of curves to suit the figure's size, powers of ten, and the legend above the axes."""
     scale = line_scale(figure)
     for line in axes.get_lines():
         line.set_linewidth(scale * line.get_linewidth())
         line.set_markersize(scale * line.get_markersize())
+    if axes.get_yscale() == "linear":
+        tell_power_of_ten(axes.yaxis)
+    tell_power_of_ten(axes.xaxis)
     legend_above(figure, *axes.get_legend_handles_labels())
 
 
