@@ -106,7 +106,7 @@ def test_text_stays_text(tmp_path):
         assert b"CreationDate" not in data
     svg = (tmp_path / "energies.svg").read_text(encoding="utf-8")
     assert ">time [s]</text>" in svg
-    assert ">energy / initial energy</text>" in svg
+    assert ">energy change [J]</text>" in svg
     assert "<dc:date>" not in svg
 
 
@@ -158,7 +158,7 @@ def test_axes_have_units():
         outer = [label for axes in made.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
         assert outer, name
         for label in outer:
-            assert label.endswith("]") or label in ("energy / initial energy", "relative area"), (name, label)
+            assert label.endswith("]") or label == "relative area", (name, label)
 
 
 def test_no_title_unless_asked():

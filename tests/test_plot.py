@@ -130,22 +130,24 @@ def test_figures_of_odd_results(name):
             assert (axes.get_xlim()[0] < drawn[:, 0].min()) & (drawn[:, 0].max() < axes.get_xlim()[1])
             assert (axes.get_ylim()[0] < drawn[:, 1].min()) & (drawn[:, 1].max() < axes.get_ylim()[1])
 
-    energies = made["energies"].axes[0]
-    in_joule = name in ("at rest", "one node", "falling")  # those start with no energy, or gain far more
-    assert energies.get_ylabel() == ("energy [J]" if in_joule else "energy / initial energy")
-    unit = 1.0 if in_joule else of.kinetic[0] + of.elastic[0]
+    energies, balance = made["energies"].axes
+    assert energies.get_ylabel() == "energy change [J]"
     curve = curves(made["energies"])
-    for label, values in (
-        ("kinetic", of.kinetic),
-        ("elastic", of.elastic),
-        ("kinetic + elastic", of.kinetic + of.elastic),
-        ("dissipated", of.dissipated),
-    ):
+    parts = {"kinetic": of.kinetic, "elastic": of.elastic, "dissipated": of.dissipated}
+    if name == "falling":
+        parts["potential"] = of.potential
+    assert set(curve) == set(parts)
+    for label, values in parts.items():
+        change = values - values[0]
         np.testing.assert_array_equal(curve[label].get_xdata(), of.time)
-        np.testing.assert_allclose(curve[label].get_ydata(), values / unit, rtol=1e-15)
+        np.testing.assert_allclose(curve[label].get_ydata(), change, rtol=1e-15)
         low, high = energies.get_ylim()
-        assert low <= (values / unit).min() <= (values / unit).max() <= high
-    assert ("potential, change" in curve) == (name == "falling")
+        assert low <= change.min() <= change.max() <= high
+    errors = sum(values - values[0] for values in parts.values())
+    np.testing.assert_allclose(balance.get_lines()[0].get_ydata(), errors, rtol=1e-12, atol=1e-15)
+    assert balance.get_ylim()[0] == -balance.get_ylim()[1]
+    assert np.abs(errors).max() < balance.get_ylim()[1]
+    assert len(balance.get_yticks()) == 3
 
 
 @pytest.mark.parametrize("name", ["thrown", "single time", "no bullets, no mouth", "many bullets"])
@@ -184,7 +186,7 @@ def test_curves_hold_the_results_numbers():
         curves(made["bullet_speeds"])["node 16"].get_ydata(), metrics.bullet_speeds(THROWN)[:, 0]
     )
     kinetic = curves(made["energies"])["kinetic"].get_ydata()
-    np.testing.assert_array_equal(kinetic, THROWN.kinetic / (THROWN.kinetic[0] + THROWN.elastic[0]))
+    np.testing.assert_array_equal(kinetic, THROWN.kinetic - THROWN.kinetic[0])
     mouth = curves(made["area"])["mouth / achievable area (1 m²)"].get_ydata()
     assert mouth[0] == pytest.approx(0.01)  # a tenth of the size, squared
 
@@ -192,17 +194,32 @@ def test_curves_hold_the_results_numbers():
 def test_bands_reach_to_the_extremes_between_stored_times():
     peak = THROWN.elastic + 0.25 * THROWN.kinetic[0]
     drawn = checked(replace(THROWN, largest_elastic=peak, least_kinetic=0.5 * THROWN.kinetic))["energies"]
-    start = THROWN.kinetic[0] + THROWN.elastic[0]
-    bands = {band.get_label(): band.get_paths()[0].vertices[:, 1] for band in drawn.axes[0].collections}
-    assert bands["largest elastic of all steps"].max() == pytest.approx(peak.max() / start)
-    assert bands["least kinetic of all steps"].min() == pytest.approx(0.5 * THROWN.kinetic.min() / start)
+    *bands, entry = drawn.axes[0].collections
+    least, largest = ([get(b.get_paths()[0].vertices[:, 1]) for b in bands] for get in (np.min, np.max))
+    assert min(least) == pytest.approx((0.5 * THROWN.kinetic).min() - THROWN.kinetic[0])
+    assert max(largest) == pytest.approx(peak.max() - THROWN.elastic[0])
+    assert entry.get_label() == "extremes of all steps"
     older = checked(THROWN)["energies"]
     assert not older.axes[0].collections
 
 
-def test_energy_is_in_joule_for_a_net_that_starts_at_rest():
-    at_rest = checked(ODD["at rest"][0])["energies"]
-    assert at_rest.axes[0].get_ylabel() == "energy [J]"
+def test_energies_show_small_changes_of_large_ones():
+    """A net that flies fast and dissipates little: the change fills the axis, and the balance is below."""
+    lost = np.linspace(0.0, 1e-3, 7)
+    flying = replace(THROWN, kinetic=100.0 - lost, dissipated=lost * (1 + 1e-6), elastic=0 * lost)
+    made = checked(flying)["energies"]
+    low, high = made.axes[0].get_ylim()
+    assert (high - low) < 3e-3
+    assert made.axes[1].get_title(loc="left") == "error of the energy balance [$10^{-9}$ J]"
+    errors = made.axes[1].get_lines()[0].get_ydata()
+    np.testing.assert_allclose(errors, 1e-6 * lost, atol=1e-13)
+    assert metrics.energy_errors(flying)[-1] == errors[-1]
+
+
+def test_work_that_is_put_in_is_named():
+    made = checked(replace(THROWN, dissipated=-np.linspace(0.0, 1.0, 7)))["energies"]
+    assert "dissipated \N{MINUS SIGN} put in" in curves(made)
+    assert "dissipated" in curves(checked(THROWN)["energies"])
 
 
 def test_reference_figure_names_sizes_and_nodes():

@@ -24,7 +24,7 @@ FIGURES = {
     "reference_net": "the net in its reference configuration, node numbers, dimensions; needs elements",
     "snapshots": "up to six configurations from the first stored time to the last, as the size has room",
     "bullet_speeds": "speed of each bullet over time; needs bullets",
-    "energies": "kinetic and elastic energy, their sum, and the dissipated work over time",
+    "energies": "changes of the energies and the dissipated work over time; error of their balance",
     "area": "mouth area and mesh area over time; needs a mouth or mesh openings",
     "tensions": "largest tension of each element at the stored times, on the reference net; needs elements",
     "tethers": "largest tension at the stored times along each tether; needs tethers",

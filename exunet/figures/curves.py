@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from exunet.figures.page import Page, finish
-from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_styles, number
+from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, SMALL, YELLOW, curve_styles, number
 from exunet.figures.thinning import thinned, thinned_band
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
@@ -23,6 +23,7 @@ from exunet.results.rows import over_blocks
 
 Floats = NDArray[np.float64]
 
+_REACHED = 0.5  # opacity of what is reached between stored times
 _BODY_LINES = ("-", "--", ":", "-.")
 
 
@@ -63,10 +64,9 @@ def bullet_speeds(
             _curve(axes, agreement.time, column, label=label, **grey)
         _mark_horizon(axes, agreement)
     if spread is not None and "slowest_bullet" in spread.quantiles:
-        words = {"slowest_bullet": f"slowest, fastest bullet of {spread.runs} moved starts"}
-        for name in ("slowest_bullet", "fastest_bullet"):
-            # Matplotlib keeps labels that begin with "_" out of the legend.
-            _spread_band(axes, spread, spread.band(name), BLACK, words.get(name, f"_{name}"))
+        words = f"{spread.runs} moved starts: slowest, fastest"
+        for name, label in (("slowest_bullet", words), ("fastest_bullet", None)):
+            _spread_band(axes, spread, spread.band(name), BLACK, label)
         top = max(top, float(spread.band("fastest_bullet")[1].max()))
     axes.set_ylim(0, 1.05 * top or 1.0)
     finish(figure, axes)
@@ -74,42 +74,47 @@ def bullet_speeds(
 
 
 def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure:
-    """Kinetic and elastic energy, their sum and the dissipated work, relative to the total at the start.
+    """Changes of the energies since the first stored time, and the error of their balance below.
 
-    In joule if the net starts with (almost) no energy of its own, as one that falls from rest. Where known,
-    bands reach from kinetic and elastic energy at the stored times to their extremes over the steps between.
+    Kinetic, elastic and potential energy and the dissipated work; work that is put in counts as dissipated
+    below zero. Where known, bands reach from kinetic and elastic energy at the stored times to their
+    extremes over the steps between.
     """
-    total = result.kinetic + result.elastic
     parts: dict[str, tuple[Floats, dict[str, Any]]] = {
-        "dissipated": (result.dissipated, {"color": YELLOW, "linewidth": 1.8, "marker": "s"}),
-        "kinetic": (result.kinetic, {"color": BLUE, "linewidth": 1.4, "linestyle": "--"}),
-        "elastic": (result.elastic, {"color": RED, "linewidth": 1.4, "linestyle": "-"}),
-        "kinetic + elastic": (total, {"color": BLACK, "linewidth": 0.9, "linestyle": "-."}),
+        "dissipated": (np.asarray(result.dissipated), {"color": YELLOW, "linewidth": 2.6, "marker": "s"}),
+        "elastic": (np.asarray(result.elastic), {"color": RED, "linewidth": 1.6}),
+        "kinetic": (np.asarray(result.kinetic), {"color": BLUE, "linewidth": 1.2, "linestyle": "--"}),
     }
     if np.any(result.potential != result.potential[0]):
-        fallen = result.potential - result.potential[0]
-        dotted = {"color": BLACK, "linewidth": 1.2, "linestyle": ":", "marker": "v"}
-        parts["potential, change"] = (fallen, dotted)
-    start = float(total[0])
-    relative = start > 1e-3 * max(float(np.abs(values).max()) for values, _ in parts.values())
-    label = "energy / initial energy" if relative else "energy [J]"
-    figure, axes = _curve_axes(result, page, "Energies at the stored times", label)
-    unit = start if relative else 1.0
+        dotted = {"color": BLACK, "linewidth": 1.0, "linestyle": ":", "marker": "v"}
+        parts["potential"] = (np.asarray(result.potential), dotted)
+    figure, (axes, below) = page.stacked_axes(result, "Changes of the energies", (3.0, 1.0), 115.0)
+    axes.set_ylabel("energy change [J]")
     for name, (values, style) in parts.items():
-        _curve(axes, result.time, values / unit, **style, label=name, markersize=4.0)
-    for extremes, name, color, words in (
-        (result.least_kinetic, "kinetic", BLUE, "least kinetic of all steps"),
-        (result.largest_elastic, "elastic", RED, "largest elastic of all steps"),
-    ):
-        if extremes is not None:
-            _band(axes, result.time, parts[name][0] / unit, extremes / unit, color, words)
+        label = (
+            "dissipated \N{MINUS SIGN} put in"
+            if name == "dissipated" and np.min(values) < values[0]
+            else name
+        )
+        _curve(axes, result.time, values - values[0], **style, label=label, markersize=4.0)
+    extremes = {"kinetic": result.least_kinetic, "elastic": result.largest_elastic}
+    for name, reached in extremes.items():
+        if reached is not None:
+            values, style = parts[name]
+            _band(axes, result.time, values - values[0], reached - values[0], style["color"])
+    if any(reached is not None for reached in extremes.values()):
+        axes.fill_between([], [], color="0.5", alpha=_REACHED, linewidth=0, label="extremes of all steps")
     if spread is not None:
-        for name, (_, style) in parts.items():
+        for name, (values, style) in parts.items():
             if name in spread.quantiles:
                 least, largest = spread.band(name)
-                words = f"{name}, {spread.runs} moved starts"
-                _spread_band(axes, spread, (least / unit, largest / unit), style["color"], words)
-    finish(figure, axes)
+                _spread_band(axes, spread, (least - values[0], largest - values[0]), style["color"], None)
+        _spread_band(axes, spread, None, "0.5", f"range of {spread.runs} moved starts")
+    _balance(below, result)
+    finish(figure, axes, below)
+    # Above its axes, which are lower than the words are long.
+    below.set_title(below.get_ylabel(), loc="left", fontsize=SMALL, pad=3)
+    below.set_ylabel("")
     return figure
 
 
@@ -129,7 +134,7 @@ def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Fi
         top = max(top, float(values.max()))
     if spread is not None and measures is not None and "area" in spread.quantiles:
         least, largest = (side / measures.achievable_area for side in spread.band("area"))
-        _spread_band(axes, spread, (least, largest), BLUE, f"mouth, {spread.runs} moved starts")
+        _spread_band(axes, spread, (least, largest), BLUE, f"mouth, range of {spread.runs} moved starts")
         top = max(top, float(largest.max()))
     if meshes:
         values = over_blocks(partial(metrics.mesh_area, net), result.position) / meshes
@@ -165,7 +170,7 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
         style: dict[str, Any] = {"color": RED, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
         axes.plot(peak["time_s"], peak["tension_N"], "o", label=words, **style)
     if spread is not None:
-        _spread_band(axes, spread, spread.band("tension"), BLACK)
+        _spread_band(axes, spread, spread.band("tension"), BLACK, f"range of {spread.runs} moved starts")
         peaks = spread.headlines["largest_tension_N"]
         times = spread.headlines.get("time_of_largest_tension_s")
         if times is not None:
@@ -299,20 +304,33 @@ def _curve(axes: Axes, time: Floats, values: Floats, shift: float = 0.0, **style
     axes.plot(time, values, markevery=(int(shift * step), step), **style)
 
 
-def _band(axes: Axes, time: Floats, values: Floats, extremes: Floats, color: str, label: str) -> None:
+def _balance(axes: Axes, result: Result) -> None:
+    """The error of the energy balance over time, about zero."""
+    errors = metrics.energy_errors(result)
+    _curve(axes, result.time, errors, color=BLACK, linewidth=1.0)
+    axes.axhline(0.0, color="0.5", linewidth=0.6, linestyle=":", zorder=1)
+    largest = float(np.abs(errors).max()) or 1.0
+    power = 10.0 ** np.floor(np.log10(largest))
+    outer = power * min(factor for factor in (1, 2, 5, 10) if factor * power >= largest)
+    axes.set_ylim(-1.1 * outer, 1.1 * outer)
+    axes.set_yticks([-outer, 0.0, outer])
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("error of the energy balance [J]")
+
+
+def _band(axes: Axes, time: Floats, values: Floats, extremes: Floats, color: str) -> None:
     """From a curve to the extreme value of each interval, which ends with one of its times."""
-    style: dict[str, Any] = {"color": color, "alpha": 0.5, "linewidth": 0.7, "zorder": 1.5}
-    axes.fill_between(*thinned_band(time, values, extremes), step="pre", label=label, **style)
+    style: dict[str, Any] = {"color": color, "alpha": _REACHED, "linewidth": 0.7, "zorder": 1.5}
+    axes.fill_between(*thinned_band(time, values, extremes), step="pre", **style)
 
 
 def _spread_band(
-    axes: Axes, spread: EnsembleResult, ends: tuple[Floats, Floats], color: str, label: str = ""
+    axes: Axes, spread: EnsembleResult, ends: tuple[Floats, Floats] | None, color: str, label: str | None
 ) -> None:
-    """From the least to the largest of moved starts, pale and behind all curves."""
-    words = label or f"{spread.runs} moved starts"
-    axes.fill_between(
-        spread.time, *ends, color=color, alpha=0.22, linewidth=0, zorder=1, label=f"{words}, least to largest"
-    )
+    """From the least to the largest of moved starts, pale, behind all curves; without ends for the legend."""
+    low, high = ends or (np.empty(0), np.empty(0))
+    time = spread.time if ends else low
+    axes.fill_between(time, low, high, color=color, alpha=0.22, linewidth=0, zorder=1, label=label)
 
 
 def _many(axes: Axes, time: Floats, values: Floats, label: str) -> None:

@@ -44,11 +44,22 @@ class Page:
 
     def curve_axes(self, result: Judged, title: str) -> tuple[Figure, Axes]:
         """A figure with one pair of axes that fills it."""
-        width, height = self.size or (170.0, 95.0)
+        figure, (axes,) = self.stacked_axes(result, title, (1.0,), 95.0)
+        return figure, axes
+
+    def stacked_axes(
+        self, result: Judged, title: str, parts: Sequence[float], height: float
+    ) -> tuple[Figure, list[Axes]]:
+        """A figure with axes above each other, whose heights are in proportion, and one scale across.
+
+        height : of the figure [mm], if no size is asked for
+        """
+        width, height = self.size or (170.0, height)
         figure = blank(width / INCH, height / INCH)
         figure.set_layout_engine("constrained")
         self.head(figure, result, title)
-        return figure, figure.subplots()
+        grid = figure.subplots(len(parts), 1, sharex=True, height_ratios=parts, squeeze=False)
+        return figure, list(grid[:, 0])
 
     def head(self, figure: Figure, result: Judged, title: str) -> None:
         """The title, if wanted, and the verdict of an incomplete result."""
@@ -73,15 +84,16 @@ def line_scale(figure: Figure) -> float:
     return min(1.0, max(0.65, math.sqrt(figure.get_figwidth() * INCH / 170.0)))
 
 
-def finish(figure: Figure, axes: Axes) -> None:
-    """Lines and markers of curves to suit the figure's size, powers of ten, and the legend above the axes."""
+def finish(figure: Figure, axes: Axes, *others: Axes) -> None:
+    """Lines and markers to suit the figure's size, powers of ten; above all the legend of the first axes."""
     scale = line_scale(figure)
-    for line in axes.get_lines():
-        line.set_linewidth(scale * line.get_linewidth())
-        line.set_markersize(scale * line.get_markersize())
-    if axes.get_yscale() == "linear":
-        tell_power_of_ten(axes.yaxis)
-    tell_power_of_ten(axes.xaxis)
+    for one in (axes, *others):
+        for line in one.get_lines():
+            line.set_linewidth(scale * line.get_linewidth())
+            line.set_markersize(scale * line.get_markersize())
+        for axis, kind in ((one.xaxis, one.get_xscale()), (one.yaxis, one.get_yscale())):
+            if kind == "linear":
+                tell_power_of_ten(axis)
     legend_above(figure, *axes.get_legend_handles_labels())
 
 
