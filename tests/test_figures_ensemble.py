@@ -69,7 +69,7 @@ def test_histograms_of_values_that_differ_in_late_digits() -> None:
         (3.2e-7, "force [N]", "force [$10^{-7}$ N]"),
         (3.2e6, "force\nthere [N]", "force\nthere [$10^{6}$ N]"),
         (3.2e-7, "margin", "margin [$10^{-7}$]"),
-        (0.0032, "force [N]", "force [N]"),
+        (0.032, "force [N]", "force [N]"),
         (0.0, "force [N]", "force [N]"),
     ],
 )

@@ -153,6 +153,26 @@ def test_pages_are_legible(size, complete):
             assert box.height > 0.4, name
 
 
+@pytest.mark.parametrize("size", [None, (85.0, 60.0)], ids=str)
+def test_small_scenes_of_short_runs_are_legible(size):
+    """0.2 m and 4 ms: numbers of many digits, which neither push labels off the page nor touch each other."""
+    of = unfolding(net([(-0.1, 0, 0), (0, 0, 0), (0.1, 0, 0)], [(0, 1), (1, 2)]), lift=2.0)
+    of = replace(of, time=4e-3 * of.time, position=of.position[..., [0, 2, 1]])
+    for name, made in figures(of, size=size).items():
+        boxes = [(text.get_text(), text.get_window_extent()) for text in words(drawn(made))]
+        for word, box in boxes:
+            inside = box.x0 >= 0 and box.y0 >= 0 and box.x1 <= made.bbox.x1 and box.y1 <= made.bbox.y1
+            assert inside, (name, word)
+        for (one, a), (other, b) in itertools.combinations(boxes, 2):
+            assert not a.padded(-1.0).overlaps(b.padded(-1.0)), (name, one, other)
+    assert figure(of, "energies").axes[1].get_xlabel() == "time [$10^{-3}$ s]"
+
+
+def test_curves_at_zero_stand_clear_of_the_axis():
+    made = figure(replace(WHOLE, tension=0 * WHOLE.tension), "largest_tension")
+    assert made.axes[0].get_ylim() == pytest.approx((-0.02, 1.05))
+
+
 def test_axes_have_units():
     for name, made in figures(STRETCHED, agreement_with(STRETCHED)).items():
         outer = [label for axes in made.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]

@@ -195,12 +195,27 @@ def test_bands_reach_to_the_extremes_between_stored_times():
     peak = THROWN.elastic + 0.25 * THROWN.kinetic[0]
     drawn = checked(replace(THROWN, largest_elastic=peak, least_kinetic=0.5 * THROWN.kinetic))["energies"]
     *bands, entry = drawn.axes[0].collections
-    least, largest = ([get(b.get_paths()[0].vertices[:, 1]) for b in bands] for get in (np.min, np.max))
-    assert min(least) == pytest.approx((0.5 * THROWN.kinetic).min() - THROWN.kinetic[0])
-    assert max(largest) == pytest.approx(peak.max() - THROWN.elastic[0])
+    ends = np.concatenate([path.vertices[:, 1] for band in bands for path in band.get_paths()])
+    assert ends.min() == pytest.approx((0.5 * THROWN.kinetic).min() - THROWN.kinetic[0])
+    assert ends.max() == pytest.approx(peak.max() - THROWN.elastic[0])
     assert entry.get_label() == "extremes of all steps"
     older = checked(THROWN)["energies"]
     assert not older.axes[0].collections
+
+
+def test_bands_cover_no_more_than_what_is_beyond_the_curve():
+    """Of an energy that grows evenly the least of an interval is where it began: nothing is beyond."""
+    growing = 1.0 + THROWN.time
+    least = np.append(growing[:1], growing[:-1])
+    of = replace(THROWN, kinetic=growing, least_kinetic=least, largest_elastic=THROWN.elastic)
+    assert [len(c.get_paths()) for c in checked(of)["energies"].axes[0].collections[:2]] == [0, 0]
+    deep = least.copy()
+    deep[3] = 0.25
+    band = checked(replace(of, least_kinetic=deep))["energies"].axes[0].collections[0]
+    (path,) = band.get_paths()
+    time, change = of.time, growing - growing[0]
+    quad = [(time[2], change[2]), (time[2], -0.75), (time[3], -0.75), (time[3], change[3])]
+    np.testing.assert_allclose(path.vertices[:4], quad)
 
 
 def test_energies_show_small_changes_of_large_ones():
@@ -210,6 +225,8 @@ def test_energies_show_small_changes_of_large_ones():
     made = checked(flying)["energies"]
     low, high = made.axes[0].get_ylim()
     assert (high - low) < 3e-3
+    assert made.axes[0].get_ylabel() == "energy change [$10^{-3}$ J]"
+    assert made.axes[0].get_xlabel() == ""
     assert made.axes[1].get_title(loc="left") == "error of the energy balance [$10^{-9}$ J]"
     errors = made.axes[1].get_lines()[0].get_ydata()
     np.testing.assert_allclose(errors, 1e-6 * lost, atol=1e-13)

@@ -147,13 +147,13 @@ def _drawers(
     agreement: Agreement | None, spread: EnsembleResult | None
 ) -> dict[str, Callable[[Result, Page], Figure | None]]:
     """What makes each figure; it returns None for a result that has not what it shows."""
-    from exunet.figures import curves, nets, tensions
+    from exunet.figures import curves, energies, nets, tensions
 
     return {
         "reference_net": nets.reference_net,
         "snapshots": nets.snapshots,
         "bullet_speeds": lambda result, page: curves.bullet_speeds(result, page, agreement, spread),
-        "energies": lambda result, page: curves.energies(result, page, spread),
+        "energies": lambda result, page: energies.energies(result, page, spread),
         "area": lambda result, page: curves.area(result, page, spread),
         "tensions": tensions.tensions,
         "tethers": tensions.tethers,

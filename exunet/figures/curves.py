@@ -1,4 +1,4 @@
-"""Curves over time: bullet speeds and energies (the paper's Figs. 5, 6), areas, tensions, agreement."""
+"""Curves over time: bullet speeds, areas, tensions, loads, distances, rotations, agreement."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from exunet.figures.lines import curve, curve_axes, from_zero, many, spread_band
 from exunet.figures.page import Page, finish
-from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, SMALL, YELLOW, curve_styles, number
-from exunet.figures.thinning import thinned, thinned_band
+from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_styles, number
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
 from exunet.results.clearance import gaps_of, pairs_of, shapes_of
@@ -23,7 +23,6 @@ from exunet.results.rows import over_blocks
 
 Floats = NDArray[np.float64]
 
-_REACHED = 0.5  # opacity of what is reached between stored times
 _BODY_LINES = ("-", "--", ":", "-.")
 
 
@@ -38,14 +37,14 @@ def bullet_speeds(
     count = speeds.shape[1]
     if count == 0:
         return None
-    figure, axes = _curve_axes(result, page, "Speeds of the bullets", "speed [m/s]")
+    figure, axes = curve_axes(result, page, "Speeds of the bullets", "speed [m/s]")
     nodes = result.net.bullet_nodes
     if count <= MOST_CURVES:
         for k, style in enumerate(curve_styles(count)):
             style |= {"label": f"node {nodes[k]}", "markersize": 4.5}
-            _curve(axes, result.time, speeds[:, k], shift=k / count, **style)
+            curve(axes, result.time, speeds[:, k], shift=k / count, **style)
     else:
-        _many(
+        many(
             axes,
             result.time,
             speeds,
@@ -61,60 +60,15 @@ def bullet_speeds(
             grey = {"color": "0.75", "linewidth": 2.6, "zorder": 1.5}
         for k, column in enumerate(theirs.T):
             label = "reference" if k == 0 else None
-            _curve(axes, agreement.time, column, label=label, **grey)
+            curve(axes, agreement.time, column, label=label, **grey)
         _mark_horizon(axes, agreement)
     if spread is not None and "slowest_bullet" in spread.quantiles:
         words = f"{spread.runs} moved starts: slowest, fastest"
         for name, label in (("slowest_bullet", words), ("fastest_bullet", None)):
-            _spread_band(axes, spread, spread.band(name), BLACK, label)
+            spread_band(axes, spread, spread.band(name), BLACK, label)
         top = max(top, float(spread.band("fastest_bullet")[1].max()))
-    axes.set_ylim(0, 1.05 * top or 1.0)
+    from_zero(axes, top)
     finish(figure, axes)
-    return figure
-
-
-def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure:
-    """Changes of the energies since the first stored time, and the error of their balance below.
-
-    Kinetic, elastic and potential energy and the dissipated work; work that is put in counts as dissipated
-    below zero. Where known, bands reach from kinetic and elastic energy at the stored times to their
-    extremes over the steps between.
-    """
-    parts: dict[str, tuple[Floats, dict[str, Any]]] = {
-        "dissipated": (np.asarray(result.dissipated), {"color": YELLOW, "linewidth": 2.6, "marker": "s"}),
-        "elastic": (np.asarray(result.elastic), {"color": RED, "linewidth": 1.6}),
-        "kinetic": (np.asarray(result.kinetic), {"color": BLUE, "linewidth": 1.2, "linestyle": "--"}),
-    }
-    if np.any(result.potential != result.potential[0]):
-        dotted = {"color": BLACK, "linewidth": 1.0, "linestyle": ":", "marker": "v"}
-        parts["potential"] = (np.asarray(result.potential), dotted)
-    figure, (axes, below) = page.stacked_axes(result, "Changes of the energies", (3.0, 1.0), 115.0)
-    axes.set_ylabel("energy change [J]")
-    for name, (values, style) in parts.items():
-        label = (
-            "dissipated \N{MINUS SIGN} put in"
-            if name == "dissipated" and np.min(values) < values[0]
-            else name
-        )
-        _curve(axes, result.time, values - values[0], **style, label=label, markersize=4.0)
-    extremes = {"kinetic": result.least_kinetic, "elastic": result.largest_elastic}
-    for name, reached in extremes.items():
-        if reached is not None:
-            values, style = parts[name]
-            _band(axes, result.time, values - values[0], reached - values[0], style["color"])
-    if any(reached is not None for reached in extremes.values()):
-        axes.fill_between([], [], color="0.5", alpha=_REACHED, linewidth=0, label="extremes of all steps")
-    if spread is not None:
-        for name, (values, style) in parts.items():
-            if name in spread.quantiles:
-                least, largest = spread.band(name)
-                _spread_band(axes, spread, (least - values[0], largest - values[0]), style["color"], None)
-        _spread_band(axes, spread, None, "0.5", f"range of {spread.runs} moved starts")
-    _balance(below, result)
-    finish(figure, axes, below)
-    # Above its axes, which are lower than the words are long.
-    below.set_title(below.get_ylabel(), loc="left", fontsize=SMALL, pad=3)
-    below.set_ylabel("")
     return figure
 
 
@@ -125,21 +79,21 @@ def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Fi
     meshes = float(metrics.mesh_area(net, net.reference_position))
     if measures is None and meshes == 0.0:
         return None
-    figure, axes = _curve_axes(result, page, "Opened area", "relative area")
+    figure, axes = curve_axes(result, page, "Opened area", "relative area")
     top = 1.0
     if measures is not None:
         values = over_blocks(partial(metrics.mouth_area, net), result.position) / measures.achievable_area
         label = f"mouth / achievable area ({number(measures.achievable_area)} m²)"
-        _curve(axes, result.time, values, label=label, color=BLUE, linewidth=1.8)
+        curve(axes, result.time, values, label=label, color=BLUE, linewidth=1.8)
         top = max(top, float(values.max()))
     if spread is not None and measures is not None and "area" in spread.quantiles:
         least, largest = (side / measures.achievable_area for side in spread.band("area"))
-        _spread_band(axes, spread, (least, largest), BLUE, f"mouth, range of {spread.runs} moved starts")
+        spread_band(axes, spread, (least, largest), BLUE, f"mouth, range of {spread.runs} moved starts")
         top = max(top, float(largest.max()))
     if meshes:
         values = over_blocks(partial(metrics.mesh_area, net), result.position) / meshes
         label = "meshes / reference configuration (folds count twice)"
-        _curve(axes, result.time, values, label=label, color=RED, linewidth=1.3, linestyle="--")
+        curve(axes, result.time, values, label=label, color=RED, linewidth=1.3, linestyle="--")
         top = max(top, float(values.max()))
     if measures is not None:
         axes.axhline(metrics.NEARLY_OPEN, color="0.5", linewidth=0.8, linestyle=":", zorder=1, label="80 %")
@@ -147,7 +101,7 @@ def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Fi
         text += " (the end)" if measures.at_end else ""
         at = (measures.time_of_largest, measures.relative_area)
         axes.plot(*at, "o", color=BLACK, markersize=6, markerfacecolor="none", clip_on=False, label=text)
-    axes.set_ylim(0, 1.05 * (top if result.complete else min(top, 2.0)))
+    from_zero(axes, top if result.complete else min(top, 2.0))
     finish(figure, axes)
     return figure
 
@@ -159,9 +113,9 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
     """
     if result.net.n_elements == 0:
         return None
-    figure, axes = _curve_axes(result, page, "Largest tension of all elements", "tension [N]")
+    figure, axes = curve_axes(result, page, "Largest tension of all elements", "tension [N]")
     values = metrics.largest_tensions(result)
-    _curve(axes, result.time, values, label="largest at each stored time", color=BLUE, linewidth=1.2)
+    curve(axes, result.time, values, label="largest at each stored time", color=BLUE, linewidth=1.2)
     top = float(values.max())
     peak = result.provenance.get("largest_tension")
     if peak and peak["element"] >= 0:
@@ -170,7 +124,7 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
         style: dict[str, Any] = {"color": RED, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
         axes.plot(peak["time_s"], peak["tension_N"], "o", label=words, **style)
     if spread is not None:
-        _spread_band(axes, spread, spread.band("tension"), BLACK, f"range of {spread.runs} moved starts")
+        spread_band(axes, spread, spread.band("tension"), BLACK, f"range of {spread.runs} moved starts")
         peaks = spread.headlines["largest_tension_N"]
         times = spread.headlines.get("time_of_largest_tension_s")
         if times is not None:
@@ -178,7 +132,7 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
             words = f"largest of all steps, {spread.runs} moved starts"
             axes.plot(times, peaks, "x", label=words, **dots)
         top = max(top, float(peaks.max()))
-    axes.set_ylim(0, 1.05 * top or 1.0)
+    from_zero(axes, top)
     finish(figure, axes)
     return figure
 
@@ -188,17 +142,17 @@ def loads_on_bodies(result: Result, page: Page) -> Figure | None:
     found = {name: loads(result, name) for name, body in result.bodies.items() if body.nodes is not None}
     if not found:
         return None
-    figure, axes = _curve_axes(result, page, "Pull of the threads on the bodies", "force [N]")
+    figure, axes = curve_axes(result, page, "Pull of the threads on the bodies", "force [N]")
     drawn = [(name, k, node) for name, of in found.items() for k, node in enumerate(of.nodes.tolist())]
     sizes = {one: found[one[0]].size[:, one[1]] for one in drawn}
     largest = sorted(drawn, key=lambda one: -float(sizes[one].max(initial=0.0)))[:MOST_CURVES]
     for place, (one, style) in enumerate(zip(largest, curve_styles(len(largest)), strict=True)):
         label = f"{one[0]}, node {one[2]}"
-        _curve(axes, result.time, sizes[one], place / len(largest), label=label, markersize=4.5, **style)
+        curve(axes, result.time, sizes[one], place / len(largest), label=label, markersize=4.5, **style)
     if len(drawn) > len(largest):
         axes.plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
     top = max(float(sizes[one].max(initial=0.0)) for one in largest)
-    axes.set_ylim(0.0, 1.05 * top or 1.0)
+    from_zero(axes, top)
     finish(figure, axes)
     return figure
 
@@ -212,11 +166,11 @@ def distances(result: Result, page: Page) -> Figure | None:
     if not pairs:
         return None
     found = gaps_of(result, pairs)
-    figure, axes = _curve_axes(result, page, "Distance of the bodies", "distance of the surfaces [m]")
+    figure, axes = curve_axes(result, page, "Distance of the bodies", "distance of the surfaces [m]")
     nearest = np.argsort(found.min(axis=0), kind="stable")[:MOST_CURVES].tolist()
     for place, (k, style) in enumerate(zip(nearest, curve_styles(len(nearest)), strict=True)):
         label = " and ".join(pairs[k])
-        _curve(axes, result.time, found[:, k], place / len(nearest), label=label, markersize=4.5, **style)
+        curve(axes, result.time, found[:, k], place / len(nearest), label=label, markersize=4.5, **style)
     row = int(found[:, nearest[0]].argmin())
     least = float(found[row, nearest[0]])
     words = (
@@ -228,7 +182,7 @@ def distances(result: Result, page: Page) -> Figure | None:
     axes.plot(result.time[row], least, "o", label=words, **style)
     if len(pairs) > len(nearest):
         axes.plot([], [], " ", label=f"{len(pairs) - len(nearest)} more pairs, which stay farther apart")
-    axes.set_ylim(0.0, 1.05 * float(found[:, nearest].max()) or 1.0)
+    from_zero(axes, float(found[:, nearest].max()))
     finish(figure, axes)
     return figure
 
@@ -246,7 +200,7 @@ def rotation(result: Result, page: Page) -> Figure | None:
     if not turning:
         return None
     label = "angular velocity\nin body axes [rad/s]"
-    figure, axes = _curve_axes(result, page, "Rotation of the bodies", label)
+    figure, axes = curve_axes(result, page, "Rotation of the bodies", label)
     fastest = sorted(turning, key=lambda name: -float(np.abs(turning[name]).max()))[: len(_BODY_LINES)]
     shown = [name for name in turning if name in fastest]
     for name, line in zip(shown, _BODY_LINES, strict=False):
@@ -254,7 +208,7 @@ def rotation(result: Result, page: Page) -> Figure | None:
         for column, (axis, color, width, marker) in enumerate(styles):
             style: dict[str, Any] = {"color": color, "linewidth": width, "linestyle": line, "marker": marker}
             words = f"{name}, {axis}"
-            _curve(
+            curve(
                 axes, result.time, turning[name][:, column], column / 3, label=words, markersize=4.0, **style
             )
     if len(turning) > len(shown):
@@ -265,14 +219,14 @@ def rotation(result: Result, page: Page) -> Figure | None:
 
 def agreement(result: Result, page: Page, found: Agreement) -> Figure:
     """Differences between two codes over time, on a logarithmic scale (zeros are left out)."""
-    figure, axes = _curve_axes(result, page, "Difference from the reference", "largest difference [m], [m/s]")
+    figure, axes = curve_axes(result, page, "Difference from the reference", "largest difference [m], [m/s]")
     axes.set_yscale("log")
     styles: tuple[dict[str, Any], ...] = ({"color": BLUE}, {"color": RED, "linestyle": "--"})
     differences = (("position [m]", found.position_difference), ("speed [m/s]", found.speed_difference))
     for (name, values), style in zip(differences, styles, strict=True):
         seen = np.where((values > 0) & np.isfinite(values), values, np.nan)
         if np.isfinite(seen).any():
-            _curve(axes, found.time, seen, label=name, linewidth=1.2, **style)
+            curve(axes, found.time, seen, label=name, linewidth=1.2, **style)
         else:
             axes.plot([], [], label=f"{name}: none", **style)
     limits = (
@@ -293,57 +247,3 @@ def _mark_horizon(axes: Axes, found: Agreement) -> None:
     if found.agrees_until is not None:
         label = f"agree until {number(found.agrees_until)} s"
         axes.axvline(found.agrees_until, color=BLACK, linewidth=0.9, linestyle=(0, (5, 3)), label=label)
-
-
-def _curve(axes: Axes, time: Floats, values: Floats, shift: float = 0.0, **style: Any) -> None:
-    """One curve; its markers stand at every tenth of it, moved by `shift` of that, and at a lone point."""
-    time, values = thinned(time, values)
-    step = max(1, len(time) // 10)
-    if len(time) == 1:
-        style.setdefault("marker", "o")
-    axes.plot(time, values, markevery=(int(shift * step), step), **style)
-
-
-def _balance(axes: Axes, result: Result) -> None:
-    """The error of the energy balance over time, about zero."""
-    errors = metrics.energy_errors(result)
-    _curve(axes, result.time, errors, color=BLACK, linewidth=1.0)
-    axes.axhline(0.0, color="0.5", linewidth=0.6, linestyle=":", zorder=1)
-    largest = float(np.abs(errors).max()) or 1.0
-    power = 10.0 ** np.floor(np.log10(largest))
-    outer = power * min(factor for factor in (1, 2, 5, 10) if factor * power >= largest)
-    axes.set_ylim(-1.1 * outer, 1.1 * outer)
-    axes.set_yticks([-outer, 0.0, outer])
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("error of the energy balance [J]")
-
-
-def _band(axes: Axes, time: Floats, values: Floats, extremes: Floats, color: str) -> None:
-    """From a curve to the extreme value of each interval, which ends with one of its times."""
-    style: dict[str, Any] = {"color": color, "alpha": _REACHED, "linewidth": 0.7, "zorder": 1.5}
-    axes.fill_between(*thinned_band(time, values, extremes), step="pre", **style)
-
-
-def _spread_band(
-    axes: Axes, spread: EnsembleResult, ends: tuple[Floats, Floats] | None, color: str, label: str | None
-) -> None:
-    """From the least to the largest of moved starts, pale, behind all curves; without ends for the legend."""
-    low, high = ends or (np.empty(0), np.empty(0))
-    time = spread.time if ends else low
-    axes.fill_between(time, low, high, color=color, alpha=0.22, linewidth=0, zorder=1, label=label)
-
-
-def _many(axes: Axes, time: Floats, values: Floats, label: str) -> None:
-    """More curves than styles: one colour scale from the first to the last."""
-    from matplotlib import colormaps
-
-    for k, color in enumerate(colormaps["cividis"](np.linspace(0, 0.9, values.shape[1]))):
-        _curve(axes, time, values[:, k], color=color, linewidth=0.9, label=label if k == 0 else None)
-
-
-def _curve_axes(result: Result, page: Page, title: str, y_label: str) -> tuple[Figure, Axes]:
-    """A figure with one pair of axes for curves over time."""
-    figure, axes = page.curve_axes(result, title)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(y_label)
-    return figure, axes

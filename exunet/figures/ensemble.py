@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.base.files import replacing
-from exunet.figures.page import FORMATS, INCH, Page, legend_above, write
+from exunet.figures.page import FORMATS, INCH, ROUND, Page, legend_above, write
 from exunet.figures.powers import tell_power_of_ten
 from exunet.figures.style import BLACK, SMALL, blank, drawing
 from exunet.results.ensemble_result import EnsembleResult
@@ -88,7 +88,7 @@ def histograms(result: EnsembleResult, page: Page) -> Figure | None:
             axes.axvline(at, color=BLACK, linewidth=0.8, linestyle=":", label=words)
         axes.set_xlabel(label)
         axes.set_ylabel("runs")
-        axes.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+        axes.xaxis.set_major_locator(MaxNLocator(6, steps=ROUND))
         axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
         tell_power_of_ten(axes.xaxis)
     legend_above(figure, *panels[0].get_legend_handles_labels())

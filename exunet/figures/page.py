@@ -14,11 +14,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
+from matplotlib.ticker import MaxNLocator
 
 from exunet.figures.powers import tell_power_of_ten
 from exunet.figures.style import SMALL, blank, drawing
 
 INCH = 25.4  # mm
+ROUND = [1, 2, 5, 10]  # steps between the numbers at an axis
 
 
 class Judged(Protocol):
@@ -58,8 +60,11 @@ class Page:
         figure = blank(width / INCH, height / INCH)
         figure.set_layout_engine("constrained")
         self.head(figure, result, title)
-        grid = figure.subplots(len(parts), 1, sharex=True, height_ratios=parts, squeeze=False)
-        return figure, list(grid[:, 0])
+        grid = figure.subplots(len(parts), 1, sharex=True, height_ratios=parts, squeeze=False)[:, 0]
+        for axes in grid:
+            axes.xaxis.set_major_locator(MaxNLocator("auto", steps=ROUND))
+            axes.yaxis.set_major_locator(MaxNLocator("auto", steps=ROUND))
+        return figure, list(grid)
 
     def head(self, figure: Figure, result: Judged, title: str) -> None:
         """The title, if wanted, and the verdict of an incomplete result."""

@@ -23,6 +23,7 @@ AXES = ("$x$ [m]", "$y$ [m]", "$z$ [m]")
 MOST_COLUMNS = (3, 2)  # on a page of its own size
 NARROWEST = 85.0 / INCH  # a figure with room for its legend
 HIGHEST = 230.0  # mm; of a printed page
+BESIDE_NUMBERS = 20.0  # points: ticks, the label of an axis, and what is free between
 LEFT, RIGHT, FOOT, GAP, GAP_INSIDE, LEAST_GAP = 0.52, 0.08, 0.4, 0.16, 0.08, 0.04  # inch
 
 
@@ -86,7 +87,9 @@ def grid_of(
         """With the legend in rows as wide as this [inch]."""
         rows = -(-len(labels) // columns_that_fit(labels, 72 * wide - 12)) if labels else 0
         head = 0.04 + page.head_height(result) + 0.13 * rows
-        return Grid.of(view, len(panels), columns, page, head, above, width)
+        grid = Grid.of(view, len(panels), columns, page, head, above, width)
+        left = _room_of_numbers(view, grid.scale)
+        return grid if left <= LEFT else Grid.of(view, len(panels), columns, page, head, above, width, left)
 
     if page.size:
         grids = [placed(columns, page.size[0] / INCH) for columns in range(1, len(panels) + 1)]
@@ -112,14 +115,21 @@ class Grid:
 
     @classmethod
     def of(
-        cls, view: View, count: int, columns: int, page: Page, head: float, title: float, width: float
+        cls,
+        view: View,
+        count: int,
+        columns: int,
+        page: Page,
+        head: float,
+        title: float,
+        width: float,
+        left: float = LEFT,
     ) -> Grid:
-        """The largest panels in so many columns."""
+        """The largest panels in so many columns, with `left` [inch] for numbers and label."""
         rows = -(-count // columns)
         span = view.high - view.low
         wide, tall = tuple(float(span[a]) for a, _ in view.planes), float(span[view.planes[0][1]])
         whole = (page.size[0] if page.size else width) / INCH
-        left = LEFT
         free = whole - left - RIGHT - (columns - 1) * GAP - columns * (len(wide) - 1) * GAP_INSIDE
         scale = max(free, 0.1) / (columns * sum(wide))
         highest = (page.size[1] if page.size else HIGHEST) / INCH
@@ -188,6 +198,13 @@ def _ticks(view: View, plane: tuple[int, int], scale: float) -> tuple[tuple[Floa
         ticks(view.low[a], view.high[a], sides[a], horizontal, beyond)
         for a, horizontal, beyond in zip(plane, (True, False), (GAP_INSIDE / 2, SMALL / 144), strict=True)
     )
+
+
+def _room_of_numbers(view: View, scale: float) -> float:
+    """Width [inch] of the numbers and the label to the left of the panels; scale [inch/m]."""
+    _, (up, _) = _ticks(view, view.planes[0], scale)
+    longest = max(text_width(f"{value:.6g}".replace("-", "\N{MINUS SIGN}"), SMALL) for value in up)
+    return (longest + BESIDE_NUMBERS) / 72
 
 
 def _spread_labels(panel: list[Axes]) -> None:

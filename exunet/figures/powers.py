@@ -7,7 +7,7 @@ import math
 from matplotlib.axis import Axis
 from matplotlib.ticker import ScalarFormatter
 
-SMALLEST, LARGEST = -3, 4  # powers of the largest number at an axis that is written out
+SMALLEST, LARGEST = -2, 4  # powers of the largest number at an axis that is written out
 
 
 def tell_power_of_ten(axis: Axis) -> None:
@@ -23,6 +23,8 @@ def tell_power_of_ten(axis: Axis) -> None:
     formatter.set_powerlimits((power, power))
     axis.set_major_formatter(formatter)
     axis.get_offset_text().set_visible(False)
+    if not axis.get_label_text():  # of stacked axes all but the lowest
+        return
     words, bracket, unit = axis.get_label_text().partition("[")
     unit = f" {unit}" if bracket else "]"
     axis.set_label_text(f"{words}{'' if bracket else ' '}[$10^{{{power}}}${unit}")

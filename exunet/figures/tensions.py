@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from exunet.figures.lines import from_zero
 from exunet.figures.page import Page, finish, line_scale
 from exunet.figures.panels import framed
 from exunet.figures.style import BLACK, MOST_CURVES, curve_styles
@@ -89,7 +90,7 @@ def tethers(result: Result, page: Page) -> Figure | None:
         axes.plot(along, np.append(values, values[-1]), drawstyle="steps-post", **style)
     if len(order) > len(shown):
         axes.plot([], [], " ", label=f"{len(order) - len(shown)} more, of less tension")
-    axes.set_ylim(0.0, 1.05 * float(peaks[elements[order[0]]].max()) or 1.0)
+    from_zero(axes, float(peaks[elements[order[0]]].max()))
     finish(figure, axes)
     return figure
 
