@@ -281,7 +281,7 @@ CURVES = (
     Curve("bullet_speed", "mean speed of bullets", "m/s", lambda course: _of_bullets(course, np.mean)),
     Curve("slowest_bullet", "slowest bullet", "m/s", lambda course: _of_bullets(course, np.min)),
     Curve("fastest_bullet", "fastest bullet", "m/s", lambda course: _of_bullets(course, np.max)),
-    Curve("tension", "largest tension then", "N", lambda course: course.tension),
+    Curve("tension", "largest tension of all elements", "N", lambda course: course.tension),
     Curve("kinetic", "kinetic energy", "J", lambda course: course.kinetic),
     Curve("elastic", "elastic energy", "J", lambda course: course.elastic),
     Curve("dissipated", "energy dissipated", "J", lambda course: course.dissipated),

@@ -142,21 +142,29 @@ def time_above(time: Floats, values: Floats, level: float) -> float:
     return float(part @ np.diff(time))
 
 
-def energy_balance(result: Result) -> float:
-    """Largest error of the energy balance at the stored times, over the energy that can deform the net.
+def energy_errors(result: Result) -> Floats:
+    """(n_times,) error of the energy balance at the stored times [J].
 
-    The error is |K + U + V + W - (K + U + V + W at the first stored time)|, with the kinetic, elastic and
-    potential energies K, U, V and the dissipated work W; for the divisor see `energy_scale`. If that is
-    zero (a net at rest without loads), it is the largest of K, U and |W|; if that is zero too, nothing ever
-    moved and the error is 0. So it is where it is no more than the round-off of V.
+    It is K + U + V + W less the same at the first of them, with the kinetic, elastic and potential energies
+    K, U, V and the dissipated work W.
     """
     kinetic, elastic, potential = result.kinetic, result.elastic, result.potential
     total = kinetic + elastic + (potential - potential[0]) + result.dissipated
+    return np.asarray(total - total[0])
+
+
+def energy_balance(result: Result) -> float:
+    """Largest error of the energy balance at the stored times, over the energy that can deform the net.
+
+    For the error see `energy_errors`, for the divisor `energy_scale`. If that is zero (a net at rest without
+    loads), it is the largest of K, U and |W|; if that is zero too, nothing ever moved and the error is 0. So
+    it is where it is no more than the round-off of V.
+    """
     scale = energy_scale(result)
     if scale == 0.0:
-        scale = float(np.max([kinetic, elastic, np.abs(result.dissipated)]))
-    error = float(np.max(np.abs(total - total[0])))
-    return error / scale if error > 1e-14 * float(np.max(np.abs(potential))) else 0.0
+        scale = float(np.max([result.kinetic, result.elastic, np.abs(result.dissipated)]))
+    error = float(np.max(np.abs(energy_errors(result))))
+    return error / scale if error > 1e-14 * float(np.max(np.abs(result.potential))) else 0.0
 
 
 def momentum_gained(result: Result) -> dict[str, float]:

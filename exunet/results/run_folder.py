@@ -24,8 +24,8 @@ from exunet.results.segments import is_store
 SUMMARY = "summary.json"
 SPREAD = "spread.h5"
 FIGURES = (
-    *("reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "largest_tension"),
-    *("loads", "distances", "rotation", "agreement"),
+    *("reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "tethers"),
+    *("largest_tension", "loads", "distances", "rotation", "agreement"),
 )
 DESCRIPTIONS = (SUMMARY, SPREAD, *(f"{figure}.png" for figure in FIGURES))
 
