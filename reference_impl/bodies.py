@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from reference_impl.arrays import Floats, Ints, cross
-from reference_impl.drive import Drive, Poses, Steady
+from reference_impl.drive import Drive, Guided, Poses, Steady
 from reference_impl.turns import skew
 
 
@@ -39,7 +39,6 @@ class Body:
     attitude: Floats = field(default_factory=lambda: np.eye(3))  # R (3, 3): columns are the body's axes
     angular_velocity: Floats = field(default_factory=_zeros)  # (3,) [rad/s] in the body's axes
     drive: Drive | None = None  # its motion, where that is given
-    prescribed: bool = False  # that motion is not rest
 
     def at(self, point: Floats) -> tuple[Floats, Floats]:
         """Place [m] and velocity [m/s] (3,) in the scene of a point (3,) [m] of the body's frame."""
@@ -84,6 +83,21 @@ class Bodies:
     def driven(self) -> Ints:
         """Which bodies (d,) have a given motion."""
         return np.array([k for k, drive in enumerate(self.drives) if drive is not None], dtype=np.intp)
+
+    def motions(self, t: Floats) -> list[tuple[int, int, Guided]]:
+        """Driven bodies: number, number among the rigid ones, motion at times (...) [s]."""
+        return [
+            (int(k), int(np.searchsorted(self.rigid, k)), drive.at(t))
+            for k, drive in enumerate(self.drives)
+            if drive is not None
+        ]
+
+    def accelerations(self, t: float) -> tuple[Floats, Floats]:
+        """A [m/s2], w' [rad/s2] (r, 3) of driven bodies at t [s], in the scene's axes; zero for free ones."""
+        linear, angular = np.zeros((2, len(self.rigid), 3))
+        for _, rigid, motion in self.motions(np.array(t)):
+            linear[rigid], angular[rigid] = motion.acceleration, motion.angular
+        return linear, angular
 
     @cached_property
     def unlisted(self) -> int:

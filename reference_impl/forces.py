@@ -172,10 +172,13 @@ def acceleration(
         held.place(system, x, reels.held)
         held.place(system, v, reels.held)
     found = response(system, t, whole, Mode(intact, gone=gone))
-    angular = turning_rate(attitude, spin, found.torque, system.bodies)
+    given, turned = system.bodies.accelerations(t)
+    free = system.bodies.free[rigid, None]
+    linear = found.acceleration[n:][rigid] + given
+    angular = turned + free * turning_rate(attitude, spin, found.torque, system.bodies)
     result = found.acceleration[:n].copy()
-    result[levers.node] = levers.accelerations(found.acceleration[n:][rigid], angular, w, lever)
-    result[packed.node] = packed.accelerations(found.acceleration[n:][rigid], angular, w, lever_of_packed)
+    result[levers.node] = levers.accelerations(linear, angular, w, lever)
+    result[packed.node] = packed.accelerations(linear, angular, w, lever_of_packed)
     if whole.held is not None:
         held.place(system, result, whole.held)
     return result
@@ -228,11 +231,11 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
         result += np.where(system.compliance_of_inertia > 0.0, orbital, 0.0)
     torque, taken = _on_bodies(system, whole, push, beside, torque)
     given = _given(system, whole, push, thrown)
-    power += taken - float(np.sum(given[:, 6]))
     packed = system.packs(t) if whole.packed is None else bool(np.any(whole.packed))
     if packed or outlets is not None:
         carried = held.load(system, whole.held, packed)
-        _bear(system, whole, carried, result, beside, torque, given)
+        _bear(system, t, whole, carried, result, beside, torque, given)
+    power += taken - float(np.sum(given[:, 6]))
     if outlets is not None:
         power -= float(np.sum(outlets.power))
     reeling = np.empty((2, 0)) if outlets is None else np.stack((outlets.rate, outlets.power))
@@ -254,6 +257,7 @@ def _outlets(system: System, t: float, whole: Whole, mode: Mode) -> Outlets | No
 
 def _bear(
     system: System,
+    t: float,
     whole: Whole,
     carried: Levers,
     result: Floats,
@@ -263,7 +267,8 @@ def _bear(
 ) -> None:
     """Lets bodies bear the nodes that they hold: changes accelerations, torques, and what driven bodies give.
 
-    `result` (n, 3) [m/s2] are the accelerations that the nodes would have free; those held then rest.
+    `result` (n, 3) [m/s2] are the accelerations that the nodes would have free; those held then rest.  A
+    driven body gives them what is missing of the forces that they need for its motion.
     """
     bodies, rigid, node = system.bodies, system.bodies.rigid, carried.node
     borne = system.net.mass[node, None] * result[node]
@@ -271,10 +276,15 @@ def _bear(
     push, turn = held.yielding(system, carried, whole.attitude, whole.spin, borne, beside[rigid], torque)
     beside[rigid] += push / bodies.mass[rigid, None]
     torque += turn
+    if not len(bodies.driven):
+        return
+    w, lever = turning(whole.attitude, whole.spin, bodies.mobility), carried.turned(whole.attitude)
+    missing = system.net.mass[node, None] * carried.accelerations(*bodies.accelerations(t), w, lever) - borne
     for row, k in zip(given, bodies.driven.tolist(), strict=True):
         mine = rigid[carried.body] == k
-        row[:3] -= borne[mine].sum(axis=0)
-        row[3:6] -= np.cross(whole.x[node[mine]], borne[mine]).sum(axis=0)
+        row[:3] += missing[mine].sum(axis=0)
+        row[3:6] += np.cross(whole.x[node[mine]], missing[mine]).sum(axis=0)
+        row[6] += np.vdot(missing[mine], whole.v[node[mine]])
 
 
 def _given(system: System, whole: Whole, push: Floats, thrown: Floats | None) -> Floats:

@@ -6,7 +6,8 @@ body's centre of mass X, which does not jump,
     P = M V + sum m (V + w x l),  H = I w + sum m l x (V + w x l),
 
 linear in V and w: with what the nodes have, six equations for V and w after the jump.  What the energy falls
-by has left, negative where it rises.  A fixed body's support gives the nodes their change of momentum.
+by has left, negative where it rises.  A driven body does not jump: it gives the nodes their change of
+momentum p and angular momentum h about X, and with these the work p.V + h.w.
 """
 
 from __future__ import annotations
@@ -78,10 +79,15 @@ def _kept(layout: Layout, y: Floats, after: Floats, body: int, node: Ints, onto:
         rows.v[own] = motion[:3]
         rows.spin[body] = own_inertia(system, attitude, body) @ motion[3:]
     else:
-        had = _momenta(mass, whole.x[node], whole.v[node])
-        has = _momenta(mass, rows.x[node], rows.v[node])
+        then, own = layout.whole(after), layout.nodes + particle
+        centre, w = whole.x[own], turning(attitude, whole.spin, bodies.mobility)[body]
+        had = _momenta(mass, whole.x[node] - centre, whole.v[node])
+        change = _momenta(mass, then.x[node] - centre, then.v[node]) - had
         row = np.flatnonzero(bodies.driven == particle)[0]
-        after[layout.booked : -1].reshape(-1, 7)[row, :6] += has - had
+        books = after[layout.booked : -1].reshape(-1, 7)[row]
+        books[:6] += change
+        books[3:6] += cross(centre, change[:3])
+        books[6] += change @ np.concatenate((whole.v[own], w))
     after[-1] += _energy(layout, y) - _energy(layout, after)
     return after
 

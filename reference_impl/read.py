@@ -297,8 +297,6 @@ def _carrier_faults(case: Case) -> list[str]:
     key = "initial.frame.eject_at"
     if case.times and carrier.eject_at >= case.times[-1]:
         faults.append(f"{key}: must be before time.end, {case.times[-1]:.10g}, not {carrier.eject_at:.10g}")
-    if any(body.prescribed for body in case.bodies if body.name == carrier.body):
-        faults.append(f"{key}: the motion of body {carrier.body} must be free or fixed, not prescribed")
     if isinstance(case.shape, Explicit) and case.shape.fixed:
         faults.append(f"{key}: body {carrier.body} cannot hold nodes that net.fixed holds still")
     return faults

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -70,7 +69,7 @@ def _body(
         return None
     turning = attitude.T @ spin if of_scene else np.array(spin)
     body = Body(name, *made, np.array(position), np.array(velocity), attitude, turning)
-    return body if motion == "free" else replace(driven(body, poses), prescribed=motion == "prescribed")
+    return body if motion == "free" else driven(body, poses)
 
 
 _STARTS = {  # what each list of poses replaces

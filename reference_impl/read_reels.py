@@ -98,7 +98,7 @@ def _tables(value: Any) -> list[dict[str, Any]]:
 
 def reel_faults(case: Case) -> list[str]:
     """Faults between reels and the rest of a case."""
-    faults, bodies = [], {body.name: body for body in case.bodies}
+    faults = []
     for tether in case.tethers:
         if tether.reel is None:
             continue
@@ -107,8 +107,6 @@ def reel_faults(case: Case) -> list[str]:
         if not isinstance(end, BodyPoint):
             name = "start" if tether.reel.at_start else "end"
             faults.append(f"{path}.at: the {name} of the tether must be tied to a body, for the drum")
-        elif end.body in bodies and bodies[end.body].prescribed:
-            faults.append(f"{path}: the motion of body {end.body} must be free or fixed, not prescribed")
         against = {
             "effects.breaking": case.effects.breaking is not None,
             "effects.bending": case.effects.bending is not None,

@@ -162,12 +162,7 @@ class Layout:
 
     def _motions(self, y: Floats) -> list[tuple[int, int, Guided]]:
         """Driven bodies: number, number among the rigid ones, motion in the states y."""
-        bodies, t = self.bodies, y[..., self.moved] if self.clocks else np.empty(0)
-        return [
-            (int(k), int(np.searchsorted(bodies.rigid, k)), drive.at(t))
-            for k, drive in enumerate(bodies.drives)
-            if drive is not None
-        ]
+        return self.bodies.motions(y[..., self.moved]) if self.clocks else []
 
     def positions(self, y: Floats) -> Floats:
         """(..., N, 3) [m]."""

@@ -374,8 +374,8 @@ def test_threads_that_are_too_thick_for_their_elements() -> None:
             "an even number of them, not 7",
         ),
         (WEB, BOX, "radial nets have no lines to crease them along"),
-        (SQUARE, STAR, "it is for radial nets, not for square ones"),
-        (CIRCLE, STAR, "it is for radial nets, not for cut ones"),
+        (SQUARE, STAR, 'it is for radial nets, not for square ones; use "accordion"'),
+        (CIRCLE, STAR, "a border cut from meshes has no knots there to bend at: it is for radial nets"),
     ],
 )
 def test_what_cannot_be_folded_is_refused_on_reading(

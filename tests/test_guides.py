@@ -11,7 +11,7 @@ import pytest
 from own_terms import FORMS, PAIR, case_file, continue_alike, start_of
 
 import exunet
-from exunet.bodies.constraint_loops import add_arm, place_guided
+from exunet.bodies.constraint_loops import add_arm, angular_acceleration, place_guided
 from exunet.bodies.guide import Guide
 from exunet.bodies.rigid import angular_velocity_of, rotation_matrix
 from exunet.forces.blocks import Blocks
@@ -106,6 +106,23 @@ def test_a_guides_velocities_are_the_rates_of_its_poses() -> None:
     for knot in time[1:3]:  # no jump of a velocity
         low, high = guide.at(np.array([knot - 1e-12, knot + 1e-12])).angular_velocity
         np.testing.assert_allclose(low, high, atol=1e-9)
+
+
+def test_the_loops_angular_acceleration_is_the_rate_of_the_angular_velocity() -> None:
+    """Central differences of step 1e-5 at small and large angles, on either side of the change of formula."""
+    guide, time, *_ = random_guide()
+    h, found = 1e-5, np.empty(3)
+    for at in (*(time[1] + np.array([2e-5, 0.002, 0.0028, 0.01, 0.3])), 0.3, 1.5):
+        piece = int(np.searchsorted(guide.time, at, side="right")) - 1
+        s, (c0, c1, c2, c3) = at - guide.time[piece], guide.turning[piece]
+        angle, rate, bend = (
+            ((c0 * s + c1) * s + c2) * s + c3,
+            (3 * c0 * s + 2 * c1) * s + c2,
+            6 * c0 * s + 2 * c1,
+        )
+        angular_acceleration(angle, rate, bend, found)
+        low, high = guide.at(np.array([at - h, at + h])).angular_velocity
+        np.testing.assert_allclose(found, (high - low) / (2.0 * h), rtol=1e-7, atol=1e-7)
 
 
 def test_a_steady_guide_turns_evenly_however_long() -> None:

@@ -64,7 +64,9 @@ class Events:
         after = x if change.x is None else change.x, v if change.v is None else change.v
         before = total(self._system, time, x, v, self.memory)
         lost = before - total(self._system, time, *after, self.memory_after(name, change))
-        return replace(change, energy_lost=lost)
+        first = self._system.blocks.n_x - self._system.blocks.n_states
+        given = float(self._system.given_work(after[0][first:] - x[first:]))
+        return replace(change, energy_lost=lost + given, work_given=given)
 
     def next_instant(self, after: float, until: float) -> float:
         """The first known instant of an event later than `after`, or `until` [s]."""

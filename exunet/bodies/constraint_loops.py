@@ -79,15 +79,42 @@ class HeldMasses(NamedTuple):
     inverse: Floats
 
 
+class OnGuided(NamedTuple):
+    """Masses that bodies which guides move hold for a while.
+
+    first, time, position, turning, offset, centre, quaternion, spin : of these bodies, as in `Guided`
+    mass   : (n,) of what each holds [kg]
+    moment : (n, 3) sum of m p over it, p from the centre of mass in principal axes [kg m]
+    second : (n, 3, 3) sum of m p p^T [kg m2]
+    """
+
+    first: NDArray[np.int64]
+    time: Floats
+    position: Floats
+    turning: Floats
+    offset: Floats
+    centre: Indexes
+    quaternion: Indexes
+    spin: Indexes
+    mass: Floats
+    moment: Floats
+    second: Floats
+
+
+def piece_of_guide(t: float, guided: Any, b: int) -> Any:
+    """The number of the piece of a body's guide at time t [s], and the time since its beginning [s]."""
+    piece = guided.first[b]
+    while piece + 1 < guided.first[b + 1] and t >= guided.time[piece + 1]:
+        piece += 1
+    return piece, t - guided.time[piece]
+
+
 def place_guided(t: float, x: Any, v: Any, guided: Any) -> None:
     """Put the poses at time t [s], and their rates, of the guided bodies into x and v."""
     angle = np.empty(3)
     rate = np.empty(3)
     for b in range(guided.centre.size):
-        piece = guided.first[b]
-        while piece + 1 < guided.first[b + 1] and t >= guided.time[piece + 1]:
-            piece += 1
-        s = t - guided.time[piece]
+        piece, s = piece_of_guide(t, guided, b)
         square = 0.0
         for axis in range(3):
             c = guided.turning[piece, :, axis]
@@ -198,6 +225,92 @@ def share_with_held(t: float, x: Any, v: Any, held: Any, force: Any) -> None:
         force[n] = m[0] * own[3] + (m[2] - m[1]) * j * k
         force[n + 1] = m[1] * own[4] + (m[0] - m[2]) * k * i
         force[n + 2] = m[2] * own[5] + (m[1] - m[0]) * i * j
+
+
+def angular_acceleration(angle: Any, rate: Any, bend: Any, out: Any) -> None:
+    """Of a rotation vector p with p' and p'', (3,) each, into `out` (3,), in the axes of the body.
+
+    The derivative of w = p' - f p x p' + g p x (p x p'), f = (1 - cos a)/a^2, g = (a - sin a)/a^3, a = |p|:
+
+        p'' - f p x p'' + g (p x (p x p'') + p' x (p x p')) - f' p x p' + g' p x (p x p'),
+
+    f' = p.p' (sin a/a - 2 f)/a^2, g' = p.p' (f - 3 g)/a^2.
+    """
+    square = angle[0] * angle[0] + angle[1] * angle[1] + angle[2] * angle[2]
+    if square < 1e-4:  # where the differences lose digits, three terms of their series are exact
+        f = 0.5 - square / 24.0 * (1.0 - square / 30.0)
+        g = 1.0 / 6.0 - square / 120.0 * (1.0 - square / 42.0)
+        of_f = -1.0 / 12.0 + square / 180.0 * (1.0 - square * 3.0 / 112.0)
+        of_g = -1.0 / 60.0 + square / 1260.0 * (1.0 - square / 48.0)
+    else:
+        size = math.sqrt(square)
+        ratio = math.sin(0.5 * size) / size
+        f = 2.0 * ratio * ratio
+        g = (size - math.sin(size)) / (square * size)
+        of_f = (math.sin(size) / size - 2.0 * f) / square
+        of_g = (f - 3.0 * g) / square
+    along = angle[0] * rate[0] + angle[1] * rate[1] + angle[2] * rate[2]
+    i, j, k = angle[0], angle[1], angle[2]
+    a, b, c = j * rate[2] - k * rate[1], k * rate[0] - i * rate[2], i * rate[1] - j * rate[0]
+    # what is turned once more by p, and what is not
+    d, e, h = j * bend[2] - k * bend[1], k * bend[0] - i * bend[2], i * bend[1] - j * bend[0]
+    once, twice = along * of_f, along * of_g
+    m, n, o = g * d + twice * a, g * e + twice * b, g * h + twice * c
+    out[0] = bend[0] - f * d - once * a + j * o - k * n + g * (rate[1] * c - rate[2] * b)
+    out[1] = bend[1] - f * e - once * b + k * m - i * o + g * (rate[2] * a - rate[0] * c)
+    out[2] = bend[2] - f * h - once * c + i * n - j * m + g * (rate[0] * b - rate[1] * a)
+
+
+def add_swing(turns: Any, i: float, j: float, k: float, arm: Any, out: Any) -> None:
+    """Add u x r + w x (w x r) to `out`, u angular acceleration (3,), w = (i, j, k), r arm (3,)."""
+    a, b, c = arm[0], arm[1], arm[2]
+    along, square = i * a + j * b + k * c, i * i + j * j + k * k
+    out[0] += turns[1] * c - turns[2] * b + along * i - square * a
+    out[1] += turns[2] * a - turns[0] * c + along * j - square * b
+    out[2] += turns[0] * b - turns[1] * a + along * k - square * c
+
+
+def bear_held(t: float, x: Any, v: Any, held: Any, force: Any) -> None:
+    """Take from force and torque on a guided body what the masses that it holds need to move with it.
+
+    In principal axes, with a acceleration of the centre of mass, u angular acceleration, P = sum of m p p^T:
+
+        force   sum m (a + u x p + w x (w x p))
+        torque  sum m p x a + (tr P - P) u - w x P w
+    """
+    angle, rate, bend, line = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    turns, a, own = np.empty(3), np.empty(3), np.empty(3)
+    for b in range(held.centre.size):
+        base, q, n = held.centre[b], held.quaternion[b], held.spin[b]
+        i, j, k, mass = v[n], v[n + 1], v[n + 2], held.mass[b]
+        piece, s = piece_of_guide(t, held, b)
+        for axis in range(3):
+            c = held.turning[piece, :, axis]
+            angle[axis] = ((c[0] * s + c[1]) * s + c[2]) * s + c[3]
+            rate[axis] = (3.0 * c[0] * s + 2.0 * c[1]) * s + c[2]
+            bend[axis] = 6.0 * c[0] * s + 2.0 * c[1]
+            c = held.position[piece, :, axis]
+            line[axis] = 6.0 * c[0] * s + 2.0 * c[1]
+        angular_acceleration(angle, rate, bend, turns)
+        a[0], a[1], a[2] = in_body_axes(x, q, line[0], line[1], line[2])
+        add_swing(turns, i, j, k, held.offset[b], a)
+        for axis in range(3):
+            own[axis] = mass * a[axis]
+        first, p = held.moment[b], held.second[b]
+        add_swing(turns, i, j, k, first, own)
+        d, e, f = in_scene_axes(x, q, own[0], own[1], own[2])
+        force[base] -= d
+        force[base + 1] -= e
+        force[base + 2] -= f
+        trace = p[0, 0] + p[1, 1] + p[2, 2]
+        for axis in range(3):
+            own[axis] = p[axis, 0] * i + p[axis, 1] * j + p[axis, 2] * k
+            force[n + axis] -= trace * turns[axis] - (
+                p[axis, 0] * turns[0] + p[axis, 1] * turns[1] + p[axis, 2] * turns[2]
+            )
+        force[n] -= first[1] * a[2] - first[2] * a[1] - (j * own[2] - k * own[1])
+        force[n + 1] -= first[2] * a[0] - first[0] * a[2] - (k * own[0] - i * own[2])
+        force[n + 2] -= first[0] * a[1] - first[1] * a[0] - (i * own[1] - j * own[0])
 
 
 def give_to_others(t: float, x: Any, v: Any, guided: Any, force: Any) -> None:

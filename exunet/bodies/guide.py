@@ -70,6 +70,11 @@ class Guide:
             turning[k, :3] = np.linalg.solve(powers, angles) / np.array([[step**3], [step**2], [step]])
         return cls(time[:-1], np.moveaxis(line.c, 1, 0).copy(), attitude[:-1], turning, offset)
 
+    @property
+    def rests(self) -> bool:
+        """True if the body does not move."""
+        return not self.position[:, :3].any() and not self.turning[:, :3].any()
+
     def at(self, time: Floats) -> RigidStates:
         """States of the centre of mass, (k, ...) at times (k,) [s]."""
         piece = np.maximum(np.searchsorted(self.time, time, side="right") - 1, 0)

@@ -129,8 +129,11 @@ class Kinematics:
             masses = partial(_held_masses, self, blocks)
             add(KernelCall(loops.share_with_held, masses({}), helpers=turns), masses)
         if self.guides:
-            guided, both = _guided(self, blocks), (in_scene_axes, loops.add_arm)
-            call = KernelCall(loops.give_to_others, guided, place=loops.place_guided, helpers=both)
+            guided, own = _guided(self, blocks), (in_scene_axes, loops.add_arm, loops.piece_of_guide)
+            if any(one.body in _moving(self) for one in self.held):
+                borne, turned = partial(_on_guided, self, blocks), (*turns, *_OF_GUIDES)
+                add(KernelCall(loops.bear_held, borne({}), helpers=turned), borne)
+            call = KernelCall(loops.give_to_others, guided, place=loops.place_guided, helpers=own)
             add(call, lambda _: guided)
         owners = [*self.body.tolist(), *(one.body for one in self.held)]
         pulled = {blocks.rigid[k] for k in owners if k < self.n_free}
@@ -166,16 +169,54 @@ def _held_masses(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> lo
     )
 
 
+_OF_GUIDES = (loops.piece_of_guide, loops.angular_acceleration, loops.add_swing)
+
+
+def _moving(kinematics: Kinematics) -> dict[int, Guide]:
+    """The bodies that guides move, by number, but for those that rest."""
+    guides = enumerate(kinematics.guides, kinematics.n_free)
+    return {number: guide for number, guide in guides if not guide.rests}
+
+
+def _on_guided(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> loops.OnGuided:
+    """Of the guided bodies in motion that may hold points."""
+    moving = _moving(kinematics)
+    numbers = sorted({one.body for one in kinematics.held if one.body in moving})
+    masses, first, second = [], [], []
+    for number in numbers:
+        mass, arm = held_by(kinematics.held, number, memory)
+        masses.append(mass.sum())
+        first.append(mass @ arm)
+        second.append((mass[:, None] * arm).T @ arm)
+    centre, quaternion, spin = _entries(blocks, [blocks.rigid[k] for k in numbers])
+    return loops.OnGuided(
+        **_pieces([moving[number] for number in numbers]),
+        centre=centre,
+        quaternion=quaternion,
+        spin=spin,
+        mass=np.array(masses),
+        moment=np.array(first),
+        second=np.array(second),
+    )
+
+
+def _pieces(guides: Sequence[Guide]) -> dict[str, Any]:
+    """Of guides, one after the other, by their names in the loops."""
+    return {
+        "first": np.cumsum([0, *(len(guide.time) for guide in guides)]),
+        "time": np.concatenate([guide.time for guide in guides]),
+        "position": np.concatenate([guide.position for guide in guides]),
+        "turning": np.concatenate([guide.turning for guide in guides]),
+        "offset": np.stack([guide.offset for guide in guides]),
+    }
+
+
 def _guided(kinematics: Kinematics, blocks: Blocks) -> loops.Guided:
     guides, names = kinematics.guides, blocks.rigid[kinematics.n_free :]
     centre, quaternion, spin = _entries(blocks, names)
     return loops.Guided(
-        first=np.cumsum([0, *(len(guide.time) for guide in guides)]),
-        time=np.concatenate([guide.time for guide in guides]),
-        position=np.concatenate([guide.position for guide in guides]),
+        **_pieces(guides),
         attitude=np.concatenate([guide.attitude for guide in guides]),
-        turning=np.concatenate([guide.turning for guide in guides]),
-        offset=np.stack([guide.offset for guide in guides]),
         centre=centre,
         quaternion=quaternion,
         spin=spin,

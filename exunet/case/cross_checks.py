@@ -77,11 +77,6 @@ def _reels(scene: Scene) -> Iterator[Fault]:
             continue
         if name in scene.bodies:
             yield Fault(f"tethers.{name}", "a body has this name, and a result what either gives: rename one")
-        end = keys.start if keys.reel.at == "start" else keys.end
-        body = scene.bodies.get(end.body) if end.body is not None else None
-        if body is not None and body.motion == "prescribed":
-            words = f"the drum's body, {end.body}, must be free or fixed, not prescribed"
-            yield Fault(f"tethers.{name}.reel.at", words)
         for effect, reason in _NOT_WITH_REELS.items():
             table = getattr(scene.effects, effect)
             if table is not None and getattr(table, "beta", 1.0) != 0.0:
@@ -145,7 +140,6 @@ def _net_on_a_body(scene: Scene) -> Iterator[Fault]:
 
 def _ejected_later(scene: Scene, frame: NetFrame) -> Iterator[Iterator[Fault]]:
     yield _in_time(scene, frame)
-    yield _held_by_one_that_can(scene, frame)
     yield _not_held_otherwise(scene)
 
 
@@ -153,12 +147,6 @@ def _in_time(scene: Scene, frame: NetFrame) -> Iterator[Fault]:
     if frame.eject_at >= scene.time.end:
         words = f"must be before time.end, {scene.time.end:g} s, got {frame.eject_at:g} s"
         yield Fault("eject_at", words)
-
-
-def _held_by_one_that_can(scene: Scene, frame: NetFrame) -> Iterator[Fault]:
-    body = scene.bodies.get(frame.body)
-    if body is not None and body.motion == "prescribed":
-        yield Fault("eject_at", f"{frame.body}, which holds the net, must be free or fixed, not prescribed")
 
 
 def _not_held_otherwise(scene: Scene) -> Iterator[Fault]:

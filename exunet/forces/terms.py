@@ -156,7 +156,9 @@ class Change:
     """What an event did.
 
     memory      : the new memory of the term
-    energy_lost : [J] with the event; negative: put in. None: what the energy of the system changes by
+    energy_lost : [J] with the event; negative: put in. None: what the energy of the system changes by, less
+                  the work that guided bodies do with it
+    work_given  : this work [J], which `energy_lost` does not count
     events      : a record of each item, JSON-like, with its "time_s"
     x, v        : the new state of all blocks, None: as it was
     awake       : (n_points,) which points are awake from now on (see `Blocks.awake`), None: as before; those
@@ -169,6 +171,7 @@ class Change:
     x: Floats | None = None
     v: Floats | None = None
     awake: Floats | None = None
+    work_given: float = 0.0
 
 
 class Term(Protocol):

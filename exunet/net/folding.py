@@ -32,7 +32,12 @@ def cross_checks(keys: NetTable, fold: Fold) -> Iterator[Fault]:
         yield Fault("pattern", reason)
     if fold.pattern == "star":
         if not isinstance(keys, radial.Keys):
-            yield Fault("pattern", f"a star has spokes: it is for radial nets, not for {keys.topology} ones")
+            why = "a star is creased along spokes"
+            if keys.topology == "cut":
+                why += ", and a border cut from meshes has no knots there to bend at"
+            other = '; use "accordion"' if keys.topology in _creased() else ""
+            words = f"{why}: it is for radial nets, not for {keys.topology} ones{other}"
+            yield Fault("pattern", words)
         elif keys.spokes % 2:
             reason = f"spokes go in and out in turn: an even number of them, not {keys.spokes}"
             yield Fault("pattern", reason)

@@ -57,7 +57,7 @@ class Passage:
 
 
 def overlaps(result: Result) -> list[Overlap]:
-    """The pairs of bodies with shapes that overlapped; of a mesh if a vertex is in a solid, of two never."""
+    """The pairs of bodies with shapes that overlapped, see `exunet.bodies.overlap`."""
     shapes = shapes_of(result)
     poses = {name: poses_of(result.bodies[name]) for name in shapes}
     found = []

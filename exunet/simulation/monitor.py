@@ -172,14 +172,15 @@ class Monitor:
         self.peaks.take(extremes.time, extremes.tension, extremes.element)
 
     def changed(self, time: float, memory: str, change: Change) -> None:
-        self.dissipated += change.energy_lost or 0.0
+        left = (change.energy_lost or 0.0) - change.work_given
+        self.dissipated += left
         told = [{"heading": self._headings[memory], **one} for one in change.events]
         self.events = [*self.events, *told]  # snapshots hold the old list
         asleep = {} if change.awake is None else {AWAKE: change.awake}
         self._remember({**self._memory, memory: change.memory, **asleep})
         moves = change.x is not None or change.v is not None
         if time == self.safe.time:  # a run that goes back there is beyond the event
-            self.safe_dissipated += change.energy_lost or 0.0
+            self.safe_dissipated += left
             self.safe = self._changed(self.safe, change)
         if time == self._stored_until and self._store is not None and moves:
             after = States.of(self._system, self._changed(self.last_good, change))

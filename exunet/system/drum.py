@@ -34,7 +34,8 @@ class Drum:
     """The switch of a reel's term.
 
     When a node goes onto the drum or comes off it, the body, what it holds already, and the node keep their
-    momentum and angular momentum together; the energy that this takes is booked as lost.
+    momentum and angular momentum together, unless a guide moves the body; the energy that this takes is
+    booked as lost.
     """
 
     heading = "reels"
@@ -98,7 +99,7 @@ class Drum:
             number = float(np.searchsorted(self._reel.times, time, side="right"))
             events = ({**told, "event": f"command {int(number)}"},)
             return Change(np.array([memory[0], number]), events=events)
-        moving = Layout(self._blocks).unpack(x.copy(), v.copy())
+        moving = Layout(self._blocks).unpack(x.copy(), v.copy()).completed(self._kinematics, time, every)
         on = _ON in items
         number = memory[0] + 1.0 if on else memory[0]
         node = self._reel.nodes[int(number)]

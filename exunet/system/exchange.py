@@ -28,30 +28,34 @@ def exchanged(
     memories : before and after, which say what the body holds
     points   : places (n, 3) [m] and momenta (n, 3) [kg m/s] of points that it holds afterwards; of those that
                it no longer holds, the momenta with which they leave, with the opposite sign
-    A free body, what it holds and these points keep their momentum and angular momentum; the support of a
-    fixed one takes both. Points are left where they are.
+    A free body, what it holds and these points keep their momentum and angular momentum. One that a guide
+    moves goes on as before; what that takes counts as given by it, with its work. Points are left where they
+    are.
     """
-    place, momentum = points
-    if body >= kinematics.n_free:
-        return moving._replace(first_order=_supported(moving.first_order, blocks, body, place, momentum))
-    states, (before, after) = moving.bodies, memories
+    states, (place, momentum) = moving.bodies, points
     turn, centre = rotation_matrix(states.attitude[body]), states.position[body]
-    own = blocks.inertia.mass[body], blocks.inertia.moments[body]
     motion = np.concatenate([states.velocity[body] @ turn, states.angular_velocity[body]])
-    momenta = mass_matrix(*own, *held_by(kinematics.held, body, before)) @ motion
+    own = 0.0, np.zeros(3)
+    if body < kinematics.n_free:
+        own = blocks.inertia.mass[body], blocks.inertia.moments[body]
+    before, after = (mass_matrix(*own, *held_by(kinematics.held, body, one)) for one in memories)
     coming = momentum @ turn
-    momenta[:3] += coming.sum(axis=0)
-    momenta[3:] += np.cross((place - centre) @ turn, coming).sum(axis=0)
-    motion = np.linalg.solve(mass_matrix(*own, *held_by(kinematics.held, body, after)), momenta)
+    arriving = np.cross((place - centre) @ turn, coming).sum(axis=0)
+    momenta = before @ motion + np.concatenate([coming.sum(axis=0), arriving])
+    if body >= kinematics.n_free:
+        given = after @ motion - momenta
+        impulse, twist = turn @ given[:3], turn @ given[3:]
+        numbers = np.concatenate([impulse, twist + np.cross(centre, impulse), [given @ motion]])
+        return moving._replace(first_order=_given(moving.first_order, blocks, body, numbers))
+    motion = np.linalg.solve(after, momenta)
     velocity, spin = states.velocity.copy(), states.angular_velocity.copy()
     velocity[body], spin[body] = turn @ motion[:3], motion[3:]
     return moving._replace(bodies=RigidStates(states.position, velocity, states.attitude, spin))
 
 
-def _supported(first_order: Floats, blocks: Blocks, body: int, place: Floats, momentum: Floats) -> Floats:
-    """The first-order states, with what a support has given: the opposite of what came to it."""
-    given, first = first_order.copy(), blocks.n_x - blocks.n_states
+def _given(first_order: Floats, blocks: Blocks, body: int, numbers: Floats) -> Floats:
+    """The first-order states, with impulse, angular impulse and work (7,) more that a guided body gives."""
+    after, first = first_order.copy(), blocks.n_x - blocks.n_states
     at = blocks.state(f"{blocks.rigid[body]}/{GIVEN[0][0]}") - first
-    given[at : at + 3] -= momentum.sum(axis=0)
-    given[at + 3 : at + 6] -= np.cross(place, momentum).sum(axis=0)
-    return given
+    after[at : at + len(numbers)] += numbers
+    return after

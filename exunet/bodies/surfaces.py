@@ -1,0 +1,228 @@
+"""Whether two closed surfaces of triangles share points inside.
+
+They do if an edge of one goes through a triangle of the other, or if one contains a piece of the other.
+Pairs of triangles that may meet are found by trees of boxes, both of which are descended at once (Gottschalk,
+Lin, Manocha, Proc. SIGGRAPH 1996, 171, doi 10.1145/237170.237244, with boxes along the axes).
+
+Surfaces that touch, or have faces in one plane, leave it to round-off which side an edge is on. Both are
+therefore looked at drawn in by a hair, one by twice as much as the other: what touches comes apart, and faces
+in one plane of bodies that share points come to lie one behind the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
+
+from exunet.bodies.shapes import Shape, Solid, TriangleMesh
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+DRAWN_IN = 1e-9  # of the larger of two surfaces
+AROUND = 64  # corners of a polygon in place of a circle
+_PAIRS = 1 << 15  # that are looked at in one go
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A closed surface and its tree.
+
+    corners  : (m, 3, 3) of its triangles [m]
+    inwards  : (m, 3, 3) unit vectors at the corners
+    pieces   : (k, 3) a corner of each piece that hangs together, (k, 3) its vector inwards
+    size     : the diagonal of the box around it [m]
+    leaves   : (2^levels,) numbers of triangles, of which some stand there more than once
+    middles, halves : of the boxes around the branches, level by level, the whole first: (2^level, 3) [m]
+    """
+
+    corners: Floats
+    inwards: Floats
+    pieces: tuple[Floats, Floats]
+    size: float
+    leaves: Ints
+    middles: tuple[Floats, ...]
+    halves: tuple[Floats, ...]
+
+
+@lru_cache(maxsize=64)
+def surfaces_of(shape: Shape) -> tuple[Surface, ...]:
+    """Those of a shape in its frame: of its mesh, and of polyhedra inside its solids."""
+    meshes = [polyhedron(one) for one in shape.solids]
+    return tuple(_surface(one) for one in (*meshes, *([] if shape.mesh is None else [shape.mesh])))
+
+
+def polyhedron(solid: Solid) -> TriangleMesh:
+    """A convex one with its corners on the surface of a solid, in the body's frame; a box itself."""
+    a, b, c = solid.numbers
+    if solid.kind == "box":
+        points = 0.5 * np.stack(np.meshgrid([-a, a], [-b, b], [-c, c]), axis=-1).reshape(-1, 3)
+    elif solid.kind in ("cylinder", "frustum"):
+        low, high, half = (a, a, 0.5 * b) if solid.kind == "cylinder" else (a, b, 0.5 * c)
+        points = np.concatenate([_ring(low, -half), _ring(high, half)])
+    else:
+        angles = np.linspace(0.0, np.pi, AROUND // 2 + 1)
+        rings = [(a * np.sin(one), a * np.cos(one)) for one in angles]
+        points = np.concatenate(
+            [_ring(across, along + way * 0.5 * b) for across, along in rings for way in (-1.0, 1.0)]
+        )
+    hull = ConvexHull(points)
+    triangles = hull.simplices.astype(np.int64)
+    one, other, third = np.moveaxis(points[triangles], 1, 0)
+    wrong = np.einsum("ma,ma->m", np.cross(other - one, third - one), hull.equations[:, :3]) < 0.0
+    triangles[wrong] = triangles[wrong, ::-1]
+    return TriangleMesh(points @ solid.rotation.T + solid.position, triangles)
+
+
+def _ring(radius: float, height: float) -> Floats:
+    turn = np.arange(AROUND) * (2.0 * np.pi / AROUND)
+    return np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(AROUND, height)], axis=1)
+
+
+def _surface(mesh: TriangleMesh) -> Surface:
+    corners, inwards = mesh.vertices[mesh.triangles], -_normals(mesh)
+    edges = mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2).T
+    graph = coo_array((np.ones(edges.shape[1]), tuple(edges)), shape=(len(mesh.vertices),) * 2)
+    used = np.unique(mesh.triangles)
+    _, first = np.unique(connected_components(graph, directed=False)[1][used], return_index=True)
+    some = used[first]
+    leaves = _leaves(corners.mean(axis=1))
+    low, high = [corners[leaves].min(axis=1)], [corners[leaves].max(axis=1)]
+    while len(low[0]) > 1:
+        low.insert(0, low[0].reshape(-1, 2, 3).min(axis=1))
+        high.insert(0, high[0].reshape(-1, 2, 3).max(axis=1))
+    middles = tuple(0.5 * (a + b) for a, b in zip(low, high, strict=True))
+    halves = tuple(0.5 * (b - a) for a, b in zip(low, high, strict=True))
+    size = 2.0 * float(np.linalg.norm(halves[0]))
+    pieces = mesh.vertices[some], inwards[some]
+    return Surface(corners, inwards[mesh.triangles], pieces, size, leaves, middles, halves)
+
+
+def _normals(mesh: TriangleMesh) -> Floats:
+    """(n, 3) of the vertices, outwards: means over their triangles, by the angles there."""
+    corners = mesh.vertices[mesh.triangles]
+    ways = np.roll(corners, -1, axis=1) - corners
+    normal = np.cross(ways[:, 0], ways[:, 1])
+    found = np.zeros_like(mesh.vertices)
+    size = np.linalg.norm(normal, axis=1)
+    for k in range(3):
+        angle = np.arctan2(size, -np.einsum("ma,ma->m", ways[:, k], ways[:, k - 1]))
+        weight = np.divide(angle, size, out=np.zeros_like(size), where=size > 0.0)
+        np.add.at(found, mesh.triangles[:, k], weight[:, None] * normal)
+    length = np.linalg.norm(found, axis=1, keepdims=True)
+    return np.divide(found, length, out=np.zeros_like(found), where=length > 0.0)
+
+
+def _leaves(middles: Floats) -> Ints:
+    """(2^levels,) numbers of points (m, 3): the halves of each branch lie beside each other along an axis."""
+    levels = max(0, int(np.ceil(np.log2(len(middles)))))
+    order = np.arange(2**levels) % len(middles)
+    for level in range(levels):
+        rows = order.reshape(2**level, -1)
+        places = middles[rows]
+        axis = np.ptp(places, axis=1).argmax(axis=1)
+        along = np.take_along_axis(places, axis[:, None, None], axis=2)[..., 0]
+        order = np.take_along_axis(rows, along.argsort(axis=1, kind="stable"), axis=1).ravel()
+    return order
+
+
+def share_points(one: Surface, other: Surface, turn: Floats, shift: Floats) -> bool:
+    """True where the insides of two surfaces have common points; those that touch have none.
+
+    turn (3, 3), shift (3,) : from the frame of `other` to that of `one` [m]
+    """
+    hair = DRAWN_IN * max(one.size, other.size)
+    if _cross(one, other, turn, shift, hair):
+        return True
+    corners = other.corners + 2.0 * hair * other.inwards
+    places = (one.pieces[0] + hair * one.pieces[1] - shift) @ turn
+    if _inside(places, corners).any():
+        return True
+    places = (other.pieces[0] + 2.0 * hair * other.pieces[1]) @ turn.T + shift
+    return bool(_inside(places, one.corners + hair * one.inwards).any())
+
+
+def _cross(one: Surface, other: Surface, turn: Floats, shift: Floats, hair: float) -> bool:
+    """True if an edge of one goes through a triangle of the other, both drawn in by a hair or two."""
+    span, room = np.abs(turn), 3.0 * hair
+    most = len(one.middles) - 1, len(other.middles) - 1
+    waiting = [((0, 0), np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))]
+    while waiting:
+        (p, q), a, b = waiting.pop()
+        apart = np.abs(other.middles[q][b] @ turn.T + shift - one.middles[p][a])
+        reach = one.halves[p][a] + other.halves[q][b] @ span.T + room
+        near = (apart <= reach).all(axis=1)
+        a, b = a[near], b[near]
+        if not len(a):
+            continue
+        if (p, q) == most:
+            m, n = one.leaves[a], other.leaves[b]
+            first = one.corners[m] + hair * one.inwards[m]
+            second = (other.corners[n] + 2.0 * hair * other.inwards[n]) @ turn.T + shift
+            if _meet(first, second).any():
+                return True
+            continue
+        if p < most[0]:
+            p, a, b = p + 1, np.concatenate([2 * a, 2 * a + 1]), np.concatenate([b, b])
+        if q < most[1]:
+            q, a, b = q + 1, np.concatenate([a, a]), np.concatenate([2 * b, 2 * b + 1])
+        for start in range(0, len(a), _PAIRS):
+            some = slice(start, start + _PAIRS)
+            waiting.append(((p, q), a[some], b[some]))
+    return False
+
+
+def _meet(one: Floats, other: Floats) -> Bools:
+    """(n,) True where an edge of one triangle goes through the other, (n, 3, 3) each."""
+    found = np.zeros(len(one), dtype=bool)
+    rows = np.flatnonzero(_both_sides(one, other) & _both_sides(other, one))
+    for these, those in ((one[rows], other[rows]), (other[rows], one[rows])):
+        for k in range(3):
+            found[rows] |= _goes_through(these[:, k], these[:, (k + 1) % 3], those)
+    return found
+
+
+def _both_sides(triangle: Floats, points: Floats) -> Bools:
+    """(n,) True where of points (n, 3, 3) some are on either side of a triangle's plane."""
+    a, b, c = np.moveaxis(triangle, 1, 0)
+    height = np.einsum("nka,na->nk", points - a[:, None], np.cross(b - a, c - a))
+    return np.asarray((height.min(axis=1) <= 0.0) & (height.max(axis=1) >= 0.0))
+
+
+def _goes_through(start: Floats, end: Floats, triangle: Floats) -> Bools:
+    """(n,) True for segments that go through a triangle: of the volumes with its edges all have one sign."""
+    a, b, c = (corner - start for corner in np.moveaxis(triangle, 1, 0))
+    way = end - start
+    normal = np.cross(b - a, c - a)
+    low, high = np.einsum("na,na->n", a, normal), np.einsum("na,na->n", a - way, normal)
+    volumes = np.stack([_volume(way, p, q) for p, q in ((a, b), (b, c), (c, a))], axis=1)
+    around = (volumes >= 0.0).all(axis=1) | (volumes <= 0.0).all(axis=1)
+    return np.asarray((low * high < 0.0) & around & volumes.any(axis=1))
+
+
+def _volume(way: Floats, p: Floats, q: Floats) -> Floats:
+    return np.asarray(np.einsum("na,na->n", way, np.cross(p, q)))
+
+
+def _inside(points: Floats, corners: Floats) -> Bools:
+    """(n,) True for points (n, 3) round which triangles (m, 3, 3) go once or more.
+
+    By the solid angles: Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125, doi
+    10.1109/TBME.1983.325207.
+    """
+    found = []
+    for point in points:
+        a, b, c = np.moveaxis(corners - point, 1, 0)
+        p, q, r = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+        dots = [np.einsum("ma,ma->m", *pair) for pair in ((a, b), (b, c), (c, a))]
+        below = p * q * r + dots[0] * r + dots[1] * p + dots[2] * q
+        angle = 2.0 * np.arctan2(np.einsum("ma,ma->m", a, np.cross(b, c)), below).sum()
+        found.append(angle > 2.0 * np.pi)
+    return np.array(found, dtype=bool)

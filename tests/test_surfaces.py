@@ -1,0 +1,201 @@
+"""Whether bodies of triangles overlap: by distances of convex ones, by hand, and of bodies with hollows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import exunet
+from exunet.bodies.distance import distances
+from exunet.bodies.mass_properties import of_mesh, of_solid
+from exunet.bodies.mesh import closed
+from exunet.bodies.overlap import overlap
+from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
+from exunet.bodies.surfaces import polyhedron
+from exunet.simulation.preparation import prepare_case
+
+CASE = Path(__file__).parents[1] / "cases" / "verification" / "snap.toml"
+HERE = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
+SOLID = {
+    "box": Solid("box", (1.0, 2.0, 3.0), (0.3, 0.1, 0.0)),
+    "cylinder": Solid("cylinder", (0.5, 2.0, 0.0)),
+    "sphere": Solid("sphere", (0.7, 0.0, 0.0)),
+    "capsule": Solid("capsule", (0.5, 2.0, 0.0)),
+    "frustum": Solid("frustum", (0.5, 0.0, 2.0)),
+}
+
+
+def box(*edges: float) -> Shape:
+    return Shape(mesh=polyhedron(Solid("box", edges)))  # type: ignore[arg-type]
+
+
+def at(*place: float) -> Any:
+    return HERE + np.array([*place, 0.0, 0.0, 0.0, 0.0])
+
+
+def both(one: Shape, other: Shape, pose: Any) -> bool:
+    """Whichever comes first."""
+    (found,) = overlap(one, HERE, other, pose)
+    (same,) = overlap(other, pose, one, HERE)
+    assert found == same
+    return bool(found)
+
+
+def joined(*meshes: TriangleMesh) -> Shape:
+    """One mesh of several pieces."""
+    shift = np.cumsum([0, *(len(one.vertices) for one in meshes)])
+    triangles = [one.triangles + k for one, k in zip(meshes, shift, strict=False)]
+    return Shape(
+        mesh=TriangleMesh(np.concatenate([one.vertices for one in meshes]), np.concatenate(triangles))
+    )
+
+
+def test_polyhedra_are_inside_their_solids() -> None:
+    """Closed, with the volume of the solid but for 1 %."""
+    for name in SOLIDS:
+        solid = SOLID[name]
+        mesh = polyhedron(solid)
+        assert (closed(mesh.vertices, mesh.triangles, name).triangles.shape) == mesh.triangles.shape
+        assert solid.depth(mesh.vertices).max() < 1e-12
+        part = of_mesh(mesh).mass / of_solid(solid).mass
+        assert 0.99 < part < 1.0 + 1e-12
+
+
+@pytest.mark.parametrize(
+    ("place", "expected"),
+    [
+        ((0.0, 0.0, 0.0), True),  # all faces in one plane
+        ((0.5, 0.0, 0.0), True),  # four of them
+        ((0.999, 0.999, 0.0), True),
+        ((0.5, 0.5, 0.5), True),
+        ((1.0 - 1e-6, 0.0, 0.0), True),
+        ((1.0, 0.0, 0.0), False),  # touch
+        ((1.0, 0.5, 0.5), False),
+        ((1.0, 1.0, 0.0), False),
+        ((1.0, 1.0, 1.0), False),
+        ((1.0 + 1e-6, 0.0, 0.0), False),
+    ],
+)
+@pytest.mark.parametrize("far", [0.0, 1000.0])
+def test_two_cubes(place: tuple[float, ...], expected: bool, far: float) -> None:
+    """Those that touch do not overlap; those with faces in one plane do, if they share points."""
+    cube, origin = box(1.0, 1.0, 1.0), at(far, 0.0, 0.0)
+    assert bool(overlap(cube, origin, cube, origin + at(*place) - HERE)[0]) == expected
+
+
+def test_one_in_the_other() -> None:
+    cube, small = box(1.0, 1.0, 1.0), box(0.1, 0.1, 0.1)
+    assert both(cube, small, HERE)
+    assert both(cube, small, at(0.45, 0.0, 0.0))  # touches from inside
+    assert not both(cube, small, at(0.55, 0.0, 0.0))
+
+
+def test_bodies_with_hollows_and_of_several_pieces() -> None:
+    """A shell, in whose hollow a ball is beside it; of two pieces the second counts too."""
+    outer, inner = box(2.0, 2.0, 2.0).mesh, box(1.0, 1.0, 1.0).mesh
+    assert outer is not None
+    assert inner is not None
+    shell = joined(outer, TriangleMesh(inner.vertices, inner.triangles[:, ::-1]))
+    small = box(0.2, 0.2, 0.2)
+    assert not both(shell, small, HERE)
+    assert both(shell, small, at(0.45, 0.0, 0.0))  # through the wall of the hollow
+    assert both(shell, small, at(0.75, 0.0, 0.0))  # within the wall
+    second = polyhedron(Solid("box", (0.2, 0.2, 0.2), (9.0, 0.0, 0.0)))
+    assert small.mesh is not None
+    two = joined(small.mesh, second)
+    assert not both(box(1.0, 1.0, 1.0), two, at(-3.0, 0.0, 0.0))
+    assert both(box(1.0, 1.0, 1.0), two, at(-9.0, 0.0, 0.0))
+
+
+def test_convex_meshes_overlap_where_they_have_no_distance() -> None:
+    """Hulls of random points, at random poses: by the distance of convex bodies, known within 1e-10."""
+    rng = np.random.default_rng(0)
+    names = [name for name in SOLIDS if name != "sphere"]
+    meshes = [Shape(mesh=polyhedron(SOLID[name])) for name in names]
+    answers = []
+    for _ in range(60):
+        one, other = (meshes[k] for k in rng.integers(len(meshes), size=2))
+        poses = rng.normal(size=(2, 1, 7))
+        poses[..., :3] *= 0.7
+        poses[..., 3:] /= np.linalg.norm(poses[..., 3:], axis=-1, keepdims=True)
+        (apart,) = distances(one, poses[0], other, poses[1])
+        (found,) = overlap(one, poses[0], other, poses[1])
+        assert found == (apart == 0.0)
+        answers.append(bool(found))
+    assert 0.3 < np.mean(answers) < 0.95
+
+
+def test_a_mesh_and_solids() -> None:
+    """Of neither a vertex is in the other: a rod through a cube, and a ball and a compound within it."""
+    cube = box(1.0, 1.0, 1.0)
+    rod, ball = Solid("cylinder", (0.05, 5.0, 0.0)), Solid("sphere", (0.1, 0.0, 0.0))
+    assert both(cube, Shape((rod,)), at(0.2, 0.1, 0.0))
+    assert not both(cube, Shape((rod,)), at(0.56, 0.1, 0.0))
+    assert both(cube, Shape((ball,)), HERE)
+    assert not both(cube, Shape((ball,)), at(0.61, 0.0, 0.0))
+    far = Solid("box", (0.1, 0.1, 0.1), (5.0, 0.0, 0.0))
+    assert both(cube, Shape((far, ball)), HERE)
+    assert both(cube, Shape((ball, far)), at(-5.0, 0.0, 0.0))
+
+
+def rough_ball(count: int) -> Shape:
+    """A ball of 2 n - 4 triangles whose corners are on a spiral, bumpy but for round-off convex."""
+    from scipy.spatial import ConvexHull
+
+    k = np.arange(count) + 0.5
+    across, turn = np.arccos(1.0 - 2.0 * k / count), np.pi * (1.0 + 5.0**0.5) * k
+    sine = np.sin(across)
+    points = np.stack([np.cos(turn) * sine, np.sin(turn) * sine, np.cos(across)], axis=1)
+    hull = ConvexHull(points)
+    triangles = hull.simplices.astype(np.int64)
+    one, other, third = np.moveaxis(points[triangles], 1, 0)
+    outwards = np.einsum("ma,ma->m", np.cross(other - one, third - one), hull.equations[:, :3])
+    triangles[outwards < 0.0] = triangles[outwards < 0.0, ::-1]
+    return Shape(mesh=closed(points, triangles, "ball"))
+
+
+def test_ten_thousand_triangles_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few of the 1e8 pairs are looked at: of balls that meet in a circle, and of one that just does not."""
+    from exunet.bodies import surfaces
+
+    ball, looked = rough_ball(5000), []
+    assert ball.mesh is not None
+    assert len(ball.mesh.triangles) > 9900
+    meet = surfaces._meet
+
+    def counted(one: Any, other: Any) -> Any:
+        looked.append(len(one))
+        return meet(one, other)
+
+    monkeypatch.setattr(surfaces, "_meet", counted)
+    turn = np.array([0.9, 0.3, -0.2, 0.1])
+    turned = np.append(np.zeros(3), turn / np.linalg.norm(turn))
+    assert rotation_matrix(turned[3:])[0, 0] < 0.95
+    for x, expected in ((1.0, True), (1.999, True), (2.001, False)):
+        assert both(ball, ball, (turned + np.append([x, 0.0, 0.0], np.zeros(4)))[None]) == expected
+    assert sum(looked) < 2e5
+
+
+@pytest.mark.parametrize("ending", ["stl", "obj"])
+def test_bodies_of_mesh_files_that_overlap_are_refused(tmp_path: Path, ending: str) -> None:
+    """With file and line."""
+    trimesh = pytest.importorskip("trimesh")
+    mesh = box(1.0, 1.0, 1.0).mesh
+    assert mesh is not None
+    trimesh.Trimesh(mesh.vertices, mesh.triangles).export(tmp_path / f"cube.{ending}")
+    text = CASE.read_text()
+    for name, x in (("one", 0.0), ("two", 0.9)):
+        text += f'\n[bodies.{name}]\nshape = "mesh"\nfile = "cube.{ending}"\nunit = "m"\ndensity = 10.0\n'
+        text += f"position = [{x}, 9.0, 0.0]\n"
+    path = tmp_path / "case.toml"
+    path.write_text(text)
+    line = len(text.splitlines())
+    with pytest.raises(exunet.CaseError) as caught:
+        prepare_case(exunet.load(path))
+    expected = f"{path}:{line}: bodies.two.position: the body overlaps one at the start"
+    assert str(caught.value) == expected
+    prepare_case(exunet.load(path, ["bodies.two.position=[1.0, 9.0, 0.0]"]))
