@@ -58,13 +58,15 @@ class Events:
         return replace(change, v=speed)
 
     def _booked(self, change: Change, name: str, time: float, x: Floats, v: Floats) -> Change:
-        """With the energy that is lost, where that is what the energy of the system changes by."""
+        """With the energy that is lost, where that is what the energy of the system changes by; so told."""
         if change.energy_lost is not None:
             return change
         after = x if change.x is None else change.x, v if change.v is None else change.v
         before = total(self._system, time, x, v, self.memory)
         lost = before - total(self._system, time, *after, self.memory_after(name, change))
-        return replace(change, energy_lost=lost)
+        if len(change.events) != 1:
+            return replace(change, energy_lost=lost)
+        return replace(change, energy_lost=lost, events=({**change.events[0], "energy_lost_J": lost},))
 
     def next_instant(self, after: float, until: float) -> float:
         """The first known instant of an event later than `after`, or `until` [s]."""

@@ -74,12 +74,15 @@ def bullet_speeds(
 def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure:
     """Kinetic and elastic energy, their sum and the dissipated work, relative to the total at the start.
 
+    With the work that drums, an ejection, and bodies whose motion is given have put in, if any.
+
     In joule if the net starts with (almost) no energy of its own, as one that falls from rest. Where known,
     bands reach from kinetic and elastic energy at the stored times to their extremes over the steps between.
     """
     total = result.kinetic + result.elastic
+    taken = metrics.dissipation(result)
     parts: dict[str, tuple[Floats, dict[str, Any]]] = {
-        "dissipated": (result.dissipated, {"color": YELLOW, "linewidth": 1.8, "marker": "s"}),
+        "dissipated": (taken, {"color": YELLOW, "linewidth": 1.8, "marker": "s"}),
         "kinetic": (result.kinetic, {"color": BLUE, "linewidth": 1.4, "linestyle": "--"}),
         "elastic": (result.elastic, {"color": RED, "linewidth": 1.4, "linestyle": "-"}),
         "kinetic + elastic": (total, {"color": BLACK, "linewidth": 0.9, "linestyle": "-."}),
@@ -88,6 +91,8 @@ def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -
         fallen = result.potential - result.potential[0]
         dotted = {"color": BLACK, "linewidth": 1.2, "linestyle": ":", "marker": "v"}
         parts["potential, change"] = (fallen, dotted)
+    if np.any(put_in := taken - result.dissipated):
+        parts["work put in"] = (put_in, {"color": "0.45", "linewidth": 1.2, "linestyle": ":", "marker": "^"})
     start = float(total[0])
     relative = start > 1e-3 * max(float(np.abs(values).max()) for values, _ in parts.values())
     label = "energy / initial energy" if relative else "energy [J]"

@@ -14,15 +14,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.bodies.kinematics import GIVEN
 from exunet.results.areas import achievable_area
 from exunet.results.clearance import MOST_PAIRS, Pair, gaps_of, pairs_of, shapes_of
+from exunet.results.ends import ends_of_result, no_ends
 from exunet.results.margins import Groups, Margin, Peak, loaded_over_blocks, peak_of_all_steps
 from exunet.results.measures import (
+    dissipation,
     largest_tensions,
     mouth_areas,
     net_centre,
     speeds_of,
     tensions_of_tethers,
+    work_of_ejection,
 )
 from exunet.results.result import Result
 from exunet.results.rows import StoredRows, over_blocks
@@ -48,10 +52,15 @@ class Course:
     achievable_area : the largest that the mouth can have [m2]; 0 or infinite: there is no mouth to speak of
     centre          : (t, 3) centre of mass of the net [m]
     bullet_speed    : (t, n_bullets) [m/s]
-    kinetic, elastic, dissipated : (t,) [J]
+    kinetic, elastic, potential : (t,) [J]
+    dissipated      : (t,) [J], without the work that is put in: see `exunet.results.measures.dissipation`
     tension         : (t,) largest tension of all elements at each time [N]
     peak            : the largest of all steps
     body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
+    turning, guided : the bodies that have an attitude; those whose motion is given
+    ends            : (2, n_bodies + 1) records `END` at the start and at the end, of bodies and net; (2, 0)
+                      without bodies
+    ejection        : work of the ejection of the net until the end [J]; None: there is none in the scene
     tether_names, tether_tension  : (t, n_tethers) largest tension along each [N]
     reel_names, reel : (t, n_reels, 2) length of the tether that is wound up [m], work of the drum on it [J]
     groups          : of elements whose strength is known; None: of none
@@ -69,8 +78,13 @@ class Course:
     dissipated: Floats
     tension: Floats
     peak: Peak
+    potential: Floats = field(default_factory=lambda: np.zeros(0))
     body_names: tuple[str, ...] = ()
     body_centre: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    turning: tuple[str, ...] = ()
+    guided: tuple[str, ...] = ()
+    ends: NDArray[np.void] = field(default_factory=no_ends)
+    ejection: float | None = None
     tether_names: tuple[str, ...] = ()
     tether_tension: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     reel_names: tuple[str, ...] = ()
@@ -85,7 +99,7 @@ class Course:
         """The same at half as many times, the last one included."""
         rows = np.arange(len(self.time) - 1, -1, -2)[::-1]
         names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
-        names += ["body_centre"] if self.body_names else []
+        names += ["body_centre", "potential"] if self.body_names else []
         names += ["tether_tension"] if self.tether_names else []
         names += ["reel"] if self.reel_names else []
         names += ["gap"] if self.pairs else []
@@ -114,11 +128,16 @@ def course_of(result: Result) -> Course:
         bullet_speed=_of_rows(partial(speeds_of, bullets), result.velocity, len(bullets)),
         kinetic=result.kinetic,
         elastic=result.elastic,
-        dissipated=result.dissipated,
+        dissipated=dissipation(result),
         tension=tension,
         peak=_peak(result, tension),
+        potential=result.potential,
         body_names=tuple(result.bodies),
         body_centre=_centres(result),
+        turning=tuple(name for name, body in result.bodies.items() if body.attitude is not None),
+        guided=tuple(name for name in result.bodies if f"{name}/{GIVEN[0][0]}" in result.states),
+        ends=ends_of_result(result),
+        ejection=work_of_ejection(result.provenance),
         tether_names=tuple(result.net.tether_elements),
         tether_tension=over_blocks(partial(tensions_of_tethers, result.net), result.tension),
         reel_names=(reels := _reels(result)),

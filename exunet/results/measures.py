@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,6 +159,33 @@ def energy_balance(result: Result) -> float:
         scale = float(np.max([kinetic, elastic, np.abs(result.dissipated)]))
     error = float(np.max(np.abs(total - total[0])))
     return error / scale if error > 1e-14 * float(np.max(np.abs(potential))) else 0.0
+
+
+def dissipation(result: Result) -> Floats:
+    """Energy that damping, drag, breaks and nodes that drums take have taken out: (n_times,) [J].
+
+    `result.dissipated` counts the work that is put in against it: that of drums on their tethers, of bodies
+    whose motion is given, and of the ejection of a net. Here it does not. What a force without a potential
+    puts in, such as a thrust, is counted against it here too.
+    """
+    taken = np.asarray(result.dissipated[:], dtype=float)
+    for name in (*result.net.tether_elements, *result.bodies):
+        if (work := result.states.get(f"{name}/work")) is not None:
+            taken = taken + np.asarray(work.values[:])[:, 0]
+    return taken + ejected(result.time, result.provenance)
+
+
+def ejected(time: Floats, story: Mapping[str, Any]) -> Floats:
+    """(t,) work [J] of the ejection of the net until these times; story : with the events of a run."""
+    work = np.zeros(len(time))
+    for one in story.get("ejection", []):
+        work[time >= one["time_s"]] -= one["energy_lost_J"]
+    return work
+
+
+def work_of_ejection(story: Mapping[str, Any]) -> float | None:
+    """All of it [J]; None of a run that has none, or had none so far."""
+    return float(ejected(np.array([np.inf]), story)[0]) if story.get("ejection") else None
 
 
 def momentum_gained(result: Result) -> dict[str, float]:

@@ -50,7 +50,7 @@ def summarise(
         "nodes": result.net.n_nodes,
         "elements": result.net.n_elements,
         "mass_kg": float(result.net.mass.sum()),
-        "bodies": {name: _body(body) | _given(result, name) for name, body in result.bodies.items()},
+        "bodies": {name: _body(body) for name, body in result.bodies.items()},
         "effects": story.get("effects", []),
         "energy": {
             "initial_J": float(result.kinetic[0] + result.elastic[0] + result.potential[0]),
@@ -146,19 +146,6 @@ def _momentum(result: Result) -> dict[str, float]:
     """Its books, and those of the angular momentum about the origin."""
     found = momentum_gained(result).items()
     return {f"{name}_{'kg_m_s' if name.startswith('linear') else 'kg_m2_s'}": value for name, value in found}
-
-
-def _given(result: Result, name: str) -> dict[str, Any]:
-    """What a body that is fixed or prescribed has given to all else by the end; none of free ones."""
-    found = ((quantity, result.states.get(f"{name}/{quantity}")) for quantity in _GIVEN)
-    return {_GIVEN[quantity]: _number(states.values[-1]) for quantity, states in found if states is not None}
-
-
-_GIVEN = {"work": "work_J", "impulse": "impulse_N_s", "angular_impulse": "angular_impulse_N_m_s"}
-
-
-def _number(values: Floats) -> float | list[float]:
-    return values.tolist() if len(values) > 1 else float(values[0])
 
 
 def _refused(reason: str | None) -> dict[str, str] | None:

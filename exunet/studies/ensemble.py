@@ -47,7 +47,7 @@ class Ensemble(Measured):
     time          : (t,) [s]
     bullet_speed  : (runs, t, n_bullets) [m/s]
     area          : (runs, t) area of the mouth [m2]
-    kinetic, elastic, potential, dissipated : (runs, t) [J]
+    kinetic, elastic, potential, dissipated : (runs, t) [J]; the last as `exunet.results.measures.dissipation`
     centre        : (runs, t, 3) centre of mass of the net [m]
     tension       : (runs, t) largest tension of all elements at that time [N]
     body_centre   : (runs, t, n_bodies, 3) centres of mass of point masses and rigid bodies [m]
@@ -56,20 +56,27 @@ class Ensemble(Measured):
     gap           : (runs, t, n_pairs) distance of two bodies, surface to surface [m]
     loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
                      strength is known, and in which element
+    ends          : (runs, 2, n_bodies + 1) records `exunet.results.ends.END` at the start and at the end
+    ejection      : (runs,) work of the ejection of the net [J]; NaN without one
     largest_tension, time_of_largest_tension : (runs,) of all steps, stored or not [N], [s]
     element_of_largest_tension : (runs,) in which element; -1: none was ever taut
     right_hand_sides : (runs,) evaluations of the forces
     body_names, tether_names, reel_names : of those bodies and tethers
+    turning, guided : the bodies that have an attitude; those whose motion is given
     pairs         : of bodies with shapes, their names
     groups        : of elements whose strength is known; None: of none
     """
 
     time: Floats
+    ends: NDArray[np.void]
+    ejection: Floats
     largest_tension: Floats
     time_of_largest_tension: Floats
     element_of_largest_tension: NDArray[np.int64]
     right_hand_sides: NDArray[np.int64]
     body_names: tuple[str, ...] = ()
+    turning: tuple[str, ...] = ()
+    guided: tuple[str, ...] = ()
     tether_names: tuple[str, ...] = ()
     reel_names: tuple[str, ...] = ()
     pairs: tuple[Pair, ...] = ()
@@ -95,8 +102,13 @@ class Ensemble(Measured):
                 float(self.time_of_largest_tension[run]),
                 int(self.element_of_largest_tension[run]),
             ),
+            potential=self.potential[run],
             body_names=self.body_names,
             body_centre=self.body_centre[run],
+            turning=self.turning,
+            guided=self.guided,
+            ends=self.ends[run],
+            ejection=None if np.isnan(self.ejection[run]) else float(self.ejection[run]),
             tether_names=self.tether_names,
             tether_tension=self.tether_tension[run],
             reel_names=self.reel_names,
@@ -232,13 +244,15 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
     columns: dict[str, Any] = {
         name: np.array([getattr(run.states, name) for run in found]) for name in MEASURED
     }
-    for name in MeasuredRun._fields[1:]:  # of all steps
+    for name in MeasuredRun._fields[1:]:  # of the whole run
         columns[name] = np.array([getattr(run, name) for run in found])
-    blocks = start.system.blocks
+    blocks, free = start.system.blocks, start.system.moves_freely
     return Ensemble(
         time=times,
         **columns,
         body_names=(*blocks.body, *blocks.rigid),
+        turning=blocks.rigid,
+        guided=tuple(name for name, moves in zip(blocks.rigid, free, strict=True) if not moves),
         tether_names=tuple(start.net.tether_elements),
         reel_names=tuple(winding.name for winding in start.system.forces.cable.reels),
         pairs=tuple(shown_pairs(start.system)),
