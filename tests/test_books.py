@@ -132,7 +132,7 @@ def turning(spin: float, angle: float) -> Course:
         elastic=zeros,
         dissipated=zeros,
         tension=zeros,
-        peak=Peak(0.0, 0.0, -1),
+        peaks={"net": Peak(0.0, 0.0, -1)},
         potential=zeros,
         body_names=("box",),
         body_centre=np.outer(time, [3.0, 0.0, 0.0])[:, None],

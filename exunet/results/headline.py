@@ -31,6 +31,7 @@ class Headline:
     at_a_step : it is the end of a step, known no better than to half of it
     remark   : what the table says after the value
     group    : of elements, whose margin it is; "": of none
+    peak_of  : the group of `Net.groups` whose largest tension it is; "": of none, or of all
     size     : from a course; what the digits are counted from, where that is more than the value: of a part
                of a vector the whole, of a difference what it is small against
     row      : of the table, which parts of a vector have in common; "": it has one of its own
@@ -49,6 +50,7 @@ class Headline:
     at_a_step: bool = False
     remark: str = ""
     group: str = ""
+    peak_of: str = ""
     size: Callable[[Course], float] | None = None
     row: str = ""
     of_book: bool = False

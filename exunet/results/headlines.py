@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.net.arrays import NET, TETHER
 from exunet.results.body_headlines import OF_A_BODY, OF_A_SCENE, books_of_bodies, headlines_of_bodies
 from exunet.results.course import REEL_STATES, Course
 from exunet.results.headline import Headline
-from exunet.results.margins import STRINGS, TETHER, THREADS
+from exunet.results.margins import STRINGS, THREADS, Peak
 from exunet.results.measures import NEARLY_OPEN, deployment_of_course
 
 Floats = NDArray[np.float64]
@@ -76,16 +77,50 @@ HEADLINES = (
 )
 
 
-def of_tether(name: str) -> Headline:
-    """The largest tension along a tether."""
+def of_tether(name: str) -> tuple[Headline, Headline]:
+    """The largest tension along a tether, and when."""
+    return _of_group(TETHER + name, f"tether_{name}", f"tether {name}")
 
-    def value(course: Course) -> float | None:
-        if name not in course.tether_names:
-            return None
-        return float(course.tether_tension[:, course.tether_names.index(name)].max(initial=0.0))
 
-    words = f"largest tension of tether {name}"
-    return Headline(f"tether_{name}_largest_tension", words, "N", value, remark="at stored times")
+def _of_group(group: str, key: str, words: str) -> tuple[Headline, Headline]:
+    """The largest tension of a group of `Net.groups`, and when."""
+
+    def peak(course: Course) -> Peak | None:
+        return course.peaks.get(group)
+
+    def tension(course: Course) -> float | None:
+        found = peak(course)
+        return None if found is None else found.tension
+
+    def time(course: Course) -> float | None:
+        found = peak(course)
+        return None if found is None or found.element < 0 else found.time
+
+    def place(course: Course) -> int:
+        found = peak(course)
+        return -1 if found is None else found.element
+
+    return (
+        Headline(
+            f"{key}_largest_tension",
+            f"largest tension of {words}",
+            "N",
+            tension,
+            place=place,
+            place_is="element",
+            peak_of=group,
+        ),
+        Headline(
+            f"{key}_time_of_largest_tension",
+            f"time of largest tension of {words}",
+            "s",
+            time,
+            at_a_step=True,
+        ),
+    )
+
+
+_OF_THE_NET = _of_group(NET, "net", "the net")  # where there are tethers too
 
 
 def of_margin(group: str) -> Headline:
@@ -178,7 +213,8 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
     return (
         *HEADLINES,
         *map(of_margin, course.groups.names if course.groups else ()),
-        *map(of_tether, course.tether_names),
+        *(_OF_THE_NET if course.tether_names and course.peaks[NET].element >= 0 else ()),
+        *chain.from_iterable(map(of_tether, course.tether_names)),
         *map(_wound_up, course.reel_names),
         *headlines_of_bodies(course),
         *chain.from_iterable(_of_pair_both(_JOINED.join(pair)) for pair in course.pairs),
@@ -187,10 +223,11 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
     )
 
 
-_ONES = (*HEADLINES, of_margin(THREADS), of_margin(STRINGS), *OF_A_SCENE)
+_ONES = (*HEADLINES, *_OF_THE_NET, of_margin(THREADS), of_margin(STRINGS), *OF_A_SCENE)
 _OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
     *OF_A_BODY,
-    lambda name: (of_tether(name), of_margin(TETHER + name)),
+    of_tether,
+    lambda name: (of_margin(TETHER + name),),
     of_reel,
     _of_pair_both,
 )

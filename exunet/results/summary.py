@@ -18,6 +18,7 @@ from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
 from exunet.results.course import Course, course_of
 from exunet.results.headlines import headlines_of
+from exunet.results.margins import Peak
 from exunet.results.measures import energy_balance, energy_scale, momentum_gained
 from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates, Result
@@ -60,7 +61,8 @@ def summarise(
         **({"momentum": _momentum(result)} if result.bodies else {}),
         "headlines": numbers(spread, headlines_of(course)),
         "spread": description(spread),
-        "largest_tension": _largest_tension(result, course),
+        "largest_tension": _largest_tension(course.peak),
+        "largest_tensions": _largest_tensions(course),
         "margins": _margins(course),
         "deployment": _deployment(course),
         "overlaps": [_overlap(one) for one in overlapping],
@@ -91,11 +93,16 @@ def summarise(
     }
 
 
-def _largest_tension(result: Result, course: Course) -> dict[str, Any]:
+def _largest_tension(peak: Peak) -> dict[str, Any]:
     """Where it was; of all steps, where the run tells it, else of the stored times."""
-    element = course.peak.element
-    known = "largest_tension" in result.provenance
-    return {"element": element if element >= 0 else None, "of": "all steps" if known else "stored times"}
+    return {"element": peak.element if peak.element >= 0 else None, "of": peak.of}
+
+
+def _largest_tensions(course: Course) -> dict[str, Any]:
+    """The same of the net and of each tether, by name; of a scene without tethers none."""
+    if not course.tether_names:
+        return {}
+    return {name: _largest_tension(peak) for name, peak in course.peaks.items()}
 
 
 def _margins(course: Course) -> dict[str, Any]:

@@ -141,7 +141,7 @@ def _where_in_run(one: Headline, summary: dict[str, Any]) -> str:
         worst = summary["margins"][one.group]
         words = f" in {one.place_is} {worst['element']} at t = {worst['time_s']:.6g} s"
         return words if worst["of"] == "all steps" else f"{words} (of the stored times)"
-    peak = summary["largest_tension"]
+    peak = summary["largest_tensions"][one.peak_of] if one.peak_of else summary["largest_tension"]
     if peak["element"] is None and summary["verdict"] != COMPLETE:
         return f": no element was taut until {summary['simulated_until_s']:.6g} s"
     if peak["element"] is None:

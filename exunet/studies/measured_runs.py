@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time as clock
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -53,7 +52,6 @@ class Measured:
     centre: Floats
     tension: Floats
     body_centre: Floats
-    tether_tension: Floats
     reel: Floats
     gap: Floats
     loaded: Floats
@@ -73,6 +71,7 @@ class MeasuredRun(NamedTuple):
     states: Measured
     ends: NDArray[np.void]
     ejection: float
+    peaks: Floats
     largest_tension: float
     time_of_largest_tension: float
     element_of_largest_tension: int
@@ -121,7 +120,6 @@ def _measured(states: States, dissipated: Floats) -> Measured:
         centre=metrics.net_centre(net, position),
         tension=tension.max(axis=1, initial=0.0),
         body_centre=np.concatenate([states.position[:, masses], states.bodies.position], axis=1),
-        tether_tension=metrics.tensions_of_tethers(net, tension),
         reel=_drums(states),
         gap=_gaps(states),
         loaded=loaded,
@@ -176,7 +174,8 @@ def _joined(
     return MeasuredRun(
         Measured(**whole),
         ends,
-        math.nan if (work := metrics.work_of_ejection(story)) is None else work,
+        metrics.work_of_ejection(story) or 0.0,
+        np.array(monitor.peaks.largest, dtype=float),
         peak["tension_N"],
         peak["time_s"],
         peak["element"],
@@ -230,8 +229,7 @@ def _in_stretches(start: Start, kernel: Kernel, times: Floats, monitor: Monitor,
             monitor.take(batch)
         if words := loop.collapse():
             raise StepsCollapsed(words)
-        tension, time, element = loop.largest_tension
-        monitor.peaks.take(time, tension, element)
+        monitor.peaks.take(loop.largest_tensions)
     return loop.counts.right_hand_sides
 
 
@@ -261,8 +259,7 @@ def runs_side_by_side(
                 monitor.see(states[first : first + len(stretch)], found.taken[run])
             except RunStopped:
                 monitors[run] = None
-            tension, time, element = loop.largest_tension(run)
-            monitor.peaks.take(time, tension, element)
+            monitor.peaks.take(loop.largest_tensions(run))
             parts[run].append(_rows(measured, first + 1, first + len(stretch)))
     return [
         None if monitor is None else _joined(parts[run], times, no_ends(), monitor, loop.right_hand_sides)
