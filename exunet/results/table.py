@@ -17,7 +17,7 @@ from exunet.results.summary import COMPLETE
 
 def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tuple[str, str]]:
     """Rows (name, value with unit) of the table at the end of a run; spread: that of the summary."""
-    method, cost, energy = summary["method"], summary["cost"], summary["energy"]
+    method, cost = summary["method"], summary["cost"]
     setting = (
         f"tolerance {method['tolerance']:.3g}" if method["tolerance"] else f"step {method['step_s']:.4g} s"
     )
@@ -31,21 +31,42 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
         ("right-hand sides", f"{cost['right_hand_sides']}"),
         ("wall time", f"{cost['build_s']:.2f} s build, {cost['integration_s']:.2f} s integration"),
         *_part_row(summary),
-        (
-            "energy balance",
-            f"{energy['balance_error']:.1e} of {energy['in_deformation_J']:.6g} J in deformation",
-        ),
+        *_balance_rows(summary),
     ]
-    if books := summary.get("momentum"):
-        words = f"{books['linear_gained_kg_m_s']:.1e} of {books['linear_size_kg_m_s']:.4g} kg m/s; angular, "
-        words += f"about the origin, {books['angular_gained_kg_m2_s']:.1e} of "
-        table.append(("momentum gained", f"{words}{books['angular_size_kg_m2_s']:.4g} kg m2/s"))
     if broken := summary["broken"]:
         first, worst = broken[0], max(one["energy_excess"] for one in broken)
         words = f"{len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
         table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
     table += _without_contact(summary) + [("note", note) for note in summary["notes"]]
     return table + _headline_rows(summary, spread) + _check_rows(summary["check"])
+
+
+def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Of the energy, and of the momenta of scenes with bodies, with the axes that these refer to."""
+    energy, books = summary["energy"], summary.get("momentum")
+    words = f"largest error {_short(energy['balance_error'])} as a part of {energy['in_deformation_J']:.6g} J"
+    found = [("energy balance", f"{words} in deformation")]
+    if not books:
+        return found
+    turning = "orbit" in summary["effects"]
+    axes = "which turn with the orbit, relative to these" if turning else "which are inertial"
+    found.append(("axes", f"places, velocities and momenta are in the scene's axes, {axes}"))
+    for name, kind, unit, where in (
+        ("momentum of all", "linear", "kg m/s", "in the scene's axes"),
+        ("angular momentum of all", "angular", "kg m2/s", "about the scene's origin"),
+    ):
+        key = unit.replace("/", "_").replace(" ", "_")
+        gained, size = books[f"{kind}_gained_{key}"], books[f"{kind}_size_{key}"]
+        part = f", {_short(gained / size)} as a part of its size {size:.4g} {unit}" if size else ""
+        words = (
+            f"changes by at most {_short(gained)} {unit}{part} ({where}; by forces from outside, or error)"
+        )
+        found.append((name, words))
+    return found
+
+
+def _short(value: float) -> str:
+    return f"{value:.1e}" if value else "0"
 
 
 def _body_rows(bodies: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
