@@ -58,11 +58,14 @@ def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         key = unit.replace("/", "_").replace(" ", "_")
         gained, size = books[f"{kind}_gained_{key}"], books[f"{kind}_size_{key}"]
         part = f", {_short(gained / size)} as a part of its size {size:.4g} {unit}" if size else ""
-        words = (
-            f"changes by at most {_short(gained)} {unit}{part} ({where}; by forces from outside, or error)"
-        )
-        found.append((name, words))
+        why = f"by forces from outside, or error{_besides(summary)}"
+        found.append((name, f"changes by at most {_short(gained)} {unit}{part} ({where}; {why})"))
     return found
+
+
+def _besides(summary: dict[str, Any]) -> str:
+    given = [name for name in summary["bodies"] if f"body_{name}_work_J" in summary["headlines"]]
+    return f"; besides what {' and '.join(given)} gave" if given else ""
 
 
 def _short(value: float) -> str:
