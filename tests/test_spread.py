@@ -53,7 +53,7 @@ def course(peak: float = 100.0, area: float = 4.0, element: int = 3) -> Course:
         elastic=zeros,
         dissipated=np.linspace(0.0, 0.5, 5),
         tension=zeros,
-        peak=Peak(peak, 0.7, element),
+        peaks={"net": Peak(peak, 0.7, element)},
     )
 
 

@@ -68,11 +68,11 @@ def save_ensemble_figures(
 
 
 def histograms(result: EnsembleResult, page: Page) -> Figure | None:
-    """One panel for each headline that is not the same in all runs; None if there is none."""
+    """One panel for each headline that is not the same in all runs, but for those of the books; or None."""
     shown = [
         (one, values[~np.isnan(values)])
         for one, values in ((headline(key), values) for key, values in result.headlines.items())
-        if np.nanmax(values) - np.nanmin(values) > one.least
+        if not one.of_book and np.nanmax(values) - np.nanmin(values) > one.least
     ]
     if not shown:
         return None

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from exunet.results.areas import mesh_area as mesh_area
 from exunet.results.areas import mouth_area as mouth_area
 from exunet.results.result import Result
 from exunet.results.rows import blocks, over_blocks
+from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
 
@@ -65,12 +68,6 @@ def net_centre(net: Net, position: Floats) -> Floats:
     held[net.element_nodes[: net.n_net_elements]] = True
     mass = np.where(held, net.mass, 0.0) if held.any() else net.mass
     return np.einsum("n,tnk->tk", mass / mass.sum(), position)
-
-
-def tensions_of_tethers(net: Net, tension: Floats) -> Floats:
-    """Largest tension along each tether: (t, n_tethers) [N], from those of all elements (t, n_elements)."""
-    found = [tension[:, own.start : own.stop].max(axis=1) for own in net.tether_elements.values()]
-    return np.stack(found, axis=1) if found else np.zeros((len(tension), 0))
 
 
 def bullet_speeds(result: Result) -> Floats:
@@ -165,6 +162,33 @@ def energy_balance(result: Result) -> float:
         scale = float(np.max([result.kinetic, result.elastic, np.abs(result.dissipated)]))
     error = float(np.max(np.abs(energy_errors(result))))
     return error / scale if error > 1e-14 * float(np.max(np.abs(result.potential))) else 0.0
+
+
+def dissipation(result: Result) -> Floats:
+    """Energy that damping, drag, breaks and nodes that drums take have taken out: (n_times,) [J].
+
+    `result.dissipated` counts the work that is put in against it: that of drums on their tethers, of bodies
+    whose motion is given, and of the ejection of a net. Here it does not. What a force without a potential
+    puts in, such as a thrust, is counted against it here too.
+    """
+    taken = np.asarray(result.dissipated[:], dtype=float)
+    for name in (*result.net.tether_elements, *result.bodies):
+        if (work := result.states.get(f"{name}/work")) is not None:
+            taken = taken + np.asarray(work.values[:])[:, 0]
+    return taken + ejected(result.time, result.provenance)
+
+
+def ejected(time: Floats, story: Mapping[str, Any]) -> Floats:
+    """(t,) work [J] of the ejection of the net until these times; story : with the events of a run."""
+    work = np.zeros(len(time))
+    for one in story.get(Ejection.heading, []):
+        work[time >= one["time_s"]] -= one["energy_lost_J"]
+    return work
+
+
+def work_of_ejection(story: Mapping[str, Any]) -> float | None:
+    """All of it [J]; None of a run that has none, or had none so far."""
+    return float(ejected(np.array([np.inf]), story)[0]) if story.get(Ejection.heading) else None
 
 
 def momentum_gained(result: Result) -> dict[str, float]:

@@ -23,7 +23,8 @@ from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_ensemble
-from exunet.results.headlines import HEADLINES, Headline, headline
+from exunet.results.headline import Headline
+from exunet.results.headlines import HEADLINES, headline
 from exunet.results.run_folder import held, refuse_replacing
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.preparation import prepare_case
