@@ -92,7 +92,7 @@ def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Fi
         top = max(top, float(largest.max()))
     if meshes:
         values = over_blocks(partial(metrics.mesh_area, net), result.position) / meshes
-        label = "meshes / those of the reference (folds count twice)"
+        label = "meshes / reference configuration (folds count twice)"
         curve(axes, result.time, values, label=label, color=RED, linewidth=1.3, linestyle="--")
         top = max(top, float(values.max()))
     if measures is not None:
