@@ -168,6 +168,18 @@ def test_small_scenes_of_short_runs_are_legible(size):
     assert figure(of, "energies").axes[1].get_xlabel() == "time [$10^{-3}$ s]"
 
 
+def test_many_curves_are_dark_over_light():
+    """Where all coincide the darkest shows."""
+    angles = np.arange(10)
+    many = net(
+        [(np.cos(a), np.sin(a), 0) for a in angles], [(k, (k + 1) % 10) for k in range(10)], tuple(angles)
+    )
+    lines = figure(unfolding(many), "bullet_speeds").axes[0].get_lines()
+    grey = [lightness(line.get_color()) for line in sorted(lines, key=lambda line: line.get_zorder())]
+    assert len(grey) == 10
+    assert np.all(np.diff(grey) < 0)
+
+
 def test_curves_at_zero_stand_clear_of_the_axis():
     made = figure(replace(WHOLE, tension=0 * WHOLE.tension), "largest_tension")
     assert made.axes[0].get_ylim() == pytest.approx((-0.02, 1.05))

@@ -281,6 +281,42 @@ def test_words_of_the_reference_figure_touch_neither_each_other_nor_a_cable(keys
                 assert not any(box.contains(*point) for point in along), text.get_text()
 
 
+@pytest.mark.parametrize("size", [(85.0, 60.0), (85.0, 85.0), None], ids=str)
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"topology": "hexagonal", "mesh": 0.5, "rings": 3},
+        {"topology": "radial", "radius": 2.5, "spokes": 8, "rings": 4},
+        {"topology": "square", "size": 5.0, "mesh": 0.5},
+    ],
+    ids=lambda keys: keys["topology"],
+)
+def test_the_reference_figure_is_legible_at_any_size(keys, size):
+    """Words and numbers touch neither each other nor the frame nor a dimension's arrow."""
+    start = prepare(thrown({}, net=THROWN_NET | keys))
+    made = exunet.figure(result(start.net, [0.0], start.position[None]), "reference_net", size=size)
+    with drawing():
+        made.canvas.draw()
+    axes = made.axes[0]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in axes.texts if text.get_text()]
+    for (one, a), (other, b) in itertools.combinations(boxes, 2):
+        assert not a.padded(-2.0).overlaps(b.padded(-2.0)), (one, other)
+    frame = axes.get_window_extent()
+    for word, box in boxes:
+        assert frame.x0 <= box.x0, word
+        assert box.x1 <= frame.x1, word
+        assert frame.y0 <= box.y0, word
+        assert box.y1 <= frame.y1, word
+    for arrow in (text for text in axes.texts if not text.get_text()):
+        ends = axes.transData.transform([arrow.xy, arrow.xyann])
+        along = ends[0] + np.linspace(0, 1, 100)[:, None] * (ends[1] - ends[0])
+        for word, box in boxes:
+            if not word.endswith(" m"):
+                assert not any(box.padded(-2.0).contains(*point) for point in along), word
+    assert any(word.endswith(" m") for word, _ in boxes)
+    assert sum(word.isdigit() for word, _ in boxes) >= 4
+
+
 def test_snapshots_have_equal_scales_and_show_both_configurations():
     figure = checked(unfolding(square_net(cells=2, strings=True), times=11))["snapshots"]
     assert [ax.get_title(loc="left") for ax in figure.axes] == [

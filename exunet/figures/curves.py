@@ -96,7 +96,14 @@ def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Fi
         curve(axes, result.time, values, label=label, color=RED, linewidth=1.3, linestyle="--")
         top = max(top, float(values.max()))
     if measures is not None:
-        axes.axhline(metrics.NEARLY_OPEN, color="0.5", linewidth=0.8, linestyle=":", zorder=1, label="80 %")
+        axes.axhline(
+            metrics.NEARLY_OPEN,
+            color="0.5",
+            linewidth=0.8,
+            linestyle=":",
+            zorder=1,
+            label=f"{metrics.NEARLY_OPEN:.0%}".replace("%", " %") + " of the achievable area",
+        )
         text = f"largest: {number(measures.relative_area)} at {number(measures.time_of_largest)} s"
         text += " (the end)" if measures.at_end else ""
         at = (measures.time_of_largest, measures.relative_area)
@@ -178,7 +185,7 @@ def distances(result: Result, page: Page) -> Figure | None:
         if least
         else f"overlap at {number(result.time[row])} s"
     )
-    style = {"color": BLACK, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
+    style = {"color": BLACK, "markersize": 9, "markerfacecolor": "none", "clip_on": False}
     axes.plot(result.time[row], least, "o", label=words, **style)
     if len(pairs) > len(nearest):
         axes.plot([], [], " ", label=f"{len(pairs) - len(nearest)} more pairs, which stay farther apart")

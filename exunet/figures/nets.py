@@ -5,18 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.text import Annotation
 from numpy.typing import NDArray
 
 from exunet.figures.bodies import body_entries, body_places, draw_bodies
-from exunet.figures.dimensions import dimensions, draw_dimension
+from exunet.figures.dimensions import Dimension, dimensions, draw_dimension
+from exunet.figures.numbers import number_nodes
 from exunet.figures.page import Page, line_scale
 from exunet.figures.panels import AXES, framed, grid_of
-from exunet.figures.style import BLACK, BLUE, GREY, SMALL, number
-from exunet.figures.views import FREE, best_view, draw_net, draw_tethers, net_size, of_border
+from exunet.figures.style import BLACK, BLUE, GREY, number
+from exunet.figures.views import FREE, View, best_view, draw_net, draw_tethers, net_size, of_border
 from exunet.net.arrays import Net
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import Result
@@ -24,7 +23,6 @@ from exunet.results.result import Result
 Floats = NDArray[np.float64]
 
 SNAPSHOTS = (6, 4, 3, 2)  # the first number of them that can be read on the page
-MOST_LABELS = 24
 
 
 def reference_net(result: Result, page: Page) -> Figure | None:
@@ -35,21 +33,28 @@ def reference_net(result: Result, page: Page) -> Figure | None:
     net = result.net.alone
     if not net.n_elements:
         return None
-    shown = dimensions(net)
-    arrows = [
-        np.append(end + a.offset, net.reference_position[0, 2]) for a in shown for end in (a.start, a.end)
-    ]
-    shape = [net.reference_position, np.reshape(arrows, (-1, 3))]
-    view = best_view(net, shape, margin=0.14)
     title = f"Reference configuration: {net.n_nodes} nodes, {net.n_elements} elements"
     entries = _entries(net)
+    view, shown = _with_dimensions(net, 0.0)
+    view, shown = _with_dimensions(net, grid_of(result, page, view, [""], entries, 0.0, 120.0).scale)
     figure, (axes,) = framed(result, page, view, [""], title, entries, 0.0, 120.0)
     scale = line_scale(figure)
     for ax, plane in zip(axes, view.planes, strict=True):
         draw_net(ax, net, net.reference_position, plane, BLUE, 1.3 * scale)
     words = [draw_dimension(axes[0], line) for line in shown]
-    _number_nodes(axes[0], net, view.planes[0], words)
+    number_nodes(axes[0], net, view.planes[0], shown, words)
     return figure
+
+
+def _with_dimensions(net: Net, scale: float) -> tuple[View, list[Dimension]]:
+    """The view, and the net's dimensions as far away as words need at a scale [inch/m]; 0: large."""
+    size = net_size(net)
+    point = 1.0 / (72.0 * scale) if scale else 0.0  # 1/72 inch [m]
+    shown = dimensions(net, max(0.07 * size, 14.0 * point))
+    height = net.reference_position[0, 2]
+    arrows = [np.append(end + a.offset, height) for a in shown for end in (a.start, a.end)]
+    shape = [net.reference_position, np.reshape(arrows, (-1, 3))]
+    return best_view(net, shape, margin=max(0.14, 18.0 * point / size)), shown
 
 
 def snapshots(result: Result, page: Page) -> Figure:
@@ -128,82 +133,6 @@ def snapshot_indices(time: Floats, count: int) -> list[int]:
     return sorted({int(np.argmin(np.abs(time - t))) for t in wanted})
 
 
-def _number_nodes(axes: Axes, net: Net, plane: tuple[int, int], words: list[Annotation]) -> None:
-    """Numbers at the bullets and corners, clear of the cables; at all nodes of small nets without any.
-
-    A corner whose number would touch another one, or one of the `words` that are there, goes without.
-    """
-    from matplotlib.patheffects import withStroke
-
-    labelled = list(dict.fromkeys([*net.bullet_nodes.tolist(), *net.mouth]))
-    if not labelled and net.n_nodes <= MOST_LABELS:
-        labelled = list(range(net.n_nodes))
-    points = net.reference_position[:, plane]
-    bullets = set(net.bullet_nodes.tolist())
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    to_points = 72.0 / figure.dpi
-    placed = [one for text in words for one in _characters(text, to_points)]
-    for node in labelled[:: max(1, -(-len(labelled) // MOST_LABELS))]:
-        size = len(str(node))
-        at = axes.transData.transform(points[node]) * to_points
-        spots = [(8 + 2.5 * size) * away for away in _free_directions(net, points, node)]
-        spot = next((one for one in spots if not _covers(at + one, size, placed)), None)
-        if spot is None:
-            if node not in bullets:
-                continue
-            spot = spots[0]
-        placed.append((at + spot, size))
-        axes.annotate(
-            str(node),
-            points[node],
-            xytext=tuple(spot),
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=SMALL,
-            fontweight="bold" if node in bullets else "normal",
-            color=BLACK,
-            path_effects=[withStroke(linewidth=2, foreground="white")],
-            zorder=5,
-        )
-
-
-def _characters(text: Annotation, to_points: float) -> list[tuple[Floats, int]]:
-    """Places, in points of 1/72 inch, that words of a length and a unit cover, as of single digits."""
-    box = text.get_window_extent()
-    corners = to_points * np.array([[box.x0, box.y0], [box.x1, box.y1]])
-    if box.height > box.width or text.get_rotation() % 180 > 90:
-        corners[:, 0] = corners[::-1, 0]
-    inset = np.clip(to_points * min(box.width, box.height) / 2, 3.0, 6.0) * np.sign(corners[1] - corners[0])
-    first, last = corners[0] + inset, corners[1] - inset
-    return [(first + part * (last - first), 1) for part in np.linspace(0.0, 1.0, 8)]
-
-
-def _covers(at: Floats, digits: int, placed: list[tuple[Floats, int]]) -> bool:
-    """True if a number there, in points of 1/72 inch, would touch one that is placed."""
-    return any(
-        abs(at[0] - other[0]) < 3.0 * (digits + count) + 2.0 and abs(at[1] - other[1]) < 11.0
-        for other, count in placed
-    )
-
-
-def _free_directions(net: Net, points: Floats, node: int) -> Floats:
-    """Unit vectors (k, 2) from a node into gaps of 60 degrees or more between elements, innermost first."""
-    ends = net.element_nodes
-    others = np.concatenate([ends[ends[:, 0] == node, 1], ends[ends[:, 1] == node, 0]])
-    arms = points[others] - points[node]
-    angles = np.sort(np.arctan2(arms[:, 1], arms[:, 0]))
-    if len(angles) == 0:
-        return np.array([[0.0, 1.0]])
-    gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
-    middles = angles + gaps / 2
-    directions = np.column_stack([np.cos(middles), np.sin(middles)])
-    inwards = directions @ (points.mean(axis=0) - points[node])
-    wide = gaps >= min(np.radians(59), gaps.max())
-    return np.asarray(directions[wide][np.argsort(-inwards[wide], kind="stable")])
-
-
 def _entries(net: Net) -> list[Line2D]:
     """What the picture of the reference configuration shows, for its legend."""
     entries = [Line2D([], [], color=BLUE, linewidth=1.2, label="cable")]
@@ -214,5 +143,6 @@ def _entries(net: Net) -> list[Line2D]:
     if len(net.bullet_nodes):
         entries.append(Line2D([], [], color=BLUE, linestyle="", marker="o", markersize=5, label="bullet"))
     number_style: dict[str, Any] = {"linestyle": "", "marker": "$0$", "color": BLACK, "markersize": 5}
+    number_style["markeredgewidth"] = 0.0  # as thin as a digit
     entries.append(Line2D([], [], label="node number, from 0", **number_style))
     return entries
