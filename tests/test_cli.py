@@ -109,9 +109,11 @@ def test_check_command_names_bodies_and_point_masses(tmp_path):
     done = command("check", launched, "--set", body, "--set", "engine.loop=compiled", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     stdout = " ".join(done.stdout.split())  # the table folds long rows
-    assert "body target 7 kg, inertia 2, 3, 4 kg m2, starts at (0, 0, 9) m with (0, 0, 0) m/s" in stdout
-    assert "turns at (0, 0, 0.1) rad/s" in stdout
-    assert "point mass chaser 50 kg, starts at (0, 0, 0) m" in stdout
+    assert "body target 7 kg, free" in stdout
+    assert "target: inertia 2, 3, 4 kg m2 about the centre of mass and the principal axes (1, 0, 0)" in stdout
+    assert "target: at the start centre of mass at (0, 0, 9) m with (0, 0, 0) m/s in the scene's" in stdout
+    assert "turns at (0, 0, 0.1) rad/s in the body's axes" in stdout
+    assert "point mass chaser 50 kg, at (0, 0, 0) m with (0, 0, 0) m/s in the scene's axes" in stdout
     assert "none: compiled loop" in stdout
 
 

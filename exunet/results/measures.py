@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -196,10 +197,10 @@ def momentum_gained(result: Result) -> dict[str, float]:
 
     What bodies that are fixed or prescribed have given is taken off: what is left is the impulse of forces
     from outside, such as gravity and drag, or error. The momentum's size is the largest sqrt(2 K M), which it
-    cannot exceed, M the mass that moves freely; the angular momentum's that of its largest value.
+    cannot exceed, M all mass; the angular momentum's that of its largest value.
     """
     found = {}
-    mass = float(result.net.mass.sum()) + sum(body.mass for body in result.bodies.values())
+    mass = moving_mass(result)
     for name, given, values in (
         ("linear", "impulse", result.momentum),
         ("angular", "angular_impulse", result.angular_momentum),
@@ -214,6 +215,13 @@ def momentum_gained(result: Result) -> dict[str, float]:
     fastest = float(np.sqrt(2.0 * np.max(np.asarray(result.kinetic[:])) * mass))
     found["linear_size"] = max(found["linear_size"], fastest)
     return found
+
+
+def moving_mass(result: Result) -> float:
+    """Mass of the net and of all bodies [kg]; a node that is fixed to a body counts with the body alone."""
+    on_bodies = [body.nodes for body in result.bodies.values() if body.nodes is not None]
+    fixed = math.fsum(float(result.net.mass[nodes].sum()) for nodes in on_bodies)
+    return float(result.net.mass.sum()) - fixed + math.fsum(body.mass for body in result.bodies.values())
 
 
 def energy_scale(result: Result) -> float:

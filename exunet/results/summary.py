@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.files import replacing
+from exunet.net.arrays import Net
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
 from exunet.results.course import Course, course_of
 from exunet.results.headlines import headlines_of
 from exunet.results.margins import Peak
-from exunet.results.measures import energy_balance, energy_scale, momentum_gained
+from exunet.results.measures import energy_balance, energy_scale, momentum_gained, moving_mass
 from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates, Result
 from exunet.results.spread import Spread, description, numbers
@@ -51,7 +52,8 @@ def summarise(
         "nodes": result.net.n_nodes,
         "elements": result.net.n_elements,
         "mass_kg": float(result.net.mass.sum()),
-        "bodies": {name: _body(body) for name, body in result.bodies.items()},
+        **({"mass_of_all_kg": moving_mass(result)} if result.bodies else {}),
+        "bodies": {name: _body(result.net, body) for name, body in result.bodies.items()},
         "effects": story.get("effects", []),
         "energy": {
             "initial_J": float(result.kinetic[0] + result.elastic[0] + result.potential[0]),
@@ -145,8 +147,9 @@ def _retry(story: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _body(body: BodyStates) -> dict[str, float]:
-    return {"mass_kg": body.mass}
+def _body(net: Net, body: BodyStates) -> dict[str, float]:
+    nodes = 0.0 if body.nodes is None else float(net.mass[body.nodes].sum())
+    return {"mass_kg": body.mass, "mass_of_nodes_kg": nodes}
 
 
 def _momentum(result: Result) -> dict[str, float]:

@@ -24,7 +24,7 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
     table = [
         ("verdict", summary["verdict"]),
         ("nodes, elements", f"{summary['nodes']}, {summary['elements']}"),
-        ("mass", f"{summary['mass_kg']:.6f} kg"),
+        ("mass", mass_words(summary["mass_kg"], summary.get("mass_of_all_kg"), _of_nodes(summary["bodies"]))),
         *_body_rows(summary["bodies"]),
         ("method", f"{method['name']}, {setting}"),
         ("steps", f"{cost['steps']} accepted, {cost['rejected_steps']} rejected"),
@@ -72,8 +72,25 @@ def _short(value: float) -> str:
     return f"{value:.1e}" if value else "0"
 
 
+def mass_words(net: float, of_all: float | None, fixed: float) -> str:
+    """Masses [kg] of the net with tethers, of all with bodies (None: there are none), of nodes on bodies."""
+    if of_all is None:
+        return f"{net:.6f} kg"
+    once = f", of which {fixed:.6g} kg are nodes fixed to bodies and count with these" if fixed else ""
+    return f"{net:.6f} kg of the net{once}; {of_all:.8g} kg in all"
+
+
+def _of_nodes(bodies: dict[str, dict[str, Any]]) -> float:
+    return math.fsum(one["mass_of_nodes_kg"] for one in bodies.values())
+
+
 def _body_rows(bodies: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
-    return [(f"body {name}", f"{one['mass_kg']:.6g} kg") for name, one in bodies.items()]
+    return [(f"body {name}", f"{one['mass_kg']:.6g} kg{_nodes(one)}") for name, one in bodies.items()]
+
+
+def _nodes(body: dict[str, Any]) -> str:
+    mass = body["mass_of_nodes_kg"]
+    return f", of which {mass:.6g} kg are nodes of the net fixed to it" if mass else ""
 
 
 def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
