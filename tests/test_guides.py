@@ -280,7 +280,21 @@ TABLE = ("motion='prescribed'", "pose_times=[0, 1]", "pose_positions=[[0, 0, 0],
         ((*TABLE, "pose_times=[0, 1, 2]"), "pose_positions", "has 2 entries for 3 times"),
         ((*TABLE, "pose_times="), "pose_positions", "needs pose_times"),
         ((*TABLE, "pose_attitudes=[[1, 0, 0, 0]]"), "pose_attitudes", "has 1 entries for 2 times"),
-        ((*TABLE, "pose_attitudes=[[1, 0, 0, 0], [0, 0, 0, 0]]"), "pose_attitudes", "must not be zero"),
+        (
+            (*TABLE, "pose_attitudes=[[1, 0, 0, 0], [0, 0, 0, 0]]"),
+            r"pose_attitudes\[1\]",
+            "must not be zero",
+        ),
+        (
+            (*TABLE[:1], "pose_times=[0, 1e-300, 1]", f"pose_positions={[[0, 0, 0]] * 3}"),
+            r"pose_times\[1\]",
+            "is 1e-300 s after the time before it",
+        ),
+        (
+            (*TABLE, "pose_times=[-1e200, 1e200]"),
+            r"pose_times\[1\]",
+            "1e.200 is not realistic .*the way through these poses is outside",
+        ),
         ((*TABLE, "position=[0, 0, 0]"), "position", "follows from the poses"),
         (
             ("motion=fixed", "solver={method='GeneralizedAlpha', step=1e-3}"),

@@ -179,6 +179,18 @@ def test_other_files_of_meshes(tmp_path: Path, ending: str) -> None:
         read_mesh(path, "m")
 
 
+def test_a_file_of_another_alphabet(tmp_path: Path) -> None:
+    """Read, where a package that guesses what it is written in is there; else what to do is told."""
+    trimesh = pytest.importorskip("trimesh")
+    path = tmp_path / "cube.obj"
+    trimesh.Trimesh(CORNERS, FACES).export(path)
+    path.write_bytes("# créé\n".encode("latin-1") + path.read_bytes())
+    try:
+        assert of_mesh(read_mesh(path, "m")).mass == pytest.approx(1.0)
+    except InputError as error:
+        assert "its text is not UTF-8" in str(error)  # noqa: PT017 - either is right
+
+
 def test_a_mesh_without_trimesh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingExtra, match=r"pip install 'exunet\[mesh\]'"):
@@ -274,6 +286,17 @@ def test_faults_of_shapes(keys: tuple[str, ...], key: str, words: str) -> None:
             ("mass=1", "inertia=[1, 1, 1]", "products_of_inertia=[0.6, 0, 0]"),
             "products_of_inertia",
             "no body",
+        ),
+        (
+            ("density=1", "shape=box", "size=[1, 1, 1e300]"),
+            r"size\[2\]",
+            "not realistic .*mass, centre of mass",
+        ),
+        (("mass=1", "shape=sphere", "radius=1e-200"), "radius", "not realistic .*mass, centre of mass"),
+        (
+            ("mass=1", "inertia=[1, 1, 1]", "attachments.a={node=0, point=[1e200, 0, 0]}"),
+            r"attachments\.a\.point\[0\]",
+            "not realistic",
         ),
         (("mass=1", "shape=mesh", "file=x.step", "unit=m"), "file", "must end in"),
         (("mass=1", "shape=mesh", "file=x.stl", "unit=m"), "file", "no such file"),

@@ -10,6 +10,7 @@ from exunet.base.faults import each, exactly_one, shortened, within
 from exunet.bodies.keys import DIMENSIONS, EDGED, BodyKeys, PartKeys, Placed
 from exunet.bodies.making import part_of, solid_of
 from exunet.forces.requirements import RestOfCase
+from exunet.methods.keys import SHORTEST_STEP
 
 
 def cross_checks(bodies: Mapping[str, BodyKeys], rest: RestOfCase) -> Iterator[Fault]:
@@ -145,9 +146,16 @@ def _poses_in_place_of_a_start(keys: BodyKeys) -> Iterator[Fault]:
 def _times_increase(keys: BodyKeys) -> Iterator[Fault]:
     times = keys.pose_times or () if keys.is_given("pose_times") else ()
     for k, (before, time) in enumerate(pairwise(times), start=1):
-        if before is not None and time is not None and time <= before:
+        if before is None or time is None:
+            continue
+        if time <= before:
             reason = f"must be greater than the time before it, {before:g} s, got {time:g}"
             yield Fault(f"pose_times[{k}]", reason)
+        elif time - before < SHORTEST_STEP:
+            reason = (
+                f"is {time - before:.2g} s after the time before it: a run has steps of {SHORTEST_STEP:g} s"
+            )
+            yield Fault(f"pose_times[{k}]", f"{reason} or more")
 
 
 def _poses_last(keys: BodyKeys, rest: RestOfCase) -> Iterator[Fault]:

@@ -6,12 +6,23 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import ConfigDict, Field, StringConstraints, field_validator
+from pydantic import AfterValidator, ConfigDict, Field, StringConstraints, field_validator
 
 from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector
 from exunet.bodies.shapes import ShapeName, SolidName
 
-Quaternion = Annotated[tuple[float, float, float, float], FromArray]
+
+def unit_quaternion(attitude: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """An attitude brought to length 1; raises ValueError if it is zero."""
+    largest = max(map(abs, attitude))
+    if largest == 0.0:
+        raise ValueError("must not be zero: [1, 0, 0, 0] leaves the body's axes along the scene's")
+    w, x, y, z = (part / largest for part in attitude)  # so that no square overflows or vanishes
+    length = math.hypot(w, x, y, z)
+    return (w / length, x / length, y / length, z / length)
+
+
+Quaternion = Annotated[tuple[float, float, float, float], FromArray, AfterValidator(unit_quaternion)]
 Moments = Annotated[tuple[Positive, Positive, Positive], FromArray]
 Edges = Annotated[tuple[Positive, Positive, Positive], FromArray]
 Radii = Annotated[tuple[NonNegative, NonNegative], FromArray]
@@ -68,11 +79,6 @@ class Placed(Table):
         None, description="instead of attitude: axis about which it is turned", examples=[[0.0, 0.0, 1.0]]
     )
     angle: float | None = Field(None, description="by which it is turned about axis [rad]", examples=[0.5])
-
-    @field_validator("attitude")
-    @classmethod
-    def _of_length_one(cls, attitude: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-        return unit_quaternion(attitude)
 
     @field_validator("axis")
     @classmethod
@@ -285,13 +291,6 @@ class BodyKeys(Placed, Dimensions):
         json_schema_extra={"additionalProperties": False},
     )
 
-    @field_validator("pose_attitudes")
-    @classmethod
-    def _each_of_length_one(
-        cls, attitudes: tuple[tuple[float, float, float, float], ...] | None
-    ) -> tuple[tuple[float, float, float, float], ...] | None:
-        return None if attitudes is None else tuple(map(unit_quaternion, attitudes))
-
     @field_validator("inertia")
     @classmethod
     def _of_some_mass_distribution(
@@ -303,16 +302,6 @@ class BodyKeys(Placed, Dimensions):
 
 
 Bodies = Mapping[Name, BodyKeys]
-
-
-def unit_quaternion(attitude: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """An attitude brought to length 1; raises ValueError if it is zero."""
-    largest = max(map(abs, attitude))
-    if largest == 0.0:
-        raise ValueError("must not be zero: [1, 0, 0, 0] leaves the body's axes along the scene's")
-    w, x, y, z = (part / largest for part in attitude)  # so that no square overflows or vanishes
-    length = math.hypot(w, x, y, z)
-    return (w / length, x / length, y / length, z / length)
 
 
 def impossible(*moments: float) -> str:

@@ -25,7 +25,9 @@ def make_body(name: str, keys: BodyKeys, carried: Sequence[MassDistribution] = (
     Raises CaseError for a mesh or an inertia that is none of a body.
     """
     shape = shape_of(name, keys)
-    distribution = sum_of((distribution_of(name, keys, shape), *carried))
+    with np.errstate(all="ignore"):  # numbers that overflow are a fault
+        distribution = sum_of((distribution_of(name, keys, shape), *carried))
+    _refuse_overflow(name, distribution)
     moments, axes = principal(distribution.inertia)
     if words := impossible(*moments):
         raise CaseError([Fault(f"bodies.{name}.products_of_inertia", f"{words} (principal moments)")])
@@ -37,6 +39,13 @@ def make_body(name: str, keys: BodyKeys, carried: Sequence[MassDistribution] = (
         tuple(axes.tolist()),
         shape,
     )
+
+
+def _refuse_overflow(name: str, distribution: MassDistribution) -> None:
+    numbers = distribution.mass, *distribution.centre, *distribution.inertia.ravel()
+    if not np.isfinite(numbers).all():
+        words = "its mass, centre of mass or inertia is outside the range of floating-point numbers"
+        raise CaseError([Fault(f"bodies.{name}", words, beyond_floats=True)])
 
 
 def shape_of(name: str, keys: BodyKeys) -> Shape | None:
@@ -79,7 +88,7 @@ def distribution_of(name: str, keys: BodyKeys, shape: Shape | None) -> MassDistr
         if keys.density is not None:
             return even.times(keys.density)
         assert keys.mass is not None
-        return replace(even.times(keys.mass / even.mass), mass=keys.mass)
+        return replace(even.times(float(np.divide(keys.mass, even.mass))), mass=keys.mass)
     assert keys.mass is not None
     centre = np.zeros(3) if even is None else even.centre
     if keys.centre_of_mass is not None:

@@ -44,6 +44,9 @@ def _read(path: Path) -> tuple[Floats, Ints]:
     try:
         # Scenes, such as GLB holds, give all their meshes as they are placed there.
         found: Any = trimesh.load_scene(path, process=False).to_mesh()
+    except ImportError as error:  # of a package that guesses what the text is written in
+        words = "cannot be read as a mesh: its text is not UTF-8, nor is it a binary file of this kind"
+        raise InputError(f"{path}: {words}") from error
     except Exception as error:
         raise InputError(f"{path}: cannot be read as a mesh: {' '.join(str(error).split())}") from error
     return np.array(found.vertices, dtype=float), np.array(found.faces, dtype=np.int64)
@@ -58,7 +61,7 @@ def closed(vertices: Floats, triangles: Ints, name: str) -> TriangleMesh:
     not found.
     """
     if not len(triangles):
-        raise InputError(f"{name}: has no triangles")
+        raise InputError(f"{name}: has no triangles, or the file is not whole")
     if not np.isfinite(vertices).all():
         raise InputError(f"{name}: has a vertex that is not finite")
     vertices, same = np.unique(vertices, axis=0, return_inverse=True)

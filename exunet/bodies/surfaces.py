@@ -11,6 +11,7 @@ in one plane of bodies that share points come to lie one behind the other.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -18,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull
 
 from exunet.bodies.shapes import Shape, Solid, TriangleMesh
 
@@ -62,28 +62,38 @@ def surfaces_of(shape: Shape) -> tuple[Surface, ...]:
 def polyhedron(solid: Solid) -> TriangleMesh:
     """A convex one with its corners on the surface of a solid, in the body's frame; a box itself."""
     a, b, c = solid.numbers
+    turn = np.arange(AROUND) * (2.0 * np.pi / AROUND)
+    around = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     if solid.kind == "box":
-        points = 0.5 * np.stack(np.meshgrid([-a, a], [-b, b], [-c, c]), axis=-1).reshape(-1, 3)
+        around = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * [a, b]
+        profile = [(1.0, -0.5 * c), (1.0, 0.5 * c)]
     elif solid.kind in ("cylinder", "frustum"):
         low, high, half = (a, a, 0.5 * b) if solid.kind == "cylinder" else (a, b, 0.5 * c)
-        points = np.concatenate([_ring(low, -half), _ring(high, half)])
+        profile = [(low, -half), (high, half)]
     else:
-        angles = np.linspace(0.0, np.pi, AROUND // 2 + 1)
-        rings = [(a * np.sin(one), a * np.cos(one)) for one in angles]
-        points = np.concatenate(
-            [_ring(across, along + way * 0.5 * b) for across, along in rings for way in (-1.0, 1.0)]
-        )
-    hull = ConvexHull(points)
-    triangles = hull.simplices.astype(np.int64)
-    one, other, third = np.moveaxis(points[triangles], 1, 0)
-    wrong = np.einsum("ma,ma->m", np.cross(other - one, third - one), hull.equations[:, :3]) < 0.0
-    triangles[wrong] = triangles[wrong, ::-1]
+        angles = np.linspace(0.0, 0.5 * np.pi, AROUND // 4 + 1)[:-1].tolist()
+        upper = [(a * math.cos(one), a * math.sin(one) + 0.5 * b) for one in angles] + [(0.0, a + 0.5 * b)]
+        profile = [(across, -along) for across, along in upper[::-1]] + upper
+    points, triangles = _turned(profile, around)
     return TriangleMesh(points @ solid.rotation.T + solid.position, triangles)
 
 
-def _ring(radius: float, height: float) -> Floats:
-    turn = np.arange(AROUND) * (2.0 * np.pi / AROUND)
-    return np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(AROUND, height)], axis=1)
+def _turned(profile: list[tuple[float, float]], around: Floats) -> tuple[Floats, Ints]:
+    """Vertices and triangles of rings (n, 2) of widths at increasing heights, closed below and above."""
+    rings = [np.concatenate([w * around, np.full((len(around), 1), height)], axis=1) for w, height in profile]
+    vertices, same = np.unique(np.concatenate(rings), axis=0, return_inverse=True)
+    this = np.arange(len(around))
+    after = np.roll(this, -1)
+    found = [np.stack([0 * this, after, this], axis=1)]
+    for k in range(1, len(rings)):
+        low, high = (k - 1) * len(around), k * len(around)
+        found.append(np.stack([low + this, low + after, high + after], axis=1))
+        found.append(np.stack([low + this, high + after, high + this], axis=1))
+    last = (len(rings) - 1) * len(around)
+    found.append(last + np.stack([0 * this, this, after], axis=1))
+    triangles = same.reshape(-1)[np.concatenate(found)]
+    a, b, c = triangles.T
+    return vertices, triangles[(a != b) & (b != c) & (c != a)]
 
 
 def _surface(mesh: TriangleMesh) -> Surface:

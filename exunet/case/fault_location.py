@@ -36,7 +36,7 @@ def located_faults(case: Case) -> Iterator[None]:
 
 def _extreme(scene: Scene) -> Iterator[tuple[KeyPath, float]]:
     """The numbers of a scene above `REALISTIC` or below its inverse, each with its key."""
-    tables = ("time", "net", "initial", "launch", "bodies", "effects")
+    tables = ("time", "net", "initial", "launch", "bodies", "tethers", "effects")
     waiting: list[tuple[KeyPath, Any]] = [((), scene.model_dump(include=set(tables)))]
     while waiting:
         path, value = waiting.pop()

@@ -167,7 +167,14 @@ def _guide(body: RigidBody, keys: BodyKeys) -> Guide:
     frames = np.array(keys.pose_attitudes or [keys.quaternion] * len(keys.pose_times))
     attitudes = product(frames, np.array(body.axes))
     offset = -body.in_principal_axes((0.0, 0.0, 0.0))
-    return Guide.through(np.array(keys.pose_times), np.array(keys.pose_positions), attitudes, offset)
+    try:
+        guide = Guide.through(np.array(keys.pose_times), np.array(keys.pose_positions), attitudes, offset)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        guide = None
+    if guide is None or not guide.is_finite:
+        words = "the way through these poses is outside the range of floating-point numbers"
+        raise CaseError([Fault(f"bodies.{body.name}.pose_times", words, beyond_floats=True)])
+    return guide
 
 
 def _overlaps(bodies: list[RigidBody], states: RigidStates) -> Iterator[Fault]:

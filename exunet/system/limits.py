@@ -37,6 +37,7 @@ def overflow_faults(system: System, start: State) -> list[Fault]:
             ("initial", "kinetic energy at the start", energy.kinetic(system.mass, start.velocity)),
             ("initial.packing", "elastic energy at the start", energy.elastic(system.forces, start.position)),
             ("net", "inverse of a node's mass", 1.0 / blocks.mass[: system.net.n_nodes]),
+            ("net", "cube of an element's length", system.net.reference_length**3),
         ]
         found += [
             ("effects", f"inverse of the mass of {one}", 1.0 / blocks.mass[k])
