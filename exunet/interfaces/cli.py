@@ -22,7 +22,7 @@ import typer
 from exunet.base.errors import ExunetError, InputError
 from exunet.base.version import VERSION
 from exunet.codegen.compilation import told_compilation
-from exunet.interfaces.commands.lines import HANG, folded, silent, tell, width_of
+from exunet.interfaces.commands.lines import HANG, folded, silent, tell, tell_faults, width_of
 from exunet.interfaces.plain_help import PlainCommand
 
 CLOSED_PIPE = 141  # 128 + 13, the number of SIGPIPE
@@ -124,7 +124,7 @@ def main() -> None:
 
 
 def _leave(words: str, code: int) -> NoReturn:
-    tell(words)
+    tell_faults(words)
     sys.exit(code)
 
 

@@ -65,8 +65,17 @@ def is_path(word: str) -> bool:
 
 def tell(text: str, hang: int = HANG) -> None:
     """Print on stderr, folded; a pipe that nobody reads any more must not end a run."""
+    _write(folded(text, width_of(sys.stderr), hang))
+
+
+def tell_faults(text: str) -> None:
+    """Print faults on stderr: folded on a terminal, one line each where a program may read them."""
+    _write(folded(text, width_of(sys.stderr)) if sys.stderr.isatty() else [text])
+
+
+def _write(lines: list[str]) -> None:
     with suppress(BrokenPipeError):
-        sys.stderr.write("\n".join(folded(text, width_of(sys.stderr), hang)) + "\n")
+        sys.stderr.write("\n".join(lines) + "\n")
         sys.stderr.flush()
 
 
