@@ -62,6 +62,8 @@ def test_run_writes_result_summary_and_figures_only(tmp_path):
     assert result.provenance["overrides"] == [SHORT[1], SHORT[3]]
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_check_adds_the_reference(tmp_path):
     done = command("run", PLANAR, "--check", *SHORT, "--out", "here", folder=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -63,6 +63,8 @@ def unfinished(folder: Path, monkeypatch: pytest.MonkeyPatch, *, overwrite: bool
     assert is_store(folder / "unfinished")
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_second_run_gets_a_folder_of_its_own(tmp_path):
     (tmp_path / "results").mkdir()
     name = folder_of(load(PLANAR, VALUES)).name
@@ -120,6 +122,8 @@ def test_an_ensemble_replaces_no_file_that_it_did_not_write(tmp_path):
     assert content(tmp_path) == {"here/bands.png": b"mine"}
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_figures_are_drawn_over_those_of_the_same_result_only(first):
     """In the folder of the result they are its own; anywhere else they may show another."""
     figures_of_first = [first / "here" / f"{name}.png" for name in ("area", "energies")]
@@ -142,6 +146,8 @@ def test_figures_are_drawn_over_those_of_the_same_result_only(first):
     assert command("plot", "here/other.h5", "--out", "new", folder=first).returncode == 0
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_overwrite_replaces_result_and_what_described_it(first):
     (first / "here" / "agreement.png").write_text("of the first run's check")
     (first / "here" / "notes.txt").write_text("mine")
