@@ -19,6 +19,7 @@ from exunet.interfaces.commands.estimates import (
     expected_spread,
     not_counted,
     refuse_beyond,
+    refuse_spread_beyond,
 )
 from exunet.interfaces.commands.folders import opened, ready
 from exunet.interfaces.commands.lines import silent, tell
@@ -147,6 +148,7 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
 
     start = prepare_case(case)
     moved = expected_spread(start, expected_cost(start), None, spread)
+    refuse_spread_beyond(moved)
     return _run(case, simulate, folder, Asked(quiet=quiet, spread=spread), moved)
 
 
