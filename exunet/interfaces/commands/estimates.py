@@ -21,7 +21,7 @@ from exunet.simulation.expected_cost import (
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import Trial, is_compiled, try_out
 from exunet.studies.ensemble import way_of
-from exunet.studies.spread import BESIDE, FINER_RUN, NO_NUMBA, runs_within
+from exunet.studies.spread import BESIDE, FINER_RUN, MOVE, NO_NUMBA, runs_within
 
 LONG = 10.0  # [s] from which on a run says what would be cheaper
 _BUDGET = 1.0  # [s] of a trial
@@ -57,7 +57,8 @@ class ExpectedSpread:
         if not self.runs:
             return "none asked for: the numbers will be those of one run"
         more = ", and some seconds to compile the scene's forces, once" if self.compiles else ""
-        return f"{self.runs} moved starts in the compiled loop after it, about {duration(self.seconds)}{more}"
+        which = f"{self.runs} runs from starts moved by up to {MOVE:g} m and {BESIDE} from the start itself"
+        return f"{which}, after the run, about {duration(self.seconds)}{more}"
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def estimated(start: Start, *, thorough: bool = False, spread: int | None = None
     trial = None
     may_be_long = guess.factor == GUESSED and guess.seconds * guess.factor > LONG
     if may_be_long and (thorough or guess.seconds > LONG or is_compiled(start)):
-        with waiting("trying the run out"):
+        with waiting("estimating the time from a trial"):
             trial = try_out(start, _BUDGET)
     run = guess if trial is None else expected_cost(start, trial)
     other = in_the_compiled_loop(start, trial) if run.seconds > LONG else None

@@ -243,7 +243,7 @@ def _spread(case: Case, result: Result, story: _Story, moved: ExpectedSpread) ->
             return spread_of(
                 prepare_case(case),
                 moved.runs,
-                progress=lambda done: say(f"moved starts: {done} of {moved.runs + BESIDE} runs"),
+                progress=lambda done: say(f"spread: {done} of {moved.runs + BESIDE} runs"),
             )
     except KeyboardInterrupt:
         words = "interrupted during the runs of moved starts"
