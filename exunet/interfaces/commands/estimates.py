@@ -86,17 +86,20 @@ class Expected:
         return found
 
 
-def estimated(start: Start, *, thorough: bool = False, spread: int | None = None) -> Expected:
+def estimated(
+    start: Start, *, thorough: bool = False, spread: int | None = None, quiet: bool = False
+) -> Expected:
     """The cost of a run, from a trial where it is likely to be long enough for one.
 
     thorough : make a trial also where the compiled loop must be compiled for it first
     spread   : number of moved starts; None: what the run's own time allows
+    quiet    : nothing is shown while the trial runs
     """
     guess = expected_cost(start)
     trial = None
     may_be_long = guess.factor == GUESSED and guess.seconds * guess.factor > LONG
     if may_be_long and (thorough or guess.seconds > LONG or is_compiled(start)):
-        with waiting("estimating the time from a trial"):
+        with waiting("estimating the time from a trial", quiet=quiet):
             trial = try_out(start, _BUDGET)
     run = guess if trial is None else expected_cost(start, trial)
     other = in_the_compiled_loop(start, trial) if run.seconds > LONG else None
