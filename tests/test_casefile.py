@@ -218,7 +218,7 @@ def test_faults_of_a_crlf_file_have_their_lines(case: Any, ends: str) -> None:
         ("mesh = 1.0", "mesh = 0.7", 9, "net.mesh", "mesh = 1 (2 a side) or 0.666666"),
         ("size = 2.0", "size = 1e9", 9, "net.mesh", "too fine"),
         ("mesh = 1.0", "mesh = 0.002", 6, "net", "2,002,004 elements"),
-        ("output_step = 0.1", "output_step = 1e-9", 5, "time.output_step", "would store 1e+09 states"),
+        ("output_step = 0.1", "output_step = 1e-9", 5, "time.output_step", "are 1e+09 states; at most"),
         ("output_step = 0.1\n", "", 3, "time", "exactly one"),
         ("output_step = 0.1", "output_step = 0.1\noutput_times = [1]", 6, "time.output_times", "exactly one"),
         ("output_step = 0.1", "output_times = [0, 0.5, 0.5]", 5, "time.output_times[2]", "greater than the"),

@@ -13,6 +13,8 @@ from exunet.interfaces.cli import main
 from exunet.results.body_comparison import compare_bodies
 from exunet.results.comparison import compare, match_nodes, read_states
 from exunet.results.result import BodyStates
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 from reference_impl.__main__ import main as reference_main
 
 CASE = str(Path(__file__).parents[1] / "cases" / "planar_undamped.toml")
@@ -229,7 +231,9 @@ def test_bad_files_are_refused(files, tmp_path, monkeypatch, capsys):
     reasons = {name: reason for name, (_, reason) in named.items()}
     for name, reason in (reasons | {"none.npz": "No such file", "none.h5": "none.h5"}).items():
         assert run(monkeypatch, "compare", files[0], tmp_path / name) == 2
-        (line,) = capsys.readouterr().err.strip().splitlines()
+        (line,) = re.sub(
+            r"\n +", " ", capsys.readouterr().err.strip()
+        ).splitlines()  # as before it was folded
         assert reason in line
         assert "pickle" not in line
 
@@ -249,14 +253,39 @@ def test_bodies_are_compared_by_name(tmp_path, monkeypatch, capsys):
     assert (found.only_a, found.only_b) == (("only_a",), ("only_b",))
     target = found.both["target"]
     assert target.attitude == pytest.approx(1e-3, rel=1e-9)
+    assert target.agrees_until == 0.0
+    assert target.allowed_attitude == pytest.approx(2e-5)
     assert not target.position.any()
     assert not target.velocity.any()
     assert not target.angular_velocity.any()
     assert run(monkeypatch, "compare", tmp_path / "a.h5", tmp_path / "b.h5") == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert "attitude 1.000e-03 rad at t" in printed
+    assert "attitude 2.000e-05 rad; first beyond that: t = 0 s" in printed
     assert "body only_a only in" in printed
     assert "body only_b only in" in printed
+
+
+def test_a_check_says_whose_speeds_and_judges_bodies_by_limits_of_their_own(tmp_path):
+    """A net without bullets, and a body that is 1e-3 rad apart from the start."""
+    net = "net={topology='explicit',nodes=[[0.0,0.0,0.0],[1.0,0.0,0.0]],elements=[[0,1]]," \
+        "cable={diameter=1e-3,density=1390.0,youngs_modulus=7e10}}"  # fmt: skip
+    sets = ["time.end=0.02", "time.output_step=0.01", net, "launch=", "initial={packing=1.0}"]
+    one, other = (
+        exunet.run(exunet.load(CASE, [*sets, spinning("target", angle=angle)])) for angle in (0.0, 1e-3)
+    )
+    summary = summarise(one, compare(one, other))
+    assert summary["check"]["speeds_of"] == "nodes"
+    assert summary["check"]["agrees_until_s"] is None
+    assert summary["check"]["bodies"]["target"]["agrees_until_s"] == 0.0
+    printed = dict(rows(summary))
+    assert "speeds of the nodes within" in printed["check: agrees until"]
+    assert "bullet" not in printed["check: agrees until"]
+    words = printed["check: body target"]
+    assert words.startswith("agrees until t = 0.000 s; over the run positions within 0.0e+00 m (allowed ")
+    assert words.endswith("attitudes within 1.0e-03 rad (allowed 2.0e-05 rad)")
+    same = dict(rows(summarise(one, compare(one, one))))
+    assert same["check: body target"].startswith("agrees until the end; ")
 
 
 def test_a_quaternion_and_its_negative_are_the_same_attitude():
@@ -264,4 +293,4 @@ def test_a_quaternion_and_its_negative_are_the_same_attitude():
     still = np.zeros((1, 3))
     at = np.array([0])
     bodies = [{"target": BodyStates(1.0, np.eye(3), still, still, q, still)} for q in (one, -one)]
-    assert compare_bodies(*bodies, at, at).both["target"].attitude == 0.0
+    assert compare_bodies(*bodies, (at, at), np.zeros(1), (1.0, 1.0)).both["target"].attitude == 0.0

@@ -26,9 +26,9 @@ def test_it_is_told_once() -> None:
     with told_compilation(lines.append):
         compile_one(KERNELS + "one", inside=2)
         compile_one(KERNELS + "two")
-        assert lines == ["compiling this scene's forces, once"]
+        assert lines == ["compiling the forces of this scene, which is done once"]
     assert len(lines) == 2
-    assert lines[1].startswith("compiled this scene's forces in 0.0 s")
+    assert lines[1].startswith("compiled the forces of this scene in 0.0 s")
 
 
 def test_nothing_is_told_without_it_or_of_other_code() -> None:

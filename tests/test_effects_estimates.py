@@ -108,7 +108,7 @@ def test_the_papers_case_is_told_to_leave_out_the_orbit() -> None:
     assert one.relative == pytest.approx(
         0.5 * coriolis * 2.0**2 / 7.0, rel=0.1
     )  # of the 7 m from bullet to bullet
-    assert one.advice(0.01) == "would move the net by 1e-03 of its size: leave out"
+    assert one.advice(0.01) == "would move the net by 1e-03 of its size: not needed"
     assert "700 km" in one.assumption
     parts = dict(re.findall(r"(Coriolis|gradient) [^=]*= ([\d.e-]+) m/s2", one.estimate.source))
     assert float(parts["Coriolis"]) == pytest.approx(coriolis, rel=0.1)
@@ -121,10 +121,10 @@ def test_the_papers_case_is_told_to_leave_out_the_orbit() -> None:
 def test_advice_covers_the_four_cases() -> None:
     found = {one.name: one for one in survey(load(PLANAR).scene)}
     assert set(found) == set(EFFECTS)
-    assert found["rayleigh_damping"].advice(1e-3) == "on, and it matters"
-    assert found["rayleigh_damping"].advice(0.5) == "on, but below the asked accuracy"
-    assert found["bending"].advice(1e-3) == "off, and above it: switch on"
-    assert found["j2"].advice(1e-3).endswith("leave out")
+    assert found["rayleigh_damping"].advice(1e-3) == "needed at this accuracy"
+    assert found["rayleigh_damping"].advice(0.5) == "not needed at this accuracy"
+    assert found["bending"].advice(1e-3) == "needed at this accuracy: switch it on"
+    assert found["j2"].advice(1e-3).endswith("not needed")
     assert found["gravity"].advice(1e-3).startswith("off; on the ground")
 
 
@@ -337,11 +337,27 @@ def test_the_command_lists_every_effect() -> None:
     assert done.exit_code == 0
     for name in EFFECTS:
         assert re.search(rf"^{name} ", done.stdout, re.MULTILINE), name
-    assert "leave out" in done.stdout
+    assert "not needed" in done.stdout
+
+
+def test_the_command_says_what_its_estimates_leave_out() -> None:
+    """Above the table, by name, and in the head of the column of advice; not where there is only a net."""
+    done = run_command(str(CASES.parent / "bodies" / "tow.toml"))
+    words = " ".join(done.stdout.split())
+    assert "of the net alone. They leave out the bodies (chaser, target) and tethers (tow)" in words
+    assert (
+        words.index("leave out the bodies") < words.index("advice for the net") < words.index("gravity off")
+    )
+    assert "Not modelled on bodies: air_drag, molecular_drag, solar_pressure." in words
+    plain = run_command(str(PLANAR)).stdout
+    assert "NOTE" not in plain
+    assert "advice for the net" not in plain
 
 
 def test_the_command_measures() -> None:
     done = run_command(str(CASES / "material_damping.toml"), "--ablate")
     assert done.exit_code == 0
     assert re.search(r"^material_damping +on +until .* of the size, estimate", done.stdout, re.MULTILINE)
-    assert re.search(r"^launch_force +off +nothing to assume", done.stdout, re.MULTILINE)
+    assert re.search(
+        r"^launch_force +off +not estimated: there is nothing to assume", done.stdout, re.MULTILINE
+    )

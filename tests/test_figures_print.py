@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,6 +39,12 @@ SIX = net(
     [(np.cos(a), np.sin(a), 0) for a in np.arange(6)],
     [(k, (k + 1) % 6) for k in range(6)],
     bullets=tuple(range(6)),
+)
+FULL = replace(
+    WHOLE,
+    potential=-np.linspace(0.0, 9.0, 7),
+    largest_elastic=WHOLE.elastic + 1.0,
+    least_kinetic=0.5 * WHOLE.kinetic,
 )
 SIZES = [(85.0, 60.0), (85.0, 85.0), (170.0, 80.0), (170.0, 120.0)]
 NEAREST = 9.0  # CIE L*, 0 black to 100 white: of neighbouring greys that stay apart in print
@@ -294,6 +301,22 @@ def test_history_of_the_largest_tension_and_its_mark():
 def test_arguments_that_cannot_be_used(arguments, words):
     with pytest.raises(InputError, match=words):
         figure(WHOLE, **arguments)
+
+
+def test_a_size_without_room_for_the_figure_is_refused_before_anything_is_written(tmp_path):
+    """The legend of the energies alone is higher than 40 mm; what is said to be enough is."""
+    for name in ("area.png", "energies.png"):
+        (tmp_path / name).write_text("of before")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError, match="no room beside its texts: give 40 mm x ") as refused:
+            save_figures(FULL, tmp_path, size=(40.0, 40.0))
+        enough = float(re.search(r"give 40 mm x (\d+) mm or more", str(refused.value))[1])
+        assert enough > 40.0
+        assert {path.read_text() for path in tmp_path.iterdir()} == {"of before"}
+        made = figure(FULL, "energies", size=(40.0, enough))
+        drawn(made)
+    assert made.axes[0].get_position().height * enough > 5.0
 
 
 def test_a_format_that_is_not_known_makes_no_folder(tmp_path):

@@ -182,7 +182,7 @@ def test_a_light_node_that_runs_away_is_seen_where_its_energy_is_small():
     start = prepare(exunet.simulation.run.Scene.model_validate(scene))
     wrong = start.velocity.copy()
     wrong[1] = [0.0, 3e3, 0.0]  # wave speed 100 m/s; 1e-8 kg, so 0.045 J of 1000 J
-    with pytest.raises(RunStopped, match=r"runs away at 3e\+03 m/s .*fastest node is 1"):
+    with pytest.raises(RunStopped, match=r"moves at 3e\+03 m/s .*fastest node is 1"):
         look(monitor_of(start), (start.position, start.velocity), (start.position, wrong))
 
 

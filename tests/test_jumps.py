@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from types import SimpleNamespace
 from typing import Any
 
@@ -110,6 +111,16 @@ def test_elements_that_do_not_count_have_no_jump() -> None:
     assert compiled(state, 1e-3, 0.0, jumps=np.zeros(4)) == (math.inf, math.inf)
     assert compiled(state, 1e-3, 0.0, stiffness=np.zeros(4)) == (math.inf, math.inf)
     assert of_arrays(state, 1e-3, 0.0, fixed=(0, 1, 2, 3)) is None
+
+
+def test_a_state_beyond_floats_is_no_warning() -> None:
+    """As that of a body that turns at 1e9 rad/s may become; the guards tell what is wrong with it."""
+    x, v, a = next(s for s in motions(50) if by_hand(s, 1e-3, 0.0) is not None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for huge in (1e200, math.inf):
+            of_arrays((x, v, np.full_like(a, huge)), 1e-3, 0.0)
+            of_arrays((x, v * 1e200, a * huge), 1e-3, 0.0)
 
 
 # Exact in binary: two threads of 1 m along x from a fixed point, whose ends of 1 kg move outward.

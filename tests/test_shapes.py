@@ -303,8 +303,6 @@ def test_faults_of_shapes(keys: tuple[str, ...], key: str, words: str) -> None:
     ],
 )
 def test_faults_of_what_is_made(keys: tuple[str, ...], key: str, words: str) -> None:
-    if "file" in key:
-        pytest.importorskip("trimesh")
     with pytest.raises(exunet.CaseError, match=rf"bodies\.target\.{key}: .*{words}"):
         prepare_case(body(*keys))
 

@@ -1,1 +1,1 @@
-"""What every room stands on: errors, validated tables, whole files, interrupts."""
+"""What every other package uses: errors, validated tables, whole files, interrupts."""

@@ -21,7 +21,9 @@ class Fault:
 
     key   : where, as TOML writes keys, with [index] for items of lists: "net.cable.density", "net.nodes[3]"
     place : "file:line" or the option that it came from; "" as long as it is not known
-    beyond_floats : numbers, each of them valid, lead outside the range of floating-point numbers here
+    beyond_floats : numbers, each of them valid, lead outside the range of floating-point numbers here, or
+                    outside of what they resolve
+    against : keys, named likewise, that `key` does not go with: the fault is told where the last is given
     """
 
     key: str
@@ -29,15 +31,25 @@ class Fault:
     _: KW_ONLY
     place: str = ""
     beyond_floats: bool = False
+    against: tuple[str, ...] = ()
 
     @property
     def path(self) -> KeyPath:
         """The parts of a key that are all bare: ("net", "nodes", 3)."""
-        parts = re.findall(r"\[(\d+)\]|([A-Za-z0-9_-]+)", self.key)
-        return tuple(name or int(index) for index, name in parts)
+        return _parts(self.key)
+
+    @property
+    def paths(self) -> tuple[KeyPath, ...]:
+        """The path, and those of the keys in `against`."""
+        return self.path, *map(_parts, self.against)
 
     def __str__(self) -> str:
         return ": ".join(part for part in (self.place, self.key, self.reason) if part)
+
+
+def _parts(key: str) -> KeyPath:
+    parts = re.findall(r"\[(\d+)\]|([A-Za-z0-9_-]+)", key)
+    return tuple(name or int(index) for index, name in parts)
 
 
 class CaseError(ExunetError):

@@ -39,7 +39,8 @@ def inside(record: Table, name: str, checks: Callable[[Any], Iterator[Fault]]) -
 def within(table: str, faults: Iterable[Fault]) -> Iterator[Fault]:
     """Faults of the keys in a table, as seen from outside it."""
     for fault in faults:
-        yield replace(fault, key=f"{table}.{fault.key}" if fault.key else table)
+        against = tuple(f"{table}.{key}" for key in fault.against)
+        yield replace(fault, key=f"{table}.{fault.key}" if fault.key else table, against=against)
 
 
 def exactly_one(keys: Table) -> Iterator[Fault]:
@@ -48,7 +49,8 @@ def exactly_one(keys: Table) -> Iterator[Fault]:
         given = [name for name in choices if keys.is_given(name)]
         if len(given) != 1:
             words = f"{', '.join(choices[:-1])} or {choices[-1]}"
-            yield Fault(given[-1] if given else "", f"give either {words}, exactly one of them")
+            key, against = (given[-1], tuple(given[:-1])) if given else ("", ())
+            yield Fault(key, f"give either {words}, exactly one of them", against=against)
     for name, value in keys.__dict__.items():
         if isinstance(value, Table):
             yield from within(name, exactly_one(value))

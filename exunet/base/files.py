@@ -66,6 +66,10 @@ def _alive(process: int) -> bool:
 def cannot_write(path: str | Path, error: Exception) -> InputError:
     """The error for a file that the system refuses to write: one line with the system's reason."""
     reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+    if isinstance(error, FileExistsError):
+        reason = "there is a file of that name, where a folder is needed"
+    elif isinstance(error, NotADirectoryError):
+        reason = "a part of this path is a file, and no folder"
     return InputError(f"{path}: cannot be written: {reason}")
 
 

@@ -1,3 +1,3 @@
-"""The version of exunet, where every room can read it."""
+"""The version of exunet, where every package can read it."""
 
 VERSION = "0.1.0"

@@ -27,13 +27,13 @@ def read_mesh(path: Path, unit: str) -> TriangleMesh:
     Raises MissingExtra without trimesh, and InputError if the file cannot be read or its surface is not that
     of a body (see `closed`).
     """
-    if importlib.util.find_spec("trimesh") is None:
-        words = f"{path}: meshes need trimesh, which is not installed: pip install 'exunet[mesh]'"
-        raise MissingExtra(words)
     if path.suffix.lower() not in ENDINGS:
         raise InputError(f"{path}: must end in {', '.join(ENDINGS)}")
     if not path.is_file():
         raise InputError(f"{path}: no such file")
+    if importlib.util.find_spec("trimesh") is None:
+        words = f"{path}: meshes need trimesh, which is not installed: pip install 'exunet[mesh]'"
+        raise MissingExtra(words)
     vertices, triangles = _read(path)
     return closed(METRES[unit] * vertices, triangles, str(path))
 

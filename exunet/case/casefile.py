@@ -64,8 +64,8 @@ def parse_case(text: str, path: Path, overrides: Sequence[str] = ()) -> Case:
     _place_files(document, path.parent)
     huge = _take_huge_integers(document)
     scene, found = checked(document)
-    found = [one for one in found if one[0] not in huge]
-    found += [(place, "is outside the 64-bit whole numbers of TOML") for place in huge]
+    found = [one for one in found if not set(one[0]) & set(huge)]
+    found += [((place,), "is outside the 64-bit whole numbers of TOML") for place in huge]
     if found or scene is None:
         raise CaseError(_located(found, text, path, changes))
     return Case(scene, path, text, tuple(overrides))
@@ -250,15 +250,18 @@ def _take_huge_integers(document: dict[str, Any]) -> list[KeyPath]:
     return found
 
 
-def located(found: list[tuple[KeyPath, str]], case: Case) -> list[Fault]:
-    """Faults (path of the key, reason) of a case that was read, in the order of its file."""
+def located(found: list[tuple[tuple[KeyPath, ...], str]], case: Case) -> list[Fault]:
+    """Faults (paths of their keys, reason) of a case that was read, in the order of its file."""
     return _located(found, case.text, case.path, _parse_overrides(case.overrides))
 
 
 def _located(
-    found: list[tuple[KeyPath, str]], text: str, path: Path, changes: list[_Override]
+    found: list[tuple[tuple[KeyPath, ...], str]], text: str, path: Path, changes: list[_Override]
 ) -> list[Fault]:
-    """Faults in the order of the file, those from overrides last."""
+    """Faults in the order of the file, those from overrides last.
+
+    Of several keys that do not go together, each of them valid, the one that is given last is named.
+    """
     places: dict[KeyPath, tuple[int, str]] = {
         key: (line, f"{path}:{line}") for key, line in key_lines(text).items()
     }
@@ -274,8 +277,9 @@ def _located(
         prefixes = (key[:length] for length in range(len(key), 0, -1))
         return next((places[prefix] for prefix in prefixes if prefix in places), (1, f"{path}:1"))
 
+    last = ((max(paths, key=lambda one: place_of(one)[0]), reason) for paths, reason in found)
     ordered = sorted(
-        {(*place_of(key), _dotted(key), reason): None for key, reason in found}, key=lambda f: f[0]
+        {(*place_of(key), _dotted(key), reason): None for key, reason in last}, key=lambda f: f[0]
     )
     faults = [Fault(key, reason, place=place) for _, place, key, reason in ordered]
     if len(faults) > MAX_FAULTS:

@@ -20,16 +20,17 @@ from exunet.net.base import AnyNet
 AnyTable = TypeVar("AnyTable", bound=Table)
 
 
-def checked(document: dict[str, Any]) -> tuple[Scene | None, list[tuple[KeyPath, str]]]:
-    """The scene, None if a key of it is not valid, and every fault: path of the key, reason."""
+def checked(document: dict[str, Any]) -> tuple[Scene | None, list[tuple[tuple[KeyPath, ...], str]]]:
+    """The scene, None if a key of it is not valid, and every fault: paths of its keys, reason."""
     scene, errors = _each_key(Scene, document)
     faults = list(cross_checks(scene))
     if any(error["type"].startswith("union_tag") for error in errors):
         net, more = _each_key(AnyNet, common_keys(document["net"]))
         errors += [error | {"loc": ("net", *error["loc"])} for error in more]
         faults += within("net", each(exactly_one(net), net_checks(net)))
-    found = [explain(error, document) for error in errors]
-    found += [(fault.path, fault.reason) for fault in faults]
+    explained = (explain(error, document) for error in errors)
+    found: list[tuple[tuple[KeyPath, ...], str]] = [((path,), reason) for path, reason in explained]
+    found += [(fault.paths, fault.reason) for fault in faults]
     return None if errors else scene, found
 
 

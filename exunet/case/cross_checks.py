@@ -86,8 +86,8 @@ def _reels(scene: Scene) -> Iterator[Fault]:
 def _states_fit(scene: Scene) -> Iterator[Fault]:
     step, end = scene.time.output_step, scene.time.end
     if step and end / step > MAX_STATES:
-        reason = f"would store {end / step:.3g} states; at most {MAX_STATES:,} are allowed"
-        yield Fault("time.output_step", reason)
+        reason = f"to {end:g} s, a state each {step:g} s are {end / step:.3g} states; at most {MAX_STATES:,} "
+        yield Fault("time.output_step", f"{reason}are allowed", against=("time.end",))
 
 
 def _times_within_the_run(scene: Scene) -> Iterator[Fault]:
@@ -118,7 +118,8 @@ def _loop_has_the_method(scene: Scene) -> Iterator[Fault]:
 def _positions_in_place_of_packing(scene: Scene) -> Iterator[Fault]:
     initial = scene.initial
     if initial.is_given("node_positions") and initial.packing is not None and initial.packing != 1:
-        yield Fault("initial.node_positions", f"needs initial.packing = 1, got {initial.packing:g}")
+        words = f"initial.node_positions needs initial.packing = 1, got {initial.packing:g}"
+        yield Fault("initial.node_positions", words, against=("initial.packing",))
 
 
 def _net_can_be_folded(scene: Scene) -> Iterator[Fault]:

@@ -28,9 +28,9 @@ def located_faults(case: Case) -> Iterator[None]:
         beyond = [fault for fault in error.faults if fault.beyond_floats]
         extreme = list(_extreme(case.scene)) if beyond else []
         told = [fault for fault in error.faults if not (extreme and fault.beyond_floats)]
-        found: list[tuple[KeyPath, str]] = [(fault.path, fault.reason) for fault in told]
-        words = "; ".join(dict.fromkeys(f"{fault.key}: {fault.reason}" for fault in beyond))
-        found += [(path, f"{value:g} is not realistic ({words})") for path, value in extreme]
+        found = [(fault.paths, fault.reason) for fault in told]
+        words = next((f"{fault.key}: {fault.reason}" for fault in beyond), "")
+        found += [((path,), f"{value:g} is not realistic ({words})") for path, value in extreme]
         raise CaseError(located(found, case)) from None
 
 

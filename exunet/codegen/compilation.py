@@ -30,7 +30,7 @@ class Told:
             with self._lock:
                 first, self._begun = not self._begun, True
             if first:
-                self._say("compiling this scene's forces, once")
+                self._say("compiling the forces of this scene, which is done once")
 
     def end(self) -> None:
         """It is done."""
@@ -54,7 +54,7 @@ def told_compilation(say: Callable[[str], None]) -> Iterator[None]:
     finally:
         _told.remove(told)
         if told.seconds > 0.0:
-            say(f"compiled this scene's forces in {told.seconds:.1f} s; later runs find them")
+            say(f"compiled the forces of this scene in {told.seconds:.1f} s; later runs load them")
 
 
 def listen() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,6 +36,7 @@ FIGURES = {
     "agreement": "differences between two codes over time; needs an `agreement`",
 }
 LEAST, MOST = 40.0, 1000.0  # mm, sides of a figure
+_TALLER = 5  # mm, steps in which a height is sought that leaves room
 
 
 def figure(
@@ -52,10 +54,11 @@ def figure(
     agreement : with another run, from `compare`; adds the other run's speeds to "bullet_speeds"
     spread    : of moved starts, from `load_ensemble` or `ensemble`; adds bands, least to largest of its runs,
                 to "area", "bullet_speeds", "energies" and "largest_tension"
-    size      : (width, height) [mm], 40 to 1000; None: 170 mm wide (the nets less), as high as it needs
+    size      : (width, height) [mm], 40 to 1000, and enough for texts and legend; None: 170 mm wide (the nets
+                less), as high as it needs
     title     : with a title above it
-    Raises InputError for a name that is not known, a size out of range, or a result that has not what the
-    figure shows.
+    Raises InputError for a name that is not known, a size out of range or too small for the figure's texts,
+    or a result that has not what the figure shows.
     """
     if name not in FIGURES:
         raise InputError(f"figure: {name!r} is not one of {', '.join(FIGURES)}")
@@ -92,8 +95,9 @@ def save_figures(
     format : "png" (300 dots per inch), "pdf" or "svg" (text stays text)
     agreement, spread, size, title : as of `figure`
 
-    Each file appears whole or not at all, and the same result gives the same bytes. Raises InputError for a
-    format or a size that is not known, or if the folder or a file cannot be written.
+    The files appear whole when all are drawn, or not at all, and the same result gives the same bytes. Raises
+    InputError for a format that is not known, a size that is out of range or leaves a figure no room beside
+    its texts, or if the folder or a file cannot be written.
     """
     from exunet.figures.page import FORMATS, write
 
@@ -105,12 +109,12 @@ def save_figures(
     except (OSError, ValueError) as error:
         raise cannot_write(folder, error) from error
     paths = []
-    for name in FIGURES:  # one after the other: each keeps its pixels, 9 MB, as long as it lives
-        for one in _drawn((name,), result, agreement, spread, size, title).values():
-            path = folder / f"{name}.{format}"
-            with replacing(path) as part:
-                write(one, part, format)
-            paths.append(path)
+    with ExitStack() as parts:  # whose files all get their names at the end, or none does
+        for name in FIGURES:  # one after the other: each keeps its pixels, 9 MB, as long as it lives
+            for one in _drawn((name,), result, agreement, spread, size, title).values():
+                path = folder / f"{name}.{format}"
+                write(one, parts.enter_context(replacing(path)), format)
+                paths.append(path)
     return paths
 
 
@@ -122,14 +126,29 @@ def _drawn(
     size: Size | None,
     title: bool,
 ) -> dict[str, Figure]:
-    from exunet.figures.page import Page
+    from exunet.figures.page import Page, has_room
     from exunet.figures.style import drawing
 
-    page = Page(None if size is None else _checked(size), title)
+    size = None if size is None else _checked(size)
     drawers = _drawers(agreement, spread)
-    with drawing():
-        made = {name: drawers[name](result, page) for name in names}
+
+    def drawn(name: str, size: Size | None) -> Figure | None:
+        with drawing():
+            return drawers[name](result, Page(size, title))
+
+    made = {name: drawn(name, size) for name in names}
+    for name, one in made.items():
+        if size is not None and one is not None and not has_room(one):
+            taller = ((size[0], size[1] + more) for more in range(_TALLER, int(MOST - size[1]), _TALLER))
+            enough = (f"{w:g} mm x {h:g} mm" for w, h in taller if has_room(_there(drawn(name, (w, h)))))
+            words = f"{size[0]:g} mm x {size[1]:g} mm leave {name} no room beside its texts"
+            raise InputError(f"size: {words}: give {next(enough, 'more')} or more")
     return {name: one for name, one in made.items() if one is not None}
+
+
+def _there(figure: Figure | None) -> Figure:
+    assert figure is not None
+    return figure
 
 
 def _checked(size: Size) -> Size:

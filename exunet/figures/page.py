@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,6 +22,8 @@ from exunet.figures.style import SMALL, blank, drawing
 
 INCH = 25.4  # mm
 ROUND = [1, 2, 5, 10]  # steps between the numbers at an axis
+COLOR_BAR = "color bar"  # label of axes that are one, and may be thin
+LEAST_AXES = 5.0  # mm, of a side of the axes in a figure
 
 
 class Judged(Protocol):
@@ -82,6 +85,16 @@ class Page:
         lines = [title] if self.title else []
         lines += [] if result.complete else ["INCOMPLETE: " + result.verdict]
         return [fitted(line, 0.97 * width, 8.0) for line in lines]
+
+
+def has_room(figure: Figure) -> bool:
+    """True if texts and legend leave axes of a size that shows something: `LEAST_AXES` in both directions."""
+    with drawing(), warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")  # Matplotlib warns of a layout that it cannot make
+        figure.draw_without_rendering()
+    width, height = (INCH * side for side in figure.get_size_inches())
+    boxes = [axes.get_position() for axes in figure.axes if axes.get_label() != COLOR_BAR]
+    return not told and all(min(width * box.width, height * box.height) >= LEAST_AXES for box in boxes)
 
 
 def line_scale(figure: Figure) -> float:

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from exunet.figures.lines import from_zero
-from exunet.figures.page import Page, finish, line_scale
+from exunet.figures.page import COLOR_BAR, Page, finish, line_scale
 from exunet.figures.panels import framed
 from exunet.figures.style import BLACK, MOST_CURVES, curve_styles
 from exunet.figures.views import best_view, broadness
@@ -114,7 +114,7 @@ def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable) -> None
     left, right = min(box.x0 for box in boxes), max(box.x1 for box in boxes)
     top, height = max(box.y1 for box in boxes), figure.get_figheight()
     place = (left, top + 0.07 / height, right - left, 0.09 / height)
-    bar = figure.colorbar(shown, cax=figure.add_axes(place), orientation="horizontal")
+    bar = figure.colorbar(shown, cax=figure.add_axes(place, label=COLOR_BAR), orientation="horizontal")
     bar.ax.xaxis.set_ticks_position("top")
     bar.ax.xaxis.set_label_position("top")
     bar.set_label("largest tension at the stored times [N]", labelpad=3)

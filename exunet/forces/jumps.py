@@ -37,6 +37,7 @@ class Jump:
         return self.after - max(0.5 * self.step, NEARER * self.after)
 
 
+@np.errstate(all="ignore")  # a state that is beyond floating-point numbers is for the guards to tell
 def jump_ahead(
     blocks: Blocks,
     law: Law,
@@ -65,8 +66,7 @@ def jump_ahead(
     length = length[near]
     after, parting = _crossing(span[near], rate[near], bend[near], length)
     size = gain[near] * parting
-    with np.errstate(invalid="ignore"):
-        matters = (after <= within) & (size * within > tolerance)
+    matters = (after <= within) & (size * within > tolerance)
     if not matters.any():
         return None
     first = int(np.argmin(np.where(matters, after, np.inf)))
@@ -92,14 +92,13 @@ def _crossing(span: Floats, rate: Floats, bend: Floats, length: Floats) -> tuple
     def slope(t: Floats) -> Floats:
         return np.asarray(c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * 4.0 * c4)))
 
-    with np.errstate(all="ignore"):
-        below = np.minimum(c0, 0.0)
-        root = np.sqrt(np.maximum(c1 * c1 - 4.0 * square * below, 0.0))
-        straight = np.where(c1 > 0.0, -2.0 * below / (c1 + root), (root - c1) / (2.0 * square))
-        t = straight
-        for _ in range(6):
-            t = t - (c0 + t * (c1 + t * (c2 + t * (c3 + t * c4)))) / slope(t)
-        t = np.where(np.isfinite(t) & (t > 0.25 * straight) & (t < 4.0 * straight), t, straight)
-        parting = slope(t) / (2.0 * length)
-        good = np.isfinite(t) & (parting > 0.0)
+    below = np.minimum(c0, 0.0)
+    root = np.sqrt(np.maximum(c1 * c1 - 4.0 * square * below, 0.0))
+    straight = np.where(c1 > 0.0, -2.0 * below / (c1 + root), (root - c1) / (2.0 * square))
+    t = straight
+    for _ in range(6):
+        t = t - (c0 + t * (c1 + t * (c2 + t * (c3 + t * c4)))) / slope(t)
+    t = np.where(np.isfinite(t) & (t > 0.25 * straight) & (t < 4.0 * straight), t, straight)
+    parting = slope(t) / (2.0 * length)
+    good = np.isfinite(t) & (parting > 0.0)
     return np.where(good, t, np.inf), np.where(good, parting, 0.0)

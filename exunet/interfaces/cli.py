@@ -1,4 +1,4 @@
-"""The `exunet` command: thin wrappers that read arguments, call the rooms, print, and set exit codes.
+"""The `exunet` command: thin wrappers that read arguments, call other packages, print, set exit codes.
 
 Exit codes: 0 done, 1 a check of `verify` failed (or a defect of exunet), 2 bad input (nothing written), 3 a
 run that stopped (what was computed is kept), 4 a run that `--check` could not check (its result is written),
@@ -248,7 +248,7 @@ def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B
     from exunet.interfaces.commands.waiting import waiting
 
     loaded = load(case, overrides)
-    with waiting("weaving the net, looking for its stable step, trying the run out"):
+    with waiting("building the net, finding its stable step, estimating the time from a trial"):
         rows = describe(loaded)
     print_table(loaded.scene.title, rows)
 

@@ -1,4 +1,4 @@
-"""The two values of the net room: a topology's `Mesh` and the finished `Net`."""
+"""The two values of this package: a topology's `Mesh` and the finished `Net`."""
 
 from __future__ import annotations
 

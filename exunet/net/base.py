@@ -32,7 +32,7 @@ class Cable(Table):
     youngs_modulus: Positive = Field(description="Young's modulus E [Pa]", examples=[70e9])
     strength: Positive | None = Field(
         None,
-        description="axial force [N] that it is said to bear, against which margins are told; nothing breaks",
+        description="specified axial strength [N], against which margins are reported; nothing breaks at it",
         examples=[400.0],
     )
 

@@ -113,7 +113,8 @@ def with_tethers(net: Net, tethers: Tethers) -> tuple[Net, tuple[TiedPoint, ...]
         words = (
             f"with its tethers the net would have {number:,} elements; at most {MAX_ELEMENTS:,} are allowed"
         )
-        raise CaseError([Fault("tethers", words)])
+        most = max(tethers, key=lambda name: tethers[name].divisions)
+        raise CaseError([Fault(f"tethers.{most}.divisions", words)])
     faults = [fault for name, keys in tethers.items() for fault in _missing(name, keys, net)]
     if faults:
         raise CaseError(faults)

@@ -44,7 +44,7 @@ class Agreement:
                           Earlier disagreement is that of single instants within a snap, where a shift of
                           its beginning by 1e-7 s shows as 1e-4 m/s
     reference_speeds    : (n, n_bullets) speeds of the bullets in the reference [m/s]
-    bodies              : those beside the net; they do not decide whether the nets agree
+    bodies              : those beside the net, each judged by itself
     broken              : what broke, likewise; None: nothing did
     """
 
@@ -58,3 +58,8 @@ class Agreement:
     reference_speeds: Floats
     bodies: ComparedBodies = field(default_factory=ComparedBodies)
     broken: ComparedBreaks | None = None
+
+    @property
+    def speeds_of(self) -> str:
+        """Whose speeds are compared: "bullets", or "nodes" where there are none."""
+        return "bullets" if self.reference_speeds.shape[1] else "nodes"

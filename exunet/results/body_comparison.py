@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +23,17 @@ class BodyDifferences:
     velocity         : [m/s]
     attitude         : angle between the two [rad]; None if it is a point mass in either run
     angular_velocity : [rad/s], in body axes; None as above
+    allowed_position, allowed_attitude : up to which the two agree [m], [rad]
+    agrees_until     : when one of the two first exceeds what is allowed, or is NaN [s]; None: never
     """
 
     position: Floats
     velocity: Floats
     attitude: Floats | None = None
     angular_velocity: Floats | None = None
+    allowed_position: float = math.inf
+    allowed_attitude: float = math.inf
+    agrees_until: float | None = None
 
 
 @dataclass(frozen=True)
@@ -44,14 +50,31 @@ class ComparedBodies:
 
 
 def compare_bodies(
-    a: Mapping[str, BodyStates], b: Mapping[str, BodyStates], at_a: Ints, at_b: Ints
+    a: Mapping[str, BodyStates],
+    b: Mapping[str, BodyStates],
+    rows: tuple[Ints, Ints],
+    time: Floats,
+    allowed: tuple[float, float],
 ) -> ComparedBodies:
-    """Compare the bodies of two runs at their rows (n,) of the same times."""
+    """Compare the bodies of two runs at their rows (n,) of the same times (n,) [s].
+
+    allowed : differences of position [m] and attitude [rad] up to which they agree
+    """
+    found = {name: _differences(body, b[name], *rows) for name, body in a.items() if name in b}
     return ComparedBodies(
-        {name: _differences(body, b[name], at_a, at_b) for name, body in a.items() if name in b},
+        {name: _judged(one, time, *allowed) for name, one in found.items()},
         tuple(name for name in a if name not in b),
         tuple(name for name in b if name not in a),
     )
+
+
+def _judged(one: BodyDifferences, time: Floats, position: float, attitude: float) -> BodyDifferences:
+    """The same with what is allowed, and until when it holds."""
+    within = one.position <= position  # as a NaN is not
+    if one.attitude is not None:
+        within &= one.attitude <= attitude
+    until = None if within.all() else float(time[int(np.argmin(within))])
+    return replace(one, allowed_position=position, allowed_attitude=attitude, agrees_until=until)
 
 
 def _differences(a: BodyStates, b: BodyStates, at_a: Ints, at_b: Ints) -> BodyDifferences:

@@ -24,6 +24,8 @@ Ints = NDArray[np.int64]
 
 # Position difference up to which two runs count as agreeing, as a part of the diagonal of the box around
 # the reference configuration: 2.0e-4 m in the paper's net.
+# Bodies may differ by as much in position, and in attitude by this angle [rad], which moves a point that is
+# as far away as the net is large by as much.
 ALLOWED_PER_SIZE = 2e-5
 
 # Speed difference up to which two runs count as agreeing, as a part of the largest initial speed:
@@ -238,7 +240,7 @@ def compare(a: Run, b: Run) -> Agreement:
         agrees_until=float(time[first]) if first < len(time) else None,
         apart_from=float(time[last_within + 1]) if last_within + 1 < len(time) else None,
         reference_speeds=reference_speeds,
-        bodies=compare_bodies(a.bodies, b.bodies, at_a, at_b),
+        bodies=compare_bodies(a.bodies, b.bodies, (at_a, at_b), time, (allowed_position, ALLOWED_PER_SIZE)),
         broken=_compare_broken(a, b, elements, float(time[-1])),
     )
 

@@ -43,6 +43,7 @@ Ints = NDArray[np.int64]
 
 REEL_STATES = ("wound_up", "work")  # of a reel, after the name of its tether
 INTERVALS = 400  # between the instants of a course
+COURSE_BYTES = 3 * 8 * 16 * (INTERVALS + 1)  # of a course in memory, quantiles over many of them included
 
 
 def instants(end: float) -> Floats:

@@ -17,7 +17,7 @@ from exunet.results.course import Course
 from exunet.results.frame import table
 from exunet.results.headlines import CURVES, headline, headlines_for
 from exunet.results.reading import damage, refuse_unreadable
-from exunet.results.writing import new_file, put, put_text
+from exunet.results.writing import ENSEMBLE_KIND, new_file, put, put_text
 
 if TYPE_CHECKING:
     import h5py
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 ENSEMBLE_FILE = "ensemble.h5"
-KIND = "exunet ensemble"
 FORMAT = 1
 LEVELS = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)  # of the quantiles; 0 and 1 are the least and the largest
 
@@ -116,7 +115,7 @@ def save_ensemble(result: EnsembleResult, path: str | Path, *, overwrite: bool =
     if not overwrite and path.exists():
         raise InputError(f"{path}: there is a file of that name: give another, or overwrite=True")
     with new_file(path) as (file, _):
-        put_text(file, "kind", KIND)
+        put_text(file, "kind", ENSEMBLE_KIND)
         file.attrs["format"] = FORMAT
         file.attrs["complete"] = bool(result.complete)
         put_text(file, "verdict", result.verdict)
@@ -149,7 +148,7 @@ def load_ensemble(path: str | Path) -> EnsembleResult:
 
 
 def _read(file: h5py.File, path: Path) -> EnsembleResult:
-    if file.attrs.get("kind") not in (KIND, KIND.encode()):
+    if file.attrs.get("kind") not in (ENSEMBLE_KIND, ENSEMBLE_KIND.encode()):
         raise InputError(f"{path}: is no file of an ensemble")
     if int(file.attrs.get("format", 0)) != FORMAT:
         raise InputError(f"{path}: has a format that this version does not read")

@@ -156,7 +156,7 @@ def of_reel(name: str) -> tuple[Headline, Headline]:
 
 
 def _wound_up(name: str) -> Headline:
-    words = f"wound up of tether {name}"
+    words = f"length of {name} on the drum"
     value = partial(_of_drum, name, REEL_STATES.index("wound_up"))
     return Headline(f"tether_{name}_wound_up", words, "m", value, least=1e-9, remark="at the end")
 

@@ -46,7 +46,7 @@ OF_TETHERS = {
     "tether_offsets": NetArray("y", "1", "tether k is tether_values[offsets[k]:offsets[k + 1]]", "<i8"),
 }
 OF_STRENGTH = {
-    "strength": NetArray("e", "N", "axial force that each element is said to bear; 0: not known"),
+    "strength": NetArray("e", "N", "specified axial strength of each element; 0: not known"),
 }
 OPTIONAL = frozenset({*OF_TETHERS, *OF_STRENGTH})  # of nets that have such
 _FACES = "loops of nodes round the mesh openings, one after another"

@@ -29,7 +29,7 @@ from exunet.results.net_arrays import NET_ARRAYS, OPTIONAL, from_arrays
 from exunet.results.result import Result
 from exunet.results.rows import StoredRows
 from exunet.results.segments import Segments, is_store
-from exunet.results.writing import CHUNK_BYTES, FILE_FORMAT, FILE_KIND, NET_GROUP
+from exunet.results.writing import CHUNK_BYTES, ENSEMBLE_KIND, FILE_FORMAT, FILE_KIND, NET_GROUP
 
 if TYPE_CHECKING:
     import h5py
@@ -185,7 +185,10 @@ def refuse_unreadable(path: str | Path) -> None:
 
 
 def _refuse_other_formats(file: h5py.File, path: str | Path) -> None:
-    if _text(file.attrs.get("kind")) != FILE_KIND:
+    kind = _text(file.attrs.get("kind"))
+    if kind == ENSEMBLE_KIND:
+        _refuse(path, f"it has the runs of an ensemble, or of the spread beside a {RESULT_FILE}")
+    if kind != FILE_KIND:
         _refuse(path, "an HDF5 file of some other program")
     found = int(file.attrs["format"])
     if not 1 <= found <= FILE_FORMAT:

@@ -169,6 +169,7 @@ def _found(agreement: Agreement) -> dict[str, Any]:
         "compared_until_s": float(agreement.time[-1]),
         "agrees_until_s": until,
         "apart_from_s": agreement.apart_from,
+        "speeds_of": agreement.speeds_of,
         "speed_difference": _differences(agreement.allowed, agreement.speed_difference, agreeing, "m_s"),
         "position_difference": _differences(
             agreement.allowed_position, agreement.position_difference, agreeing, "m"
@@ -180,6 +181,9 @@ def _found(agreement: Agreement) -> dict[str, Any]:
 
 def _body_differences(body: BodyDifferences) -> dict[str, float | None]:
     return {
+        "agrees_until_s": body.agrees_until,
+        "allowed_position_m": body.allowed_position,
+        "allowed_attitude_rad": None if body.attitude is None else body.allowed_attitude,
         "position_m": float(body.position.max()),
         "velocity_m_s": float(body.velocity.max()),
         "attitude_rad": None if body.attitude is None else float(body.attitude.max()),

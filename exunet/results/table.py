@@ -222,8 +222,8 @@ def _check_rows(check: dict[str, Any] | None) -> list[tuple[str, str]]:
     return [
         (
             "check: agrees until",
-            f"{until} (bullet speeds within {speed['allowed_m_s']:.1e} m/s, "
-            f"positions within {position['allowed_m']:.1e} m)",
+            f"{until} (speeds of the {check['speeds_of']} within {speed['allowed_m_s']:.1e} m/s, "
+            f"positions of the nodes within {position['allowed_m']:.1e} m)",
         ),
         (
             "check: until then",
@@ -239,10 +239,12 @@ def _beside_rows(check: dict[str, Any]) -> list[tuple[str, str]]:
     """Of bodies and of what broke, over the whole run."""
     table = []
     for name, body in check["bodies"].items():
-        words = f"positions within {body['position_m']:.1e} m"
+        until = "the end" if body["agrees_until_s"] is None else f"t = {body['agrees_until_s']:.3f} s"
+        words = f"positions within {body['position_m']:.1e} m (allowed {body['allowed_position_m']:.1e} m)"
         if body["attitude_rad"] is not None:
             words += f", attitudes within {body['attitude_rad']:.1e} rad"
-        table.append((f"check: body {name}", words))
+            words += f" (allowed {body['allowed_attitude_rad']:.1e} rad)"
+        table.append((f"check: body {name}", f"agrees until {until}; over the run {words}"))
     if broken := check["broken"]:
         alone = broken["only_here"] + broken["only_in_reference"]
         words = f"{broken['in_both']} in both codes, times within {broken['time_difference_s']:.1e} s"
@@ -253,8 +255,8 @@ def _beside_rows(check: dict[str, Any]) -> list[tuple[str, str]]:
 def _apart_row(apart_from: float | None) -> list[tuple[str, str]]:
     if apart_from is None:
         return []
-    words = f"from t = {apart_from:.3f} s (earlier disagreement is that of single instants within a snap)"
-    return [("check: apart for good", words)]
+    words = f"from t = {apart_from:.3f} s to the end (before, at single instants within a snap only)"
+    return [("check: apart", words)]
 
 
 def _without_contact(summary: dict[str, Any]) -> list[tuple[str, str]]:

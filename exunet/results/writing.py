@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-FILE_KIND = "exunet result"
+FILE_KIND, ENSEMBLE_KIND = "exunet result", "exunet ensemble"
 FILE_FORMAT = 2
 HDF5_VERSIONS = ("v110", "v110")  # every reader since 2016; the first form with checksums on all metadata
 CHUNK_BYTES = 1 << 20  # what is read for a single state, and no more than HDF5 keeps at hand

@@ -42,7 +42,7 @@ def step_advice(plan: Plan | None) -> str:
         return "Likely cause: steps too long. Give a smaller solver.step or an adaptive method (DOPRI5)"
     if plan.tolerance is not None:
         return (
-            f"Likely cause: the tolerance {plan.tolerance:.2g} lets steps pass that jump over a snap. "
+            f"Likely cause: the tolerance {plan.tolerance:.2g} is too loose: steps may skip a snap. "
             "Give a smaller solver.accuracy (or solver.tolerance)"
         )
     kind = "an adaptive method" if METHODS[plan.method].kind == Kind.EXPLICIT else "an explicit method"

@@ -84,7 +84,7 @@ class Look:
             return (
                 f"the energy of the rigid bodies changed by {self.of_bodies[k]:.3g} J (allowed {limit:.3g} J)"
             )
-        return f"a node runs away at {self.speed[k]:.3g} m/s (allowed {self.allowed_speed[k]:.3g} m/s)"
+        return f"a node moves at {self.speed[k]:.3g} m/s (allowed {self.allowed_speed[k]:.3g} m/s)"
 
 
 class Guards:

@@ -1,4 +1,4 @@
-"""Looks at the states of a run once: guards that stop it, energy book, largest values, record."""
+"""Looks at the states of a run once: guards that stop it, energy balance, largest values, record."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import CaseError
+from exunet.base.errors import CaseError, Fault
 from exunet.base.faults import collected
 from exunet.base.files import path_of
 from exunet.case.casefile import Case, load
@@ -91,9 +91,13 @@ def prepare(scene: Scene) -> Start:
         scene, notes = chosen(scene, faults)
         system, state = system_of(scene, faults)
         faults += overflow_faults(system, state)
+        of_start: list[Fault] = []
         if not any(fault.key.startswith("initial") for fault in faults):  # else they follow from that
-            faults += start_faults(scene, system, state)
-        faults += body_faults(scene, system, state, faults)
+            of_start = start_faults(scene, system, state)
+        of_bodies = body_faults(scene, system, state, faults)
+        if any(fault.beyond_floats for fault in of_bodies):  # what a body carries flies as far as it
+            of_start = [fault for fault in of_start if not fault.beyond_floats]
+        faults += of_start + of_bodies
         overflows = any(fault.beyond_floats for fault in faults)
         with within_floats(system.net):
             plan, wrong_steps = make_plan(scene, system, state)

@@ -241,9 +241,12 @@ def refuse_checkpoints(start: Start, every: float | None) -> None:
     if every is None:
         return
     if not (np.isfinite(every) and every > 0.0):
-        raise InputError(f"checkpoints: the time between them must be positive and finite, got {every:g} s")
+        words = "the simulated time between two checkpoints must be positive and finite"
+        raise InputError(
+            f"--checkpoint-every: {words}, got {every:g} s; without it they are made by wall time"
+        )
     if not METHODS[start.plan.method].restarts_exactly(TimeLoop(start.scene.engine.loop)):
-        raise InputError(f"checkpoints: {cannot_restart(start.plan.method)}")
+        raise InputError(f"--checkpoint-every: {cannot_restart(start.plan.method)}")
 
 
 def _begun(folder: Path, request: Request, start: Start) -> tuple[Simulation, Recorder, _Checkpoints]:

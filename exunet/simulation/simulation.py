@@ -265,7 +265,7 @@ class Simulation:
     def set_force(self, on: int | str, force: ArrayLike) -> None:
         """Let a force [N] (3,) act on a node by number, or on a point mass by name, until another is set.
 
-        Its work is in the energy book, as energy that is put in.
+        Its work counts in the energy balance, as energy that is put in.
         """
         acting = self._outside.with_force(self._acting, on, force)
         self._settle()
@@ -279,7 +279,7 @@ class Simulation:
     def set_input(self, name: str, values: ArrayLike) -> None:
         """Give an input of the case's forces other values, in force until others are given.
 
-        The work that they do is in the energy book, by the power of the force that reads them.
+        The work that they do counts in the energy balance, by the power of the force that reads them.
         """
         acting = self._outside.with_input(self._acting, name, values)
         self._settle()
@@ -375,7 +375,7 @@ class Simulation:
 
     @property
     def monitor(self) -> Monitor:
-        """The guards and books of this simulation."""
+        """The guards, balances and records of this simulation."""
         return self._monitor
 
 

@@ -30,7 +30,7 @@ class Snapshot:
 
     of     : which scene and engine it belongs to, see `identity`
     header : numbers and words, JSON-like
-    arrays : numbers, of the integrator, the books and the guards
+    arrays : numbers, of the integrator, the energy balance and the guards
     """
 
     of: dict[str, Any]

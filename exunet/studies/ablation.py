@@ -119,7 +119,7 @@ def _toggle(
     scene: Scene, found: Finding, base: Result, noise: _Noise, progress: ProgressOfRuns | None
 ) -> Toggled:
     if found.keys is None:
-        return Toggled(found, failure="nothing to assume for this scene")
+        return Toggled(found, failure="not estimated: there is nothing to assume for this scene")
     other = toggled(scene, found)
     if wrongs := _contradictions(other):
         return Toggled(found, failure=f"cannot be toggled alone: {wrongs[0]}")

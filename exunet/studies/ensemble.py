@@ -52,7 +52,7 @@ class Ensemble(Measured):
     centre        : (runs, t, 3) centre of mass of the net [m]
     tension       : (runs, t) largest tension of all elements at that time [N]
     body_centre   : (runs, t, n_bodies, 3) centres of mass of point masses and rigid bodies [m]
-    reel          : (runs, t, n_reels, 2) wound up of its tether [m], work of the drum on it [J]
+    reel          : (runs, t, n_reels, 2) length of its tether on the drum [m], work of the drum on it [J]
     gap           : (runs, t, n_pairs) distance of two bodies, surface to surface [m]
     loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
                      strength is known, and in which element

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
 
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.machine import memory_left
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.codegen.compile import WIDTH
+from exunet.forces import cable
+from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.keys import AUTO
 from exunet.methods.method import COMPILED_METHODS, METHODS
 from exunet.results.areas import achievable_area
-from exunet.results.course import INTERVALS, Course
+from exunet.results.course import COURSE_BYTES, Course
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.simulation.preparation import Start, start_of
 from exunet.simulation.recorder import first_story
@@ -23,7 +28,6 @@ from exunet.studies.ensemble import kernel_of_many, metres, perturbed_positions,
 from exunet.studies.spread import MOVE, start_of_runs
 
 PORTION = 64  # runs that are lost if the ensemble is interrupted; vectors of runs, where they go side by side
-_COURSE = 3 * 8 * 16 * (INTERVALS + 1)  # bytes of a run in memory, its quantiles included
 
 
 def ensemble(
@@ -54,6 +58,7 @@ def ensemble(
     seed = start.scene.seed if seed is None else seed
     refuse_other_methods(start)
     refuse_too_many(runs)
+    refuse_far_moves(start, perturb)
     there = start_of_runs(start)
     story = provenance(case) if isinstance(case, Case) else {}
     story |= {
@@ -111,6 +116,26 @@ def refuse_other_methods(start: Start) -> None:
 def refuse_too_many(runs: int) -> None:
     """Raise InputError for more runs than the machine has memory for."""
     left = memory_left()
-    if left is not None and runs * _COURSE > left:
-        most = left // _COURSE
+    if left is not None and runs * COURSE_BYTES > left:
+        most = left // COURSE_BYTES
         raise InputError(f"runs: there is memory for some {most} of them, got {runs}")
+
+
+def refuse_far_moves(start: Start, perturb: float) -> None:
+    """Raise InputError for moves that may make an element longer than the cable law is valid for."""
+    net = start.net
+    if not net.n_net_elements:
+        return
+    spare = STRETCH_BOUND * start.system.forces.cable.law.natural_length - cable.lengths(net, start.position)
+    spare = spare[: net.n_net_elements]  # those of tethers are straight at the start, on a reel or not
+    element = int(np.argmin(spare))
+    most = float(spare[element]) / (2.0 * math.sqrt(3.0))  # both ends go by as much, along x, y and z
+    if perturb > most:
+        i, j = net.element_nodes[element]
+        words = (
+            f"moves of up to {perturb:g} m may stretch element {element} between nodes {i} and {j} to more "
+        )
+        words += (
+            f"than {STRETCH_BOUND:g} times its length, where the cable law ends: give {most:.2g} m or less"
+        )
+        raise InputError(f"perturb: {words}")

@@ -60,16 +60,16 @@ class Finding:
     def advice(self, asked: float) -> str:
         """What to do at an accuracy of `asked`, as a part of the net's size."""
         if self.estimate is None:
-            return "off: nothing to assume for this scene"
+            return "not estimated: there is nothing to assume for this scene"
         if not self.on and not self.assumption:
             return "a candidate below effects.threshold: left off"
         if self.on:
-            return "on, and it matters" if self.relative >= asked else "on, but below the asked accuracy"
+            return "needed at this accuracy" if self.relative >= asked else "not needed at this accuracy"
         if getattr(EFFECTS[self.name], "ON_THE_GROUND", False):
             return f"off; on the ground it would move the net by {self.relative:.0e} of its size"
         if self.relative >= asked:
-            return "off, and above it: switch on"
-        return f"would move the net by {self.relative:.0e} of its size: leave out"
+            return "needed at this accuracy: switch it on"
+        return f"would move the net by {self.relative:.0e} of its size: not needed"
 
 
 def setting_of(scene: Scene, without: str = "", duration: float | None = None) -> EstimateBasis:

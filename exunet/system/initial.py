@@ -83,8 +83,10 @@ def along_tethers(net: Net, reels: tuple[Reel, ...], position: Floats, velocity:
             values[chain[1:-1]] = (1.0 - part) * values[chain[0]] + part * values[chain[-1]]
         apart = float(np.linalg.norm(position[chain[-1]] - position[chain[0]]))
         if apart > length * (1.0 + _ROUND_OFF):
-            words = f"is shorter than the {apart:.6g} m between its ends at the start"
-            yield Fault(f"tethers.{tether.name}.{key}", words)
+            beyond = not np.isfinite(apart)
+            way = f"the {apart:.6g} m" if not beyond else "the way, beyond floating-point numbers,"
+            words = f"is shorter than {way} between its ends at the start"
+            yield Fault(f"tethers.{tether.name}.{key}", words, beyond_floats=beyond)
 
 
 def _of_all_nodes(listed: tuple[tuple[float, float, float], ...], keys: explicit.Keys) -> Floats:

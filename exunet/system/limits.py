@@ -87,14 +87,14 @@ def body_faults(scene: Scene, system: System, start: State, known: list[Fault]) 
             )
             words += "shorter time.end"
             faults.append(Fault(f"{name}.angular_velocity", words))
-        far = float(np.abs(alone.position).max() + np.abs(alone.velocity).max() * end)
+        place, way = float(np.abs(alone.position).max()), float(np.abs(alone.velocity).max() * end)
+        far, key = place + way, "position" if place > way else "velocity"
         if np.isfinite(far) and not np.spacing(far) <= RESOLUTION * net.size:
             words = (
                 f"gets {far:.3g} m away until time.end, where positions are {np.spacing(far):.2g} m apart; "
             )
-            faults.append(
-                Fault(name, f"{words}the net has {net.size:.3g} m. Start it slower, or nearer to the origin")
-            )
+            words += f"the net has {net.size:.3g} m. Start it slower, or nearer to the origin"
+            faults.append(Fault(f"{name}.{key}", words, beyond_floats=True))
     return faults
 
 
@@ -136,7 +136,7 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
             f"until time.end a node may get {far:.3g} m away, where positions are {apart:.2g} m apart; "
             f"the shortest element has {shortest:.3g} m. Start slower, or nearer to the origin"
         )
-        faults.append(Fault("initial", reason))
+        faults.append(Fault("initial", reason, beyond_floats=True))
     return faults
 
 

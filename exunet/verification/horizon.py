@@ -68,7 +68,7 @@ def sensitivity(case: BothCodes, grown: Growth) -> Iterator[Evidence]:
 def _in_proportion(case: BothCodes, grown: Growth) -> Check:
     """While all differences are small, one that started 100 times larger is 100 times larger."""
     if "material_damping" in case.effects:
-        why = "the viscous stress jumps where a thread becomes taut: any start parts there by step x jump"
+        why = "the viscous stress jumps where a thread becomes taut: there any runs separate by step x jump"
         return left_out("growth in proportion", why)
     smaller, larger = (grown.of(a) for a in (MOVE, FURTHER))
     small = np.logical_and.accumulate(larger < SMALL)
@@ -117,7 +117,7 @@ def _same_mean(name: str, ours: Statistics, theirs: Statistics) -> Check:
     parted = error > 1e-4 * largest
     if not parted.any():
         gap = float(np.abs(a.mean(axis=0) - b.mean(axis=0)).max() / largest)
-        words = "the runs do not part: difference of the means relative to the largest value"
+        words = "the runs do not separate: difference of the means relative to the largest value"
         return Check(f"mean {name} of both codes", gap, None, words)
     # Neighbouring times are not independent: ten of them stand for all.
     shown = np.flatnonzero(parted)[:: max(1, int(parted.sum()) // 10)]

@@ -16,7 +16,7 @@ from exunet.verification.check import Floats
 
 KINDS = ("packed", "slack", "taut", "overstretched", "coincident", "crumpled")
 HALF_SLACK = "half slack"
-NO_HALF_SLACK = "no stretch of this net makes some elements taut and others slack, clear of the kink"
+NO_HALF_SLACK = "no stretch of this net makes some elements taut and others slack, away from the transition"
 INTACT = 0.9  # of the elements, where some have broken
 CLEAR_OF_THE_KINK = 1e-4  # strains below this are in neither state for a numerical derivative
 

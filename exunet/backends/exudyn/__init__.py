@@ -1,1 +1,1 @@
-"""The only room that knows Exudyn: the multibody model and its time stepping."""
+"""The only package that imports Exudyn: the multibody model and its time stepping."""

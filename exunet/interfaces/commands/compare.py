@@ -35,9 +35,10 @@ def compare_runs(a: Path, b: Path) -> None:
     rows += [
         ("largest", f"positions {_largest(found.position_difference, found.time, 'm')}"),
         ("", f"speeds {_largest(found.speed_difference, found.time, 'm/s')}"),
+        ("speeds", f"those of the {found.speeds_of}"),
         ("allowed", f"positions {found.allowed_position:.3e} m, speeds {found.allowed:.3e} m/s"),
         ("first beyond that", _instant(found.agrees_until)),
-        ("beyond it for good", _instant(found.apart_from)),
+        ("beyond it to the end", _instant(found.apart_from)),
         *_bodies(found.bodies, found.time),
         *[(f"body {name}", f"only in {a}") for name in found.bodies.only_a],
         *[(f"body {name}", f"only in {b}") for name in found.bodies.only_b],
@@ -54,6 +55,9 @@ def _bodies(found: ComparedBodies, time: Floats) -> Iterator[tuple[str, str]]:
         if body.attitude is not None and body.angular_velocity is not None:
             yield "", f"attitude {_largest(body.attitude, time, 'rad')}"
             yield "", f"angular velocity {_largest(body.angular_velocity, time, 'rad/s')}"
+        allowed = f"position {body.allowed_position:.3e} m"
+        allowed += "" if body.attitude is None else f", attitude {body.allowed_attitude:.3e} rad"
+        yield "", f"allowed: {allowed}; first beyond that: {_instant(body.agrees_until)}"
 
 
 def _broken(found: ComparedBreaks | None, a: Path, b: Path) -> Iterator[tuple[str, str]]:

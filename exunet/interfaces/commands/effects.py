@@ -11,8 +11,11 @@ from rich.table import Table
 
 from exunet.base.errors import Interrupted
 from exunet.case.casefile import Case
+from exunet.case.scene import Scene
+from exunet.forces.effects import EFFECTS
 from exunet.interfaces.commands.printing import console
 from exunet.studies.ablation import STARTS, SURE, Change, ProgressOfRuns, Toggled, ablate
+from exunet.studies.neighbours import MOVE
 from exunet.system.effect_survey import ASKED, Finding, survey
 
 UNITS = {"largest_area": "m2", "time_of_largest": "s", "distance": "m", "time_open": "s"}
@@ -27,10 +30,10 @@ def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
     limit = asked if asked is not None else getattr(choice, "threshold", None) or ASKED
     out = console()
     out.print(f"{case.scene.title}: {case.scene.time.end:g} s, advice for {limit:g} of the net's size")
-    if case.scene.bodies or case.scene.tethers:
-        out.print("The estimates are of the net alone, without bodies and tethers.")
-    found = survey(case.scene)
-    out.print(_estimates(found, limit))
+    found, others = survey(case.scene), _others(case.scene)
+    if others:
+        out.print(of_the_net_alone(others))
+    out.print(_estimates(found, limit, "advice for the net" if others else "advice"))
     out.print("\nHow estimated:")
     out.print(_sources(found))
     if getattr(choice, "choose", None) == "auto":
@@ -39,10 +42,26 @@ def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
         _ablation(case, out)
 
 
-def _estimates(found: list[Finding], limit: float) -> Table:
+def _others(scene: Scene) -> str:
+    """What there is beside the net, by name; "" if nothing."""
+    groups = (("bodies", scene.bodies), ("tethers", scene.tethers))
+    return " and ".join(f"{what} ({', '.join(names)})" for what, names in groups if names)
+
+
+def of_the_net_alone(others: str) -> str:
+    """The note above the estimates of a scene that has more than a net; others: what more."""
+    on_no_body = ", ".join(name for name in EFFECTS if getattr(EFFECTS[name], "ON_THE_NET_ALONE", False))
+    return (
+        f"NOTE: sizes, cost and advice are of the net alone. They leave out the {others}, for which an "
+        "effect that the net does not need may matter all the same: judge it by its acceleration, or measure "
+        f"the whole scene with --ablate. Not modelled on bodies: {on_no_body}."
+    )
+
+
+def _estimates(found: list[Finding], limit: float, advice: str) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("effect", "", "m/s2", "moves", "of size", "cost", "advice"):
-        table.add_column(name, overflow="fold", no_wrap=name not in ("advice", "effect"))
+    for name in ("effect", "", "m/s2", "moves", "of size", "cost", advice):
+        table.add_column(name, overflow="fold", no_wrap=name not in (advice, "effect"))
     for one in found:
         if one.estimate is None:
             table.add_row(one.name, "off", "", "", "", "", one.advice(limit))
@@ -74,7 +93,8 @@ def _ablation(case: Case, out: Console) -> None:
     """Runs of the scene with each effect toggled, some lines for each as it is done."""
     out.print(
         "\nMeasured, with each effect toggled: the displacement while it stands clear of that of "
-        f"{STARTS} starts moved by a little, and the estimate for the same time; what the effect changes in "
+        f"{STARTS} runs from moved starts (by {MOVE:.0e} of the net's size), and the estimate for the same "
+        "time; what the effect changes in "
         f"the measures, beside the spread of moved starts ({SURE:.0%}); wall time"
     )
     runs = len(survey(case.scene)) + 1 + STARTS

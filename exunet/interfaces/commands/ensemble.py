@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import time as clock
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,7 +30,13 @@ from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.trial import try_out
 from exunet.studies.ensemble import way_of
-from exunet.studies.moved_starts import ensemble, refuse_other_methods, refuse_too_many, refuse_wrong
+from exunet.studies.moved_starts import (
+    ensemble,
+    refuse_far_moves,
+    refuse_other_methods,
+    refuse_too_many,
+    refuse_wrong,
+)
 
 OFTEN = 10.0  # [s] between two lines of progress
 _BUDGET = 0.5  # [s] of a trial
@@ -56,11 +62,14 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
     InputError, before any run, for what cannot be meant, or a folder that cannot be written or has an
     ensemble.
     """
-    refuse_wrong(asked.runs, asked.perturb, asked.seed)
+    with _as_options():
+        refuse_wrong(asked.runs, asked.perturb, asked.seed)
     start = prepare_case(case)
     refuse_other_methods(start)
     require_numba("an ensemble")
-    refuse_too_many(asked.runs)
+    with _as_options():
+        refuse_too_many(asked.runs)
+        refuse_far_moves(start, asked.perturb)
     wanted = asked.out or folder_of(case, "ensemble")
     say = silent if asked.quiet else tell
     with opened(wanted, own=asked.out is None and not asked.overwrite) as folder, held(folder):
@@ -90,6 +99,15 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
         if not asked.quiet:
             print_table(case.scene.title, [*rows(found), ("written to", f"{folder}/")])
         return stopped
+
+
+@contextmanager
+def _as_options() -> Iterator[None]:
+    """Let faults of arguments, which begin with their names, name the options."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"--{error}") from None
 
 
 def told(

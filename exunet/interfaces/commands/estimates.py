@@ -10,6 +10,7 @@ from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
 from exunet.codegen.compile import numba_installed
 from exunet.interfaces.commands.waiting import waiting
+from exunet.results.course import COURSE_BYTES
 from exunet.simulation.expected_cost import (
     GUESSED,
     ExpectedCost,
@@ -20,7 +21,7 @@ from exunet.simulation.expected_cost import (
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import Trial, is_compiled, try_out
 from exunet.studies.ensemble import way_of
-from exunet.studies.spread import FINER_RUN, NO_NUMBA, runs_within
+from exunet.studies.spread import BESIDE, FINER_RUN, MOVE, NO_NUMBA, runs_within
 
 LONG = 10.0  # [s] from which on a run says what would be cheaper
 _BUDGET = 1.0  # [s] of a trial
@@ -44,6 +45,11 @@ class ExpectedSpread:
     compiles: bool = False
     refused: str = ""
 
+    @property
+    def memory(self) -> int:
+        """Bytes that the runs take until they are judged."""
+        return (self.runs + BESIDE) * COURSE_BYTES if self.runs else 0
+
     def words(self) -> str:
         """For the table of estimates."""
         if self.refused:
@@ -51,7 +57,8 @@ class ExpectedSpread:
         if not self.runs:
             return "none asked for: the numbers will be those of one run"
         more = ", and some seconds to compile the scene's forces, once" if self.compiles else ""
-        return f"{self.runs} moved starts in the compiled loop after it, about {duration(self.seconds)}{more}"
+        which = f"{self.runs} runs from starts moved by up to {MOVE:g} m and {BESIDE} from the start itself"
+        return f"{which}, after the run, about {duration(self.seconds)}{more}"
 
 
 @dataclass(frozen=True)
@@ -68,7 +75,7 @@ class Expected:
         low, high = run.seconds / run.factor, run.seconds * run.factor
         found = [
             ("time", f"about {duration(run.seconds)} ({duration(low)} to {duration(high)}; {run.counted})"),
-            ("memory", f"up to {size(run.memory)}"),
+            ("memory", f"up to {size(run.memory + self.spread.memory)}"),
             ("disk", f"up to {size(run.disk)}, of which {size(run.kept)} stay; {run.states} stored states"),
         ]
         if self.spread.runs or self.spread.refused:
@@ -79,17 +86,20 @@ class Expected:
         return found
 
 
-def estimated(start: Start, *, thorough: bool = False, spread: int | None = None) -> Expected:
+def estimated(
+    start: Start, *, thorough: bool = False, spread: int | None = None, quiet: bool = False
+) -> Expected:
     """The cost of a run, from a trial where it is likely to be long enough for one.
 
     thorough : make a trial also where the compiled loop must be compiled for it first
     spread   : number of moved starts; None: what the run's own time allows
+    quiet    : nothing is shown while the trial runs
     """
     guess = expected_cost(start)
     trial = None
     may_be_long = guess.factor == GUESSED and guess.seconds * guess.factor > LONG
     if may_be_long and (thorough or guess.seconds > LONG or is_compiled(start)):
-        with waiting("trying the run out"):
+        with waiting("estimating the time from a trial", quiet=quiet):
             trial = try_out(start, _BUDGET)
     run = guess if trial is None else expected_cost(start, trial)
     other = in_the_compiled_loop(start, trial) if run.seconds > LONG else None
@@ -140,6 +150,17 @@ def refuse_beyond(cost: Expected, start: Start, folder: Path) -> None:
     if memory is not None and run.memory > memory:
         words = f"the run needs up to {size(run.memory)} of memory, and {size(memory)} are free"
         raise InputError(f"{words}; a net of fewer than its {start.net.n_elements} elements needs less")
+    refuse_spread_beyond(cost.spread)
+
+
+def refuse_spread_beyond(spread: ExpectedSpread) -> None:
+    """Raise InputError if the machine has not the memory for so many moved starts."""
+    memory = memory_left()
+    if memory is not None and spread.memory > memory:
+        words = (
+            f"{spread.runs} moved starts need up to {size(spread.memory)} of memory, and {size(memory)} are "
+        )
+        raise InputError(f"--spread: {words}free; give fewer")
 
 
 def duration(seconds: float) -> str:

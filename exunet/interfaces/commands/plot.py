@@ -6,6 +6,7 @@ from pathlib import Path
 
 from exunet.base.errors import InputError
 from exunet.figures import FIGURES, save_figures
+from exunet.interfaces.commands.folders import opened
 from exunet.results.ensemble_result import load_ensemble
 from exunet.results.reading import RESULT_FILE, load_result
 from exunet.results.run_folder import SPREAD, refuse_replacing
@@ -32,7 +33,8 @@ def plot(
     its_own = (path.is_dir() or path.name == RESULT_FILE) and folder.resolve() == own.resolve()
     if not (its_own or overwrite):
         refuse_replacing(folder, [f"{name}.{kind}" for name in FIGURES])
-    return save_figures(result, folder, spread=spread, format=kind, size=sides, title=title)
+    with opened(folder, own=False):
+        return save_figures(result, folder, spread=spread, format=kind, size=sides, title=title)
 
 
 def _sides(text: str) -> tuple[float, float]:

@@ -54,9 +54,9 @@ def _width_of_names(rows: list[tuple[str, str]], width: int) -> int:
 
 
 @contextmanager
-def status() -> Iterator[Callable[[str], None]]:
-    """A function that names the work in progress on stderr; it says nothing when that is no terminal."""
-    if not sys.stderr.isatty():
+def status(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
+    """A function that names the work in progress on stderr; it says nothing if quiet or on no terminal."""
+    if quiet or not sys.stderr.isatty():
         yield lambda words: None
         return
     console = Console(stderr=True, markup=False, emoji=False, highlight=False)

@@ -19,6 +19,7 @@ from exunet.interfaces.commands.estimates import (
     expected_spread,
     not_counted,
     refuse_beyond,
+    refuse_spread_beyond,
 )
 from exunet.interfaces.commands.folders import opened, ready
 from exunet.interfaces.commands.lines import silent, tell
@@ -111,7 +112,7 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
             say(f"{folder}: the unfinished run there is put aside, into a folder beside that `resume` takes")
         if folder != wanted:
             say(_elsewhere(wanted, folder))
-        cost = estimated(start, spread=asked.spread)
+        cost = estimated(start, spread=asked.spread, quiet=asked.quiet)
         refuse_beyond(cost, start, folder)
         for name, words in [*cost.rows(), *not_counted(check=asked.check, error=asked.estimate)]:
             say(f"{name:8s}{words}", 8)
@@ -147,6 +148,7 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
 
     start = prepare_case(case)
     moved = expected_spread(start, expected_cost(start), None, spread)
+    refuse_spread_beyond(moved)
     return _run(case, simulate, folder, Asked(quiet=quiet, spread=spread), moved)
 
 
@@ -212,9 +214,9 @@ def _describe(
         agreement, story.unchecked, no_check = _agreement(reference, result, quiet=asked.quiet)
     elif reference:
         no_check = "the run stopped before its end"
-    spread = _spread(case, result, story, moved)
+    spread = _spread(case, result, story, moved, quiet=asked.quiet)
     summary: dict[str, Any] = summarise(result, agreement or no_check, spread)
-    table = rows(summary, spread) + rows_on_measures(case.scene, spread)
+    table = [] if asked.quiet else rows(summary, spread) + rows_on_measures(case.scene, spread)
     if asked.estimate and result.complete:
         error_estimate, failed = _estimate(case, result)
         story.failed = story.failed or failed
@@ -230,18 +232,20 @@ def _describe(
     story.title, story.table = summary["title"], table
 
 
-def _spread(case: Case, result: Result, story: _Story, moved: ExpectedSpread) -> Spread | str | None:
+def _spread(
+    case: Case, result: Result, story: _Story, moved: ExpectedSpread, *, quiet: bool
+) -> Spread | str | None:
     """The spread, or why there is none, which must not cost the result; None if none was asked for."""
     if not moved.runs:
         return moved.refused or None
     if not result.complete:
         return "none: the run stopped before its end"
     try:
-        with status() as say:
+        with status(quiet=quiet) as say:
             return spread_of(
                 prepare_case(case),
                 moved.runs,
-                progress=lambda done: say(f"moved starts: {done} of {moved.runs + BESIDE} runs"),
+                progress=lambda done: say(f"spread: {done} of {moved.runs + BESIDE} runs"),
             )
     except KeyboardInterrupt:
         words = "interrupted during the runs of moved starts"
@@ -267,7 +271,7 @@ def _agreement(
     if reference.at_work and not quiet and not sys.stderr.isatty():
         tell(words)
     try:
-        with waiting(words):
+        with waiting(words, quiet=quiet):
             return reference.agreement(result), None, None
     except InputError as error:
         return None, UncheckedRun(f"the result is written but not checked: {error}"), str(error)

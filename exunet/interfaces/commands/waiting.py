@@ -8,9 +8,9 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def waiting(words: str) -> Iterator[None]:
-    """Words and a moving sign on stderr while something lasts; nothing when that is not a terminal."""
-    if not sys.stderr.isatty():
+def waiting(words: str, *, quiet: bool = False) -> Iterator[None]:
+    """Words and a moving sign on stderr while something lasts; nothing if quiet or not on a terminal."""
+    if quiet or not sys.stderr.isatty():
         yield
         return
     from rich.console import Console

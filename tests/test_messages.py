@@ -1,0 +1,97 @@
+"""Messages about wrong input name the file, key or option that is wrong, once, and advise what helps."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import pytest
+from commands import command
+
+from exunet.interfaces.commands import estimates
+
+CASES = Path(__file__).parent.parent / "cases"
+PLANAR = CASES / "planar_deployment.toml"
+SHORT = ("--set", "time.end=0.02", "--set", "time.output_step=0.01")
+BODIES = CASES / "bodies"
+
+
+@pytest.mark.parametrize(
+    ("case", "override", "key", "words"),
+    [
+        ("bodies/tow.toml", "tethers.tow.divisions=1000000000", "tethers.tow.divisions", "at most 1,000,000"),
+        ("planar_deployment.toml", "time.end=1e18", "time.end", "1e+21 states; at most 10,000,000"),
+        ("planar_deployment.toml", "time.output_step=1e-12", "time.output_step", "2e+12 states"),
+        ("nets/accordion.toml", "initial.packing=0.5", "initial.packing", "give either packing or fold"),
+        ("bodies/tow.toml", "bodies.chaser.position=[1e300,0.0,0.0]", "bodies.chaser.position[0]",
+         "not realistic"),
+        ("bodies/frame.toml", "bodies.frame.position=[0.0,1e300,0.0]", "bodies.frame.position[1]",
+         "not realistic"),
+        ("bodies/ejection.toml", "bodies.chaser.position=[1e20,0.0,0.0]", "bodies.chaser.position",
+         "nearer to the origin"),
+        ("planar_deployment.toml", "bodies.one={mass=1.0,shape='mesh',file='absent.stl',unit='m'}",
+         "bodies.one.file", "absent.stl: no such file"),
+    ],
+)  # fmt: skip
+def test_the_key_that_was_changed_is_named_once(tmp_path, case, override, key, words):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        done = command("check", CASES / case, "--set", override, folder=tmp_path)
+    assert done.returncode == 2
+    assert done.told.count("\n") == 1, done.told
+    assert done.told.startswith("--set ")
+    assert f": {key}: " in done.told
+    assert words in done.told
+
+
+def test_of_two_keys_that_contradict_each_other_the_last_is_named(tmp_path):
+    text = (CASES / "nets" / "accordion.toml").read_text()
+    (tmp_path / "case.toml").write_text(
+        text.replace("[initial.fold]", "[initial]\npacking = 0.5\n[initial.fold]")
+    )
+    done = command("check", "case.toml", folder=tmp_path)
+    line = next(n for n, words in enumerate(text.splitlines(), 2) if words == "[initial.fold]") + 1
+    assert done.told.startswith(f"case.toml:{line}: initial.fold: give either packing or fold")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", PLANAR, *SHORT, "--checkpoint-every", 0), "--checkpoint-every: the simulated time between"),
+        (("ensemble", PLANAR, *SHORT, "-n", 0), "--runs: must be a whole number, 1 or more, got 0"),
+        (("ensemble", PLANAR, *SHORT, "--perturb", 10), "give 0.55 m or less"),
+        (("ensemble", PLANAR, *SHORT, "--seed", -1), "--seed: must be a whole number"),
+        (("run", PLANAR, *SHORT, "--spread", 3), "must be 0 for none, or from 8 to 100000"),
+    ],
+)
+def test_the_option_that_is_wrong_is_named(tmp_path, arguments, words):
+    done = command(*arguments, folder=tmp_path)
+    assert done.returncode == 2
+    assert words in done.told
+    assert done.told.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["run", "ensemble", "cost"])
+def test_a_file_in_place_of_a_folder_is_told_as_such(tmp_path, name):
+    (tmp_path / "file").write_text("mine")
+    done = command(name, PLANAR, *SHORT, "--out", "file", folder=tmp_path)
+    assert done.returncode == 2
+    assert done.told == "file: cannot be written: there is a file of that name, where a folder is needed\n"
+    done = command(name, PLANAR, *SHORT, "--out", "file/more", folder=tmp_path)
+    assert done.told == "file/more: cannot be written: a part of this path is a file, and no folder\n"
+
+
+def test_the_file_of_a_spread_is_not_taken_for_a_foreign_one(tmp_path):
+    assert command("ensemble", PLANAR, *SHORT, "-n", 8, "--out", "here", folder=tmp_path).returncode == 0
+    done = command("plot", "here/ensemble.h5", folder=tmp_path)
+    assert done.returncode == 2
+    assert "has the runs of an ensemble, or of the spread beside a result.h5" in done.told
+
+
+def test_a_spread_beyond_the_memory_is_refused_before_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(estimates, "memory_left", lambda: 10**9)
+    done = command("run", PLANAR, *SHORT, "--spread", 50_000, "--out", "here", folder=tmp_path)
+    assert done.returncode == 2
+    assert "--spread: 50000 moved starts need up to 7.7 GB of memory, and 1 GB are free" in done.told
+    assert list(tmp_path.iterdir()) == []
