@@ -41,12 +41,8 @@ def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -
     figure, (axes, below) = page.stacked_axes(result, "Changes of the energies", (3.0, 1.0), 115.0)
     axes.set_ylabel("energy change [J]")
     for name, (values, style) in parts.items():
-        label = (
-            "dissipated \N{MINUS SIGN} put in"
-            if name == "dissipated" and np.min(values) < values[0]
-            else name
-        )
-        curve(axes, result.time, values - values[0], **style, label=label, markersize=4.0)
+        less = " \N{MINUS SIGN} put in" if name == "dissipated" and np.min(values) < values[0] else ""
+        curve(axes, result.time, values - values[0], **style, label=name + less, markersize=4.0)
     extremes = {"kinetic": result.least_kinetic, "elastic": result.largest_elastic}
     for name, reached in extremes.items():
         if reached is not None:
