@@ -20,33 +20,32 @@ from exunet.results.result import Result
 
 Floats = NDArray[np.float64]
 
+GREY = "0.4"
 _REACHED = 0.5  # opacity of what is reached between stored times
 
 
 def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure:
     """Changes of the energies since the first stored time, and the error of their balance below.
 
-    Kinetic, elastic and potential energy and the dissipated work; work that is put in counts as dissipated
-    below zero. Where known, bands reach from kinetic and elastic energy at the stored times to their
-    extremes over the steps between.
+    Kinetic, elastic and potential energy, what is dissipated, and the work that drums, an ejection and bodies
+    whose motion is given have put in, if any. What a thrust puts in counts as dissipated below zero. Where
+    known, bands reach from kinetic and elastic energy to their extremes over the steps between stored times.
     """
+    taken = metrics.dissipation(result)
     parts: dict[str, tuple[Floats, dict[str, Any]]] = {
-        "dissipated": (np.asarray(result.dissipated), {"color": YELLOW, "linewidth": 2.6, "marker": "s"}),
+        "dissipated": (taken, {"color": YELLOW, "linewidth": 2.6, "marker": "s"}),
         "elastic": (np.asarray(result.elastic), {"color": RED, "linewidth": 1.6}),
         "kinetic": (np.asarray(result.kinetic), {"color": BLUE, "linewidth": 1.2, "linestyle": "--"}),
     }
     if np.any(result.potential != result.potential[0]):
         dotted = {"color": BLACK, "linewidth": 1.0, "linestyle": ":", "marker": "v"}
         parts["potential"] = (np.asarray(result.potential), dotted)
+    if np.any(put_in := taken - result.dissipated):
+        parts["work put in"] = (put_in, {"color": GREY, "linewidth": 1.4, "linestyle": "-.", "marker": "^"})
     figure, (axes, below) = page.stacked_axes(result, "Changes of the energies", (3.0, 1.0), 115.0)
     axes.set_ylabel("energy change [J]")
     for name, (values, style) in parts.items():
-        label = (
-            "dissipated \N{MINUS SIGN} put in"
-            if name == "dissipated" and np.min(values) < values[0]
-            else name
-        )
-        curve(axes, result.time, values - values[0], **style, label=label, markersize=4.0)
+        curve(axes, result.time, values - values[0], **style, label=name, markersize=4.0)
     extremes = {"kinetic": result.least_kinetic, "elastic": result.largest_elastic}
     for name, reached in extremes.items():
         if reached is not None:
