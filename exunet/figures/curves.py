@@ -143,6 +143,7 @@ def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Fi
         axes.axhline(metrics.NEARLY_OPEN, color="0.5", linewidth=0.8, linestyle=":", zorder=1, label="80 %")
         text = f"largest: {number(measures.relative_area)} at {number(measures.time_of_largest)} s"
         text += " (the end)" if measures.at_end else ""
+        text = f"constant: {number(measures.relative_area)}" if measures.constant else text
         at = (measures.time_of_largest, measures.relative_area)
         axes.plot(*at, "o", color=BLACK, markersize=6, markerfacecolor="none", clip_on=False, label=text)
     axes.set_ylim(0, 1.05 * (top if result.complete else min(top, 2.0)))
