@@ -19,6 +19,7 @@ from exunet.results.spread import Spread, words_of_vector
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation.preparation import prepare_case
+from exunet.studies.ensemble import perturbed_bodies_of
 from exunet.studies.spread import spread_of
 
 CASES = Path(__file__).parents[1] / "cases" / "bodies"
@@ -90,6 +91,29 @@ def test_moved_starts_have_the_same_headlines(thrown: tuple[exunet.Result, Sprea
     for one in headlines_for(spread.plain):
         assert headline(one.key).key == one.key
         assert headline(one.key).words == one.words
+
+
+def test_bodies_are_moved_too_but_not_those_of_given_motion() -> None:
+    """The net that is thrown is held by a body until then: moves of its nodes alone would change nothing."""
+    start = prepare_case(
+        exunet.load(CASES / "release.toml", (*THROWN[1], "bodies.satellite.motion=prescribed"))
+    )
+    first, last = (perturbed_bodies_of(start, 2, 1e-9, 3, first=k) for k in (0, 1))
+    assert first is not None
+    assert last is not None
+    for own, moved, again in zip(start.state.bodies.parts(), first.parts(), last.parts(), strict=True):
+        assert np.array_equal(moved[1], again[0])  # a run is moved in one way, however many there are
+        assert np.array_equal(moved[:, 1], np.stack([own[1]] * 2))  # the satellite
+    places, attitudes = np.abs(first.position - start.state.bodies.position), first.attitude[:, 0]
+    assert 1e-10 < places.max() <= 1e-9
+    assert (first.velocity == start.state.bodies.velocity).all()
+    np.testing.assert_allclose(np.linalg.norm(attitudes, axis=-1), 1.0, rtol=1e-14)
+    assert 1e-10 < np.abs(attitudes - start.state.bodies.attitude[0]).max() < 1e-9
+    one, other = spread_of(start, 2).courses
+    assert not np.array_equal(one.ends["spin"], other.ends["spin"])
+    assert not np.array_equal(one.area, other.area)
+    alone = prepare_case(exunet.load(CASES.parent / "planar_deployment.toml"))
+    assert perturbed_bodies_of(alone, 2, 1e-9, 3) is None
 
 
 def test_no_number_of_a_body_stands_alone(thrown: tuple[exunet.Result, Spread]) -> None:

@@ -21,8 +21,9 @@ from exunet.interfaces.commands import run as run_command
 from exunet.results import run_folder
 from exunet.results.course import INTERVALS, Course, course_of
 from exunet.results.digits import printed
-from exunet.results.headlines import HEADLINES, headlines_of
+from exunet.results.headlines import HEADLINES, constants_of, headlines_of
 from exunet.results.margins import Peak
+from exunet.results.measures import deployment_of_course
 from exunet.results.spread import Spread
 from exunet.results.summary import summarise
 from exunet.results.table import rows
@@ -79,6 +80,40 @@ def test_headlines_of_a_course_by_hand() -> None:
     assert headlines_of(course(area=4.5))["time_above_80_percent_s"] == pytest.approx(1.0 / 4.5)
 
 
+def test_what_stays_the_same_has_no_time_of_its_largest_value() -> None:
+    """An area and a tension that differ by round-off: which of the times is the largest is chance."""
+    moving = course()
+    flat = 4.0 + 1e-14 * np.array([0.0, 1.0, 2.0, 1.0, 3.0])
+    still = replace(moving, area=flat, tension=flat, peaks={"net": Peak(4.0, 0.7, 3)})
+    found = headlines_of(still)
+    for key in ("time_of_largest_area_s", "distance_m", "time_of_largest_tension_s"):
+        assert found[key] is None
+        assert headlines_of(moving)[key] is not None
+    assert constants_of(moving) == {}
+    assert constants_of(still)["distance_m"] == "the area of the mouth is constant"
+    assert constants_of(still)["time_of_largest_tension_s"] == "the largest tension is constant"
+    snapped = replace(still, peaks={"net": Peak(9.0, 0.7, 3)})  # between two of the times
+    assert headlines_of(snapped)["time_of_largest_tension_s"] == 0.7
+    at = deployment_of_course(still.time, still.area, still.centre, 5.0)
+    assert at is not None
+    assert (at.constant, at.time_of_largest, at.distance, at.at_end) == (True, 0.0, 0.0, False)
+
+
+def test_a_mouth_that_a_body_holds_is_said_to_be_constant() -> None:
+    """In summary and table, and without a judgement by the spread."""
+    case = exunet.load(CASES / "bodies" / "frame.toml", ("time.end=0.02", "solver.step=1e-3"))
+    result, spread = exunet.run(case), spread_of(prepare(case.scene), 2)
+    assert "largest_area_m2" in spread.judged
+    assert "time_of_largest_area_s" not in spread.judged
+    for told in (spread, None):
+        summary = summarise(result, None, told)
+        assert summary["headlines"]["time_of_largest_area_s"]["this_run"] is None
+        assert summary["deployment"]["largest_area_at_end"] is False
+        table = dict(rows(summary, told))
+        assert table["time of largest area"] == "none: the area of the mouth is constant"
+        assert table["distance travelled"] == "none: the area of the mouth is constant"
+
+
 def test_headlines_of_a_result_are_its_measures() -> None:
     result = exunet.run(thrown({}, end=0.4, **COMPILED))
     measures, found = exunet.deployment(result), headlines_of(course_of(result))
@@ -111,6 +146,17 @@ def test_a_value_has_the_digits_on_which_the_converged_run_agrees(
 ) -> None:
     found = spread([course(peak) for peak in peaks], finer=course(finer)).judged["largest_tension_N"]
     assert found.words() == words
+
+
+def test_the_time_of_a_peak_is_known_to_half_a_step_at_best() -> None:
+    """Of equal steps, and of those that the method chooses, which all end at the same instants."""
+    for settings in ({"step": 0.02}, {"step": None, "mean_step": 0.02}):
+        found = replace(spread([course(), course()]), **settings)
+        assert found.judged["time_of_largest_tension_s"].error == 0.01
+        assert found.judged["largest_tension_N"].error == 0.0
+    chosen = spread_of(planar("time.end=0.1"), 1)
+    assert chosen.step is None
+    assert 1e-5 < chosen.mean_step < 0.01
 
 
 def test_places_are_counted() -> None:

@@ -106,6 +106,7 @@ def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Fi
         )
         text = f"largest: {number(measures.relative_area)} at {number(measures.time_of_largest)} s"
         text += " (the end)" if measures.at_end else ""
+        text = f"constant: {number(measures.relative_area)}" if measures.constant else text
         at = (measures.time_of_largest, measures.relative_area)
         axes.plot(*at, "o", color=BLACK, markersize=6, markerfacecolor="none", clip_on=False, label=text)
     from_zero(axes, top if result.complete else min(top, 2.0))

@@ -14,7 +14,7 @@ from exunet.results.headline import Headline, of_vector
 Floats = NDArray[np.float64]
 
 NET = "the net"  # with strings, bullets and tethers: all mass that is not a body's
-_LEAST = 1e-9  # [m/s], [rad/s], [rad], [N s], [N m s], [J]: what moves of 1e-9 m do themselves
+_LEAST = 1e-8  # [m/s], [rad/s], [rad], [N s], [N m s], [J]: what moves of 1e-9 m do themselves
 _ROUND_OFF = 1e-6  # of a momentum or an energy: what it gains is told to four digits of that at most
 
 

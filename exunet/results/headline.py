@@ -35,6 +35,8 @@ class Headline:
     size     : from a course; what the digits are counted from, where that is more than the value: of a part
                of a vector the whole, of a difference what it is small against
     row      : of the table, which parts of a vector have in common; "": it has one of its own
+    constant : from a course: words for what stays the same all the time, so that there is no such value; "":
+               nothing does
     of_book  : it is an entry of the books of momentum and energy, for table and summary alone
     """
 
@@ -53,6 +55,7 @@ class Headline:
     peak_of: str = ""
     size: Callable[[Course], float] | None = None
     row: str = ""
+    constant: Callable[[Course], str] | None = None
     of_book: bool = False
 
     @property

@@ -21,13 +21,25 @@ from exunet.results.body_headlines import OF_A_BODY, OF_A_SCENE, books_of_bodies
 from exunet.results.course import REEL_STATES, Course
 from exunet.results.headline import Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
-from exunet.results.measures import NEARLY_OPEN, deployment_of_course
+from exunet.results.measures import NEARLY_OPEN, deployment_of_course, stays_the_same
 
 Floats = NDArray[np.float64]
 
 
 def _time_of_peak(course: Course) -> float | None:
+    if _constant_tension(course):
+        return None
     return course.peak.time if course.peak.element >= 0 else None
+
+
+def _constant_tension(course: Course) -> str:
+    lasts = course.peak.element >= 0 and stays_the_same(np.append(course.tension, course.peak.tension))
+    return "the largest tension is constant" if lasts else ""
+
+
+def _constant_area(course: Course) -> str:
+    has_mouth = 0.0 < course.achievable_area < math.inf
+    return "the area of the mouth is constant" if has_mouth and stays_the_same(course.area) else ""
 
 
 def _of_deployment(measure: str) -> Callable[[Course], float | None]:
@@ -38,6 +50,12 @@ def _of_deployment(measure: str) -> Callable[[Course], float | None]:
         return None if found is None else float(getattr(found, measure))
 
     return value
+
+
+def _unless_constant(measure: str) -> Callable[[Course], float | None]:
+    """One that needs the time of the largest area."""
+    of_deployment = _of_deployment(measure)
+    return lambda course: None if _constant_area(course) else of_deployment(course)
 
 
 def _mean_bullet_speed(course: Course) -> float | None:
@@ -53,18 +71,31 @@ HEADLINES = (
         place=lambda course: course.peak.element,
         place_is="element",
     ),
-    Headline("time_of_largest_tension", "time of largest tension", "s", _time_of_peak, at_a_step=True),
+    Headline(
+        "time_of_largest_tension",
+        "time of largest tension",
+        "s",
+        _time_of_peak,
+        at_a_step=True,
+        constant=_constant_tension,
+    ),
     Headline("largest_area", "largest area", "m2", _of_deployment("largest_area")),
     Headline(
-        "time_of_largest_area", "time of largest area", "s", _of_deployment("time_of_largest"), at_a_time=True
+        "time_of_largest_area",
+        "time of largest area",
+        "s",
+        _unless_constant("time_of_largest"),
+        at_a_time=True,
+        constant=_constant_area,
     ),
     Headline(
         "distance",
         "distance travelled",
         "m",
-        _of_deployment("distance"),
+        _unless_constant("distance"),
         least=1e-8,
         remark="centre of mass, until the largest area",
+        constant=_constant_area,
     ),
     Headline(
         f"time_above_{NEARLY_OPEN:.0%}".replace("%", "_percent"),
@@ -193,15 +224,21 @@ def of_pair(pair: str) -> Headline:
 def of_time_of_pair(pair: str) -> Headline:
     """When two bodies are nearest; None if they always are as near, as two that do not move."""
 
-    def value(course: Course) -> float | None:
+    def gap(course: Course) -> Floats | None:
         names = [_JOINED.join(one) for one in course.pairs]
-        if pair not in names:
-            return None
-        gap = course.gap[:, names.index(pair)]
-        return float(course.time[gap.argmin()]) if np.ptp(gap) > 0.0 else None
+        return np.asarray(course.gap[:, names.index(pair)]) if pair in names else None
+
+    def constant(course: Course) -> str:
+        found = gap(course)
+        return "the distance is constant" if found is not None and stays_the_same(found) else ""
+
+    def value(course: Course) -> float | None:
+        found = gap(course)
+        return None if found is None or constant(course) else float(course.time[found.argmin()])
 
     words = f"time of least distance of {pair.replace(_JOINED, ' and ')}"
-    return Headline(f"bodies_{pair}_time_of_least_distance", words, "s", value, at_a_time=True)
+    key = f"bodies_{pair}_time_of_least_distance"
+    return Headline(key, words, "s", value, at_a_time=True, constant=constant)
 
 
 def _of_pair_both(pair: str) -> tuple[Headline, Headline]:
@@ -278,6 +315,12 @@ CURVES = (
     Curve("elastic", "elastic energy", "J", lambda course: course.elastic),
     Curve("dissipated", "energy dissipated", "J", lambda course: course.dissipated),
 )
+
+
+def constants_of(course: Course) -> dict[str, str]:
+    """Why headlines have no value that otherwise have one, by key: what stays the same all the time."""
+    found = ((one.key, one.constant(course)) for one in headlines_for(course) if one.constant is not None)
+    return {key: words for key, words in found if words}
 
 
 def headlines_of(course: Course) -> dict[str, float | None]:

@@ -21,6 +21,7 @@ from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
 
+_ROUND_OFF = 1e-9  # of a quantity: far above round-off, far below what anyone can measure
 NEARLY_OPEN = 0.8  # part of the achievable area above which a net counts as deployed, paper sec. 4
 
 
@@ -38,6 +39,8 @@ class Deployment:
                       `exunet.results.areas.achievable_area`
     relative_area   : largest_area / achievable_area
     at_end          : the largest area is that of the last stored time, so the net may still be opening
+    constant        : the area stays the same down to round-off, as that of a mouth which a body holds:
+                      `time_of_largest` is the first stored time then
     """
 
     largest_area: float
@@ -47,6 +50,7 @@ class Deployment:
     achievable_area: float
     relative_area: float
     at_end: bool
+    constant: bool = False
 
 
 def centre_of_mass(result: Result) -> Floats:
@@ -103,7 +107,8 @@ def deployment_of_course(time: Floats, area: Floats, centre: Floats, achievable:
     """
     if not 0.0 < achievable < np.inf:
         return None
-    at = int(np.argmax(area))
+    constant = stays_the_same(area)
+    at = 0 if constant else int(np.argmax(area))
     return Deployment(
         largest_area=float(area[at]),
         time_of_largest=float(time[at]),
@@ -112,7 +117,13 @@ def deployment_of_course(time: Floats, area: Floats, centre: Floats, achievable:
         achievable_area=achievable,
         relative_area=float(area[at]) / achievable,
         at_end=at == len(area) - 1,
+        constant=constant,
     )
+
+
+def stays_the_same(values: Floats) -> bool:
+    """True of two and more values (t,) that differ by round-off alone: none of them is the largest."""
+    return len(values) > 1 and float(np.ptp(values)) <= _ROUND_OFF * float(np.max(np.abs(values)))
 
 
 def peak_tensions(result: Result) -> Floats:

@@ -10,7 +10,7 @@ finer setting, its value is within the range too.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -110,6 +110,7 @@ class Spread:
     seed    : of the moves
     move    : by up to which each coordinate is moved [m]
     method, tolerance, step : of the runs, in the compiled loop [m, m/s], [s]; the one that is not so is None
+    mean_step : of the unmoved run [s], where the method chooses its steps
     """
 
     courses: tuple[Course, ...]
@@ -120,6 +121,7 @@ class Spread:
     method: str
     tolerance: float | None
     step: float | None
+    mean_step: float = 0.0
 
     @property
     def runs(self) -> int:
@@ -134,7 +136,7 @@ class Spread:
     @cached_property
     def judged(self) -> dict[str, Judged]:
         """The headlines that the runs have, by key."""
-        step = self.step or 0.0
+        step = self.step or self.mean_step
         found = (_judge(one, self.courses, self.plain, self.finer, step) for one in headlines_for(self.plain))
         return {one.headline.key: one for one in found if one is not None}
 
@@ -152,9 +154,10 @@ class Spread:
     def words(self) -> str:
         """Which runs these are."""
         setting = f"tolerance {self.tolerance:.3g}" if self.tolerance else f"step {self.step:.4g} s"
+        turned = ", rad and rad/s" if self.plain.turning else ""
         return (
-            f"{self.runs} starts moved by up to {self.move:g} m (seed {self.seed}), {self.method} with "
-            f"{setting} in the compiled loop"
+            f"{self.runs} starts moved by up to {self.move:g} m{turned} (seed {self.seed}), {self.method} "
+            f"with {setting} in the compiled loop"
         )
 
     def verdict(self) -> str:
@@ -200,7 +203,7 @@ def _judge(
 def _error(one: Headline, error: float, plain: Course, finer: Course, step: float) -> float:
     """`error` of moved starts, or what the setting or the spacing of the instants does, if that is more.
 
-    step : of equal steps [s], at the ends of which a peak is seen; 0 where the method chooses them
+    step : [s], at the ends of which a peak is seen
     """
     fine, coarse, seldom = (one.value(course) for course in (finer, plain, finer.at_every_second()))
     assert fine is not None
@@ -214,17 +217,20 @@ def _error(one: Headline, error: float, plain: Course, finer: Course, step: floa
     return error
 
 
-def numbers(spread: Spread | str | None, this_run: dict[str, float | None]) -> dict[str, Any]:
+def numbers(
+    spread: Spread | str | None, this_run: dict[str, float | None], constant: Container[str] = ()
+) -> dict[str, Any]:
     """The headlines for summary.json, by key.
 
     spread   : a reason in words, or None, where there is none
     this_run : of the run itself, over its stored times
+    constant : those that have no value because something stays the same
     """
     judged = spread.judged if isinstance(spread, Spread) else {}
     return {
         key: {"this_run": value, **_numbers(judged.get(key))}
         for key, value in this_run.items()
-        if value is not None or key in judged
+        if value is not None or key in judged or key in constant
     }
 
 

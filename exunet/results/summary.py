@@ -18,9 +18,9 @@ from exunet.net.arrays import Net
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
 from exunet.results.course import Course, course_of
-from exunet.results.headlines import headlines_of
+from exunet.results.headlines import constants_of, headlines_of
 from exunet.results.margins import Peak
-from exunet.results.measures import energy_balance, energy_scale, momentum_gained, moving_mass
+from exunet.results.measures import energy_balance, energy_scale, momentum_gained, moving_mass, stays_the_same
 from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates, Result
 from exunet.results.spread import Spread, description, numbers
@@ -61,7 +61,8 @@ def summarise(
             "balance_error": energy_balance(result),
         },
         **({"momentum": _momentum(result)} if result.bodies else {}),
-        "headlines": numbers(spread, headlines_of(course)),
+        "headlines": numbers(spread, headlines_of(course), constant := constants_of(course)),
+        "constant": constant,
         "spread": description(spread),
         "largest_tension": _largest_tension(course.peak),
         "largest_tensions": _largest_tensions(course),
@@ -134,7 +135,7 @@ def _deployment(course: Course) -> dict[str, Any] | None:
     """What a net with a mouth has beside its headlines."""
     if not 0.0 < course.achievable_area < math.inf:
         return None
-    at_end = int(np.argmax(course.area)) == len(course.area) - 1
+    at_end = int(np.argmax(course.area)) == len(course.area) - 1 and not stays_the_same(course.area)
     return {"achievable_area_m2": course.achievable_area, "largest_area_at_end": at_end}
 
 

@@ -35,7 +35,9 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
     ]
     if broken := summary["broken"]:
         first, worst = broken[0], max(one["energy_excess"] for one in broken)
-        words = f"{len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
+        words = (
+            f"in this run {len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
+        )
         table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
     table += _without_contact(summary) + [("note", note) for note in summary["notes"]]
     return table + _headline_rows(summary, spread) + _check_rows(summary["check"])
@@ -140,6 +142,8 @@ def _vector_row(
 
 def _headline_row(one: Headline, summary: dict[str, Any], judged: Mapping[str, Judged]) -> tuple[str, str]:
     value = summary["headlines"][one.key]["this_run"]
+    if one.key in summary["constant"] and one.key not in judged:
+        return one.words, f"none: {summary['constant'][one.key]}"
     if one.key in judged:
         words = judged[one.key].words() + _where(judged[one.key])
     else:
@@ -200,6 +204,8 @@ def _remarks(one: Headline, value: float, summary: dict[str, Any]) -> list[str]:
     if one.key == "dissipated_energy_J":
         less = [words for effect, words in _PUTS_IN.items() if effect in summary["effects"]]
         return [f"less what {' and '.join(less)} put in"] if less else []
+    if one.name.endswith("_time_of_least_distance") and value == summary["simulated_until_s"]:
+        return ["at the end of the run: still approaching?"]
     deployment = summary["deployment"]
     if deployment is None:
         return []

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import CaseError, Fault
 from exunet.base.faults import collected
 from exunet.base.files import path_of
+from exunet.bodies.rigid import RigidStates
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
@@ -59,10 +60,13 @@ class Start:
         """(n_points, 3) at the start [m/s]."""
         return self.state.velocity
 
-    def moved(self, position: Floats, velocity: Floats | None = None) -> Start:
-        """The same from other positions, and velocities if given, of the points."""
+    def moved(
+        self, position: Floats, velocity: Floats | None = None, bodies: RigidStates | None = None
+    ) -> Start:
+        """The same from other positions, and velocities if given, of the points, and states of bodies."""
         speeds = self.velocity if velocity is None else velocity
         state = self.state.at(position, speeds)
+        state = state if bodies is None else replace(state, bodies=bodies)
         moving = state.moving.completed(self.system.kinematics, state.time, state.memory)
         return replace(self, state=State.of(state.time, moving, state.memory))
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from exunet.backends.compiled.loop import loop_kernel
 from exunet.backends.compiled.side_by_side import RunsSideBySide, side_by_side_kernel
 from exunet.base.errors import InputError, RunStopped
+from exunet.bodies.rigid import RigidStates
 from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import WIDTH, kept_before
 from exunet.codegen.kernel import Kernel
@@ -35,7 +36,7 @@ from exunet.studies.measured_runs import (
     runs_side_by_side,
     shown_pairs,
 )
-from exunet.studies.neighbours import perturbed
+from exunet.studies.neighbours import perturbed, perturbed_bodies
 from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
@@ -142,6 +143,19 @@ def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int, *,
     return np.array(found).reshape(-1, *start.position.shape)
 
 
+def perturbed_bodies_of(
+    start: Start, runs: int, amplitude: float, seed: int, *, first: int = 0
+) -> RigidStates | None:
+    """The bodies beside `perturbed_positions`, with a leading axis of runs; None of a scene without bodies.
+
+    amplitude : [m], and of their attitudes and angular velocities [rad], [rad/s]
+    """
+    if not start.system.bodies or not runs:
+        return None
+    found = [perturbed_bodies(start, amplitude, (seed, run, 1)) for run in range(first, first + runs)]
+    return RigidStates(*(np.stack(parts) for parts in zip(*(one.parts() for one in found), strict=True)))
+
+
 def run_ensemble(
     start: Start,
     position: Floats,
@@ -152,6 +166,7 @@ def run_ensemble(
     progress: Callable[[int], None] | None = None,
     first: int = 0,
     together: bool | None = None,
+    bodies: RigidStates | None = None,
 ) -> Ensemble:
     """Run `start` once from each initial state; the bits of a run depend on nothing but its start.
 
@@ -161,6 +176,7 @@ def run_ensemble(
     progress           : called with the number of runs that are done, after each of them
     first              : number of the first run in the words of errors
     together           : runs go side by side through compiled code where they can; None: where it pays
+    bodies             : states of the rigid bodies, with a leading axis of runs; None: those of `start`
     Raises RunStopped, naming the run, if one diverges or its steps collapse; MissingExtra without Numba;
     InputError for a method that the compiled loop does not have, states of another shape or that are not
     finite numbers, or a number of workers below 1; KeyboardInterrupt on Ctrl-C.
@@ -182,7 +198,7 @@ def run_ensemble(
     shared = kernel_of_many(start, len(position), together)
 
     def one(run: int) -> MeasuredRun:
-        moved = start.moved(position[run], speeds[run])
+        moved = start.moved(position[run], speeds[run], None if bodies is None else bodies[run])
         for left in range(retries, -1, -1):
             try:
                 return one_run(moved, kernel, times, stop)

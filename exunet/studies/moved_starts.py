@@ -24,7 +24,14 @@ from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.simulation.preparation import Start, start_of
 from exunet.simulation.recorder import first_story
 from exunet.simulation.run import provenance
-from exunet.studies.ensemble import kernel_of_many, metres, perturbed_positions, run_ensemble, whole_number
+from exunet.studies.ensemble import (
+    kernel_of_many,
+    metres,
+    perturbed_bodies_of,
+    perturbed_positions,
+    run_ensemble,
+    whole_number,
+)
 from exunet.studies.spread import MOVE, start_of_runs
 
 PORTION = 64  # runs that are lost if the ensemble is interrupted; vectors of runs, where they go side by side
@@ -41,8 +48,9 @@ def ensemble(
     """Run a case from moved starts, in the compiled loop on all cores; the same arguments give the same bits.
 
     runs     : how many
-    perturb  : by up to which each coordinate of the free nodes is moved [m]; 1e-9 is far below what anyone
-               can place, and far above round-off
+    perturb  : by up to which each coordinate of free nodes and bodies is moved [m], and each body turned
+               about each axis [rad] and made to turn faster [rad/s]; 1e-9 is far below what anyone can place,
+               and far above round-off
     seed     : of the moves, None: the case's; run k is moved in the same way however many runs there are
     progress : called with the number of runs that are done
 
@@ -83,7 +91,16 @@ def ensemble(
             number = min(portion, runs - done)
             places = perturbed_positions(there, number, perturb, seed, first=done)
             told = None if progress is None else lambda more, done=done: progress(done + more)
-            found = run_ensemble(there, places, retries=retries, progress=told, first=done, together=together)
+            bodies = perturbed_bodies_of(there, number, perturb, seed, first=done)
+            found = run_ensemble(
+                there,
+                places,
+                retries=retries,
+                progress=told,
+                first=done,
+                together=together,
+                bodies=bodies,
+            )
             courses += [found.course(k, achievable) for k in range(number)]
             evaluations += int(found.right_hand_sides.sum())
     except KeyboardInterrupt:

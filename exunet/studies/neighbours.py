@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.bodies.rigid import RigidStates, product, quaternion_of
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.preparation import Start
@@ -31,6 +32,20 @@ def perturbed(net: Net, position: Floats, amplitude: float, seed: int | Sequence
         shift = np.where(last_bit > amplitude, np.copysign(last_bit, shift), shift)
     shift[net.fixed_nodes] = 0.0
     return position + shift
+
+
+def perturbed_bodies(start: Start, amplitude: float, seed: int | Sequence[int] = SEED) -> RigidStates:
+    """States of the bodies: each free one moved by up to +-amplitude [m] along each axis, turned by up to as
+    many radians about each, and turning faster by up to as many rad/s.
+    """
+    states, free = start.state.bodies, start.system.moves_freely[:, None]
+    shift = np.random.default_rng(seed).uniform(-amplitude, amplitude, (3, len(free), 3)) * free
+    return RigidStates(
+        states.position + shift[0],
+        states.velocity,
+        product(states.attitude, quaternion_of(shift[1])),
+        states.angular_velocity + shift[2],
+    )
 
 
 def nearby_start(start: Start, part: float = MOVE, seed: int = SEED) -> Start:

@@ -7,13 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from exunet.bodies.rigid import RigidStates
+from exunet.methods.method import METHODS
 from exunet.results.areas import achievable_area
 from exunet.results.course import Course, instants
 from exunet.results.spread import COVERING, FEWEST, Spread
 from exunet.simulation import measures
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import in_the_compiled_loop
-from exunet.studies.ensemble import perturbed_positions, run_ensemble, whole_number
+from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions, run_ensemble, whole_number
 from exunet.studies.neighbours import of_other_accuracy
 
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
@@ -59,7 +61,8 @@ def spread_of(
     """Run a case from moved starts on all cores; the same whatever times the case stores.
 
     runs     : number of moved starts
-    move     : by up to which each coordinate is moved [m]; None: that of `move_of`
+    move     : by up to which each coordinate is moved [m]; of free bodies attitudes [rad] and angular
+               velocities [rad/s] too. None: that of `move_of`
     seed     : of the moves; None: the case's
     progress : called with the number of runs that are done, of `runs` + 2
     Raises RunStopped if one of the runs stops although it was tried with finer steps, and as `start_of_runs`.
@@ -69,16 +72,26 @@ def spread_of(
     seed = start.scene.seed if seed is None else seed
     move = move_of(start) if move is None else move
     moved = perturbed_positions(there, runs, move, seed)
+    bodies = perturbed_bodies_of(there, runs, move, seed)
     achievable, retries = achievable_area(there.net), there.scene.solver.retry
 
-    def courses_of(of: Start, position: np.ndarray, before: int) -> tuple[Course, ...]:
+    def courses_of(
+        of: Start, position: np.ndarray, before: int, bodies: RigidStates | None = None
+    ) -> tuple[tuple[Course, ...], int]:
+        """The courses, and the right-hand sides of the first."""
         told = None if progress is None else lambda done: progress(before + done)
-        found = run_ensemble(of, position, retries=retries, progress=told)
-        return tuple(found.course(k, achievable) for k in range(len(found)))
+        found = run_ensemble(of, position, retries=retries, progress=told, bodies=bodies)
+        courses = tuple(found.course(k, achievable) for k in range(len(found)))
+        return courses, int(found.right_hand_sides[0])
 
-    plain, *others = courses_of(there, np.concatenate([there.position[None], moved]), 0)
+    if bodies is not None:
+        pairs = zip(there.state.bodies.parts(), bodies.parts(), strict=True)
+        bodies = RigidStates(*(np.concatenate([own[None], other]) for own, other in pairs))
+    (plain, *others), evaluations = courses_of(
+        there, np.concatenate([there.position[None], moved]), 0, bodies
+    )
     finer = replace(there, plan=of_other_accuracy(there.plan))
-    (converged,) = courses_of(finer, there.position[None], runs + 1)
+    (converged,), _ = courses_of(finer, there.position[None], runs + 1)
     return Spread(
         courses=tuple(others),
         plain=plain,
@@ -88,4 +101,5 @@ def spread_of(
         method=there.plan.method.value,
         tolerance=there.plan.tolerance,
         step=there.plan.step,
+        mean_step=float(plain.time[-1]) * METHODS[there.plan.method].compiled_stages / max(1, evaluations),
     )

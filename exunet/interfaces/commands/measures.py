@@ -25,7 +25,8 @@ def rows_on_measures(scene: Scene, spread: Spread | str | None) -> list[tuple[st
         return []
     if scene.solver.accuracy_of == "measures":
         return _before_the_horizon(spread)
-    if spread.predictable:
+    has_mouth = any(one.headline.name in _OF_DEPLOYMENT for one in spread.judged.values())
+    if spread.predictable or not has_mouth:
         return []
     try:
         start = for_measures(scene)
