@@ -23,9 +23,10 @@ import exunet
 from exunet.case.casefile import Case
 from exunet.results.areas import achievable_area
 from exunet.results.headlines import HEADLINES, headlines_of
+from exunet.simulation.measures import move_of_starts, settings
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
-from exunet.studies.spread import MOVE, start_of_runs
+from exunet.studies.spread import start_of_runs
 
 Floats = NDArray[np.float64]
 
@@ -78,7 +79,7 @@ SCENES: dict[str, tuple[str, tuple[str, ...]]] = {
     "square, 368": (DAMPED, (f"net.mesh={5 / 13!r}", "launch.radial_speed=8.0", "time.end=0.7")),
     "hexagonal, 318": (DAMPED, (_hexagonal(0.4, 5), "launch.radial_speed=8.0", "time.end=0.8")),
 }
-RUNS, RUNS_OF_LARGE, LARGE = 64, 12, 300  # elements from which a net is large
+RUNS, RUNS_OF_LARGE, LARGE = 256, 48, 300  # elements from which a net is large
 MEASURES = ("largest_area", "time_of_largest_area", "distance", "time_above_80_percent")
 SEED = 0  # of the moves, and of the bootstrap
 PART = 1.0 / 3.0  # of the range of the tight runs
@@ -143,8 +144,8 @@ def starts_of(name: str) -> tuple[Start, Start]:
 
 
 def measures_of(start: Start, runs: int, *, first: int = 0) -> dict[str, Floats]:
-    """(runs,) of each measure, from starts moved by up to MOVE."""
-    position = perturbed_positions(start, runs, MOVE, SEED, first=first)
+    """(runs,) of each measure, from moved starts."""
+    position = perturbed_positions(start, runs, move_of_starts(start.net), SEED, first=first)
     found = run_ensemble(start, position, retries=start.scene.solver.retry)
     achievable = achievable_area(start.net)
     rows = [headlines_of(found.course(k, achievable)) for k in range(runs)]
@@ -219,7 +220,8 @@ def main(names: list[str]) -> None:
         f"`python benchmarks/measures.py`, {stamp}",
         "",
         'Runs with `solver.accuracy_of = "measures"` beside runs to accuracy 1e-4 of the trajectory, in the '
-        "compiled loop, from starts moved by up to 1e-9 m. Shift of the median over the range of the tight "
+        f"compiled loop, both from starts moved by up to {settings().move:g} of the net's size: more than "
+        "the errors that runs of one method share. Shift of the median over the range of the tight "
         f"runs, with its 90 % bootstrap interval; {RUNS} runs at least for measures. Shown: all intervals "
         "lie within a third of the range (two one-sided tests at 5 %). Not spread: the tight runs agree. "
         "Seconds of processor time of one run, from the start as it is.",

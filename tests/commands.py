@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import time
@@ -36,6 +37,11 @@ class Ended:
     returncode: int
     stdout: str
     stderr: str
+
+    @property
+    def told(self) -> str:
+        """What it wrote to stderr, each message on one line, as it was before it was folded."""
+        return re.sub(r"\n +", " ", self.stderr)
 
 
 def without_spread(arguments: tuple[object, ...]) -> list[str]:

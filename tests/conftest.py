@@ -76,6 +76,14 @@ TAKES_SECONDS = (
     "test_told_plainly.py::test_what_is_printed_fits_80_columns[arguments3",
     "test_figures_print.py::test_pages_are_legible[(170.0, 80",
     "test_figures_print.py::test_pages_are_legible[(85.0, 85",
+    "test_figures_bodies.py::test_snapshots_are_legible[thrown-(170",
+    "test_figures_bodies.py::test_every_axis_has_at_least_two_round_numbers[True",
+    "test_resume.py::test_a_resumed_run_has_the_moved_starts_of_the_run[0-None",
+    "test_resume.py::test_a_resumed_run_has_the_moved_starts_of_the_run[9-None",
+    "test_cli.py::test_a_pipe_that_closes_early_ends_a_command_quietly[arguments2",
+    "test_told_plainly.py::test_what_is_printed_fits_80_columns[arguments2",
+    "reference/test_ref_implicit.py::test_hard_starts_run[DOP853-fast",
+    "reference/test_ref_implicit.py::test_small_and_degenerate_nets_run[{'method': 'RK4'",
 )
 
 

@@ -333,7 +333,7 @@ def test_check_tells_what_is_attached(tmp_path: Path) -> None:
     path = tmp_path / "chain.toml"
     path.write_text(CHAIN)
     rows = dict(describe(exunet.load(path, [*FIRST, "bodies.first.attachments.y={point=[0, 0, 0], node=2}"])))
-    assert rows["body first"].endswith("fixed to it: nodes 0, 2")
+    assert rows["body first"].endswith("kg of it are nodes fixed to it: 0, 2")
 
 
 def test_an_attachment_that_stretches_an_element_too_far_is_told(tmp_path: Path) -> None:

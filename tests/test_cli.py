@@ -6,12 +6,16 @@ import dataclasses
 import json
 import os
 import signal
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import pytest
 from commands import WRITING_OFTEN, command, ended, process, states_stored, wait_until
 
 import exunet
+from exunet.interfaces.cli import main
 
 CASES = Path(__file__).parent.parent / "cases"
 PLANAR = CASES / "planar_deployment.toml"
@@ -31,7 +35,7 @@ def written(folder: Path) -> set[str]:
 def test_run_writes_result_summary_and_figures_only(tmp_path):
     done = ended(process("run", PLANAR, *SHORT, "--spread", 8, folder=tmp_path))
     assert done.returncode == 0, done.stderr
-    lines = done.stderr.splitlines()  # plain ones where there is no terminal
+    lines = done.told.splitlines()  # plain ones where there is no terminal
     told = [line for line in lines if not line.startswith("compil")]  # once on a machine
     assert [line.split()[0] for line in told] == [
         "time",
@@ -58,6 +62,8 @@ def test_run_writes_result_summary_and_figures_only(tmp_path):
     assert result.provenance["overrides"] == [SHORT[1], SHORT[3]]
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_check_adds_the_reference(tmp_path):
     done = command("run", PLANAR, "--check", *SHORT, "--out", "here", folder=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -65,6 +71,10 @@ def test_check_adds_the_reference(tmp_path):
     assert check["agrees_until_s"] is None
     assert 0 <= check["speed_difference"]["largest_m_s"] < 1e-12  # free flight: round-off only
     assert "check: agrees until" in done.stdout
+    told = done.told.splitlines()
+    (words,) = (line for line in told if line.startswith("check "))
+    assert "not in this time" in words
+    assert told.index(words) < told.index("simulating 0.02 s")
     assert (tmp_path / "here/agreement.png").stat().st_size > 10_000
 
 
@@ -101,9 +111,11 @@ def test_check_command_names_bodies_and_point_masses(tmp_path):
     done = command("check", launched, "--set", body, "--set", "engine.loop=compiled", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     stdout = " ".join(done.stdout.split())  # the table folds long rows
-    assert "body target 7 kg, inertia 2, 3, 4 kg m2, starts at (0, 0, 9) m with (0, 0, 0) m/s" in stdout
-    assert "turns at (0, 0, 0.1) rad/s" in stdout
-    assert "point mass chaser 50 kg, starts at (0, 0, 0) m" in stdout
+    assert "body target 7 kg, free" in stdout
+    assert "target: inertia 2, 3, 4 kg m2 about the centre of mass and the principal axes (1, 0, 0)" in stdout
+    assert "target: at the start centre of mass at (0, 0, 9) m with (0, 0, 0) m/s in the scene's" in stdout
+    assert "turns at (0, 0, 0.1) rad/s in the body's axes" in stdout
+    assert "point mass chaser 50 kg, at (0, 0, 0) m with (0, 0, 0) m/s in the scene's axes" in stdout
     assert "none: compiled loop" in stdout
 
 
@@ -128,10 +140,10 @@ def test_check_command_names_bodies_and_point_masses(tmp_path):
 def test_bad_input_ends_with_code_2_and_writes_nothing(tmp_path, arguments, words):
     done = command(*arguments, folder=tmp_path)
     assert done.returncode == 2, done.stdout + done.stderr
-    assert "Traceback" not in done.stderr
+    assert "Traceback" not in done.told
     assert list(tmp_path.iterdir()) == []
     for word in words:
-        assert word in done.stderr
+        assert word in done.told
 
 
 def test_a_process_ends_with_code_2_too(tmp_path):
@@ -139,8 +151,8 @@ def test_a_process_ends_with_code_2_too(tmp_path):
     done = ended(process("run", "absent.toml", folder=tmp_path))
     assert done.returncode == 2
     assert done.stdout == ""
-    assert done.stderr.startswith("absent.toml: ")
-    assert len(done.stderr.splitlines()) == 1
+    assert done.told.startswith("absent.toml: ")
+    assert len(done.told.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
 
 
@@ -150,7 +162,7 @@ def test_all_faults_are_told_at_once(tmp_path):
     case.write_text(text.replace("radial_speed", "radial_sped"))
     done = command("run", "bad.toml", folder=tmp_path)
     assert done.returncode == 2
-    lines = done.stderr.splitlines()
+    lines = done.told.splitlines()
     places = [line.split(": ")[:2] for line in lines]
     numbered = text.splitlines()
     for start, key in (("mass = -0.5", "net.bullets.mass"), ("end = nan", "time.end")):
@@ -166,7 +178,7 @@ def test_a_step_100_times_too_large_is_refused(tmp_path):
     )  # fmt: skip
     assert done.returncode == 2
     for words in ("--set solver.step=2.5e-2: solver.step: 0.025 s is", "0.0002548 s", "solver.force"):
-        assert words in done.stderr
+        assert words in done.told
     assert list(tmp_path.iterdir()) == []
 
 
@@ -191,9 +203,9 @@ def test_faults_found_in_preparing_a_run_have_their_line(tmp_path, old, new, key
     for what in ("run", "check"):
         done = command(what, "bad.toml", folder=tmp_path)
         assert done.returncode == 2, done.stdout + done.stderr
-        assert done.stderr.startswith(f"bad.toml:{number}: {key}: ")
-        assert words in done.stderr
-        assert len(done.stderr.splitlines()) == 1
+        assert done.told.startswith(f"bad.toml:{number}: {key}: ")
+        assert words in done.told
+        assert len(done.told.splitlines()) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
 
 
@@ -206,7 +218,7 @@ def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):
     )  # fmt: skip
     assert done.returncode == 3
     for words in ("diverged at t = ", "element", "between nodes", "stretch", "solver.step"):
-        assert words in done.stderr
+        assert words in done.told
     result = exunet.load_result(tmp_path / "here/result.h5")
     assert not result.complete
     assert result.verdict.startswith("diverged")
@@ -221,7 +233,7 @@ def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):
 def test_a_tolerance_that_cannot_be_met_ends(tmp_path):
     done = command("run", PLANAR, "--set", "solver.tolerance=1e-30", "--out", "here", folder=tmp_path)
     assert done.returncode == 3
-    assert "steps collapsed" in done.stderr
+    assert "steps collapsed" in done.told
 
 
 @pytest.mark.slow
@@ -235,8 +247,8 @@ def test_ctrl_c_keeps_the_part_done(tmp_path):
     running.send_signal(signal.SIGINT)
     done = ended(running)
     assert done.returncode == 130
-    assert "interrupted after t = " in done.stderr
-    assert "Traceback" not in done.stderr
+    assert "interrupted after t = " in done.told
+    assert "Traceback" not in done.told
     assert not (tmp_path / "here/unfinished").exists()
     result = exunet.load_result(tmp_path / "here/result.h5")
     assert not result.complete
@@ -252,8 +264,8 @@ def test_ctrl_c_at_start_up_is_clean_and_leaves_no_folder(tmp_path, module):
     arguments = ["run", PLANAR, *SHORT, "--check", "--out", "results/here"]
     done = ended(process(*arguments, folder=tmp_path))  # whose modules come first
     assert done.returncode in (130, -signal.SIGINT)
-    assert done.stderr.splitlines()[-1] == "interrupted"
-    assert "Traceback" not in done.stderr
+    assert done.told.splitlines()[-1] == "interrupted"
+    assert "Traceback" not in done.told
     assert {path.name for path in tmp_path.iterdir()} <= {f"{module}.py", "__pycache__"}
 
 
@@ -292,9 +304,9 @@ def test_a_check_that_cannot_be_made_is_told_beforehand_and_keeps_the_result(tmp
     monkeypatch.delenv("PYTHONPATH", raising=False)
     done = command("run", PLANAR, "--check", *SHORT, "--out", "here", folder=tmp_path)
     assert done.returncode == 4, done.stdout + done.stderr
-    told, simulated = (done.stderr.index(word) for word in ("will not be checked: ", "simulating"))
+    told, simulated = (done.told.index(word) for word in ("will not be checked: ", "simulating"))
     assert told < simulated
-    assert "does not know warp" in done.stderr[told:simulated]
+    assert "does not know warp" in done.told[told:simulated]
     assert "refused: the reference cannot check" in done.stdout
     assert "warp" in json.loads((tmp_path / "here/summary.json").read_text())["check"]["refused"]
     assert exunet.load_result(tmp_path / "here/result.h5").complete
@@ -329,7 +341,7 @@ def test_ctrl_c_while_the_reference_runs_keeps_the_result(tmp_path):
     running.send_signal(signal.SIGINT)
     done = ended(running)
     assert done.returncode == 130
-    assert "Traceback" not in done.stderr
+    assert "Traceback" not in done.told
     assert exunet.load_result(result).complete
 
 
@@ -341,7 +353,7 @@ def test_a_refused_run_leaves_an_earlier_result_alone(tmp_path):
     for arguments in (["--set", "net.bullets.mass=1e308"], ["--set", "launch.radial_speed=1e200"]):
         done = command("run", PLANAR, *SHORT, "--out", "here", *arguments, folder=tmp_path)
         assert done.returncode == 2, done.stdout + done.stderr
-        assert "floating-point" in done.stderr
+        assert "floating-point" in done.told
     assert {name: (tmp_path / name).read_bytes() for name in written(tmp_path)} == before
 
 
@@ -358,8 +370,8 @@ def test_a_refused_run_leaves_an_earlier_result_alone(tmp_path):
 def test_a_fault_of_an_option_is_one_line(tmp_path, arguments, words):
     done = command(*arguments, folder=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith(words)
-    assert done.stderr.count("\n") == 1
+    assert done.told.startswith(words)
+    assert done.told.count("\n") == 1
 
 
 def test_a_file_that_the_system_refuses_is_not_taken_for_the_terminal(tmp_path, monkeypatch):
@@ -368,4 +380,30 @@ def test_a_file_that_the_system_refuses_is_not_taken_for_the_terminal(tmp_path, 
 
     monkeypatch.setattr("exunet.interfaces.commands.check.describe", refuse)
     done = command("check", PLANAR, folder=tmp_path)
-    assert (done.returncode, done.stderr) == (2, f"{tmp_path}: Is a directory\n")
+    assert (done.returncode, done.told) == (2, f"{tmp_path}: Is a directory\n")
+
+
+@pytest.mark.parametrize("arguments", [("schema",), ("-h",), ("check", PLANAR)])
+def test_a_pipe_that_closes_early_ends_a_command_quietly(tmp_path, arguments):
+    """As `| head` does; 128 and the number of SIGPIPE, as of any program."""
+    running = process(*arguments, folder=tmp_path)
+    assert running.stdout is not None
+    assert running.stderr is not None
+    running.stdout.close()
+    words = running.stderr.read()
+    assert (running.wait(), [line for line in words.splitlines() if "compil" not in line]) == (141, [])
+    running.stderr.close()
+
+
+def test_a_run_goes_on_when_nobody_reads_what_it_tells(tmp_path):
+    class Closed(StringIO):
+        def write(self, _text: str) -> int:
+            raise BrokenPipeError
+
+    arguments = ["exunet", "run", str(PLANAR), *SHORT, "--spread", "0", "--out", str(tmp_path / "here")]
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()), redirect_stderr(Closed()):
+        patch.setattr(sys, "argv", arguments)
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert not end.value.code
+    assert exunet.load_result(tmp_path / "here").complete

@@ -422,8 +422,10 @@ def test_nothing_is_lost_before_there_is_something_to_write(monkeypatch, tmp_pat
     (tmp_path / "cost.csv").write_text("of an earlier study", encoding="utf-8")
     monkeypatch.setattr(command, "converge", press_ctrl_c)
     with pytest.raises(KeyboardInterrupt):
-        command.cost(exunet.load(PLANAR), tmp_path, until=0.1, budget=1.0)
+        command.cost(exunet.load(PLANAR), tmp_path, until=0.1, budget=1.0, overwrite=True)
     assert (tmp_path / "cost.csv").read_text(encoding="utf-8") == "of an earlier study"
+    with pytest.raises(InputError, match=r"cost\.csv in this folder would be replaced.*--overwrite"):
+        command.cost(exunet.load(PLANAR), tmp_path, until=0.1, budget=1.0)
     assert [path.name for path in tmp_path.iterdir()] == ["cost.csv"]
     (tmp_path / "cost.md").mkdir()
     with pytest.raises(InputError, match=r"cost\.md: cannot be written"):

@@ -40,7 +40,10 @@ def test_the_books_of_a_later_ejection(form: str, tied: bool) -> None:
     found = exunet.run(case(FORMS[form], *([] if tied else [FREE])))
     assert found.verdict == "ok"
     (event,) = found.provenance["ejection"]
+    work = -event.pop("energy_lost_J")
     assert event == {"time_s": 0.2, "nodes": found.net.n_net_nodes}
+    (before, after) = found.dissipated[np.searchsorted(found.time, 0.2 - 1e-12) - 1 :][:2]
+    assert work == pytest.approx(before - after, abs=1e-3 * work)
     scale = float((found.net.mass[:, None] * np.linalg.norm(found.velocity, axis=-1).T).sum(axis=0).max())
     assert np.abs(found.momentum - found.momentum[0]).max() < 1e-12 * scale + 1e-13
     turning = float(np.linalg.norm(found.angular_momentum[0])) + scale

@@ -11,7 +11,14 @@ from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
 from exunet.case.casefile import load
 from exunet.interfaces.commands import estimates
-from exunet.interfaces.commands.estimates import Expected, duration, estimated, refuse_beyond, size
+from exunet.interfaces.commands.estimates import (
+    Expected,
+    duration,
+    estimated,
+    not_counted,
+    refuse_beyond,
+    size,
+)
 from exunet.interfaces.commands.progress import Lines, remaining
 from exunet.simulation.expected_cost import (
     COUNTED,
@@ -106,7 +113,7 @@ def test_a_run_beyond_the_machine_is_refused_before_it_begins(tmp_path, monkeypa
     done = command("run", PLANAR, "--set", "time.end=0.02", "--out", "here", folder=tmp_path)
     assert done.returncode == 2
     for word in words:
-        assert word in done.stderr
+        assert word in done.told
     assert list(tmp_path.iterdir()) == []
 
 
@@ -126,6 +133,14 @@ def test_a_long_run_says_what_the_compiled_loop_would_take():
     assert "engine.loop" in found["faster"]
     assert in_the_compiled_loop(started("engine.loop=compiled"), None) is None
     assert "faster" not in dict(estimated(started("time.end=0.1")).rows())
+
+
+def test_what_the_time_leaves_out_is_told():
+    assert not_counted(check=False, error=False) == []
+    for name, words in not_counted(check=True, error=True):
+        assert name in ("check", "error")
+        assert "not in this time" in words
+        assert len(f"{name:8s}{words}") <= 80
 
 
 def test_a_guess_says_that_it_is_one():

@@ -237,12 +237,15 @@ def test_result_and_summary_tell_what_was_given(tmp_path: Path) -> None:
     begin = start(tmp_path, "poses", "connectors")
     result = simulate(begin)
     summary = summarise(result)
-    told = summary["bodies"]["target"]
-    assert told["impulse_N_s"] == result.states["target/impulse"].values[-1].tolist()
-    assert told["work_J"] == result.states["target/work"].values[-1, 0]
-    assert len(told["angular_impulse_N_m_s"]) == 3
-    assert "gave" in dict(rows(summary))["body target"]
-    assert "work_J" not in summary["bodies"]["other"]
+    told = {key: one["this_run"] for key, one in summary["headlines"].items()}
+    impulse = [told[f"body_target_impulse_{axis}_N_s"] for axis in "xyz"]
+    assert impulse == result.states["target/impulse"].values[-1].tolist()
+    assert told["body_target_work_J"] == result.states["target/work"].values[-1, 0]
+    assert "body_target_angular_impulse_z_N_m_s" in told
+    assert "body_target_velocity_x_m_s" not in told  # which is given
+    assert "N s (to all else" in dict(rows(summary))["impulse given by target"]
+    assert "body_other_work_J" not in told
+    assert "body_other_velocity_x_m_s" in told
     given = result.states["target/impulse"].values
     np.testing.assert_allclose(result.momentum - result.momentum[0], given, atol=1e-13)
     total = result.kinetic + result.elastic + result.potential + result.dissipated

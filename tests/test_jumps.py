@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from seen_elements import seen_of
 
 from exunet.backends.compiled import many_steps
-from exunet.backends.compiled.work_space import PEAKS, Seen, motion_at
+from exunet.backends.compiled.work_space import motion_at
 from exunet.forces import jumps
 from exunet.forces.cable import Law
 
@@ -69,11 +70,10 @@ def by_hand(state: Any, tolerance: float, time: float) -> tuple[float, float, fl
 
 def compiled(state: Any, tolerance: float, time: float, **changed: Any) -> tuple[float, float]:
     x, v, a = (part.ravel().copy() for part in state)
-    none = np.zeros(0)
     inverse = np.repeat(1.0 / MASS, 3)
     motion = motion_at(x, v, inverse, (), np.zeros((0, 3)), 12)
     motion.work[0] = a
-    seen = Seen(np.zeros(1, dtype=PEAKS), none, ENDS, LENGTH, STIFFNESS, 2.0 * TAU)._replace(**changed)
+    seen = seen_of(ENDS, LENGTH, STIFFNESS, 2.0 * TAU)._replace(**changed)
     return many_steps.jump_ahead(WITHIN, tolerance, time, motion, seen)
 
 
@@ -107,7 +107,7 @@ def test_elements_that_do_not_count_have_no_jump() -> None:
     """Without viscosity, broken, or between nodes that are held still."""
     state = next(s for s in motions(50) if by_hand(s, 1e-3, 0.0) is not None)
     assert compiled(state, 1e-3, 0.0)[0] < math.inf
-    assert compiled(state, 1e-3, 0.0, twice_time=np.zeros(4)) == (math.inf, math.inf)
+    assert compiled(state, 1e-3, 0.0, jumps=np.zeros(4)) == (math.inf, math.inf)
     assert compiled(state, 1e-3, 0.0, stiffness=np.zeros(4)) == (math.inf, math.inf)
     assert of_arrays(state, 1e-3, 0.0, fixed=(0, 1, 2, 3)) is None
 
@@ -133,10 +133,10 @@ def on_threads(
     )
     law = Law(ones, 16.0 * ones, 0.5 * ones)
     found = jumps.jump_ahead(blocks, law, within, tolerance, 0.0, (x, v, a))
-    none, inverse = np.zeros(0), np.repeat([0.0, 1.0, 1.0], 3)
+    inverse = np.repeat([0.0, 1.0, 1.0], 3)
     motion = motion_at(x.ravel(), v.ravel(), inverse, (), np.zeros((0, 3)), 9)
     motion.work[0] = a.ravel()
-    seen = Seen(np.zeros(1, dtype=PEAKS), none, THREADS, ones, 16.0 * ones, ones)
+    seen = seen_of(THREADS, ones, 16.0 * ones, ones)
     return found, many_steps.jump_ahead(within, tolerance, 0.0, motion, seen)
 
 

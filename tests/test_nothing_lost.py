@@ -63,6 +63,8 @@ def unfinished(folder: Path, monkeypatch: pytest.MonkeyPatch, *, overwrite: bool
     assert is_store(folder / "unfinished")
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_second_run_gets_a_folder_of_its_own(tmp_path):
     (tmp_path / "results").mkdir()
     name = folder_of(load(PLANAR, VALUES)).name
@@ -71,7 +73,7 @@ def test_a_second_run_gets_a_folder_of_its_own(tmp_path):
         done = command("run", PLANAR, *SHORT, folder=tmp_path)
         assert done.returncode == 0, done.stderr
         assert exunet.load_result(tmp_path / "results" / f"{name}{expected}").complete
-    assert f"results/{name} has a result; this run goes to results/{name}-3" in done.stderr
+    assert f"results/{name} has a result; this run goes to results/{name}-3" in done.told
     assert f"results/{name}-3/" in "".join(done.stdout.split())  # folded
     assert (tmp_path / "results" / f"{name}-2").read_text() == "a file"
 
@@ -90,13 +92,62 @@ def test_an_explicit_folder_that_would_lose_something_is_refused(tmp_path, targe
     before = content(tmp_path)
     done = command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith("here: there is ")
-    assert "--overwrite" in done.stderr
-    assert ("exunet resume here" in done.stderr) == target.startswith("unfinished")
-    assert len(done.stderr.splitlines()) == 1
+    assert done.told.startswith("here: there is ")
+    assert "--overwrite" in done.told
+    assert ("exunet resume here" in done.told) == target.startswith("unfinished")
+    assert len(done.told.splitlines()) == 1
     assert content(tmp_path) == before
 
 
+@pytest.mark.parametrize("name", ["area.png", "summary.json"])
+def test_a_run_replaces_no_file_that_it_did_not_write(tmp_path, name):
+    """Figures that `plot` drew of another result, or files that are not exunet's at all."""
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / name).write_text("mine")
+    done = command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
+    assert done.returncode == 2
+    assert f"here: {name} in this folder would be replaced" in done.told
+    assert "--overwrite" in done.told
+    assert content(tmp_path) == {f"here/{name}": b"mine"}
+    with pytest.raises(InputError, match="would be replaced"):
+        run_into(tmp_path / "here", load(PLANAR, VALUES))
+
+
+def test_an_ensemble_replaces_no_file_that_it_did_not_write(tmp_path):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "bands.png").write_text("mine")
+    done = command("ensemble", PLANAR, *SHORT, "-n", 8, "--out", "here", folder=tmp_path)
+    assert done.returncode == 2
+    assert "here: bands.png in this folder would be replaced" in done.told
+    assert content(tmp_path) == {"here/bands.png": b"mine"}
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_figures_are_drawn_over_those_of_the_same_result_only(first):
+    """In the folder of the result they are its own; anywhere else they may show another."""
+    figures_of_first = [first / "here" / f"{name}.png" for name in ("area", "energies")]
+    (first / "there").mkdir()
+    (first / "there" / "area.png").write_text("mine")
+    before = content(first / "there")
+    done = command("plot", "here", "--out", "there", folder=first)
+    assert done.returncode == 2
+    assert "there: area.png in this folder would be replaced" in done.told
+    assert "--overwrite" in done.told
+    assert content(first / "there") == before
+    for path in figures_of_first:
+        path.write_text("older")
+    for arguments in (("here",), ("here/result.h5", "--out", "there", "--overwrite")):
+        assert command("plot", *arguments, folder=first).returncode == 0
+    for path in figures_of_first:
+        assert (first / "there" / path.name).read_bytes() == path.read_bytes() != b"older"
+    (first / "here" / "result.h5").rename(first / "here" / "other.h5")  # beside figures of whatever result
+    assert command("plot", "here/other.h5", folder=first).returncode == 2
+    assert command("plot", "here/other.h5", "--out", "new", folder=first).returncode == 0
+
+
+@pytest.mark.slow
+@pytest.mark.ci
 def test_overwrite_replaces_result_and_what_described_it(first):
     (first / "here" / "agreement.png").write_text("of the first run's check")
     (first / "here" / "notes.txt").write_text("mine")
@@ -125,7 +176,7 @@ def test_a_second_run_that_stops_leaves_the_first_and_says_where_its_part_is(fir
     done = command("run", PLANAR, *STOPS, "--out", "here", "--overwrite", folder=first)
     assert done.returncode == 3
     assert content(first / "here") == before
-    assert "what was computed is in here-2; here is as it was" in done.stderr
+    assert "what was computed is in here-2; here is as it was" in done.told
     part = exunet.load_result(first / "here-2")
     assert part.verdict.startswith("diverged")
     assert (first / "here-2" / "summary.json").exists()
@@ -153,7 +204,7 @@ def test_ctrl_c_while_the_result_is_written_keeps_the_states(first, monkeypatch)
     monkeypatch.setattr(runs, "join", interrupted)
     done = command("run", PLANAR, *SHORT, "--out", "here", "--overwrite", folder=first)
     assert done.returncode == 130
-    assert "exunet resume here" in done.stderr
+    assert "exunet resume here" in done.told
     assert {name: content(first / "here")[name] for name in before} == before
     monkeypatch.undo()
     assert command("resume", "here", folder=first).returncode == 0
@@ -175,10 +226,10 @@ def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, m
     out = "here" if overwrite else "there"
     done = command("run", PLANAR, *SHORT, "--out", out, *(["--overwrite"] if overwrite else []), folder=first)
     assert done.returncode == 2
-    assert "No space left on device" in done.stderr
+    assert "No space left on device" in done.told
     assert content(first / "here") == before
     place = "here-2" if overwrite else "there"
-    assert f"what was computed is in {place}" in done.stderr
+    assert f"what was computed is in {place}" in done.told
     assert exunet.load_result(first / place).complete
 
 
@@ -196,7 +247,7 @@ def test_a_full_disk_leaves_the_first_result(first):
     arguments = ("run", PLANAR, *many, "--out", "here", "--overwrite")
     done = ended(process(*arguments, folder=first, program=program))
     assert done.returncode == 2
-    last = done.stderr.splitlines()[-1]
+    last = done.told.splitlines()[-1]
     assert "File too large" in last
     assert "exunet resume here" in last
     now = content(first / "here")
@@ -216,14 +267,14 @@ def test_a_killed_second_run_leaves_the_first_and_can_be_resumed(first):
     wait_until(lambda: is_store(first / "here" / "unfinished"), running)
     again = command(*arguments, "--overwrite", folder=first)
     assert again.returncode == 2
-    assert "another process is writing there" in again.stderr
+    assert "another process is writing there" in again.told
     running.send_signal(signal.SIGKILL)
     running.communicate()
     now = content(first / "here")
     assert {name: now[name] for name in before} == before
     refused = command("run", PLANAR, *SHORT, "--out", "here", folder=first)
     assert refused.returncode == 2
-    assert "exunet resume here" in refused.stderr
+    assert "exunet resume here" in refused.told
 
 
 @pytest.mark.slow
@@ -232,7 +283,7 @@ def test_an_unfinished_run_is_put_aside_where_it_can_be_resumed(tmp_path, monkey
     unfinished(tmp_path / "here", monkeypatch)
     done = command("run", PLANAR, *SHORT, "--out", "here", "--overwrite", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "put aside" in done.stderr
+    assert "put aside" in done.told
     assert exunet.load_result(tmp_path / "here").complete
     assert command("resume", "here-2", folder=tmp_path).returncode == 0
     assert exunet.load_result(tmp_path / "here-2").complete

@@ -9,17 +9,21 @@ import pytest
 from small_nets import pair_of_masses
 
 import exunet
+from exunet.backends.protocol import Largest
 from exunet.base.errors import RunStopped
 from exunet.results.result import Result
+from exunet.results.summary import summarise
+from exunet.results.table import rows
 from exunet.simulation.peaks import Peaks
-from exunet.simulation.preparation import prepare
+from exunet.simulation.preparation import prepare, prepare_case
 from exunet.simulation.run import simulate
+from exunet.studies.spread import spread_of
 
 CASES = Path(__file__).parent.parent / "cases"
 
 
 def test_keeps_the_largest_and_forgets_the_later_ones():
-    peaks = Peaks()
+    peaks = Peaks({"net": range(2)})
     peaks.look(np.array([0.0, 1.0]), np.array([[0.0, 3.0], [1.0, 2.0]]))
     peaks.look(np.array([2.0]), np.array([[9.0, 4.0]]))
     assert peaks.provenance() == {"time_s": 2.0, "tension_N": 9.0, "element": 0}
@@ -27,8 +31,27 @@ def test_keeps_the_largest_and_forgets_the_later_ones():
     assert peaks.provenance() == {"time_s": 0.0, "tension_N": 3.0, "element": 1}
 
 
+def test_each_group_has_its_own_and_comes_back_from_a_snapshot() -> None:
+    """Two elements of a net and one of a tether, whose largest is the later, smaller one."""
+    groups = {"net": range(2), "tether a": range(2, 3)}
+    peaks = Peaks(groups)
+    peaks.look(np.array([0.0]), np.array([[0.0, 3.0, 1.0]]))
+    peaks.look(np.array([1.0]), np.array([[1.0, 2.0, 2.0]]))
+    peaks.take([Largest(2.5, 2.0, 0), Largest(2.5, 2.0, 2)])
+    told = peaks.of_groups()
+    assert told["net"] == {"tension_N": 3.0, "time_s": 0.0, "element": 1}
+    assert told["tether a"] == {"tension_N": 2.5, "time_s": 2.0, "element": 2}
+    assert peaks.provenance() == told["net"]
+    again = Peaks(groups)
+    again.restore(peaks.arrays())
+    again.forget_after(1.5)
+    assert again.of_groups()["tether a"] == {"tension_N": 2.0, "time_s": 1.0, "element": 2}
+    peaks.forget_after(0.5)
+    assert peaks.of_groups()["tether a"] == {"tension_N": 1.0, "time_s": 0.0, "element": 2}
+
+
 def test_a_slack_net_never_pulled():
-    peaks = Peaks()
+    peaks = Peaks({"net": range(3)})
     peaks.look(np.array([0.0]), np.zeros((1, 3)))
     assert peaks.provenance()["element"] == -1
 
@@ -80,3 +103,52 @@ def test_a_stretch_beyond_the_laws_validity_that_lasts_one_step_stops_the_run(en
         pulled_apart(engine, speed=4.9, step=0.025, end=0.5, packing=1.0)
     assert stop.value.result is not None
     assert stop.value.result.time[-1] == 0.0  # the last stored state that is good
+
+
+SNAP = CASES / "bodies" / "snap.toml"
+
+
+@pytest.mark.parametrize("engine", FORMS, ids=str)
+def test_the_peak_of_a_tether_that_breaks_is_seen_between_stored_times(engine: dict[str, str]) -> None:
+    """At 250 N, before its first stored time; nothing of it is left at the stored ones."""
+    settings = ("time.end=0.8", "time.output_step=0.4", "solver.step=1e-3", "effects.breaking={force=250.0}")
+    result = exunet.run(exunet.load(SNAP, [*settings, *(f"engine.{k}={v}" for k, v in engine.items())]))
+    assert result.tension.max() == 0.0
+    peak = result.provenance["largest_tensions"]["tether tow"]
+    assert peak == result.provenance["largest_tension"]
+    assert 250.0 < peak["tension_N"] < 255.0
+    first = result.provenance["broken"][0]
+    assert peak["time_s"] == first["time_s"]
+    told = dict(rows(summary := summarise(result)))
+    assert f"in element {peak['element']}" in told["largest tension of tether tow"]
+    assert "stored" not in told["largest tension of tether tow"]
+    assert told["time of largest tension of tether tow"] == f"{peak['time_s']:.4f} s"
+    assert summary["largest_tensions"]["tether tow"] == {"element": peak["element"], "of": "all steps"}
+    assert summary["margins"]["tether tow"]["of"] == "all steps"
+    assert summary["largest_tensions"]["net"]["element"] is None  # which has no elements
+    assert "largest tension of the net" not in told
+
+
+@pytest.mark.parametrize("viscous", [False, True])
+def test_the_outlet_of_a_locked_reel_is_seen_at_every_step(viscous: bool) -> None:
+    """The tether is its own outlet: the same snap as without a drum, of which no state is handed over."""
+    settings = ["time.end=1.3", "time.output_step=1.3", "tethers.tow.divisions=1", "engine.loop=compiled"]
+    settings += ["effects.material_damping={relaxation_time=1e-3}"] if viscous else []
+    wanted, found = (
+        exunet.run(exunet.load(SNAP, [*settings, *reel])).provenance["largest_tensions"]["tether tow"]
+        for reel in ((), ("tethers.tow.reel={paid_out=8.0}",))
+    )
+    assert wanted["tension_N"] > 200.0
+    assert found["tension_N"] == pytest.approx(wanted["tension_N"], rel=1e-9)
+    assert (found["time_s"], found["element"]) == (wanted["time_s"], wanted["element"])
+
+
+def test_the_spread_of_a_tether_has_its_element_and_time() -> None:
+    """Over all steps of the moved starts too; the margin is then as sure as the tension."""
+    settings = ("time.end=0.8", "solver.step=1e-3", "engine.loop=compiled", "effects.breaking={force=250.0}")
+    found = spread_of(prepare_case(exunet.load(SNAP, settings)), 2).judged
+    tension, time = found["tether_tow_largest_tension_N"], found["tether_tow_time_of_largest_tension_s"]
+    assert tension.value == found["largest_tension_N"].value
+    assert tension.places == found["largest_tension_N"].places
+    assert time.value == found["time_of_largest_tension_s"].value
+    assert found["tether_tow_margin"].predictable

@@ -71,6 +71,7 @@ def curves(figure):
 
 
 AWAY = np.linspace(0, 50, 7)[:, None, None]  # m
+BLOWN = np.geomspace(1, 1e25, 7)[:, None, None]
 
 ODD = {
     "thrown": (THROWN, BOTH),
@@ -82,7 +83,7 @@ ODD = {
     "at rest": (result(square_net(), [0, 1], [square_net().reference_position] * 2), BOTH),
     "one node": (result(net([(0, 0, 0)], [], bullets=(0,)), [0, 1], np.zeros((2, 1, 3))), SPEEDS),
     "far away": (replace(THROWN, position=THROWN.position + AWAY), BOTH),
-    "blown up": (replace(THROWN, position=1e25 * THROWN.position, complete=False, verdict="?"), BOTH),
+    "blown up": (replace(THROWN, position=BLOWN * THROWN.position, complete=False, verdict="?"), BOTH),
     "falling": (replace(unfolding(LINE), potential=-np.linspace(0, 9, 7)), set()),
     "odd verdict": (replace(THROWN, complete=False, verdict="$5_^{ 中文 \n" + 50 * "more "), BOTH),
 }
@@ -129,22 +130,24 @@ def test_figures_of_odd_results(name):
             assert (axes.get_xlim()[0] < drawn[:, 0].min()) & (drawn[:, 0].max() < axes.get_xlim()[1])
             assert (axes.get_ylim()[0] < drawn[:, 1].min()) & (drawn[:, 1].max() < axes.get_ylim()[1])
 
-    energies = made["energies"].axes[0]
-    in_joule = name in ("at rest", "one node", "falling")  # those start with no energy, or gain far more
-    assert energies.get_ylabel() == ("energy [J]" if in_joule else "energy / initial energy")
-    unit = 1.0 if in_joule else of.kinetic[0] + of.elastic[0]
+    energies, balance = made["energies"].axes
+    assert energies.get_ylabel() == "energy change [J]"
     curve = curves(made["energies"])
-    for label, values in (
-        ("kinetic", of.kinetic),
-        ("elastic", of.elastic),
-        ("kinetic + elastic", of.kinetic + of.elastic),
-        ("dissipated", of.dissipated),
-    ):
+    parts = {"kinetic": of.kinetic, "elastic": of.elastic, "dissipated": of.dissipated}
+    if name == "falling":
+        parts["potential"] = of.potential
+    assert set(curve) == set(parts)
+    for label, values in parts.items():
+        change = values - values[0]
         np.testing.assert_array_equal(curve[label].get_xdata(), of.time)
-        np.testing.assert_allclose(curve[label].get_ydata(), values / unit, rtol=1e-15)
+        np.testing.assert_allclose(curve[label].get_ydata(), change, rtol=1e-15)
         low, high = energies.get_ylim()
-        assert low <= (values / unit).min() <= (values / unit).max() <= high
-    assert ("potential, change" in curve) == (name == "falling")
+        assert low <= change.min() <= change.max() <= high
+    errors = sum(values - values[0] for values in parts.values())
+    np.testing.assert_allclose(balance.get_lines()[0].get_ydata(), errors, rtol=1e-12, atol=1e-15)
+    assert balance.get_ylim()[0] == -balance.get_ylim()[1]
+    assert np.abs(errors).max() < balance.get_ylim()[1]
+    assert len(balance.get_yticks()) == 3
 
 
 @pytest.mark.parametrize("name", ["thrown", "single time", "no bullets, no mouth", "many bullets"])
@@ -183,7 +186,7 @@ def test_curves_hold_the_results_numbers():
         curves(made["bullet_speeds"])["node 16"].get_ydata(), metrics.bullet_speeds(THROWN)[:, 0]
     )
     kinetic = curves(made["energies"])["kinetic"].get_ydata()
-    np.testing.assert_array_equal(kinetic, THROWN.kinetic / (THROWN.kinetic[0] + THROWN.elastic[0]))
+    np.testing.assert_array_equal(kinetic, THROWN.kinetic - THROWN.kinetic[0])
     mouth = curves(made["area"])["mouth / achievable area (1 m²)"].get_ydata()
     assert mouth[0] == pytest.approx(0.01)  # a tenth of the size, squared
 
@@ -191,17 +194,49 @@ def test_curves_hold_the_results_numbers():
 def test_bands_reach_to_the_extremes_between_stored_times():
     peak = THROWN.elastic + 0.25 * THROWN.kinetic[0]
     drawn = checked(replace(THROWN, largest_elastic=peak, least_kinetic=0.5 * THROWN.kinetic))["energies"]
-    start = THROWN.kinetic[0] + THROWN.elastic[0]
-    bands = {band.get_label(): band.get_paths()[0].vertices[:, 1] for band in drawn.axes[0].collections}
-    assert bands["largest elastic of all steps"].max() == pytest.approx(peak.max() / start)
-    assert bands["least kinetic of all steps"].min() == pytest.approx(0.5 * THROWN.kinetic.min() / start)
+    *bands, entry = drawn.axes[0].collections
+    ends = np.concatenate([path.vertices[:, 1] for band in bands for path in band.get_paths()])
+    assert ends.min() == pytest.approx((0.5 * THROWN.kinetic).min() - THROWN.kinetic[0])
+    assert ends.max() == pytest.approx(peak.max() - THROWN.elastic[0])
+    assert entry.get_label() == "extremes of all steps"
     older = checked(THROWN)["energies"]
     assert not older.axes[0].collections
 
 
-def test_energy_is_in_joule_for_a_net_that_starts_at_rest():
-    at_rest = checked(ODD["at rest"][0])["energies"]
-    assert at_rest.axes[0].get_ylabel() == "energy [J]"
+def test_bands_cover_no_more_than_what_is_beyond_the_curve():
+    """Of an energy that grows evenly the least of an interval is where it began: nothing is beyond."""
+    growing = 1.0 + THROWN.time
+    least = np.append(growing[:1], growing[:-1])
+    of = replace(THROWN, kinetic=growing, least_kinetic=least, largest_elastic=THROWN.elastic)
+    assert [len(c.get_paths()) for c in checked(of)["energies"].axes[0].collections[:2]] == [0, 0]
+    deep = least.copy()
+    deep[3] = 0.25
+    band = checked(replace(of, least_kinetic=deep))["energies"].axes[0].collections[0]
+    (path,) = band.get_paths()
+    time, change = of.time, growing - growing[0]
+    quad = [(time[2], change[2]), (time[2], -0.75), (time[3], -0.75), (time[3], change[3])]
+    np.testing.assert_allclose(path.vertices[:4], quad)
+
+
+def test_energies_show_small_changes_of_large_ones():
+    """A net that flies fast and dissipates little: the change fills the axis, and the balance is below."""
+    lost = np.linspace(0.0, 1e-3, 7)
+    flying = replace(THROWN, kinetic=100.0 - lost, dissipated=lost * (1 + 1e-6), elastic=0 * lost)
+    made = checked(flying)["energies"]
+    low, high = made.axes[0].get_ylim()
+    assert (high - low) < 3e-3
+    assert made.axes[0].get_ylabel() == "energy change [$10^{-3}$ J]"
+    assert made.axes[0].get_xlabel() == ""
+    assert made.axes[1].get_title(loc="left") == "error of the energy balance [$10^{-9}$ J]"
+    errors = made.axes[1].get_lines()[0].get_ydata()
+    np.testing.assert_allclose(errors, 1e-6 * lost, atol=1e-13)
+    assert metrics.energy_errors(flying)[-1] == errors[-1]
+
+
+def test_work_that_is_put_in_is_named():
+    made = checked(replace(THROWN, dissipated=-np.linspace(0.0, 1.0, 7)))["energies"]
+    assert "dissipated \N{MINUS SIGN} put in" in curves(made)
+    assert "dissipated" in curves(checked(THROWN)["energies"])
 
 
 def test_reference_figure_names_sizes_and_nodes():
@@ -244,6 +279,42 @@ def test_words_of_the_reference_figure_touch_neither_each_other_nor_a_cable(keys
             for line in ends.reshape(-1, 2, 2):
                 along = line[0] + np.linspace(0, 1, 200)[:, None] * (line[1] - line[0])
                 assert not any(box.contains(*point) for point in along), text.get_text()
+
+
+@pytest.mark.parametrize("size", [(85.0, 60.0), (85.0, 85.0), None], ids=str)
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"topology": "hexagonal", "mesh": 0.5, "rings": 3},
+        {"topology": "radial", "radius": 2.5, "spokes": 8, "rings": 4},
+        {"topology": "square", "size": 5.0, "mesh": 0.5},
+    ],
+    ids=lambda keys: keys["topology"],
+)
+def test_the_reference_figure_is_legible_at_any_size(keys, size):
+    """Words and numbers touch neither each other nor the frame nor a dimension's arrow."""
+    start = prepare(thrown({}, net=THROWN_NET | keys))
+    made = exunet.figure(result(start.net, [0.0], start.position[None]), "reference_net", size=size)
+    with drawing():
+        made.canvas.draw()
+    axes = made.axes[0]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in axes.texts if text.get_text()]
+    for (one, a), (other, b) in itertools.combinations(boxes, 2):
+        assert not a.padded(-2.0).overlaps(b.padded(-2.0)), (one, other)
+    frame = axes.get_window_extent()
+    for word, box in boxes:
+        assert frame.x0 <= box.x0, word
+        assert box.x1 <= frame.x1, word
+        assert frame.y0 <= box.y0, word
+        assert box.y1 <= frame.y1, word
+    for arrow in (text for text in axes.texts if not text.get_text()):
+        ends = axes.transData.transform([arrow.xy, arrow.xyann])
+        along = ends[0] + np.linspace(0, 1, 100)[:, None] * (ends[1] - ends[0])
+        for word, box in boxes:
+            if not word.endswith(" m"):
+                assert not any(box.padded(-2.0).contains(*point) for point in along), word
+    assert any(word.endswith(" m") for word, _ in boxes)
+    assert sum(word.isdigit() for word, _ in boxes) >= 4
 
 
 def test_snapshots_have_equal_scales_and_show_both_configurations():

@@ -356,7 +356,10 @@ def test_a_file_that_cannot_grow_is_one_line_and_no_file(part, tmp_path):
 def test_bodies_have_a_row_in_the_summary():
     """The sample's chaser goes from (0, 1, 2) m to (18, 19, 20) m: 18 m along each axis."""
     summary = summarise(unfolding(square_net(), bodies=BODIES))
-    assert summary["bodies"] == {"chaser": {"mass_kg": 500.0}, "target": {"mass_kg": 2000.0}}
+    assert summary["bodies"] == {
+        "chaser": {"mass_kg": 500.0, "mass_of_nodes_kg": 0.0},
+        "target": {"mass_kg": 2000.0, "mass_of_nodes_kg": 0.0},
+    }
     found = {name: one["this_run"] for name, one in summary["headlines"].items()}
     assert found["body_chaser_displacement_m"] == pytest.approx(18 * 3**0.5)
     assert found["body_target_displacement_m"] == 0.0

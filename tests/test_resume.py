@@ -12,6 +12,7 @@ from commands import command
 
 import exunet
 from exunet.base.errors import InputError, UnsoundStates
+from exunet.interfaces.commands import run as command_run
 from exunet.simulation import run as runs
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
@@ -72,7 +73,29 @@ def test_the_command_finishes_what_was_cut_short(tmp_path, monkeypatch, at):
     assert steps[0] == steps[1]
     again = command("resume", cut, folder=tmp_path)
     assert again.returncode == 2
-    assert again.stderr == f"{cut}: there is no unfinished run in this folder\n"
+    assert again.told == f"{cut}: there is no unfinished run in this folder\n"
+
+
+@pytest.mark.parametrize(("stored", "asked", "runs_after_it"), [(0, None, 0), (9, None, 9), (9, 0, 0)])
+def test_a_resumed_run_has_the_moved_starts_of_the_run(tmp_path, monkeypatch, stored, asked, runs_after_it):
+    """Unless `resume` asks for another number."""
+    made = []
+
+    def killed(*_: object) -> None:
+        raise KilledError
+
+    def moved_starts(_start: object, runs: int, **_: object) -> None:
+        made.append(runs)
+        raise InputError("not run in this test")
+
+    arguments = ("run", PLANAR, "--set", "time.end=0.02", "--out", "here", "--quiet", "--spread", stored)
+    with monkeypatch.context() as patch:
+        patch.setattr(runs, "drive", killed)
+        with pytest.raises(KilledError):
+            command(*arguments, folder=tmp_path)
+    monkeypatch.setattr(command_run, "spread_of", moved_starts)
+    assert command_run.resume_run(tmp_path / "here", quiet=True, spread=asked) is None
+    assert made == [runs_after_it] * (runs_after_it > 0)
 
 
 def test_a_damaged_checkpoint_is_refused_in_one_line(tmp_path, monkeypatch):
@@ -83,8 +106,8 @@ def test_a_damaged_checkpoint_is_refused_in_one_line(tmp_path, monkeypatch):
     checkpoint.write_bytes(content)
     done = command("resume", tmp_path, folder=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith(f"{checkpoint}: damaged or cut short")
-    assert done.stderr.count("\n") == 1
+    assert done.told.startswith(f"{checkpoint}: damaged or cut short")
+    assert done.told.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -101,8 +124,8 @@ def test_checkpoints_that_cannot_be_made_leave_an_earlier_result(tmp_path, argum
     (tmp_path / "result.h5").write_text("of an earlier run")
     done = command("run", PLANAR, *SHORT, *arguments, "--out", tmp_path, folder=tmp_path)
     assert done.returncode == 2
-    assert words in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert words in done.told
+    assert done.told.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["result.h5"]
 
 
@@ -110,7 +133,7 @@ def test_there_is_nothing_to_resume(tmp_path):
     for folder in (tmp_path, tmp_path / "absent"):
         done = command("resume", folder, folder=tmp_path)
         assert done.returncode == 2
-        assert done.stderr == f"{folder}: there is no unfinished run in this folder\n"
+        assert done.told == f"{folder}: there is no unfinished run in this folder\n"
 
 
 @pytest.mark.slow
@@ -129,7 +152,7 @@ def test_a_run_that_leaves_no_result_gives_the_earlier_one_back(tmp_path, monkey
     for error, left in ((UnsoundStates("NaN"), set()), (InputError("the disk is full"), {"unfinished"})):
         done = command(*arguments, "--overwrite", folder=tmp_path)
         assert done.returncode == 2
-        assert str(error) in done.stderr
+        assert str(error) in done.told
         assert {path.name for path in here.iterdir()} == set(before) | left
         assert all((here / name).read_bytes() == content for name, content in before.items())
     monkeypatch.undo()
@@ -162,7 +185,7 @@ def test_what_is_in_the_way_of_a_runs_files_is_named_before_anything_is_removed(
     (tmp_path / "unfinished" / "notes.exu").write_text("of somebody else")
     done = command("resume", tmp_path, folder=tmp_path)
     words = f"{way}: it is in the way of a run's own file: move it elsewhere\n"
-    assert (done.returncode, done.stderr) == (2, words)
+    assert (done.returncode, done.told) == (2, words)
     way.rmdir()
     assert command("resume", tmp_path, folder=tmp_path).returncode == 0
     assert {path.name for path in (tmp_path / "unfinished").iterdir()} == {"foreign.exu", "notes.exu"}

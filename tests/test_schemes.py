@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from seen_elements import seen_of
 
 from exunet.backends.compiled import many_steps, schemes
 from exunet.backends.compiled.work_space import (
-    PEAKS,
     Control,
     EqualSteps,
     Kept,
     Motion,
     Run,
-    Seen,
     clock_at,
     motion_at,
 )
@@ -139,11 +138,9 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
     """Seven equal steps, and chosen ones, under t^p: as exact as one, if each begins where the last ended."""
     force, way, speed = power_of_time(p)
     under(force)
-    none = np.zeros(0)
     for equal in (True, False):
         motion, clock = at_start(), clock_at(START, 0.05)
-        peaks = np.array([(0.0, np.inf, np.inf, np.inf, 0.0, 0.0, -1)], dtype=PEAKS)
-        seen = Seen(peaks, 0.5 * np.ones(1), np.zeros((0, 2), dtype=int), none, none, none)
+        seen = seen_of(np.zeros((0, 2), dtype=int), half=0.5 * np.ones(1), look_above=np.inf)
         kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros(50))
         run = Run(motion, clock, seen, kept)
         if equal:

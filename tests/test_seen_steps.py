@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from seen_elements import seen_of
 
 from exunet.backends.compiled import many_steps, schemes, work
 from exunet.backends.compiled.work_space import (
-    PEAKS,
     Control,
     EqualSteps,
     Kept,
@@ -30,10 +30,14 @@ NET: Any = SimpleNamespace(element_nodes=ENDS)
 FIRST, LAST = 1.5, 2.7  # [s]
 
 
-def seen_so_far(look_above: float = 0.0, twice: np.ndarray | None = None, n_v: int = 12) -> Seen:
-    peaks = np.array([(0.0, np.inf, np.inf, look_above, 0.0, 0.0, -1)], dtype=PEAKS)
-    half = np.linspace(0.2, 1.3, n_v)
-    return Seen(peaks, half, ENDS, LENGTH, STIFFNESS, np.zeros(4) if twice is None else twice)
+def seen_so_far(
+    look_above: float = 0.0,
+    twice: np.ndarray | None = None,
+    n_v: int = 12,
+    bounds: tuple[int, ...] = (0, 4),
+) -> Seen:
+    half, times = np.linspace(0.2, 1.3, n_v), np.zeros(4) if twice is None else twice
+    return seen_of(ENDS, LENGTH, STIFFNESS, times, half=half, look_above=look_above, bounds=bounds)
 
 
 def states(number: int) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -63,7 +67,7 @@ def test_the_largest_tension_is_that_of_the_law(viscous: bool) -> None:
         tension = cable.element_tension(NET, law, x, v)
         if tension.max() > largest:
             largest, when, where = tension.max(), time, int(np.argmax(tension))
-        told = seen.peaks[0]
+        told = seen.largest[0]
         assert told["tension"] == pytest.approx(largest, rel=1e-13)
         assert (told["time"], told["element"]) == (when, where)
     assert largest > 0.0
@@ -78,12 +82,30 @@ def test_no_tension_is_larger_below_the_energy_from_which_states_are_looked_at()
         )
         seen = seen_so_far()
         many_steps.see_tensions(0.0, x.ravel(), np.zeros(12), seen)
-        tension = float(seen.peaks["tension"][0])
+        tension = float(seen.largest["tension"][0])
         strain = np.array([np.roots([1.0, 1.0, -tension / ea]).max() for ea in STIFFNESS])
         least = 0.5 * STIFFNESS * LENGTH * strain**2
         assert seen.peaks["look_above"][0] == pytest.approx(least.min(), rel=1e-9)
         taut = 0.5 * 30.0 * 0.7 * cable.green_lagrange_strain(0.7 * (1.0 + 0.05 * scale), 0.7) ** 2
         assert least[0] < taut < least[0] * (1.0 + 0.1 * scale)
+
+
+@pytest.mark.parametrize("viscous", [False, True])
+def test_each_group_has_the_largest_tension_of_its_own(viscous: bool) -> None:
+    """The first two elements, and the last two; none may be missed below the energy that is looked for."""
+    law = Law(LENGTH, STIFFNESS, 0.5 * TWICE_TAU if viscous else None)
+    seen = seen_so_far(twice=TWICE_TAU if viscous else None, bounds=(0, 2, 4))
+    every = []
+    for time, (x, v) in enumerate(states(8)):
+        elastic = float(cable.elastic_energy(law, cable.lengths(NET, x[None]))[0])
+        many_steps.see(float(time), elastic, x.ravel(), v.ravel(), seen)
+        every.append(cable.element_tension(NET, law, x, v))
+        for told, group in zip(seen.largest, (slice(0, 2), slice(2, 4)), strict=True):
+            own = np.array(every)[:, group]
+            when, where = np.unravel_index(own.argmax(), own.shape)
+            assert told["tension"] == pytest.approx(own.max(), rel=1e-13)
+            assert (told["time"], told["element"]) == (when, group.start + where)
+    assert seen.largest["tension"][0] != seen.largest["tension"][1]
 
 
 @pytest.fixture
@@ -117,9 +139,7 @@ def moving() -> tuple[Motion, np.ndarray, Seen, Kept]:
     """At FIRST where x = t^3 / 6, v = t^2 / 2, which the force t continues."""
     state = (np.array([FIRST**3 / 6.0]), np.array([FIRST**2 / 2.0]))
     motion = motion_at(*state, np.ones(1), (), np.zeros((0, 3)), 1)
-    peaks = np.array([(0.0, np.inf, np.inf, np.inf, 0.0, 0.0, -1)], dtype=PEAKS)
-    nothing = np.zeros(0)
-    seen = Seen(peaks, np.ones(1), np.zeros((0, 2), dtype=int), nothing, nothing, nothing)
+    seen = seen_of(np.zeros((0, 2), dtype=int), half=np.ones(1), look_above=np.inf)
     many_steps.begin(FIRST, False, motion)
     kept = Kept(np.zeros(90), np.zeros((90, 1)), np.zeros((90, 1)), np.zeros(90))
     return motion, clock_at(FIRST, 0.01), seen, kept

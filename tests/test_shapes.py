@@ -383,9 +383,10 @@ def test_check_says_mass_inertia_axes_and_centre() -> None:
     rows = dict(describe(body(*FRUSTUM)))
     mass = 100.0 * math.pi * 2.0 / 3.0 * (0.25 + 0.15 + 0.09)
     assert f"{mass:g} kg" in rows["body target"]
-    assert "centre of mass at (0, 0, -0.163265) m of its frame" in rows["body target"]
+    assert rows["target: centre of mass"] == "at (0, 0, -0.163265) m in the body's frame"
+    assert "the principal axes (1, 0, 0), (0, 1, 0), (0, 0, 1) of" in rows["target: inertia"]
     turned = body("mass=1", "inertia=[1, 1, 1]", "products_of_inertia=[0.1, 0, 0]")
-    assert "0.707107" in dict(describe(turned))["body target"]
+    assert "0.707107" in dict(describe(turned))["target: inertia"]
 
 
 # Both codes

@@ -53,7 +53,7 @@ def course(peak: float = 100.0, area: float = 4.0, element: int = 3) -> Course:
         elastic=zeros,
         dissipated=np.linspace(0.0, 0.5, 5),
         tension=zeros,
-        peak=Peak(peak, 0.7, element),
+        peaks={"net": Peak(peak, 0.7, element)},
     )
 
 
@@ -179,7 +179,7 @@ def test_a_run_tells_its_spread_and_keeps_it(tmp_path: Path) -> None:
     case = (CASES / "planar_deployment.toml", "--set", "time.end=0.02", "--out", "here", "--overwrite")
     done = command("run", *case, "--spread", 8, folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "8 moved starts in the compiled loop after it" in done.stderr
+    assert "8 moved starts in the compiled loop after it" in done.told
     summary = json.loads((tmp_path / "here/summary.json").read_text())
     assert summary["spread"]["runs"] == 8
     assert summary["spread"]["predictable"] is True
@@ -206,7 +206,7 @@ def test_ctrl_c_during_the_moved_starts_keeps_the_result(tmp_path: Path, monkeyp
     case = (CASES / "planar_deployment.toml", "--set", "time.end=0.02", "--out", "here", "--spread", 8)
     done = command("run", *case, folder=tmp_path)
     assert done.returncode == 130
-    assert "interrupted during the runs of moved starts; the result is written" in done.stderr
+    assert "interrupted during the runs of moved starts; the result is written" in done.told
     assert exunet.load_result(tmp_path / "here").complete
     summary = json.loads((tmp_path / "here/summary.json").read_text())
     assert "interrupted" in summary["spread"]["refused"]

@@ -27,7 +27,7 @@ SECTION = (
 TABLE = [
     key for row in re.findall(r"^\| (`.*?) \| ", SECTION, re.MULTILINE) for key in re.findall("`(.*?)`", row)
 ]
-GROUPS = ("bodies", "headlines", "margins", "method.items", "versions")
+GROUPS = ("bodies", "headlines", "largest_tensions", "margins", "method.items", "versions")
 # Followed by names of the user's or of the engine's choice.
 NAMED = ("check.bodies.", *(f"{group}." for group in GROUPS))
 UNITS = ("_rad", "_s", "_m", "_m2", "_m_s", "_kg", "_N", "_J")
@@ -66,6 +66,7 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
         [str(CASES / "effects" / "breaking.toml"), "--check"],
         [str(CASES / "planar_deployment.toml"), *short, *held],
         [str(CASES / "planar_deployment.toml"), *short, *through],
+        [str(CASES / "bodies" / "snap.toml"), *short],
     )
     found = []
     for k, command in enumerate(commands):

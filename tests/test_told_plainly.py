@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +14,8 @@ from commands import command
 from exunet.base.version import VERSION
 from exunet.case.casefile import load
 from exunet.forces.directions import EARTH_RADIUS
-from exunet.interfaces.commands import printing
 from exunet.interfaces.commands.effects import lines_of
+from exunet.interfaces.commands.lines import WIDTH, folded
 from exunet.interfaces.commands.printing import print_table
 from exunet.studies import ablation
 from exunet.studies.ablation import Change, Toggled, ablate
@@ -39,6 +40,16 @@ def test_help_is_short_for_h(tmp_path, name):
     assert short.returncode == long.returncode == 0
     assert short.stdout == long.stdout
     assert "Usage: exunet" in short.stdout
+    assert max(map(len, short.stdout.splitlines())) <= 80
+    assert not re.search(r"<\w|[{}]|\w\.\.\.$", short.stdout, re.MULTILINE)  # <bool>, {CASE}, cut words
+    options = re.findall(r"^  -\S.*", short.stdout, re.MULTILINE)
+    explained = re.findall(r"^  -\S.*?(?:\S  +|\n {10,})\S", short.stdout, re.MULTILINE)
+    assert len(options) == len(explained) >= 1
+
+
+def test_help_has_the_units(tmp_path):
+    for name, words in (("ensemble", "start [m]"), ("cost", "runs [s]"), ("plot", "figure [mm]")):
+        assert words in " ".join(command(name, "-h", folder=tmp_path).stdout.split())
 
 
 def test_the_version_is_told(tmp_path):
@@ -46,13 +57,15 @@ def test_the_version_is_told(tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, f"exunet {VERSION}\n", "")
 
 
+@pytest.mark.slow
+@pytest.mark.ci
 def test_a_quiet_run_says_nothing_but_errors(tmp_path):
     done = command("run", PLANAR, *SHORT, "--quiet", folder=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     assert len(list(tmp_path.rglob("result.h5"))) == 1
     done = command("run", PLANAR, *SHORT, "--quiet", "--set", "net.mesh=0.7", folder=tmp_path)
     assert done.returncode == 2
-    assert "net.mesh" in done.stderr
+    assert "net.mesh" in done.told
 
 
 @pytest.mark.parametrize(
@@ -62,19 +75,51 @@ def test_a_quiet_run_says_nothing_but_errors(tmp_path):
         ("effects", ORBIT),
         ("run", PLANAR, *SHORT),
         ("run", PLANAR, "--set", "title=" + "x" * 200, *SHORT),
+        ("schema",),
     ],
 )
 def test_what_is_printed_fits_80_columns(tmp_path, arguments):
     done = command(*arguments, folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert max(len(line) for line in done.stdout.splitlines()) <= 80
+    for line in done.stdout.splitlines():
+        assert len(line) <= 80 or line.startswith("  results/"), line  # a path is not broken
     assert "…" not in done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_messages_fit_80_columns_and_break_no_path(tmp_path):
+    """Faults, the line on another folder, and the last row of the table, which have long paths."""
+    name = "a-case-with-a-name-that-is-much-too-long-for-any-table-of-eighty-columns-" * 2
+    (tmp_path / f"{name}.toml").write_text(PLANAR.read_text())
+    faults = ("--set", "net.mesh=0.7", "--set", "time.end=-1", "--set", "net.bullets.mass=x" + "y" * 100)
+    for arguments in (SHORT, SHORT):
+        done = command("run", f"{name}.toml", *arguments, folder=tmp_path)
+        for line in (*done.stdout.splitlines(), *done.stderr.splitlines()):
+            assert len(line) <= 80 or line.strip().startswith(("results/", name)), line
+    done = command("run", f"{name}.toml", *faults, folder=tmp_path)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 3  # one for each fault, which a program may read
+    first, second = sorted(one.name for one in (tmp_path / "results").iterdir())
+    again = command("run", f"{name}.toml", *SHORT, folder=tmp_path)
+    assert second == f"{first}-2"
+    assert f"results/{first} has a result; this run goes to results/{first}-3" in again.told
+    assert f"results/{first}\n" in again.stderr
+    assert f"\n  results/{first}-3/\n" in again.stdout
+
+
+def test_a_path_longer_than_a_line_has_one_of_its_own():
+    path = "/a" * 50
+    assert folded(f"put it into {path}: it is new", 80) == ["put it into", f"  {path}:", "  it is new"]
+    assert folded(f"{path}:12: key: wrong", 80) == [f"{path}:12:", "  key: wrong"]
+    assert folded("x" * 100, 80) == ["x" * 80, "  " + "x" * 20]
+    assert folded("二" * 41 + "\nmore", 80) == ["二" * 40, "  二", "more"]
 
 
 def test_long_names_and_values_are_folded_and_not_cut(capsys):
     print_table("title " * 40, [("name" * 30, "value" * 60), ("b" * 20, "c")])
     shown = capsys.readouterr().out
-    assert max(len(line) for line in shown.splitlines()) <= printing.WIDTH
+    assert max(len(line) for line in shown.splitlines()) <= WIDTH
     assert shown.count("v") == 60
     assert shown.count("n") == 30
     assert "…" not in shown

@@ -212,6 +212,7 @@ def test_a_failing_rung_says_where_and_ends_with_1(tmp_path, monkeypatch, capsys
     printed = capsys.readouterr().out
     assert "FAILS" in printed
     assert "worst: " in printed
+    assert all(len(line) <= 80 or str(tmp_path) in line for line in printed.splitlines())
 
 
 def test_an_interrupted_ladder_keeps_what_was_done(tmp_path, monkeypatch):

@@ -58,7 +58,7 @@ class Events:
         return replace(change, v=speed)
 
     def _booked(self, change: Change, name: str, time: float, x: Floats, v: Floats) -> Change:
-        """With the energy that is lost, where that is what the energy of the system changes by."""
+        """With the energy that is lost, where that is what the energy of the system changes by; so told."""
         if change.energy_lost is not None:
             return change
         after = x if change.x is None else change.x, v if change.v is None else change.v
@@ -66,7 +66,11 @@ class Events:
         lost = before - total(self._system, time, *after, self.memory_after(name, change))
         first = self._system.blocks.n_x - self._system.blocks.n_states
         given = float(self._system.given_work(after[0][first:] - x[first:]))
-        return replace(change, energy_lost=lost + given, work_given=given)
+        own = lost + given  # what a guide gives with the event is in the guide's books
+        change = replace(change, energy_lost=own, work_given=given)
+        if len(change.events) != 1:
+            return change
+        return replace(change, events=({**change.events[0], "energy_lost_J": own},))
 
     def next_instant(self, after: float, until: float) -> float:
         """The first known instant of an event later than `after`, or `until` [s]."""

@@ -36,18 +36,24 @@ class Batch(NamedTuple):
     taken: Floats | None = None
 
 
+class Largest(NamedTuple):
+    """A largest tension so far [N], when [s], in which element (-1: none pulled)."""
+
+    tension: float
+    time: float
+    element: int
+
+
 class Extremes(NamedTuple):
     """The largest and least values of all steps of one `advance`, for integrators that do not hand over each.
 
     elastic, kinetic : largest elastic and least kinetic energy [J]
-    tension, time, element : the largest tension so far [N], when [s], in which element (-1: none pulled)
+    largest          : the largest tension of each group of elements (`Net.groups`)
     """
 
     elastic: float
     kinetic: float
-    tension: float
-    time: float
-    element: int
+    largest: tuple[Largest, ...]
 
 
 class Observer(Protocol):

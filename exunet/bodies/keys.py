@@ -266,18 +266,18 @@ class BodyKeys(Placed, Dimensions):
         None,
         min_length=2,
         description="of a prescribed motion [s], increasing, from 0 or before to time.end or later",
-        examples=[[0.0, 1.0, 2.0]],
+        examples=[[0.0, 2.0]],
     )
     pose_positions: Places | None = Field(
         None,
         description="of the origin of the body's frame, one for each of pose_times [m]",
-        examples=[[[0.0, 0.0, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 0.3]]],
+        examples=[[[0.0, 0.0, 0.0], [0.0, 0.0, 0.3]]],
     )
     pose_attitudes: Quaternions | None = Field(
         None,
         description="quaternions [w, x, y, z] like attitude, one for each of pose_times; without it the "
         "attitude stays",
-        examples=[[[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.1], [1.0, 0.0, 0.0, 0.3]]],
+        examples=[[[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.3]]],
     )
     attachments: Mapping[Name, AttachmentKeys] = Field(
         {},

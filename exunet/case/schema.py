@@ -6,6 +6,7 @@ import copy
 import functools
 import json
 from collections.abc import Iterator
+from textwrap import wrap
 from typing import Any
 
 from exunet.base.errors import KeyPath
@@ -40,6 +41,7 @@ _CHOSEN = (
 )
 _OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have
 _BODY, _TETHER = "chaser", "tow"  # names of these in the template
+_WIDTH = 78  # of lines of the template, without the "# " before those of optional tables
 
 
 def json_schema() -> Node:
@@ -158,7 +160,7 @@ def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
     keys = {name: _plain(raw, topology) for name, raw in _properties(node, path).items()}
     for name in sorted(keys, key=lambda name: name not in given):
         if keys[name].get("type") != "object":
-            yield ("" if name in given else "# ") + _assignment(name, keys[name])
+            yield from _explained(("" if name in given else "# ") + _assignment(name, keys[name]), keys[name])
     if path == ("net",):
         yield from _other_topologies(topology)
 
@@ -181,7 +183,7 @@ def _tables(path: tuple[str, ...], topology: str, *, needed: bool) -> Iterator[s
         inner, on = (*path, name), needed and name in node.get("required", ())
         if keys := list(_keys(inner, topology)):  # a table of nothing but tables needs no header
             yield ""
-            for line in (f"[{'.'.join(inner)}]  # {key.get('description', '')}", *keys):
+            for line in (*_explained(f"[{'.'.join(inner)}]", key), *keys):
                 yield line if on else "# " + line
         yield from _tables(inner, topology, needed=on)
 
@@ -206,12 +208,29 @@ def _other_topologies(chosen: str) -> Iterator[str]:
         for name, raw in properties.items():
             key = _plain(raw, topology)
             if key.get("type") != "object" and (name not in common or name == "topology"):
-                yield "#     " + _assignment(name, key)
+                yield from _explained("#     " + _assignment(name, key), key, "#         ")
 
 
 def _assignment(name: str, key: Node) -> str:
-    about = key.get("description", "")
-    return f"{name} = {_toml(example(key))}" + (f"  # {about}" if about else "")
+    return f"{name} = {_toml(example(key))}"
+
+
+def _explained(line: str, key: Node, indent: str = "#     ") -> Iterator[str]:
+    """A line with the description of its key or table behind it, or where it is too long for that, below."""
+    about = str(key.get("description", ""))
+    whole = f"{line}  # {about}" if about else line
+    if len(whole) <= _WIDTH:
+        yield whole
+        return
+    yield line
+    yield from wrap(
+        about,
+        _WIDTH,
+        initial_indent=indent,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _toml(value: Any) -> str:

@@ -22,15 +22,16 @@ Size = tuple[float, float]
 # What each shows, and of which results it can be made.
 FIGURES = {
     "reference_net": "the net in its reference configuration, node numbers, dimensions; needs elements",
-    "snapshots": "up to six configurations between the first and the last stored time",
+    "snapshots": "up to six configurations from the first stored time to the last, as the size has room",
     "bullet_speeds": "speed of each bullet over time; needs bullets",
-    "energies": "kinetic and elastic energy, their sum, and the dissipated work over time",
+    "energies": "changes of the energies and the dissipated work over time; error of their balance",
     "area": "mouth area and mesh area over time; needs a mouth or mesh openings",
     "tensions": "largest tension of each element at the stored times, on the reference net; needs elements",
+    "tethers": "largest tension at the stored times along each tether; needs tethers",
     "largest_tension": "largest tension of all elements over time; needs elements",
     "loads": "pull of the threads on each body at the nodes that are fixed to it; needs such nodes",
     "distances": "distance of each two bodies with shapes, surface to surface, over time; needs two of them",
-    "rotation": "angular velocity of each rigid body over time; needs a rigid body",
+    "rotation": "angular velocity of rigid bodies over time, in body axes; needs a rigid body",
     "agreement": "differences between two codes over time; needs an `agreement`",
 }
 LEAST, MOST = 40.0, 1000.0  # mm, sides of a figure
@@ -146,15 +147,16 @@ def _drawers(
     agreement: Agreement | None, spread: EnsembleResult | None
 ) -> dict[str, Callable[[Result, Page], Figure | None]]:
     """What makes each figure; it returns None for a result that has not what it shows."""
-    from exunet.figures import curves, nets, tensions
+    from exunet.figures import curves, energies, nets, tensions
 
     return {
         "reference_net": nets.reference_net,
         "snapshots": nets.snapshots,
         "bullet_speeds": lambda result, page: curves.bullet_speeds(result, page, agreement, spread),
-        "energies": lambda result, page: curves.energies(result, page, spread),
+        "energies": lambda result, page: energies.energies(result, page, spread),
         "area": lambda result, page: curves.area(result, page, spread),
         "tensions": tensions.tensions,
+        "tethers": tensions.tethers,
         "largest_tension": lambda result, page: curves.largest_tension(result, page, spread),
         "loads": curves.loads_on_bodies,
         "distances": curves.distances,

@@ -1,4 +1,4 @@
-"""Curves over time: bullet speeds and energies (the paper's Figs. 5, 6), areas, tensions, agreement."""
+"""Curves over time: bullet speeds, areas, tensions, loads, distances, rotations, agreement."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from exunet.figures.page import Page, legend_above, line_scale
+from exunet.figures.lines import curve, curve_axes, from_zero, many, spread_band
+from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_styles, number
-from exunet.figures.thinning import thinned, thinned_band
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
 from exunet.results.clearance import gaps_of, pairs_of, shapes_of
@@ -22,6 +22,8 @@ from exunet.results.result import Result
 from exunet.results.rows import over_blocks
 
 Floats = NDArray[np.float64]
+
+_BODY_LINES = ("-", "--", ":", "-.")
 
 
 def bullet_speeds(
@@ -35,14 +37,14 @@ def bullet_speeds(
     count = speeds.shape[1]
     if count == 0:
         return None
-    figure, axes = _curve_axes(result, page, "Speeds of the bullets", "speed [m/s]")
+    figure, axes = curve_axes(result, page, "Speeds of the bullets", "speed [m/s]")
     nodes = result.net.bullet_nodes
     if count <= MOST_CURVES:
         for k, style in enumerate(curve_styles(count)):
             style |= {"label": f"node {nodes[k]}", "markersize": 4.5}
-            _curve(axes, result.time, speeds[:, k], shift=k / count, **style)
+            curve(axes, result.time, speeds[:, k], shift=k / count, **style)
     else:
-        _many(
+        many(
             axes,
             result.time,
             speeds,
@@ -58,56 +60,15 @@ def bullet_speeds(
             grey = {"color": "0.75", "linewidth": 2.6, "zorder": 1.5}
         for k, column in enumerate(theirs.T):
             label = "reference" if k == 0 else None
-            _curve(axes, agreement.time, column, label=label, **grey)
+            curve(axes, agreement.time, column, label=label, **grey)
         _mark_horizon(axes, agreement)
     if spread is not None and "slowest_bullet" in spread.quantiles:
-        words = {"slowest_bullet": f"slowest, fastest bullet of {spread.runs} moved starts"}
-        for name in ("slowest_bullet", "fastest_bullet"):
-            # Matplotlib keeps labels that begin with "_" out of the legend.
-            _spread_band(axes, spread, spread.band(name), BLACK, words.get(name, f"_{name}"))
+        words = f"{spread.runs} moved starts: slowest, fastest"
+        for name, label in (("slowest_bullet", words), ("fastest_bullet", None)):
+            spread_band(axes, spread, spread.band(name), BLACK, label)
         top = max(top, float(spread.band("fastest_bullet")[1].max()))
-    axes.set_ylim(0, 1.05 * top or 1.0)
-    _legend(figure, axes)
-    return figure
-
-
-def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure:
-    """Kinetic and elastic energy, their sum and the dissipated work, relative to the total at the start.
-
-    In joule if the net starts with (almost) no energy of its own, as one that falls from rest. Where known,
-    bands reach from kinetic and elastic energy at the stored times to their extremes over the steps between.
-    """
-    total = result.kinetic + result.elastic
-    parts: dict[str, tuple[Floats, dict[str, Any]]] = {
-        "dissipated": (result.dissipated, {"color": YELLOW, "linewidth": 1.8, "marker": "s"}),
-        "kinetic": (result.kinetic, {"color": BLUE, "linewidth": 1.4, "linestyle": "--"}),
-        "elastic": (result.elastic, {"color": RED, "linewidth": 1.4, "linestyle": "-"}),
-        "kinetic + elastic": (total, {"color": BLACK, "linewidth": 0.9, "linestyle": "-."}),
-    }
-    if np.any(result.potential != result.potential[0]):
-        fallen = result.potential - result.potential[0]
-        dotted = {"color": BLACK, "linewidth": 1.2, "linestyle": ":", "marker": "v"}
-        parts["potential, change"] = (fallen, dotted)
-    start = float(total[0])
-    relative = start > 1e-3 * max(float(np.abs(values).max()) for values, _ in parts.values())
-    label = "energy / initial energy" if relative else "energy [J]"
-    figure, axes = _curve_axes(result, page, "Energies at the stored times", label)
-    unit = start if relative else 1.0
-    for name, (values, style) in parts.items():
-        _curve(axes, result.time, values / unit, **style, label=name, markersize=4.0)
-    for extremes, name, color, words in (
-        (result.least_kinetic, "kinetic", BLUE, "least kinetic of all steps"),
-        (result.largest_elastic, "elastic", RED, "largest elastic of all steps"),
-    ):
-        if extremes is not None:
-            _band(axes, result.time, parts[name][0] / unit, extremes / unit, color, words)
-    if spread is not None:
-        for name, (_, style) in parts.items():
-            if name in spread.quantiles:
-                least, largest = spread.band(name)
-                words = f"{name}, {spread.runs} moved starts"
-                _spread_band(axes, spread, (least / unit, largest / unit), style["color"], words)
-    _legend(figure, axes)
+    from_zero(axes, top)
+    finish(figure, axes)
     return figure
 
 
@@ -118,30 +79,37 @@ def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Fi
     meshes = float(metrics.mesh_area(net, net.reference_position))
     if measures is None and meshes == 0.0:
         return None
-    figure, axes = _curve_axes(result, page, "Opened area", "relative area")
+    figure, axes = curve_axes(result, page, "Opened area", "relative area")
     top = 1.0
     if measures is not None:
         values = over_blocks(partial(metrics.mouth_area, net), result.position) / measures.achievable_area
         label = f"mouth / achievable area ({number(measures.achievable_area)} m²)"
-        _curve(axes, result.time, values, label=label, color=BLUE, linewidth=1.8)
+        curve(axes, result.time, values, label=label, color=BLUE, linewidth=1.8)
         top = max(top, float(values.max()))
     if spread is not None and measures is not None and "area" in spread.quantiles:
         least, largest = (side / measures.achievable_area for side in spread.band("area"))
-        _spread_band(axes, spread, (least, largest), BLUE, f"mouth, {spread.runs} moved starts")
+        spread_band(axes, spread, (least, largest), BLUE, f"mouth, range of {spread.runs} moved starts")
         top = max(top, float(largest.max()))
     if meshes:
         values = over_blocks(partial(metrics.mesh_area, net), result.position) / meshes
         label = "meshes / reference configuration (folds count twice)"
-        _curve(axes, result.time, values, label=label, color=RED, linewidth=1.3, linestyle="--")
+        curve(axes, result.time, values, label=label, color=RED, linewidth=1.3, linestyle="--")
         top = max(top, float(values.max()))
     if measures is not None:
-        axes.axhline(metrics.NEARLY_OPEN, color="0.5", linewidth=0.8, linestyle=":", zorder=1, label="80 %")
+        axes.axhline(
+            metrics.NEARLY_OPEN,
+            color="0.5",
+            linewidth=0.8,
+            linestyle=":",
+            zorder=1,
+            label=f"{metrics.NEARLY_OPEN:.0%}".replace("%", " %") + " of the achievable area",
+        )
         text = f"largest: {number(measures.relative_area)} at {number(measures.time_of_largest)} s"
         text += " (the end)" if measures.at_end else ""
         at = (measures.time_of_largest, measures.relative_area)
         axes.plot(*at, "o", color=BLACK, markersize=6, markerfacecolor="none", clip_on=False, label=text)
-    axes.set_ylim(0, 1.05 * (top if result.complete else min(top, 2.0)))
-    _legend(figure, axes)
+    from_zero(axes, top if result.complete else min(top, 2.0))
+    finish(figure, axes)
     return figure
 
 
@@ -152,9 +120,9 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
     """
     if result.net.n_elements == 0:
         return None
-    figure, axes = _curve_axes(result, page, "Largest tension of all elements", "tension [N]")
+    figure, axes = curve_axes(result, page, "Largest tension of all elements", "tension [N]")
     values = metrics.largest_tensions(result)
-    _curve(axes, result.time, values, label="largest at each stored time", color=BLUE, linewidth=1.2)
+    curve(axes, result.time, values, label="largest at each stored time", color=BLUE, linewidth=1.2)
     top = float(values.max())
     peak = result.provenance.get("largest_tension")
     if peak and peak["element"] >= 0:
@@ -163,7 +131,7 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
         style: dict[str, Any] = {"color": RED, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
         axes.plot(peak["time_s"], peak["tension_N"], "o", label=words, **style)
     if spread is not None:
-        _spread_band(axes, spread, spread.band("tension"), BLACK)
+        spread_band(axes, spread, spread.band("tension"), BLACK, f"range of {spread.runs} moved starts")
         peaks = spread.headlines["largest_tension_N"]
         times = spread.headlines.get("time_of_largest_tension_s")
         if times is not None:
@@ -171,8 +139,8 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
             words = f"largest of all steps, {spread.runs} moved starts"
             axes.plot(times, peaks, "x", label=words, **dots)
         top = max(top, float(peaks.max()))
-    axes.set_ylim(0, 1.05 * top or 1.0)
-    _legend(figure, axes)
+    from_zero(axes, top)
+    finish(figure, axes)
     return figure
 
 
@@ -181,18 +149,18 @@ def loads_on_bodies(result: Result, page: Page) -> Figure | None:
     found = {name: loads(result, name) for name, body in result.bodies.items() if body.nodes is not None}
     if not found:
         return None
-    figure, axes = _curve_axes(result, page, "Pull of the threads on the bodies", "force [N]")
+    figure, axes = curve_axes(result, page, "Pull of the threads on the bodies", "force [N]")
     drawn = [(name, k, node) for name, of in found.items() for k, node in enumerate(of.nodes.tolist())]
     sizes = {one: found[one[0]].size[:, one[1]] for one in drawn}
     largest = sorted(drawn, key=lambda one: -float(sizes[one].max(initial=0.0)))[:MOST_CURVES]
     for place, (one, style) in enumerate(zip(largest, curve_styles(len(largest)), strict=True)):
         label = f"{one[0]}, node {one[2]}"
-        _curve(axes, result.time, sizes[one], place / len(largest), label=label, markersize=4.5, **style)
+        curve(axes, result.time, sizes[one], place / len(largest), label=label, markersize=4.5, **style)
     if len(drawn) > len(largest):
         axes.plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
     top = max(float(sizes[one].max(initial=0.0)) for one in largest)
-    axes.set_ylim(0.0, 1.05 * top or 1.0)
-    _legend(figure, axes)
+    from_zero(axes, top)
+    finish(figure, axes)
     return figure
 
 
@@ -205,11 +173,11 @@ def distances(result: Result, page: Page) -> Figure | None:
     if not pairs:
         return None
     found = gaps_of(result, pairs)
-    figure, axes = _curve_axes(result, page, "Distance of the bodies", "distance of the surfaces [m]")
+    figure, axes = curve_axes(result, page, "Distance of the bodies", "distance of the surfaces [m]")
     nearest = np.argsort(found.min(axis=0), kind="stable")[:MOST_CURVES].tolist()
     for place, (k, style) in enumerate(zip(nearest, curve_styles(len(nearest)), strict=True)):
         label = " and ".join(pairs[k])
-        _curve(axes, result.time, found[:, k], place / len(nearest), label=label, markersize=4.5, **style)
+        curve(axes, result.time, found[:, k], place / len(nearest), label=label, markersize=4.5, **style)
     row = int(found[:, nearest[0]].argmin())
     least = float(found[row, nearest[0]])
     words = (
@@ -217,17 +185,20 @@ def distances(result: Result, page: Page) -> Figure | None:
         if least
         else f"overlap at {number(result.time[row])} s"
     )
-    style = {"color": BLACK, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
+    style = {"color": BLACK, "markersize": 9, "markerfacecolor": "none", "clip_on": False}
     axes.plot(result.time[row], least, "o", label=words, **style)
     if len(pairs) > len(nearest):
         axes.plot([], [], " ", label=f"{len(pairs) - len(nearest)} more pairs, which stay farther apart")
-    axes.set_ylim(0.0, 1.05 * float(found[:, nearest].max()) or 1.0)
-    _legend(figure, axes)
+    from_zero(axes, float(found[:, nearest].max()))
+    finish(figure, axes)
     return figure
 
 
 def rotation(result: Result, page: Page) -> Figure | None:
-    """Angular velocity of each rigid body over time, in body axes; None without rigid bodies."""
+    """Angular velocity of each rigid body over time, in body axes; None without rigid bodies.
+
+    Of more than four bodies those that turn fastest.
+    """
     turning = {
         name: np.asarray(body.angular_velocity)
         for name, body in result.bodies.items()
@@ -235,30 +206,34 @@ def rotation(result: Result, page: Page) -> Figure | None:
     }
     if not turning:
         return None
-    figure, axes = _curve_axes(
-        result, page, "Rotation of the bodies, in body axes", "angular velocity [rad/s]"
-    )
-    for k, (name, values) in enumerate(turning.items()):
-        line = ("-", "--", ":", "-.")[k % 4]
+    label = "angular velocity\nin body axes [rad/s]"
+    figure, axes = curve_axes(result, page, "Rotation of the bodies", label)
+    fastest = sorted(turning, key=lambda name: -float(np.abs(turning[name]).max()))[: len(_BODY_LINES)]
+    shown = [name for name in turning if name in fastest]
+    for name, line in zip(shown, _BODY_LINES, strict=False):
         styles = zip("xyz", (YELLOW, RED, BLUE), (2.4, 1.6, 1.0), "os^", strict=True)
-        for axis, color, width, marker in styles:
+        for column, (axis, color, width, marker) in enumerate(styles):
             style: dict[str, Any] = {"color": color, "linewidth": width, "linestyle": line, "marker": marker}
-            column, shift = values[:, "xyz".index(axis)], "xyz".index(axis) / 3
-            _curve(axes, result.time, column, shift, label=f"{name}, {axis}", markersize=4.0, **style)
-    _legend(figure, axes)
+            words = f"{name}, {axis}"
+            curve(
+                axes, result.time, turning[name][:, column], column / 3, label=words, markersize=4.0, **style
+            )
+    if len(turning) > len(shown):
+        axes.plot([], [], " ", label=f"{len(turning) - len(shown)} more, which turn more slowly")
+    finish(figure, axes)
     return figure
 
 
 def agreement(result: Result, page: Page, found: Agreement) -> Figure:
     """Differences between two codes over time, on a logarithmic scale (zeros are left out)."""
-    figure, axes = _curve_axes(result, page, "Difference from the reference", "largest difference [m], [m/s]")
+    figure, axes = curve_axes(result, page, "Difference from the reference", "largest difference [m], [m/s]")
     axes.set_yscale("log")
     styles: tuple[dict[str, Any], ...] = ({"color": BLUE}, {"color": RED, "linestyle": "--"})
     differences = (("position [m]", found.position_difference), ("speed [m/s]", found.speed_difference))
     for (name, values), style in zip(differences, styles, strict=True):
         seen = np.where((values > 0) & np.isfinite(values), values, np.nan)
         if np.isfinite(seen).any():
-            _curve(axes, found.time, seen, label=name, linewidth=1.2, **style)
+            curve(axes, found.time, seen, label=name, linewidth=1.2, **style)
         else:
             axes.plot([], [], label=f"{name}: none", **style)
     limits = (
@@ -271,7 +246,7 @@ def agreement(result: Result, page: Page, found: Agreement) -> Figure:
             dotted: dict[str, Any] = {"color": color, "linewidth": 1.0, "linestyle": line}
             axes.plot((0, 1), (level, level), transform=axes.get_yaxis_transform(), label=label, **dotted)
     _mark_horizon(axes, found)
-    _legend(figure, axes)
+    finish(figure, axes)
     return figure
 
 
@@ -279,53 +254,3 @@ def _mark_horizon(axes: Axes, found: Agreement) -> None:
     if found.agrees_until is not None:
         label = f"agree until {number(found.agrees_until)} s"
         axes.axvline(found.agrees_until, color=BLACK, linewidth=0.9, linestyle=(0, (5, 3)), label=label)
-
-
-def _curve(axes: Axes, time: Floats, values: Floats, shift: float = 0.0, **style: Any) -> None:
-    """One curve; its markers stand at every tenth of it, moved by `shift` of that, and at a lone point."""
-    time, values = thinned(time, values)
-    step = max(1, len(time) // 10)
-    if len(time) == 1:
-        style.setdefault("marker", "o")
-    axes.plot(time, values, markevery=(int(shift * step), step), **style)
-
-
-def _band(axes: Axes, time: Floats, values: Floats, extremes: Floats, color: str, label: str) -> None:
-    """From a curve to the extreme value of each interval, which ends with one of its times."""
-    style: dict[str, Any] = {"color": color, "alpha": 0.5, "linewidth": 0.7, "zorder": 1.5}
-    axes.fill_between(*thinned_band(time, values, extremes), step="pre", label=label, **style)
-
-
-def _spread_band(
-    axes: Axes, spread: EnsembleResult, ends: tuple[Floats, Floats], color: str, label: str = ""
-) -> None:
-    """From the least to the largest of moved starts, pale and behind all curves."""
-    words = label or f"{spread.runs} moved starts"
-    axes.fill_between(
-        spread.time, *ends, color=color, alpha=0.22, linewidth=0, zorder=1, label=f"{words}, least to largest"
-    )
-
-
-def _many(axes: Axes, time: Floats, values: Floats, label: str) -> None:
-    """More curves than styles: one colour scale from the first to the last."""
-    from matplotlib import colormaps
-
-    for k, color in enumerate(colormaps["cividis"](np.linspace(0, 0.9, values.shape[1]))):
-        _curve(axes, time, values[:, k], color=color, linewidth=0.9, label=label if k == 0 else None)
-
-
-def _curve_axes(result: Result, page: Page, title: str, y_label: str) -> tuple[Figure, Axes]:
-    """A figure with one pair of axes for curves over time."""
-    figure, axes = page.curve_axes(result, title)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(y_label)
-    return figure, axes
-
-
-def _legend(figure: Figure, axes: Axes) -> None:
-    """The legend above the axes; lines and markers to suit the figure's size."""
-    scale = line_scale(figure)
-    for line in axes.get_lines():
-        line.set_linewidth(scale * line.get_linewidth())
-        line.set_markersize(scale * line.get_markersize())
-    legend_above(figure, *axes.get_legend_handles_labels())

@@ -27,8 +27,10 @@ class Dimension:
     text: str
 
 
-def dimensions(net: Net) -> list[Dimension]:
+def dimensions(net: Net, away: float) -> list[Dimension]:
     """Width below the net, one mesh side above it and, for rectangular cells, the height if that differs.
+
+    They are so far `away` from the net [m], that of the mesh side a little less.
 
     Empty for a net without openings and for one that does not lie in a plane z = constant.
     """
@@ -38,7 +40,6 @@ def dimensions(net: Net) -> list[Dimension]:
     sides = net.element_nodes[: net.n_net_elements][~net.is_string[: net.n_net_elements]]
     woven = points[np.unique(sides)]
     low, high = woven.min(axis=0), woven.max(axis=0)
-    away = 0.07 * net_size(net)
     knots = _top_face(net, points)
     corners = points[knots]
     rectangular = _is_rectangle(corners)

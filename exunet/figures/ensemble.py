@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.base.files import replacing
-from exunet.figures.page import FORMATS, INCH, Page, legend_above, write
+from exunet.figures.page import FORMATS, INCH, ROUND, Page, legend_above, write
+from exunet.figures.powers import tell_power_of_ten
 from exunet.figures.style import BLACK, SMALL, blank, drawing
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.headlines import CURVES, headline
+
+Floats = NDArray[np.float64]
 
 FIGURES = {
     "histograms": "how often each value of each headline occurs; needs a headline that differs between runs",
     "bands": "median and quantiles of quantities over time",
 }
 COLUMNS, WIDTH, ROW = 2, 170.0, 48.0  # panels side by side; [mm] of the figure and of a row
+LONGEST = 44  # characters of a label beside which its unit has room
 BANDS = ((0.0, 1.0, "#d3dde8"), (0.05, 0.95, "#94adc9"), (0.25, 0.75, "#4d77a6"))  # levels, tint of BLUE
 
 
@@ -62,28 +68,45 @@ def save_ensemble_figures(
 
 
 def histograms(result: EnsembleResult, page: Page) -> Figure | None:
-    """One panel for each headline that is not the same in all runs; None if there is none."""
+    """One panel for each headline that is not the same in all runs, but for those of the books; or None."""
     shown = [
         (one, values[~np.isnan(values)])
         for one, values in ((headline(key), values) for key, values in result.headlines.items())
-        if np.nanmax(values) - np.nanmin(values) > one.least
+        if not one.of_book and np.nanmax(values) - np.nanmin(values) > one.least
     ]
     if not shown:
         return None
     figure, panels = _panels(result, page, len(shown), f"Headlines of {result.runs} runs")
     for axes, (one, values) in zip(panels, shown, strict=True):
+        values, label = _from_a_round_number(values, one.words, _unit(one.unit))
         bins = int(np.clip(np.sqrt(len(values)), 5, 40))
         axes.hist(values, bins=bins, color=BANDS[1][2], edgecolor="white", linewidth=0.3)
         axes.axvline(float(np.median(values)), color=BLACK, linewidth=1.0, label="median")
         for level in (0.05, 0.95):
-            label = "5 % and 95 %" if level < 0.5 else None
+            words = "5 % and 95 %" if level < 0.5 else None
             at = float(np.quantile(values, level))
-            axes.axvline(at, color=BLACK, linewidth=0.8, linestyle=":", label=label)
-        axes.set_xlabel(f"{one.words} [{_unit(one.unit)}]" if one.unit else one.words)
+            axes.axvline(at, color=BLACK, linewidth=0.8, linestyle=":", label=words)
+        axes.set_xlabel(label)
         axes.set_ylabel("runs")
+        axes.xaxis.set_major_locator(MaxNLocator(6, steps=ROUND))
         axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+        tell_power_of_ten(axes.xaxis)
     legend_above(figure, *panels[0].get_legend_handles_labels())
     return figure
+
+
+def _from_a_round_number(values: Floats, words: str, unit: str) -> tuple[Floats, str]:
+    """Values that differ in late digits less a round number near their median; and the label that says so."""
+    spread, middle = float(np.ptp(values)), float(np.median(values))
+    name = f"{words} [{unit}]" if unit else words
+    if spread > 1e-3 * abs(middle):
+        return values, name
+    power = math.ceil(math.log10(spread))
+    start = round(middle, -power)
+    sign = "+" if start < 0.0 else "\N{MINUS SIGN}"
+    less = f"{words} {sign} {abs(start):.{max(0, -power)}f} {unit}".rstrip()
+    between = "\n" if len(less) > LONGEST else " "
+    return values - start, f"{less}{between}[{unit}]" if unit else less
 
 
 def bands(result: EnsembleResult, page: Page) -> Figure | None:
@@ -107,6 +130,8 @@ def bands(result: EnsembleResult, page: Page) -> Figure | None:
         axes.set_ylabel(f"{curve.words} [{_unit(curve.unit)}]")
         axes.set_xlim(float(result.time[0]), float(result.time[-1]))
         axes.set_ylim(bottom=min(0.0, float(values.min())))
+        tell_power_of_ten(axes.xaxis)
+        tell_power_of_ten(axes.yaxis)
     legend_above(figure, *panels[0].get_legend_handles_labels())
     return figure
 

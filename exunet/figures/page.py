@@ -14,10 +14,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
+from matplotlib.ticker import MaxNLocator
 
+from exunet.figures.powers import tell_power_of_ten
 from exunet.figures.style import SMALL, blank, drawing
 
 INCH = 25.4  # mm
+ROUND = [1, 2, 5, 10]  # steps between the numbers at an axis
 
 
 class Judged(Protocol):
@@ -43,11 +46,25 @@ class Page:
 
     def curve_axes(self, result: Judged, title: str) -> tuple[Figure, Axes]:
         """A figure with one pair of axes that fills it."""
-        width, height = self.size or (170.0, 95.0)
+        figure, (axes,) = self.stacked_axes(result, title, (1.0,), 95.0)
+        return figure, axes
+
+    def stacked_axes(
+        self, result: Judged, title: str, parts: Sequence[float], height: float
+    ) -> tuple[Figure, list[Axes]]:
+        """A figure with axes above each other, whose heights are in proportion, and one scale across.
+
+        height : of the figure [mm], if no size is asked for
+        """
+        width, height = self.size or (170.0, height)
         figure = blank(width / INCH, height / INCH)
         figure.set_layout_engine("constrained")
         self.head(figure, result, title)
-        return figure, figure.subplots()
+        grid = figure.subplots(len(parts), 1, sharex=True, height_ratios=parts, squeeze=False)[:, 0]
+        for axes in grid:
+            axes.xaxis.set_major_locator(MaxNLocator("auto", steps=ROUND))
+            axes.yaxis.set_major_locator(MaxNLocator("auto", steps=ROUND))
+        return figure, list(grid)
 
     def head(self, figure: Figure, result: Judged, title: str) -> None:
         """The title, if wanted, and the verdict of an incomplete result."""
@@ -70,6 +87,19 @@ class Page:
 def line_scale(figure: Figure) -> float:
     """Widths of lines and markers, relative to a figure of 170 mm."""
     return min(1.0, max(0.65, math.sqrt(figure.get_figwidth() * INCH / 170.0)))
+
+
+def finish(figure: Figure, axes: Axes, *others: Axes) -> None:
+    """Lines and markers to suit the figure's size, powers of ten; above all the legend of the first axes."""
+    scale = line_scale(figure)
+    for one in (axes, *others):
+        for line in one.get_lines():
+            line.set_linewidth(scale * line.get_linewidth())
+            line.set_markersize(scale * line.get_markersize())
+        for axis, kind in ((one.xaxis, one.get_xscale()), (one.yaxis, one.get_yscale())):
+            if kind == "linear":
+                tell_power_of_ten(axis)
+    legend_above(figure, *axes.get_legend_handles_labels())
 
 
 def legend_above(figure: Figure, handles: Sequence[Any], labels: Sequence[str], **place: Any) -> None:
@@ -117,7 +147,9 @@ def columns_that_fit(labels: Sequence[str], width: float) -> int:
 @lru_cache(maxsize=512)
 def text_width(text: str, size: float) -> float:
     """Width of a text [points], mathematics included."""
-    outlines = TextPath((0, 0), text or " ", size=size, prop=FontProperties("DejaVu Sans"))
+    if not text.strip():  # Matplotlib has no path of nothing
+        return 0.0
+    outlines = TextPath((0, 0), text, size=size, prop=FontProperties("DejaVu Sans"))
     return float(np.max(outlines.vertices[:, 0], initial=0.0))
 
 

@@ -11,72 +11,92 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from exunet.figures.page import INCH, Page, columns_that_fit, legend_above
-from exunet.figures.style import blank
+from exunet.figures.page import INCH, Page, columns_that_fit, legend_above, text_width
+from exunet.figures.style import SMALL, blank
+from exunet.figures.ticks import ticks
 from exunet.figures.views import View
 from exunet.results.result import Result
 
 Floats = NDArray[np.float64]
 
-AXES = ("$x$", "$y$", "$z$")
-MOST_COLUMNS = 3  # on a page of its own size
+AXES = ("$x$ [m]", "$y$ [m]", "$z$ [m]")
+MOST_COLUMNS = (3, 2)  # on a page of its own size
 NARROWEST = 85.0 / INCH  # a figure with room for its legend
 HIGHEST = 230.0  # mm; of a printed page
-LEFT, RIGHT, FOOT, GAP, GAP_INSIDE = 0.52, 0.08, 0.4, 0.16, 0.08  # inch
+BESIDE_NUMBERS = 20.0  # points: ticks, the label of an axis, and what is free between
+LEFT, RIGHT, FOOT, GAP, GAP_INSIDE, LEAST_GAP = 0.52, 0.08, 0.4, 0.16, 0.08, 0.04  # inch
 
 
 def framed(
     result: Result,
     page: Page,
     view: View,
-    count: int,
+    panels: Sequence[str],
     title: str,
     entries: list[Line2D],
     above: float,
     width: float,
     names: Sequence[str] = AXES,
 ) -> tuple[Figure, list[list[Axes]]]:
-    """Panels with a head and a legend over them; `above` [inch] is kept free over each panel."""
-    labels = [str(entry.get_label()) for entry in entries]
-    wide = page.size[0] if page.size else min(width, 85.0)  # which is the least of its own
-    rows = -(-len(labels) // columns_that_fit(labels, 72 * wide / INCH - 12)) if labels else 0
-    over = page.head_height(result)
-    head = 0.04 + over + 0.13 * rows
-    figure, grid = panels(view, count, page, head, above, width, names)
-    page.head(figure, result, title)
-    top = 1 - (0.01 + over) / figure.get_figheight()
-    place = {"loc": "upper center", "bbox_to_anchor": (0.5, top), "borderaxespad": 0.0}
-    legend_above(figure, entries, labels, **place)
-    return figure, grid
+    """Panels with a head and a legend over them: (figure, axes by panel, one for each plane of `view`).
 
-
-def panels(
-    view: View, count: int, page: Page, head: float, title: float, width: float, names: Sequence[str] = AXES
-) -> tuple[Figure, list[list[Axes]]]:
-    """`count` panels, each with one axes for each plane of `view`: (figure, axes by panel).
-
-    head, title : heights [inch] kept free above the whole and above each panel
-    width       : of the figure [mm], if the page asks for no size; it is then as high as it needs to be
-    names       : of the three coordinates, at the outer axes
-    All axes have the view's limits and equal scales. On a page of given size there are as many columns as
-    give the largest panels.
+    panels : what stands over each of them; `above` [inch] is kept free for it
+    width  : of the figure [mm], if the page asks for no size; it is then as high as it needs to be
+    names  : of the three coordinates, at the outer axes
+    All axes have the view's limits and equal scales.
     """
-    choice = range(1, count + 1) if page.size else [min(count, MOST_COLUMNS)]
-    grids = [Grid.of(view, count, columns, page, head, title, width) for columns in choice]
-    grid = max(grids, key=lambda one: one.scale)
+    grid = grid_of(result, page, view, panels, entries, above, width, names)
     figure = blank(grid.width, grid.height)
     made: list[list[Axes]] = []
-    for k in range(count):
+    for k, words in enumerate(panels):
         row, column = divmod(k, grid.columns)
         panel: list[Axes] = []
-        outer = (column == 0, k + grid.columns >= count)
+        outer = (column == 0, k + grid.columns >= len(panels))
         for number, plane in enumerate(view.planes):
             axes = figure.add_axes(grid.place(row, column, number))
-            sides = grid.scale * (view.high - view.low)[list(plane)]
-            _set_axes(axes, view, plane, sides, (outer[0] and not number, outer[1]), names)
+            _set_axes(axes, view, plane, grid.scale, (outer[0] and not number, outer[1]), names)
             panel.append(axes)
+        if outer[1]:
+            _spread_labels(panel)
+        panel[0].set_title(words, loc="left", fontsize=SMALL, pad=3)
         made.append(panel)
+    page.head(figure, result, title)
+    top = 1 - (0.01 + page.head_height(result)) / figure.get_figheight()
+    place = {"loc": "upper center", "bbox_to_anchor": (0.5, top), "borderaxespad": 0.0}
+    legend_above(figure, entries, [str(entry.get_label()) for entry in entries], **place)
     return figure, made
+
+
+def grid_of(
+    result: Result,
+    page: Page,
+    view: View,
+    panels: Sequence[str],
+    entries: list[Line2D],
+    above: float,
+    width: float,
+    names: Sequence[str] = AXES,
+) -> Grid:
+    """How `framed` places the panels: as large as they can be on a page of given size.
+
+    On a page of its own size they stand in three columns, or in two where words need more room.
+    """
+    labels = [str(entry.get_label()) for entry in entries]
+
+    def placed(columns: int, wide: float) -> Grid:
+        """With the legend in rows as wide as this [inch]."""
+        rows = -(-len(labels) // columns_that_fit(labels, 72 * wide - 12)) if labels else 0
+        head = 0.04 + page.head_height(result) + 0.13 * rows
+        grid = Grid.of(view, len(panels), columns, page, head, above, width)
+        left = _room_of_numbers(view, grid.scale)
+        return grid if left <= LEFT else Grid.of(view, len(panels), columns, page, head, above, width, left)
+
+    if page.size:
+        grids = [placed(columns, page.size[0] / INCH) for columns in range(1, len(panels) + 1)]
+        return max(grids, key=lambda one: (one.legible(view, panels, names), one.scale))
+    columns = [min(len(panels), most) for most in MOST_COLUMNS]
+    grids = [placed(one, placed(one, NARROWEST).width) for one in columns]
+    return next((one for one in grids if one.legible(view, panels, names)), grids[0])
 
 
 @dataclass(frozen=True)
@@ -95,27 +115,45 @@ class Grid:
 
     @classmethod
     def of(
-        cls, view: View, count: int, columns: int, page: Page, head: float, title: float, width: float
+        cls,
+        view: View,
+        count: int,
+        columns: int,
+        page: Page,
+        head: float,
+        title: float,
+        width: float,
+        left: float = LEFT,
     ) -> Grid:
-        """The largest panels in so many columns."""
+        """The largest panels in so many columns, with `left` [inch] for numbers and label."""
         rows = -(-count // columns)
         span = view.high - view.low
         wide, tall = tuple(float(span[a]) for a, _ in view.planes), float(span[view.planes[0][1]])
         whole = (page.size[0] if page.size else width) / INCH
-        left = LEFT
         free = whole - left - RIGHT - (columns - 1) * GAP - columns * (len(wide) - 1) * GAP_INSIDE
         scale = max(free, 0.1) / (columns * sum(wide))
         highest = (page.size[1] if page.size else HIGHEST) / INCH
         scale = min(scale, max(highest - head - FOOT - rows * title, 0.1) / (rows * tall))
         used = scale * columns * sum(wide)
         height = page.size[1] / INCH if page.size else head + FOOT + rows * (scale * tall + title)
+        foot = height - head - rows * (scale * tall + title)  # of a given page with the rest of it
         if page.size is None and whole - (free - used) >= NARROWEST:
             whole -= free - used
         elif page.size is None:
             left, whole = left + (NARROWEST - whole + free - used) / 2, NARROWEST
         else:
             left += (free - used) / 2
-        return cls(whole, height, scale, columns, rows, left, FOOT, title, (wide, tall))
+        return cls(whole, height, scale, columns, rows, left, foot, title, (wide, tall))
+
+    def legible(self, view: View, panels: Sequence[str], names: Sequence[str]) -> bool:
+        """True if the words over the panels and at the axes have room, and two ticks at each axis."""
+        wide, tall = self.spans
+        labels = sum(text_width(names[a], 8.0) / 72 for a, _ in view.planes) + LEAST_GAP * len(wide)
+        words = max(text_width(line, SMALL) / 72 for words in panels for line in words.split("\n"))
+        across = self.scale * sum(wide) + (len(wide) - 1) * GAP_INSIDE
+        up = self.scale * tall + self.title - text_width(names[view.planes[0][1]], 8.0) / 72
+        fits = across >= labels and across + GAP - LEAST_GAP >= words and up >= LEAST_GAP
+        return fits and all(room for plane in view.planes for _, room in _ticks(view, plane, self.scale))
 
     def place(self, row: int, column: int, number: int) -> tuple[float, float, float, float]:
         """Where axes stand, as parts of the figure: left, bottom, width, height."""
@@ -131,28 +169,50 @@ def _set_axes(
     axes: Axes,
     view: View,
     plane: tuple[int, int],
-    sides: Floats,
+    scale: float,
     outer: tuple[bool, bool],
     names: Sequence[str],
 ) -> None:
-    """Limits, ticks to suit the `sides` [inch], and labels on the (left, bottom) axes that are `outer`."""
-    from matplotlib.ticker import MaxNLocator
-
+    """Limits, ticks to suit the `scale` [inch/m], and labels on the (left, bottom) axes that are `outer`."""
     a, b = plane
     axes.set_xlim(view.low[a], view.high[a])
     axes.set_ylim(view.low[b], view.high[b])
-    steps = [1, 2, 3, 5, 10]
-    for axis, side, each, least in zip(
-        (axes.xaxis, axes.yaxis), sides, (0.38, 0.18), (0.7, 0.4), strict=True
-    ):
-        most = max(1 if side < least else 3, min(8, int(side / each)))
-        axis.set_major_locator(MaxNLocator(most, steps=steps, min_n_ticks=1))
+    (across, _), (up, _) = _ticks(view, plane, scale)
+    axes.set_xticks(across)
+    axes.set_yticks(up)
     axes.tick_params(labelleft=outer[0], labelbottom=outer[1])
     for side in ("top", "right"):
         axes.spines[side].set_visible(True)
     for spine in axes.spines.values():
         spine.set_color("0.6")
     if outer[0]:
-        axes.set_ylabel(f"{names[b]} [m]")
+        axes.set_ylabel(names[b])
     if outer[1]:
-        axes.set_xlabel(f"{names[a]} [m]")
+        axes.set_xlabel(names[a])
+
+
+def _ticks(view: View, plane: tuple[int, int], scale: float) -> tuple[tuple[Floats, bool], ...]:
+    """Ticks of both axes, each with whether they have room; scale [inch/m]."""
+    sides = scale * (view.high - view.low)
+    return tuple(
+        ticks(view.low[a], view.high[a], sides[a], horizontal, beyond)
+        for a, horizontal, beyond in zip(plane, (True, False), (GAP_INSIDE / 2, SMALL / 144), strict=True)
+    )
+
+
+def _room_of_numbers(view: View, scale: float) -> float:
+    """Width [inch] of the numbers and the label to the left of the panels; scale [inch/m]."""
+    _, (up, _) = _ticks(view, view.planes[0], scale)
+    longest = max(text_width(f"{value:.6g}".replace("-", "\N{MINUS SIGN}"), SMALL) for value in up)
+    return (longest + BESIDE_NUMBERS) / 72
+
+
+def _spread_labels(panel: list[Axes]) -> None:
+    """The labels of a front and a side view to the left and to the right, if one is longer than its axis."""
+    figure = panel[0].get_figure(root=True)
+    assert figure is not None
+    sides = [axes.get_position().width * figure.get_figwidth() for axes in panel]
+    words = [axes.get_xlabel() for axes in panel]
+    if any(text_width(one, 8.0) / 72 > side for one, side in zip(words, sides, strict=True)):
+        panel[0].set_xlabel(words[0], loc="left")
+        panel[-1].set_xlabel(words[-1], loc="right")

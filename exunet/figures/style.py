@@ -29,7 +29,7 @@ def curve_styles(count: int) -> list[dict[str, Any]]:
 
     Broad and light first, thin and dark last: each curve shows even where all of them coincide.
     """
-    colors: Sequence[Any] = _FOUR
+    colors: Sequence[Any] = _FOUR if count > 1 else (BLUE,)
     if count > len(_FOUR):  # evenly spaced in lightness
         colors = [tuple(c) for c in matplotlib.colormaps["cividis"](np.linspace(0.92, 0.0, count))]
     widths = np.geomspace(3.0, 1.2, count) if count > 1 else [1.8]

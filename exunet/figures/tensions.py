@@ -1,4 +1,4 @@
-"""Tensions on the reference net: the larger, the darker and the broader, with a colour bar."""
+"""Largest tensions: on the reference net by shade and width, along tethers as curves."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from exunet.figures.page import Page, line_scale
+from exunet.figures.lines import from_zero
+from exunet.figures.page import Page, finish, line_scale
 from exunet.figures.panels import framed
-from exunet.figures.style import BLACK
+from exunet.figures.style import BLACK, MOST_CURVES, curve_styles
 from exunet.figures.views import best_view, broadness
 from exunet.results.measures import peak_tensions
 from exunet.results.result import Result
@@ -28,28 +29,26 @@ SLACK: dict[str, Any] = {"color": "0.45", "linestyle": ":", "linewidth": 0.9}
 
 
 def tensions(result: Result, page: Page) -> Figure | None:
-    """Largest tension of each element at the stored times, on the reference net; None without elements."""
-    if result.net.n_elements == 0:
-        return None
-    return tension_map(result, page, peak_tensions(result), "largest tension at the stored times [N]")
+    """Largest tension of each element of the net at the stored times, on the reference net; None without."""
+    return tension_map(result, page, peak_tensions(result)) if result.net.n_net_elements else None
 
 
-def tension_map(result: Result, page: Page, peaks: Floats, label: str) -> Figure:
+def tension_map(result: Result, page: Page, peaks: Floats) -> Figure:
     """Tensions (n_elements,) [N] on the reference net: the larger, the darker and the broader.
 
-    label : of the colour bar: which tensions they are
-    Elements without tension are dotted.
+    Elements without tension are dotted. Tethers are left out: they have no place in that configuration.
     """
-    net = result.net
+    net = result.net.alone
+    peaks = peaks[: net.n_elements]
     view = best_view(net, [net.reference_position], margin=0.08)
     top = float(peaks.max()) or 1.0
     entries = []
     if len(net.bullet_nodes):
         entries.append(Line2D([], [], color=BLACK, linestyle="", marker="o", markersize=4, label="bullet"))
     if not peaks.all():
-        entries.append(Line2D([], [], label="no tension", **SLACK))
+        entries.append(Line2D([], [], label="no tension at the stored times", **SLACK))
     above = BAR if peaks.any() else 0.05
-    figure, (axes,) = framed(result, page, view, 1, "Tensions", entries, above, 120.0)
+    figure, (axes,) = framed(result, page, view, [""], "Tensions", entries, above, 120.0)
     colors = tension_colors()
     broad = line_scale(figure) * broadness(net) * (0.6 + 3.0 * peaks / top)
     order = np.argsort(peaks, kind="stable")  # the largest on top
@@ -63,8 +62,45 @@ def tension_map(result: Result, page: Page, peaks: Floats, label: str) -> Figure
         dots = net.reference_position[net.bullet_nodes][:, plane]
         ax.scatter(dots[:, 0], dots[:, 1], s=14, color=BLACK, zorder=3, linewidths=0)
     if peaks.any():
-        _colour_bar(figure, axes, ScalarMappable(Normalize(0.0, top), colors), label)
+        _colour_bar(figure, axes, ScalarMappable(Normalize(0.0, top), colors))
     return figure
+
+
+def tethers(result: Result, page: Page) -> Figure | None:
+    """Largest tension of each element of the tethers at the stored times, over the length along them.
+
+    Lengths are unstretched, from the start of a tether. Of more than eight those with the largest tension.
+    None without tethers.
+    """
+    net = result.net
+    if not net.tethers:
+        return None
+    peaks = peak_tensions(result)
+    elements = {tether: np.array(net.tether_elements[tether.name]) for tether in net.tethers}
+    order = sorted(elements, key=lambda tether: -float(peaks[elements[tether]].max()))
+    figure, axes = page.curve_axes(result, "Tensions along the tethers")
+    axes.set_xlabel("unstretched length along the tether [m]")
+    axes.set_ylabel("largest tension\nat the stored times [N]")
+    shown = order[:MOST_CURVES]
+    for tether, style in zip(shown, curve_styles(len(shown)), strict=True):
+        along = np.append(0.0, np.cumsum(net.reference_length[elements[tether]]))
+        start, end = (_end(result, node) for node in (tether.nodes[0], tether.nodes[-1]))
+        values = peaks[elements[tether]]
+        style |= {"label": f"{tether.name}, from {start} to {end}", "markersize": 4.5}
+        axes.plot(along, np.append(values, values[-1]), drawstyle="steps-post", **style)
+    if len(order) > len(shown):
+        axes.plot([], [], " ", label=f"{len(order) - len(shown)} more, of less tension")
+    from_zero(axes, float(peaks[elements[order[0]]].max()))
+    finish(figure, axes)
+    return figure
+
+
+def _end(result: Result, node: int) -> str:
+    """What a tether ends at."""
+    for name, body in result.bodies.items():
+        if body.nodes is not None and node in body.nodes:
+            return name
+    return f"{'bullet' if node in result.net.bullet_nodes else 'node'} {node}"
 
 
 def tension_colors() -> Colormap:
@@ -72,7 +108,7 @@ def tension_colors() -> Colormap:
     return ListedColormap(colormaps["cividis_r"](np.linspace(0.1, 1.0, 256)), "tensions")
 
 
-def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable, label: str) -> None:
+def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable) -> None:
     """A bar above the panel, as wide as it."""
     boxes = [ax.get_position() for ax in axes]
     left, right = min(box.x0 for box in boxes), max(box.x1 for box in boxes)
@@ -81,4 +117,4 @@ def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable, label: 
     bar = figure.colorbar(shown, cax=figure.add_axes(place), orientation="horizontal")
     bar.ax.xaxis.set_ticks_position("top")
     bar.ax.xaxis.set_label_position("top")
-    bar.set_label(label, labelpad=3)
+    bar.set_label("largest tension at the stored times [N]", labelpad=3)

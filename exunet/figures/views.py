@@ -11,12 +11,20 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from numpy.typing import NDArray
 
+from exunet.figures.style import BLACK
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
 
 FLAT = 0.01  # of the net's size: what moves less than this across a plane is drawn in that plane
-FARTHEST = 5.0  # net sizes: what a failed run has thrown farther than this is left out of the limits
+FARTHEST = 5.0  # sizes of the scene: what a failed run has thrown farther than this is out of the limits
+FREE: dict[str, Any] = {
+    "color": "0.35",
+    "linestyle": "",
+    "marker": "o",
+    "markersize": 4,
+    "markerfacecolor": "white",
+}
 
 
 @dataclass(frozen=True)
@@ -38,16 +46,22 @@ def net_size(net: Net) -> float:
     return float(np.ptp(net.reference_position, axis=0).max()) or 1.0
 
 
-def best_view(net: Net, states: Sequence[Floats], margin: float = 0.06) -> View:
-    """The view that shows all `states`, each (n_nodes, 3) [m]: one plane if they are flat, otherwise two.
+def best_view(
+    net: Net, certain: Sequence[Floats], others: Sequence[Floats] = (), margin: float = 0.06
+) -> View:
+    """The view that shows all points, each array (n, 3) [m]: one plane if they are flat, otherwise two.
 
+    certain : shown wherever they are
+    others  : shown unless they are farther from those than a run that has not failed brings them
     States that are flat in more than one direction are drawn in the x-y plane. Two planes are the net's front
     (x, y) and its side (z, y).
     """
     size = net_size(net)
-    middle = (net.reference_position.max(axis=0) + net.reference_position.min(axis=0)) / 2
-    near = np.clip(np.concatenate(states), middle - FARTHEST * size, middle + FARTHEST * size)
-    low, high = near.min(axis=0), near.max(axis=0)
+    points = np.concatenate(certain)
+    middle = (points.max(axis=0) + points.min(axis=0)) / 2
+    far = FARTHEST * max(size, float(np.ptp(points, axis=0).max()))
+    points = np.concatenate([points, *(np.clip(one, middle - far, middle + far) for one in others)])
+    low, high = points.min(axis=0), points.max(axis=0)
     flat = high - low < FLAT * size
     planes = {(True, False): ((1, 2),), (False, True): ((0, 2),)}.get(
         (bool(flat[0]), bool(flat[1])), ((0, 1),) if flat[2] else ((0, 1), (2, 1))
@@ -67,24 +81,36 @@ def broadness(net: Net) -> float:
 def draw_net(
     axes: Axes, net: Net, position: Floats, plane: tuple[int, int], color: str, width: float
 ) -> None:
-    """The elements (a border broader, strings and tethers twice as broad), bullets as dots.
+    """The elements of a net without tethers (a border broader, strings twice as broad), bullets as dots.
 
     position : (n_nodes, 3) [m]
     """
-    size = net_size(net)
-    points = np.clip(position[:, plane], *(np.array([-1e3, 1e3]) * size))
+    points = _seen(net, position, plane)
     broad = width * broadness(net)
     border = of_border(net)
-    woven = np.arange(net.n_elements) < net.n_net_elements
-    broader = net.is_string | ~woven
-    for chosen, factor in ((~broader & ~border, 1.0), (border, 1.6), (broader, 2.0)):
+    for chosen, factor in ((~net.is_string & ~border, 1.0), (border, 1.6), (net.is_string, 2.0)):
         if chosen.any():
-            style: dict[str, Any] = {"colors": color, "linewidths": factor * broad, "capstyle": "round"}
-            lines = LineCollection(_bundles(points[net.element_nodes[chosen]]), **style)
-            axes.add_collection(lines, autolim=False)
+            _draw(axes, points[net.element_nodes[chosen]], color, factor * broad)
     dots = points[net.bullet_nodes]
     if len(dots):
         axes.scatter(dots[:, 0], dots[:, 1], s=16 * width, color=color, zorder=3, linewidths=0)
+
+
+def draw_tethers(axes: Axes, net: Net, position: Floats, plane: tuple[int, int], width: float) -> None:
+    """The tethers beside a net, over it; position (n_nodes, 3) [m]."""
+    if net.tethers:
+        ends = net.element_nodes[net.n_net_elements :]
+        _draw(axes, _seen(net, position, plane)[ends], BLACK, 1.2 * width, zorder=2.5)
+
+
+def _seen(net: Net, position: Floats, plane: tuple[int, int]) -> Floats:
+    """(n_nodes, 2) [m] in a plane, no farther away than can be drawn."""
+    return np.clip(position[:, plane], *(np.array([-1e3, 1e3]) * net_size(net)))
+
+
+def _draw(axes: Axes, segments: Floats, color: str, width: float, zorder: float = 2.0) -> None:
+    style: dict[str, Any] = {"colors": color, "linewidths": width, "capstyle": "round", "zorder": zorder}
+    axes.add_collection(LineCollection(_bundles(segments), **style), autolim=False)
 
 
 def of_border(net: Net) -> NDArray[np.bool_]:

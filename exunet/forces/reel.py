@@ -79,6 +79,16 @@ class Winding:
             slows=LEAST_OUTLET * part,
         )
 
+    def outlet_now(self, memory: Memories) -> tuple[int, Outlet]:
+        """The element that is the outlet at these memories, and what the loops take of it."""
+        held = memory.get(memory_name(self.reel), at_start(self.reel))
+        return self.reel.elements[int(held[0])], self.outlet(held)
+
+    def is_locked(self, memory: Memories) -> bool:
+        """True if the drum does not turn at these memories, whatever pulls."""
+        held = memory.get(memory_name(self.reel), at_start(self.reel))
+        return self.reel.drives[int(held[1])].is_locked
+
     @property
     def name(self) -> str:
         """Of the tether."""
@@ -98,9 +108,7 @@ class Winding:
 
         x (k, n_x), v (k, n_v) with one memory. The same as `reel_loops.pulls`, for arrays.
         """
-        name = memory_name(self.reel)
-        held = memory.get(name, at_start(self.reel))
-        outlet = self.outlet(held)
+        element, outlet = self.outlet_now(memory)
         drum, far = int(outlet.drum[0]), int(outlet.far[0])
         span, parting = (part[:, far : far + 3] - part[:, drum : drum + 3] for part in (x, v))
         length = np.sqrt(np.einsum("ka,ka->k", span, span))
@@ -115,7 +123,7 @@ class Winding:
             rate += length / natural * outlet.ratio * self._rates(wound, tension, outlet)
             tension = cable.viscous_tension(length, rate, natural, outlet.stiffness, outlet.time)
         strain = cable.green_lagrange_strain(length, reference)
-        return self.reel.elements[int(held[0])], np.asarray(strain), np.asarray(tension)
+        return element, np.asarray(strain), np.asarray(tension)
 
     def _rates(self, wound: Floats, pull: Floats, outlet: Outlet) -> Floats:
         rows = zip(wound.tolist(), pull.tolist(), strict=True)

@@ -2,13 +2,17 @@
 
 Exit codes: 0 done, 1 a check of `verify` failed (or a defect of exunet), 2 bad input (nothing written), 3 a
 run that stopped (what was computed is kept), 4 a run that `--check` could not check (its result is written),
-130 interrupted.
+130 interrupted, 141 nobody reads what is printed any more.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -18,15 +22,21 @@ import typer
 from exunet.base.errors import ExunetError, InputError
 from exunet.base.version import VERSION
 from exunet.codegen.compilation import told_compilation
+from exunet.interfaces.commands.lines import HANG, folded, silent, tell, tell_faults, width_of
+from exunet.interfaces.plain_help import PlainCommand
+
+CLOSED_PIPE = 141  # 128 + 13, the number of SIGPIPE
 
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
+_command = partial(app.command, cls=PlainCommand)
 _UsageError: Any = typer.BadParameter.__base__  # of all faults of arguments and options
 
 
@@ -37,47 +47,59 @@ def _path(text: str | Path) -> Path:
     return Path(text)
 
 
+MOST_MOVED = 100_000
+
+
 def _enough(moved: int | None) -> int | None:
-    if not moved:
-        return moved
     from exunet.results.spread import FEWEST
 
-    if moved < FEWEST:
-        words = f"{moved} moved starts say nothing of a range: give at least {FEWEST}, or 0 for none"
-        raise typer.BadParameter(words)
+    if moved and not FEWEST <= moved <= MOST_MOVED:
+        words = f"must be 0 for none, or from {FEWEST} to {MOST_MOVED} (fewer show no range)"
+        raise typer.BadParameter(f"{words}, got {moved}")
     return moved
+
+
+def _out(default: str) -> Any:
+    """The option of the folder; default: where a command writes without it."""
+    words = f"folder to write into (default: {default})"
+    return typer.Option("--out", help=words, metavar="DIR", parser=_path)
+
+
+def _spread(default: str) -> Any:
+    """The option of the moved starts; default: how many there are without it."""
+    words = (
+        "number of further runs, from starts moved by up to 1e-9 m, which show how far each number is known"
+    )
+    return typer.Option(
+        "--spread", metavar="N", callback=_enough, help=f"{words}; 0: none (default: {default})"
+    )
 
 
 CasePath = Annotated[Path, typer.Argument(help="case file (TOML)", metavar="CASE", parser=_path)]
 Overrides = Annotated[
     list[str],
-    typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the case (empty: remove it)"),
-]
-Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
-Moved = Annotated[
-    int | None,
     typer.Option(
-        "--spread",
-        metavar="N",
-        min=0,
-        max=100_000,
-        callback=_enough,
-        help="number of moved starts that show how far each number is known (32, or what takes as long as "
-        "the run, at least 8); 0: none",
+        "--set",
+        metavar="KEY=VALUE",
+        help="replace a value of the case, or remove it (KEY=); may be given several times",
     ),
 ]
-Folder = Annotated[Path | None, typer.Option(help="folder for what is written", metavar="DIR", parser=_path)]
+Quiet = Annotated[bool, typer.Option("--quiet", help="print errors only")]
 
 
 def main() -> None:
     """Entry point: errors become one line each on stderr and an exit code, never a traceback."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed before the start, as by >&-
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a title may hold what the terminal cannot show
-    say = _silent if "--quiet" in sys.argv else _to_stderr
+    say = silent if "--quiet" in sys.argv else tell
     try:
         with told_compilation(say):
             code = app(prog_name="exunet", standalone_mode=False) or 0
+        sys.stdout.flush()
         sys.exit(code)
     except ExunetError as error:
         _leave(str(error), error.exit_code)
@@ -88,7 +110,11 @@ def main() -> None:
     except SystemExit as done:
         if done.code == 130:  # typer's way to end on Ctrl-C says nothing
             _leave("interrupted", 130)
+        if isinstance(done.__context__, BrokenPipeError):  # typer's and rich's way to end then
+            _leave_closed_pipe()
         raise
+    except BrokenPipeError:
+        _leave_closed_pipe()
     except OSError as error:
         reason = error.strerror or error
         if error.filename is not None:
@@ -97,17 +123,16 @@ def main() -> None:
         _leave(f"cannot print: {reason}", 2)
 
 
-def _to_stderr(words: str) -> None:
-    sys.stderr.write(f"{words}\n")
-
-
-def _silent(_words: str) -> None:
-    """Nothing is said."""
-
-
 def _leave(words: str, code: int) -> NoReturn:
-    sys.stderr.write(f"{words}\n")
+    tell_faults(words)
     sys.exit(code)
+
+
+def _leave_closed_pipe() -> NoReturn:
+    """End as a program that SIGPIPE ends: nobody reads on, as with `| head`, which is no fault to tell."""
+    with suppress(OSError, ValueError):  # what is still to be flushed must not fail at the interpreter's end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(CLOSED_PIPE)
 
 
 def _print_version(asked: bool) -> None:
@@ -119,16 +144,17 @@ def _print_version(asked: bool) -> None:
 @app.callback()
 def exunet(
     version: Annotated[
-        bool, typer.Option("--version", help="print the version", callback=_print_version, is_eager=True)
+        bool,
+        typer.Option("--version", help="print the version and exit", callback=_print_version, is_eager=True),
     ] = False,
 ) -> None:
     """Simulates deployable nets."""
 
 
-@app.command("run")
+@_command("run")
 def run_command(
     case: CasePath,
-    out: Folder = None,
+    out: Annotated[Path | None, _out("results/CASE, or results/CASE-2 ... if that is there")] = None,
     overwrite: Annotated[
         bool,
         typer.Option("--overwrite", help="replace the result in the folder, once the new one is complete"),
@@ -140,14 +166,19 @@ def run_command(
     ] = False,
     checkpoint_every: Annotated[
         float | None,
-        typer.Option(help="simulated time between two checkpoints [s]", metavar="SECONDS"),
+        typer.Option(
+            help="simulated time between two checkpoints [s] (default: one every 30 s of wall time)",
+            metavar="S",
+        ),
     ] = None,
-    spread: Moved = None,
+    spread: Annotated[
+        int | None, _spread("32, or fewer, at least 8, if they take longer than the run")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate a case; write result.h5, figures and summary.json into results/CASE/.
+    """Simulate a case.
 
-    If that is there already, into results/CASE-2/ and so on.
+    Writes result.h5, summary.json and figures, and prints what the run found.
     """
     from exunet.case.casefile import load
     from exunet.interfaces.commands.run import Asked, run_case
@@ -157,24 +188,28 @@ def run_command(
         raise stopped
 
 
-@app.command("ensemble")
+@_command("ensemble")
 def ensemble_command(
     case: CasePath,
     runs: Annotated[int, typer.Option("-n", "--runs", help="number of runs", metavar="N")] = 1000,
     perturb: Annotated[
-        float, typer.Option(help="by up to which each coordinate of the start is moved [m]", metavar="M")
+        float, typer.Option(help="largest move of each coordinate of the start [m]", metavar="M")
     ] = 1e-9,
     seed: Annotated[
-        int | None, typer.Option(help="of the moves (default: the case's, or 0)", metavar="S")
+        int | None,
+        typer.Option(help="seed of the random moves (default: the case's, or 0)", metavar="S"),
     ] = None,
-    out: Folder = None,
+    out: Annotated[Path | None, _out("results/CASE--ensemble, or the next that is free")] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="replace the ensemble in the folder, once it is complete")
     ] = False,
     overrides: Overrides = [],  # noqa: B006
     quiet: Quiet = False,
 ) -> None:
-    """Run a case from many moved starts; write ensemble.h5 and figures into results/CASE--ensemble/."""
+    """Run a case many times, from starts that are moved a little.
+
+    Writes ensemble.h5 and figures, and prints medians and ranges.
+    """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
     from exunet.interfaces.commands.ensemble import AskedEnsemble, run_ensemble_case
@@ -186,22 +221,25 @@ def ensemble_command(
         raise stopped
 
 
-@app.command("resume")
+@_command("resume")
 def resume_command(
     folder: Annotated[
         Path, typer.Argument(help="folder of an unfinished run", metavar="FOLDER", parser=_path)
     ],
-    spread: Moved = None,
+    spread: Annotated[int | None, _spread("as many as the run was to have")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Continue a run that was killed, from its last checkpoint; the result is the same to the last bit."""
+    """Continue a run that was killed, from its last checkpoint.
+
+    The result is the same to the last bit as that of a run that was not killed.
+    """
     from exunet.interfaces.commands.run import resume_run
 
     if stopped := resume_run(folder, quiet=quiet, spread=spread):
         raise stopped
 
 
-@app.command("check")
+@_command("check")
 def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B006
     """Validate a case and say what would be simulated."""
     from exunet.case.casefile import load
@@ -215,22 +253,27 @@ def check_command(case: CasePath, overrides: Overrides = []) -> None:  # noqa: B
     print_table(loaded.scene.title, rows)
 
 
-@app.command("effects")
+@_command("effects")
 def effects_command(
     case: CasePath,
     accuracy: Annotated[
         float | None,
         typer.Option(
             min=0.0,
-            help="displacement that matters, as a part of the net's size (0.01, or effects.threshold)",
+            metavar="X",
+            help="displacement that matters, as a part of the net's size (default: effects.threshold, "
+            "or 0.01)",
         ),
     ] = None,
     measure: Annotated[
-        bool, typer.Option("--ablate", help="also run the case with each effect toggled")
+        bool, typer.Option("--ablate", help="also run the case with each effect switched on or off")
     ] = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Print what every known effect would do to a case: on or off, size, cost, advice."""
+    """Print what every known effect would do to a case.
+
+    For each: on or off, its size, its cost, and advice.
+    """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
     from exunet.interfaces.commands.effects import show_effects
@@ -240,12 +283,15 @@ def effects_command(
         show_effects(loaded, asked=accuracy, measure=measure)
 
 
-@app.command("schema")
+@_command("schema")
 def schema_command(
     as_json: Annotated[bool, typer.Option("--json", help="only the JSON Schema")] = False,
     template: Annotated[bool, typer.Option("--template", help="only the commented template case")] = False,
 ) -> None:
-    """Print the case format: a commented template case, and its JSON Schema."""
+    """Print the case format.
+
+    That is a commented template case and a JSON Schema.
+    """
     from exunet.case import schema
 
     if as_json and template:
@@ -256,24 +302,32 @@ def schema_command(
         typer.echo("\n# JSON Schema of this format (exunet schema --json prints it alone):")
     if not template:
         text = json.dumps(schema.json_schema(), indent=2)
-        typer.echo(text if as_json else "\n".join(f"# {line}" for line in text.splitlines()))
+        typer.echo(text if as_json else "\n".join(_comments(text)))
 
 
-@app.command("verify")
+def _comments(text: str) -> Iterator[str]:
+    """Lines that a text has as TOML comments, folded to where they are read."""
+    width = width_of(sys.stdout) - len("# ")
+    for line in text.splitlines():
+        indent = len(line) - len(line.lstrip())
+        yield from (f"# {part}" for part in folded(line, width, indent + HANG))
+
+
+@_command("verify")
 def verify_command(
     cases: Annotated[
         list[Path] | None,
-        typer.Argument(help="case files; none: the shipped ones", metavar="[CASE]...", parser=_path),
+        typer.Argument(help="case files (default: the shipped ones)", metavar="CASE", parser=_path),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="whole runs of one case only")] = False,
     hard: Annotated[
         bool, typer.Option("--hard", help="the gallery of hard cases; with --quick in the compiled loop only")
     ] = False,
-    out: Folder = None,
+    out: Annotated[Path | None, _out("results/verification, or results/hard")] = None,
 ) -> None:
-    """Compare Exudyn with the reference and both with known answers; write verification.md and figures.
+    """Compare both codes with each other and with known answers.
 
-    With --hard: run the gallery of hard cases instead and write hard.md.
+    Writes verification.md and figures; with --hard runs the gallery of hard cases instead and writes hard.md.
     """
     if hard:
         from exunet.interfaces.commands.verify import verify_hard
@@ -286,69 +340,71 @@ def verify_command(
     raise typer.Exit(verify(cases or [], out or Path("results/verification"), quick=quick))
 
 
-@app.command("cost")
+@_command("cost")
 def cost_command(
     case: CasePath,
-    until: Annotated[float | None, typer.Option(help="end of the runs [s]", metavar="T")] = None,
-    budget: Annotated[float, typer.Option(help="wall time", metavar="SECONDS", min=0.0)] = 120.0,
-    out: Folder = None,
+    until: Annotated[
+        float | None, typer.Option(help="end of the runs [s] (default: the case's)", metavar="T")
+    ] = None,
+    budget: Annotated[float, typer.Option(help="wall time [s]", metavar="S", min=0.0)] = 120.0,
+    out: Annotated[Path | None, _out("results/CASE--cost, or the next that is free")] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace what an earlier study left in the folder")
+    ] = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Measure what accuracy costs on a case, method by method; write the work-precision diagram."""
+    """Measure what accuracy costs on a case, method by method.
+
+    Writes a table and the work-precision diagram.
+    """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
     from exunet.interfaces.commands.cost import cost
 
     loaded = load(case, overrides)
     with located_faults(loaded):
-        code = cost(loaded, out, until, budget)
+        code = cost(loaded, out, until, budget, overwrite=overwrite)
     raise typer.Exit(code)
 
 
-@app.command("compare")
+@_command("compare")
 def compare_command(
-    a: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="A", parser=_path)],
-    b: Annotated[Path, typer.Argument(help="result.h5 or reference .npz", metavar="B", parser=_path)],
+    a: Annotated[Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="A", parser=_path)],
+    b: Annotated[Path, typer.Argument(help="result.h5, or .npz of the reference", metavar="B", parser=_path)],
 ) -> None:
-    """Print the differences of two runs of the same net at the times that both have stored."""
+    """Print the differences of two runs of the same net.
+
+    They are compared at the times that both have stored.
+    """
     from exunet.interfaces.commands.compare import compare_runs
 
     compare_runs(a, b)
 
 
-@app.command("plot")
+@_command("plot")
 def plot_command(
-    result: Annotated[Path, typer.Argument(help="result.h5 of a run", metavar="RESULT", parser=_path)],
-    out: Folder = None,
+    result: Annotated[
+        Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=_path)
+    ],
+    out: Annotated[Path | None, _out("that of the result")] = None,
     kind: Annotated[str, typer.Option("--format", help="png, pdf or svg", metavar="FORMAT")] = "png",
     size: Annotated[
-        str | None, typer.Option(help="width and height of each figure [mm]", metavar="90x60")
+        str | None,
+        typer.Option(help="width and height of each figure [mm], such as 90x60", metavar="WIDTHxHEIGHT"),
     ] = None,
-    title: Annotated[bool, typer.Option("--title", help="with a title above each figure")] = False,
+    title: Annotated[bool, typer.Option("--title", help="write a title above each figure")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace figures in the folder, of whatever result")
+    ] = False,
 ) -> None:
-    """Draw the figures of a result, with the spread beside it, into its folder or into --out."""
-    from exunet.figures import save_figures
-    from exunet.results.ensemble_result import load_ensemble
-    from exunet.results.reading import load_result
-    from exunet.results.run_folder import SPREAD
+    """Draw the figures of a result.
 
-    own = result if result.is_dir() else result.parent
-    folder = out or own
-    spread = load_ensemble(own / SPREAD) if (own / SPREAD).is_file() else None
-    sides = None if size is None else _sides(size)
-    for path in save_figures(
-        load_result(result), folder, spread=spread, format=kind, size=sides, title=title
-    ):
+    The spread is drawn too where spread.h5 stands beside the result.
+    """
+    from exunet.interfaces.commands.plot import plot
+
+    for path in plot(result, out, kind, size, title=title, overwrite=overwrite):
         typer.echo(path)
-
-
-def _sides(text: str) -> tuple[float, float]:
-    """Width and height [mm] of "90x60"."""
-    try:
-        width, height = map(float, text.lower().split("x"))
-    except ValueError:
-        raise InputError(f"--size: give width x height in millimetres, as 90x60, got {text!r}") from None
-    return width, height
 
 
 if __name__ == "__main__":

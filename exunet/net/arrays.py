@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+NET, TETHER = "net", "tether "  # groups of elements: of the net itself, and, before its name, of a tether
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -137,6 +139,12 @@ class Net:
         for tether in self.tethers:
             found[tether.name] = range(first, first := first + len(tether.nodes) - 1)
         return found
+
+    @property
+    def groups(self) -> dict[str, range]:
+        """The elements of which largest tensions are told: "net", then "tether NAME" of each tether."""
+        tethers = {TETHER + name: own for name, own in self.tether_elements.items()}
+        return {NET: range(self.n_net_elements), **tethers}
 
     @property
     def size(self) -> float:

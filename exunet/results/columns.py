@@ -114,7 +114,7 @@ _STATES: dict[str, tuple[str, str, str, str]] = {
     "kinetic": ("energy/kinetic", "", "J", "kinetic energy"),
     "elastic": ("energy/elastic", "", "J", "elastic energy of the cables"),
     "potential": ("energy/potential", "", "J", "potential energy of constant loads"),
-    "dissipated": ("energy/dissipated", "", "J", "work done by damping since the start"),
+    "dissipated": ("energy/dissipated", "", "J", "energy taken out since the start, less what is put in"),
     "momentum": ("momentum/linear", "3", "kg m/s", "linear momentum"),
     "angular_momentum": ("momentum/angular", "3", "kg m2/s", "angular momentum about the origin"),
     "largest_elastic": (

@@ -6,7 +6,7 @@ not depend on which states a case stores.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -14,18 +14,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.bodies.kinematics import GIVEN
 from exunet.results.areas import achievable_area
 from exunet.results.clearance import MOST_PAIRS, Pair, gaps_of, pairs_of, shapes_of
-from exunet.results.margins import Groups, Margin, Peak, loaded_over_blocks, peak_of_all_steps
+from exunet.results.ends import ends_of_result, no_ends
+from exunet.results.margins import (
+    ALL_STEPS,
+    Groups,
+    Margin,
+    Peak,
+    group_of_peak,
+    loaded_over_blocks,
+    peaks_of,
+)
 from exunet.results.measures import (
+    dissipation,
     largest_tensions,
     mouth_areas,
     net_centre,
     speeds_of,
-    tensions_of_tethers,
+    work_of_ejection,
 )
 from exunet.results.result import Result
-from exunet.results.rows import StoredRows, over_blocks
+from exunet.results.rows import StoredRows
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -48,11 +59,16 @@ class Course:
     achievable_area : the largest that the mouth can have [m2]; 0 or infinite: there is no mouth to speak of
     centre          : (t, 3) centre of mass of the net [m]
     bullet_speed    : (t, n_bullets) [m/s]
-    kinetic, elastic, dissipated : (t,) [J]
+    kinetic, elastic, potential : (t,) [J]
+    dissipated      : (t,) [J], without the work that is put in: see `exunet.results.measures.dissipation`
     tension         : (t,) largest tension of all elements at each time [N]
-    peak            : the largest of all steps
+    peaks           : the largest of all steps of each group of `Net.groups`
     body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
-    tether_names, tether_tension  : (t, n_tethers) largest tension along each [N]
+    turning, guided : the bodies that have an attitude; those whose motion is given
+    ends            : (2, n_bodies + 1) records `END` at the start and at the end, of bodies and net; (2, 0)
+                      without bodies
+    ejection        : work of the ejection of the net until the end [J]; None: there is none in the scene
+    tether_names    : of all tethers
     reel_names, reel : (t, n_reels, 2) length of the tether that is wound up [m], work of the drum on it [J]
     groups          : of elements whose strength is known; None: of none
     pairs, gap      : (t, n_pairs) distance of two bodies, surface to surface [m]
@@ -68,11 +84,15 @@ class Course:
     elastic: Floats
     dissipated: Floats
     tension: Floats
-    peak: Peak
+    peaks: Mapping[str, Peak]
+    potential: Floats = field(default_factory=lambda: np.zeros(0))
     body_names: tuple[str, ...] = ()
     body_centre: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    turning: tuple[str, ...] = ()
+    guided: tuple[str, ...] = ()
+    ends: NDArray[np.void] = field(default_factory=no_ends)
+    ejection: float | None = None
     tether_names: tuple[str, ...] = ()
-    tether_tension: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     reel_names: tuple[str, ...] = ()
     reel: Floats = field(default_factory=lambda: np.zeros((0, 0, 2)))
     pairs: tuple[Pair, ...] = ()
@@ -85,8 +105,7 @@ class Course:
         """The same at half as many times, the last one included."""
         rows = np.arange(len(self.time) - 1, -1, -2)[::-1]
         names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
-        names += ["body_centre"] if self.body_names else []
-        names += ["tether_tension"] if self.tether_names else []
+        names += ["body_centre", "potential"] if self.body_names else []
         names += ["reel"] if self.reel_names else []
         names += ["gap"] if self.pairs else []
         names += ["loaded", "loaded_element"] if self.groups else []
@@ -97,12 +116,19 @@ class Course:
         if self.groups is None or group not in self.groups.names:
             return None
         number = self.groups.names.index(group)
-        return self.groups.least(number, self.time, self.loaded, self.loaded_element, self.peak)
+        peak = self.peaks.get(group_of_peak(group))
+        known = peak if peak is not None and peak.of == ALL_STEPS else None
+        return self.groups.least(number, self.time, self.loaded, self.loaded_element, known)
+
+    @property
+    def peak(self) -> Peak:
+        """The largest of all."""
+        return max(self.peaks.values(), key=lambda one: (one.tension, -one.time))
 
 
 def course_of(result: Result) -> Course:
     """The course of a result over its stored times; the peak is that of all steps, where the run tells it."""
-    tension, bullets = largest_tensions(result), result.net.bullet_nodes
+    bullets = result.net.bullet_nodes
     groups = Groups.of(result.net)
     pairs = pairs_of(list(shapes_of(result)))[:MOST_PAIRS]
     loaded, loaded_element = loaded_over_blocks(groups, result.tension)
@@ -114,13 +140,17 @@ def course_of(result: Result) -> Course:
         bullet_speed=_of_rows(partial(speeds_of, bullets), result.velocity, len(bullets)),
         kinetic=result.kinetic,
         elastic=result.elastic,
-        dissipated=result.dissipated,
-        tension=tension,
-        peak=_peak(result, tension),
+        dissipated=dissipation(result),
+        tension=largest_tensions(result),
+        peaks=peaks_of(result),
+        potential=result.potential,
         body_names=tuple(result.bodies),
         body_centre=_centres(result),
+        turning=tuple(name for name, body in result.bodies.items() if body.attitude is not None),
+        guided=tuple(name for name in result.bodies if f"{name}/{GIVEN[0][0]}" in result.states),
+        ends=ends_of_result(result),
+        ejection=work_of_ejection(result.provenance),
         tether_names=tuple(result.net.tether_elements),
-        tether_tension=over_blocks(partial(tensions_of_tethers, result.net), result.tension),
         reel_names=(reels := _reels(result)),
         reel=_drums(result, reels),
         pairs=tuple(pairs),
@@ -156,11 +186,3 @@ def _of_rows(measure: Callable[[Floats], Floats], values: Any, width: int) -> An
     if isinstance(values, StoredRows):
         return StoredRows(lambda start, stop: measure(values[start:stop]), (len(values), width))
     return measure(values)
-
-
-def _peak(result: Result, tension: Floats) -> Peak:
-    if known := peak_of_all_steps(result):
-        return known
-    at = int(np.argmax(tension))
-    element = int(np.argmax(result.tension[at])) if tension[at] > 0.0 else -1
-    return Peak(float(tension[at]), float(result.time[at]), element)

@@ -16,49 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.net.arrays import NET, TETHER
+from exunet.results.body_headlines import OF_A_BODY, OF_A_SCENE, books_of_bodies, headlines_of_bodies
 from exunet.results.course import REEL_STATES, Course
-from exunet.results.digits import printed, unit_of_last_digit
-from exunet.results.margins import STRINGS, TETHER, THREADS
+from exunet.results.headline import Headline
+from exunet.results.margins import STRINGS, THREADS, Peak
 from exunet.results.measures import NEARLY_OPEN, deployment_of_course
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Headline:
-    """One quantity that stands in the summary and in the table.
-
-    name     : its key in summary.json, without the unit
-    words    : its name in tables and figures
-    unit     : "N", "m2", ...; "": none
-    value    : from a course; None where it is not defined
-    digits   : significant ones that are printed
-    least    : differences up to this [unit] are those of round-off, or of the moves themselves
-    place    : where a value was found, as the element of a tension; None: nowhere in particular
-    place_is : what `place` numbers, in a word
-    at_a_time : it is one of the course's times, known no better than to half of their spacing
-    at_a_step : it is the end of a step, known no better than to half of it
-    remark   : what the table says after the value
-    group    : of elements, whose margin it is; "": of none
-    """
-
-    name: str
-    words: str
-    unit: str
-    value: Callable[[Course], float | None]
-    digits: int = 4
-    least: float = 1e-12
-    place: Callable[[Course], int] | None = None
-    place_is: str = ""
-    at_a_time: bool = False
-    at_a_step: bool = False
-    remark: str = ""
-    group: str = ""
-
-    @property
-    def key(self) -> str:
-        """Its key in summary.json: name and unit."""
-        return f"{self.name}_{self.unit.replace('/', '_')}" if self.unit else self.name
 
 
 def _time_of_peak(course: Course) -> float | None:
@@ -112,29 +77,50 @@ HEADLINES = (
 )
 
 
-def of_body(name: str) -> Headline:
-    """How far the centre of mass of a body is from its start at the end."""
-
-    def value(course: Course) -> float | None:
-        if name not in course.body_names:
-            return None
-        centre = course.body_centre[:, course.body_names.index(name)]
-        return float(np.linalg.norm(centre[-1] - centre[0]))
-
-    words = f"displacement of {name}"
-    return Headline(f"body_{name}_displacement", words, "m", value, least=1e-8, remark="at the end")
+def of_tether(name: str) -> tuple[Headline, Headline]:
+    """The largest tension along a tether, and when."""
+    return _of_group(TETHER + name, f"tether_{name}", f"tether {name}")
 
 
-def of_tether(name: str) -> Headline:
-    """The largest tension along a tether."""
+def _of_group(group: str, key: str, words: str) -> tuple[Headline, Headline]:
+    """The largest tension of a group of `Net.groups`, and when."""
 
-    def value(course: Course) -> float | None:
-        if name not in course.tether_names:
-            return None
-        return float(course.tether_tension[:, course.tether_names.index(name)].max(initial=0.0))
+    def peak(course: Course) -> Peak | None:
+        return course.peaks.get(group)
 
-    words = f"largest tension of tether {name}"
-    return Headline(f"tether_{name}_largest_tension", words, "N", value, remark="at stored times")
+    def tension(course: Course) -> float | None:
+        found = peak(course)
+        return None if found is None else found.tension
+
+    def time(course: Course) -> float | None:
+        found = peak(course)
+        return None if found is None or found.element < 0 else found.time
+
+    def place(course: Course) -> int:
+        found = peak(course)
+        return -1 if found is None else found.element
+
+    return (
+        Headline(
+            f"{key}_largest_tension",
+            f"largest tension of {words}",
+            "N",
+            tension,
+            place=place,
+            place_is="element",
+            peak_of=group,
+        ),
+        Headline(
+            f"{key}_time_of_largest_tension",
+            f"time of largest tension of {words}",
+            "s",
+            time,
+            at_a_step=True,
+        ),
+    )
+
+
+_OF_THE_NET = _of_group(NET, "net", "the net")  # where there are tethers too
 
 
 def of_margin(group: str) -> Headline:
@@ -162,10 +148,6 @@ def of_margin(group: str) -> Headline:
         remark="strength / largest tension - 1",
         group=group,
     )
-
-
-def _of_margin_of_tether(name: str) -> Headline:
-    return of_margin(TETHER + name)
 
 
 def of_reel(name: str) -> tuple[Headline, Headline]:
@@ -231,15 +213,24 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
     return (
         *HEADLINES,
         *map(of_margin, course.groups.names if course.groups else ()),
-        *map(of_tether, course.tether_names),
-        *chain.from_iterable(map(of_reel, course.reel_names)),
-        *map(of_body, course.body_names),
+        *(_OF_THE_NET if course.tether_names and course.peaks[NET].element >= 0 else ()),
+        *chain.from_iterable(map(of_tether, course.tether_names)),
+        *map(_wound_up, course.reel_names),
+        *headlines_of_bodies(course),
         *chain.from_iterable(_of_pair_both(_JOINED.join(pair)) for pair in course.pairs),
+        *books_of_bodies(course),
+        *map(_reel_work, course.reel_names),
     )
 
 
-_ONES = (*HEADLINES, of_margin(THREADS), of_margin(STRINGS))
-_OF_A_NAME = (of_body, of_tether, _wound_up, _reel_work, _of_margin_of_tether, of_pair, of_time_of_pair)
+_ONES = (*HEADLINES, *_OF_THE_NET, of_margin(THREADS), of_margin(STRINGS), *OF_A_SCENE)
+_OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
+    *OF_A_BODY,
+    of_tether,
+    lambda name: (of_margin(TETHER + name),),
+    of_reel,
+    _of_pair_both,
+)
 _ANY = "*"  # in place of a name
 
 
@@ -249,9 +240,10 @@ def headline(key: str) -> Headline:
         if one.key == key:
             return one
     for made in _OF_A_NAME:
-        begin, _, end = made(_ANY).key.partition(_ANY)
-        if key.startswith(begin) and key.endswith(end):
-            return made(key[len(begin) : -len(end)])
+        for number, any_one in enumerate(made(_ANY)):
+            begin, _, end = any_one.key.partition(_ANY)
+            if key.startswith(begin) and key.endswith(end):
+                return made(key[len(begin) : -len(end)])[number]
     raise KeyError(key)
 
 
@@ -281,7 +273,7 @@ CURVES = (
     Curve("bullet_speed", "mean speed of bullets", "m/s", lambda course: _of_bullets(course, np.mean)),
     Curve("slowest_bullet", "slowest bullet", "m/s", lambda course: _of_bullets(course, np.min)),
     Curve("fastest_bullet", "fastest bullet", "m/s", lambda course: _of_bullets(course, np.max)),
-    Curve("tension", "largest tension then", "N", lambda course: course.tension),
+    Curve("tension", "largest tension of all elements", "N", lambda course: course.tension),
     Curve("kinetic", "kinetic energy", "J", lambda course: course.kinetic),
     Curve("elastic", "elastic energy", "J", lambda course: course.elastic),
     Curve("dissipated", "energy dissipated", "J", lambda course: course.dissipated),
@@ -291,8 +283,3 @@ CURVES = (
 def headlines_of(course: Course) -> dict[str, float | None]:
     """All headlines of a course, by key."""
     return {one.key: one.value(course) for one in headlines_for(course)}
-
-
-def shown(one: Headline, value: float) -> str:
-    """A value to the digits that a headline has, with its unit."""
-    return f"{printed(value, max(unit_of_last_digit(value, one.digits), one.least))} {one.unit}".rstrip()

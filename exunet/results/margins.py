@@ -12,23 +12,28 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.net.arrays import Net
+from exunet.net.arrays import NET, TETHER, Net
 from exunet.results.result import Result
-from exunet.results.rows import blocks
+from exunet.results.rows import blocks, over_blocks
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-THREADS, STRINGS, TETHER = "threads", "strings", "tether "
+THREADS, STRINGS = "threads", "strings"
+ALL_STEPS, STORED_TIMES = "all steps", "stored times"  # of which a largest tension is
 
 
 @dataclass(frozen=True)
 class Peak:
-    """The largest tension of all steps [N], when [s], and in which element (-1: none was ever taut)."""
+    """The largest tension of a group [N], when [s], and in which element (-1: none was ever taut).
+
+    of : "all steps", or "stored times": a peak between two of these is not in it
+    """
 
     tension: float
     time: float
     element: int
+    of: str = ALL_STEPS
 
 
 @dataclass(frozen=True)
@@ -90,17 +95,22 @@ class Groups:
             part[:, k], element[:, k] = parts[np.arange(len(parts)), at], own[at]
         return part, element
 
-    def least(self, number: int, time: Floats, part: Floats, element: Ints, peak: Peak) -> Margin | None:
-        """Of a group over times (t,) [s], from what `loaded` gave; None if none of it was ever taut."""
+    def least(
+        self, number: int, time: Floats, part: Floats, element: Ints, peak: Peak | None
+    ) -> Margin | None:
+        """Of a group over times (t,) [s], from what `loaded` gave; None if none of it was ever taut.
+
+        peak : of the elements that these are among, of all steps; None: it is not known
+        """
         own, at = self.elements[number], int(part[:, number].argmax())
         worst, which, when = float(part[at, number]), int(element[at, number]), float(time[at])
-        of = "stored times"
-        if peak.element in own:
+        of = STORED_TIMES
+        if peak is not None and peak.element in own:
             bears = float(self.strength[peak.element])
             if peak.tension >= worst * bears:
                 worst, which, when = peak.tension / bears, peak.element, peak.time
             # The largest tension of all steps is the worst of them where all of the group bear the same.
-            of = "all steps" if (self.strength[own] == bears).all() else of
+            of = ALL_STEPS if (self.strength[own] == bears).all() else of
         if worst <= 0.0:
             return None
         bears = float(self.strength[which])
@@ -123,17 +133,42 @@ def margins(result: Result, among: NDArray[np.bool_] | None = None) -> dict[str,
     """
     groups = Groups.of(result.net, among)
     part, element = loaded_over_blocks(groups, result.tension)
-    peak = peak_of_all_steps(result) or Peak(0.0, 0.0, -1)
+    peaks = peaks_of_all_steps(result)
     names = () if groups is None else groups.names
     found = {}
     for k, name in enumerate(names):
         assert groups is not None
+        peak = peaks.get(group_of_peak(name))
         if (one := groups.least(k, result.time, part, element, peak)) is not None:
             found[name] = one
     return found
 
 
-def peak_of_all_steps(result: Result) -> Peak | None:
-    """The largest tension of all steps, where the run tells it."""
-    known = result.provenance.get("largest_tension")
-    return Peak(known["tension_N"], known["time_s"], known["element"]) if known else None
+def group_of_peak(name: str) -> str:
+    """The group of `Net.groups` that a group of elements whose strength is known is part of."""
+    return name if name.startswith(TETHER) else NET
+
+
+def peaks_of_all_steps(result: Result) -> dict[str, Peak]:
+    """The largest tension of all steps of each group of `Net.groups`, of those of which the run tells it."""
+    every = result.provenance.get("largest_tensions", {})
+    if not every and (whole := result.provenance.get("largest_tension")):
+        groups = result.net.groups.items()
+        every = {name: whole for name, own in groups if whole["element"] in own or len(groups) == 1}
+    return {name: Peak(one["tension_N"], one["time_s"], one["element"]) for name, one in every.items()}
+
+
+def peaks_of(result: Result) -> dict[str, Peak]:
+    """The largest tension of each group of `Net.groups`; of the stored times where the run tells no other."""
+    known = peaks_of_all_steps(result)
+    groups = result.net.groups
+    return {name: known.get(name) or _at_stored_times(result, own) for name, own in groups.items()}
+
+
+def _at_stored_times(result: Result, own: range) -> Peak:
+    largest = over_blocks(lambda part: part[:, own.start : own.stop].max(axis=1, initial=0.0), result.tension)
+    at = int(np.argmax(largest))
+    element = -1
+    if largest[at] > 0.0:
+        element = own.start + int(np.argmax(result.tension[at][own.start : own.stop]))
+    return Peak(float(largest[at]), float(result.time[at]), element, STORED_TIMES)

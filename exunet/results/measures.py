@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +17,7 @@ from exunet.results.areas import mesh_area as mesh_area
 from exunet.results.areas import mouth_area as mouth_area
 from exunet.results.result import Result
 from exunet.results.rows import blocks, over_blocks
+from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
 
@@ -65,12 +69,6 @@ def net_centre(net: Net, position: Floats) -> Floats:
     held[net.element_nodes[: net.n_net_elements]] = True
     mass = np.where(held, net.mass, 0.0) if held.any() else net.mass
     return np.einsum("n,tnk->tk", mass / mass.sum(), position)
-
-
-def tensions_of_tethers(net: Net, tension: Floats) -> Floats:
-    """Largest tension along each tether: (t, n_tethers) [N], from those of all elements (t, n_elements)."""
-    found = [tension[:, own.start : own.stop].max(axis=1) for own in net.tether_elements.values()]
-    return np.stack(found, axis=1) if found else np.zeros((len(tension), 0))
 
 
 def bullet_speeds(result: Result) -> Floats:
@@ -142,21 +140,56 @@ def time_above(time: Floats, values: Floats, level: float) -> float:
     return float(part @ np.diff(time))
 
 
-def energy_balance(result: Result) -> float:
-    """Largest error of the energy balance at the stored times, over the energy that can deform the net.
+def energy_errors(result: Result) -> Floats:
+    """(n_times,) error of the energy balance at the stored times [J].
 
-    The error is |K + U + V + W - (K + U + V + W at the first stored time)|, with the kinetic, elastic and
-    potential energies K, U, V and the dissipated work W; for the divisor see `energy_scale`. If that is
-    zero (a net at rest without loads), it is the largest of K, U and |W|; if that is zero too, nothing ever
-    moved and the error is 0. So it is where it is no more than the round-off of V.
+    It is K + U + V + W less the same at the first of them, with the kinetic, elastic and potential energies
+    K, U, V and the dissipated work W.
     """
     kinetic, elastic, potential = result.kinetic, result.elastic, result.potential
     total = kinetic + elastic + (potential - potential[0]) + result.dissipated
+    return np.asarray(total - total[0])
+
+
+def energy_balance(result: Result) -> float:
+    """Largest error of the energy balance at the stored times, over the energy that can deform the net.
+
+    For the error see `energy_errors`, for the divisor `energy_scale`. If that is zero (a net at rest without
+    loads), it is the largest of K, U and |W|; if that is zero too, nothing ever moved and the error is 0. So
+    it is where it is no more than the round-off of V.
+    """
     scale = energy_scale(result)
     if scale == 0.0:
-        scale = float(np.max([kinetic, elastic, np.abs(result.dissipated)]))
-    error = float(np.max(np.abs(total - total[0])))
-    return error / scale if error > 1e-14 * float(np.max(np.abs(potential))) else 0.0
+        scale = float(np.max([result.kinetic, result.elastic, np.abs(result.dissipated)]))
+    error = float(np.max(np.abs(energy_errors(result))))
+    return error / scale if error > 1e-14 * float(np.max(np.abs(result.potential))) else 0.0
+
+
+def dissipation(result: Result) -> Floats:
+    """Energy that damping, drag, breaks and nodes that drums take have taken out: (n_times,) [J].
+
+    `result.dissipated` counts the work that is put in against it: that of drums on their tethers, of bodies
+    whose motion is given, and of the ejection of a net. Here it does not. What a force without a potential
+    puts in, such as a thrust, is counted against it here too.
+    """
+    taken = np.asarray(result.dissipated[:], dtype=float)
+    for name in (*result.net.tether_elements, *result.bodies):
+        if (work := result.states.get(f"{name}/work")) is not None:
+            taken = taken + np.asarray(work.values[:])[:, 0]
+    return taken + ejected(result.time, result.provenance)
+
+
+def ejected(time: Floats, story: Mapping[str, Any]) -> Floats:
+    """(t,) work [J] of the ejection of the net until these times; story : with the events of a run."""
+    work = np.zeros(len(time))
+    for one in story.get(Ejection.heading, []):
+        work[time >= one["time_s"]] -= one["energy_lost_J"]
+    return work
+
+
+def work_of_ejection(story: Mapping[str, Any]) -> float | None:
+    """All of it [J]; None of a run that has none, or had none so far."""
+    return float(ejected(np.array([np.inf]), story)[0]) if story.get(Ejection.heading) else None
 
 
 def momentum_gained(result: Result) -> dict[str, float]:
@@ -164,10 +197,10 @@ def momentum_gained(result: Result) -> dict[str, float]:
 
     What bodies that are fixed or prescribed have given is taken off: what is left is the impulse of forces
     from outside, such as gravity and drag, or error. The momentum's size is the largest sqrt(2 K M), which it
-    cannot exceed, M the mass that moves freely; the angular momentum's that of its largest value.
+    cannot exceed, M all mass; the angular momentum's that of its largest value.
     """
     found = {}
-    mass = float(result.net.mass.sum()) + sum(body.mass for body in result.bodies.values())
+    mass = moving_mass(result)
     for name, given, values in (
         ("linear", "impulse", result.momentum),
         ("angular", "angular_impulse", result.angular_momentum),
@@ -182,6 +215,13 @@ def momentum_gained(result: Result) -> dict[str, float]:
     fastest = float(np.sqrt(2.0 * np.max(np.asarray(result.kinetic[:])) * mass))
     found["linear_size"] = max(found["linear_size"], fastest)
     return found
+
+
+def moving_mass(result: Result) -> float:
+    """Mass of the net and of all bodies [kg]; a node that is fixed to a body counts with the body alone."""
+    on_bodies = [body.nodes for body in result.bodies.values() if body.nodes is not None]
+    fixed = math.fsum(float(result.net.mass[nodes].sum()) for nodes in on_bodies)
+    return float(result.net.mass.sum()) - fixed + math.fsum(body.mass for body in result.bodies.values())
 
 
 def energy_scale(result: Result) -> float:

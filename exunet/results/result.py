@@ -80,7 +80,8 @@ class Result:
     kinetic          : (n_times,) [J], eq. (18)
     elastic          : (n_times,) [J], eq. (19)
     potential        : (n_times,) [J], of constant loads such as gravity
-    dissipated       : (n_times,) [J], work done by damping since t = 0
+    dissipated       : (n_times,) [J], energy that forces without a potential have taken out since t = 0, less
+                       the work that they, drums, an ejection, and bodies whose motion is given have put in
     momentum         : (n_times, 3) [kg m/s]
     angular_momentum : (n_times, 3) [kg m2/s], about the origin
     complete         : False if the run stopped before its end

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
@@ -24,10 +24,12 @@ from exunet.results.segments import is_store
 SUMMARY = "summary.json"
 SPREAD = "spread.h5"
 FIGURES = (
-    *("reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "largest_tension"),
-    *("loads", "distances", "rotation", "agreement"),
+    *("reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "tethers"),
+    *("largest_tension", "loads", "distances", "rotation", "agreement"),
 )
 DESCRIPTIONS = (SUMMARY, SPREAD, *(f"{figure}.png" for figure in FIGURES))
+
+_LISTED = 3  # names in a message
 
 COMPLETE = "complete"  # folder in the store's folder: what waits to take the place of an earlier result
 
@@ -96,6 +98,17 @@ def refuse_taken(folder: Path) -> None:
         raise InputError(
             f"{folder}: there is a result in this folder: replace it (--overwrite), or give another --out"
         )
+    refuse_replacing(folder, DESCRIPTIONS)
+
+
+def refuse_replacing(folder: Path, names: Iterable[str]) -> None:
+    """Raise InputError if there is a file of one of these names, whoever wrote it, in the folder."""
+    there = [name for name in names if os.path.lexists(folder / name)]
+    if there:
+        more = f" and {len(there) - _LISTED} more" if len(there) > _LISTED else ""
+        listed = ", ".join(there[:_LISTED]) + more
+        words = "allow that (--overwrite), or give another --out"
+        raise InputError(f"{folder}: {listed} in this folder would be replaced: {words}")
 
 
 def put_unfinished_aside(folder: Path) -> Path | None:

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from exunet.results.course import Course
 from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
-from exunet.results.headlines import Headline, headlines_for, shown
+from exunet.results.headline import Headline
+from exunet.results.headlines import headlines_for
 
 Floats = NDArray[np.float64]
 
@@ -39,6 +40,7 @@ class Judged:
     median, least, largest : over them
     value, error : of the converged run, where the range is small against the printed digits; else None
     places   : (place, number of runs) of a headline that has places, the most frequent first
+    size     : what its digits are counted from, if that is more than the value
     """
 
     headline: Headline
@@ -49,6 +51,7 @@ class Judged:
     value: float | None = None
     error: float | None = None
     places: tuple[tuple[int, int], ...] = ()
+    size: float = 0.0
 
     @property
     def predictable(self) -> bool:
@@ -57,23 +60,38 @@ class Judged:
 
     def words(self) -> str:
         """The value with its error, or the median with the range; units included."""
-        one = self.headline
+        unit = f" {self.headline.unit}" if self.headline.unit else ""
         if self.value is not None and self.error is not None:
-            if self.error == 0.0:
-                return shown(one, self.value)
-            last = max(_last_digit(one, self.value), unit_of_last_digit(self.error, 1))
-            rounding = abs(self.value - round(self.value / last) * last)
-            error = _rounded_up(self.error + rounding)
-            return f"{printed(self.value, last)} ± {error:g} {one.unit}".rstrip()
-        last = max(_last_digit(one, self.least), _last_digit(one, self.largest))
+            (value,), error = _rounded([self])
+            return f"{value}{error}{unit}"
+        last = max(self.last_digit(self.least), self.last_digit(self.largest))
         low, middle, high = (printed(each, last) for each in (self.least, self.median, self.largest))
-        unit = f" {one.unit}" if one.unit else ""
         return f"median {middle}{unit}, {low} to {high}{unit}"
 
+    def last_digit(self, value: float) -> float:
+        """What the last digit of a value counts that is printed."""
+        return self.headline.last_digit(value, self.size)
 
-def _last_digit(one: Headline, value: float) -> float:
-    """What the last digit of a value counts that is printed."""
-    return max(unit_of_last_digit(value, one.digits), one.least)
+
+def words_of_vector(parts: Sequence[Judged]) -> str:
+    """The values of its parts with the largest of their errors, or part by part if one of them is a range."""
+    if not all(one.predictable for one in parts):
+        return "; ".join(f"{one.headline.name[-1]}: {one.words()}" for one in parts)
+    values, error = _rounded(parts)
+    return f"({', '.join(values)}){error} {parts[0].headline.unit}"
+
+
+def _rounded(parts: Sequence[Judged]) -> tuple[list[str], str]:
+    """Values down to a common digit, and " ± " with the error of all, rounding included; "" for none."""
+    values = [one.value for one in parts if one.value is not None]
+    error = max(one.error for one in parts if one.error is not None)
+    last = max(one.last_digit(value) for one, value in zip(parts, values, strict=True))
+    if error > 0.0:
+        last = max(last, unit_of_last_digit(error, 1))
+        error += max(abs(value - round(value / last) * last) for value in values)
+    # Differences of no more than `least` are those of round-off.
+    words = f" ± {_rounded_up(error):g}" if error > parts[0].headline.least else ""
+    return [printed(value, last) for value in values], words
 
 
 def _rounded_up(error: float) -> float:
@@ -141,7 +159,8 @@ class Spread:
 
     def verdict(self) -> str:
         """What is beyond the horizon of predictability, and what the ranges are worth."""
-        beyond = [one.headline.words for one in self.judged.values() if not one.predictable]
+        ranged = (one.headline for one in self.judged.values() if not one.predictable)
+        beyond = dict.fromkeys(one.row or one.words for one in ranged)
         if not beyond:
             return "no headline is beyond the horizon of predictability: values with their errors"
         least = (
@@ -163,18 +182,19 @@ def _judge(
     if one.place is not None:
         counted = Counter(place for course in courses if (place := one.place(course)) >= 0)
         places = tuple(sorted(counted.items(), key=lambda pair: (-pair[1], pair[0])))
+    size = 0.0 if one.size is None else max(one.size(course) for course in (*courses, finer))
     converged = one.value(finer)
-    last = max(_last_digit(one, least), _last_digit(one, largest))
-    judged = Judged(one, len(values), middle, least, largest, places=places)
+    last = max(one.last_digit(each, size) for each in (least, largest))
+    judged = Judged(one, len(values), middle, least, largest, places=places, size=size)
     if converged is None or len(values) < len(courses) or largest - least > last:
         return judged
     error = max(abs(float(value) - converged) for value in (least, largest))
-    if error > max(MOST_ERROR * abs(converged), one.least):  # the setting does what the moves do not
+    if error > max(MOST_ERROR * max(abs(converged), size), one.least):  # the setting does what moves do not
         values = np.append(values, converged)
         least, middle, largest = float(values.min()), float(np.median(values)), float(values.max())
-        return Judged(one, len(values), middle, least, largest, places=places)
+        return Judged(one, len(values), middle, least, largest, places=places, size=size)
     error = _error(one, error, plain, finer, step)
-    return Judged(one, len(values), middle, least, largest, converged, error, places)
+    return Judged(one, len(values), middle, least, largest, converged, error, places, size)
 
 
 def _error(one: Headline, error: float, plain: Course, finer: Course, step: float) -> float:

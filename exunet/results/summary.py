@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.files import replacing
+from exunet.net.arrays import Net
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
 from exunet.results.course import Course, course_of
 from exunet.results.headlines import headlines_of
-from exunet.results.measures import energy_balance, energy_scale, momentum_gained
+from exunet.results.margins import Peak
+from exunet.results.measures import energy_balance, energy_scale, momentum_gained, moving_mass
 from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates, Result
 from exunet.results.spread import Spread, description, numbers
@@ -50,7 +52,8 @@ def summarise(
         "nodes": result.net.n_nodes,
         "elements": result.net.n_elements,
         "mass_kg": float(result.net.mass.sum()),
-        "bodies": {name: _body(body) | _given(result, name) for name, body in result.bodies.items()},
+        **({"mass_of_all_kg": moving_mass(result)} if result.bodies else {}),
+        "bodies": {name: _body(result.net, body) for name, body in result.bodies.items()},
         "effects": story.get("effects", []),
         "energy": {
             "initial_J": float(result.kinetic[0] + result.elastic[0] + result.potential[0]),
@@ -60,7 +63,8 @@ def summarise(
         **({"momentum": _momentum(result)} if result.bodies else {}),
         "headlines": numbers(spread, headlines_of(course)),
         "spread": description(spread),
-        "largest_tension": _largest_tension(result, course),
+        "largest_tension": _largest_tension(course.peak),
+        "largest_tensions": _largest_tensions(course),
         "margins": _margins(course),
         "deployment": _deployment(course),
         "overlaps": [_overlap(one) for one in overlapping],
@@ -91,11 +95,16 @@ def summarise(
     }
 
 
-def _largest_tension(result: Result, course: Course) -> dict[str, Any]:
+def _largest_tension(peak: Peak) -> dict[str, Any]:
     """Where it was; of all steps, where the run tells it, else of the stored times."""
-    element = course.peak.element
-    known = "largest_tension" in result.provenance
-    return {"element": element if element >= 0 else None, "of": "all steps" if known else "stored times"}
+    return {"element": peak.element if peak.element >= 0 else None, "of": peak.of}
+
+
+def _largest_tensions(course: Course) -> dict[str, Any]:
+    """The same of the net and of each tether, by name; of a scene without tethers none."""
+    if not course.tether_names:
+        return {}
+    return {name: _largest_tension(peak) for name, peak in course.peaks.items()}
 
 
 def _margins(course: Course) -> dict[str, Any]:
@@ -138,27 +147,15 @@ def _retry(story: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _body(body: BodyStates) -> dict[str, float]:
-    return {"mass_kg": body.mass}
+def _body(net: Net, body: BodyStates) -> dict[str, float]:
+    nodes = 0.0 if body.nodes is None else float(net.mass[body.nodes].sum())
+    return {"mass_kg": body.mass, "mass_of_nodes_kg": nodes}
 
 
 def _momentum(result: Result) -> dict[str, float]:
     """Its books, and those of the angular momentum about the origin."""
     found = momentum_gained(result).items()
     return {f"{name}_{'kg_m_s' if name.startswith('linear') else 'kg_m2_s'}": value for name, value in found}
-
-
-def _given(result: Result, name: str) -> dict[str, Any]:
-    """What a body that is fixed or prescribed has given to all else by the end; none of free ones."""
-    found = ((quantity, result.states.get(f"{name}/{quantity}")) for quantity in _GIVEN)
-    return {_GIVEN[quantity]: _number(states.values[-1]) for quantity, states in found if states is not None}
-
-
-_GIVEN = {"work": "work_J", "impulse": "impulse_N_s", "angular_impulse": "angular_impulse_N_m_s"}
-
-
-def _number(values: Floats) -> float | list[float]:
-    return values.tolist() if len(values) > 1 else float(values[0])
 
 
 def _refused(reason: str | None) -> dict[str, str] | None:

@@ -2,39 +2,37 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from itertools import groupby
 from typing import Any
 
-from exunet.results.headlines import Headline, headline, shown
+from exunet.results.digits import printed
+from exunet.results.headline import Headline, shown
+from exunet.results.headlines import headline
 from exunet.results.measures import NEARLY_OPEN
-from exunet.results.spread import Judged, Spread
+from exunet.results.spread import Judged, Spread, words_of_vector
 from exunet.results.summary import COMPLETE
 
 
 def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tuple[str, str]]:
     """Rows (name, value with unit) of the table at the end of a run; spread: that of the summary."""
-    method, cost, energy = summary["method"], summary["cost"], summary["energy"]
+    method, cost = summary["method"], summary["cost"]
     setting = (
         f"tolerance {method['tolerance']:.3g}" if method["tolerance"] else f"step {method['step_s']:.4g} s"
     )
     table = [
         ("verdict", summary["verdict"]),
         ("nodes, elements", f"{summary['nodes']}, {summary['elements']}"),
-        ("mass", f"{summary['mass_kg']:.6f} kg"),
+        ("mass", mass_words(summary["mass_kg"], summary.get("mass_of_all_kg"), _of_nodes(summary["bodies"]))),
         *_body_rows(summary["bodies"]),
         ("method", f"{method['name']}, {setting}"),
         ("steps", f"{cost['steps']} accepted, {cost['rejected_steps']} rejected"),
         ("right-hand sides", f"{cost['right_hand_sides']}"),
         ("wall time", f"{cost['build_s']:.2f} s build, {cost['integration_s']:.2f} s integration"),
         *_part_row(summary),
-        (
-            "energy balance",
-            f"{energy['balance_error']:.1e} of {energy['in_deformation_J']:.6g} J in deformation",
-        ),
+        *_balance_rows(summary),
     ]
-    if books := summary.get("momentum"):
-        words = f"{books['linear_gained_kg_m_s']:.1e} of {books['linear_size_kg_m_s']:.4g} kg m/s; angular, "
-        words += f"about the origin, {books['angular_gained_kg_m2_s']:.1e} of "
-        table.append(("momentum gained", f"{words}{books['angular_size_kg_m2_s']:.4g} kg m2/s"))
     if broken := summary["broken"]:
         first, worst = broken[0], max(one["energy_excess"] for one in broken)
         words = f"{len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
@@ -43,16 +41,56 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
     return table + _headline_rows(summary, spread) + _check_rows(summary["check"])
 
 
+def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Of the energy, and of the momenta of scenes with bodies, with the axes that these refer to."""
+    energy, books = summary["energy"], summary.get("momentum")
+    words = f"largest error {_short(energy['balance_error'])} as a part of {energy['in_deformation_J']:.6g} J"
+    found = [("energy balance", f"{words} in deformation")]
+    if not books:
+        return found
+    turning = "orbit" in summary["effects"]
+    axes = "which turn with the orbit, relative to these" if turning else "which are inertial"
+    found.append(("axes", f"places, velocities and momenta are in the scene's axes, {axes}"))
+    for name, kind, unit, where in (
+        ("momentum of all", "linear", "kg m/s", "in the scene's axes"),
+        ("angular momentum of all", "angular", "kg m2/s", "about the scene's origin"),
+    ):
+        key = unit.replace("/", "_").replace(" ", "_")
+        gained, size = books[f"{kind}_gained_{key}"], books[f"{kind}_size_{key}"]
+        part = f", {_short(gained / size)} as a part of its size {size:.4g} {unit}" if size else ""
+        why = f"by forces from outside, or error{_besides(summary)}"
+        found.append((name, f"changes by at most {_short(gained)} {unit}{part} ({where}; {why})"))
+    return found
+
+
+def _besides(summary: dict[str, Any]) -> str:
+    given = [name for name in summary["bodies"] if f"body_{name}_work_J" in summary["headlines"]]
+    return f"; besides what {' and '.join(given)} gave" if given else ""
+
+
+def _short(value: float) -> str:
+    return f"{value:.1e}" if value else "0"
+
+
+def mass_words(net: float, of_all: float | None, fixed: float) -> str:
+    """Masses [kg] of the net with tethers, of all with bodies (None: there are none), of nodes on bodies."""
+    if of_all is None:
+        return f"{net:.6f} kg"
+    once = f", of which {fixed:.6g} kg are nodes fixed to bodies and count with these" if fixed else ""
+    return f"{net:.6f} kg of the net{once}; {of_all:.8g} kg in all"
+
+
+def _of_nodes(bodies: dict[str, dict[str, Any]]) -> float:
+    return math.fsum(one["mass_of_nodes_kg"] for one in bodies.values())
+
+
 def _body_rows(bodies: dict[str, dict[str, Any]]) -> list[tuple[str, str]]:
-    return [(f"body {name}", f"{one['mass_kg']:.6g} kg{_gave(one)}") for name, one in bodies.items()]
+    return [(f"body {name}", f"{one['mass_kg']:.6g} kg{_nodes(one)}") for name, one in bodies.items()]
 
 
-def _gave(body: dict[str, Any]) -> str:
-    """Of a body that is fixed or prescribed."""
-    if "work_J" not in body:
-        return ""
-    impulse = ", ".join(f"{value:.4g}" for value in body["impulse_N_s"])
-    return f"; gave {body['work_J']:.4g} J and an impulse of ({impulse}) N s"
+def _nodes(body: dict[str, Any]) -> str:
+    mass = body["mass_of_nodes_kg"]
+    return f", of which {mass:.6g} kg are nodes of the net fixed to it" if mass else ""
 
 
 def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
@@ -66,19 +104,15 @@ def _part_row(summary: dict[str, Any]) -> list[tuple[str, str]]:
 def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list[tuple[str, str]]:
     judged = spread.judged if isinstance(spread, Spread) else {}
     found = []
-    for one in map(headline, summary["headlines"]):
-        value = summary["headlines"][one.key]["this_run"]
-        if one.key in judged:
-            words = judged[one.key].words() + _where(judged[one.key])
+    every = [headline(key) for key in summary["headlines"]]
+    for row, ones in groupby(every, lambda one: one.row):
+        parts = list(ones)
+        if parts[0] is next((one for one in every if one.of_book), None):
+            found.append(("books", _BOOKS))
+        if row:
+            found.append(_vector_row(row, parts, summary, judged))
         else:
-            words = shown(one, value) + _where_in_run(one, summary)
-        relative_to = judged[one.key].median if one.key in judged else value
-        remarks = [one.remark] if one.remark else []
-        remarks += _remarks(one, relative_to, summary["deployment"])
-        if one.key in judged and (worst := summary["margins"].get(one.group)):
-            remarks.append(f"in this run at t = {worst['time_s']:.6g} s")
-            remarks += [] if worst["of"] == "all steps" else ["at stored times, between which it may be less"]
-        found.append((one.words, f"{words} ({'; '.join(remarks)})" if remarks else words))
+            found += [_headline_row(one, summary, judged) for one in parts]
     if summary["deployment"] is None:
         found.append(("deployment", "no mouth: not defined for this topology"))
     if isinstance(spread, Spread):
@@ -86,6 +120,37 @@ def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list
         return [*found, *told, *_outside_row(summary["headlines"], spread)]
     why = "not asked for" if spread is None else spread
     return [*found, ("spread", f"{why}: these are the numbers of one run of a chaotic net")]
+
+
+_BOOKS = "gained from the start to the end; all energies gained add up to the works less what is dissipated"
+
+
+def _vector_row(
+    row: str, parts: list[Headline], summary: dict[str, Any], judged: Mapping[str, Judged]
+) -> tuple[str, str]:
+    """The parts of a vector in one row."""
+    if all(one.key in judged for one in parts):
+        words = words_of_vector([judged[one.key] for one in parts])
+    else:
+        values = [summary["headlines"][one.key]["this_run"] for one in parts]
+        last = parts[0].last_digit(0.0, math.hypot(*values))
+        words = f"({', '.join(printed(value, last) for value in values)}) {parts[0].unit}"
+    return row, f"{words} ({parts[0].remark})"
+
+
+def _headline_row(one: Headline, summary: dict[str, Any], judged: Mapping[str, Judged]) -> tuple[str, str]:
+    value = summary["headlines"][one.key]["this_run"]
+    if one.key in judged:
+        words = judged[one.key].words() + _where(judged[one.key])
+    else:
+        words = shown(one, value) + _where_in_run(one, summary)
+    relative_to = judged[one.key].median if one.key in judged else value
+    remarks = [one.remark] if one.remark else []
+    remarks += _remarks(one, relative_to, summary)
+    if one.key in judged and (worst := summary["margins"].get(one.group)):
+        remarks.append(f"in this run at t = {worst['time_s']:.6g} s")
+        remarks += [] if worst["of"] == "all steps" else ["at stored times, between which it may be less"]
+    return one.words, f"{words} ({'; '.join(remarks)})" if remarks else words
 
 
 def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, str]]:
@@ -117,7 +182,7 @@ def _where_in_run(one: Headline, summary: dict[str, Any]) -> str:
         worst = summary["margins"][one.group]
         words = f" in {one.place_is} {worst['element']} at t = {worst['time_s']:.6g} s"
         return words if worst["of"] == "all steps" else f"{words} (of the stored times)"
-    peak = summary["largest_tension"]
+    peak = summary["largest_tensions"][one.peak_of] if one.peak_of else summary["largest_tension"]
     if peak["element"] is None and summary["verdict"] != COMPLETE:
         return f": no element was taut until {summary['simulated_until_s']:.6g} s"
     if peak["element"] is None:
@@ -126,8 +191,16 @@ def _where_in_run(one: Headline, summary: dict[str, Any]) -> str:
     return words if peak["of"] == "all steps" else f"{words} (of the stored times)"
 
 
-def _remarks(one: Headline, value: float, deployment: dict[str, Any] | None) -> list[str]:
-    """What the table says of areas: relative to which, and whether they may still grow."""
+# Forces without a potential that may put energy in, which is counted against what is dissipated.
+_PUTS_IN = {"thrust": "thrust", "molecular_drag": "the flow of gas"}
+
+
+def _remarks(one: Headline, value: float, summary: dict[str, Any]) -> list[str]:
+    """What the table says of areas (of which part, and whether they may still grow) and of dissipation."""
+    if one.key == "dissipated_energy_J":
+        less = [words for effect, words in _PUTS_IN.items() if effect in summary["effects"]]
+        return [f"less what {' and '.join(less)} put in"] if less else []
+    deployment = summary["deployment"]
     if deployment is None:
         return []
     most = deployment["achievable_area_m2"]

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from exunet.methods.method import Method
+from exunet.net.arrays import Net
 from exunet.system.stability import largest_damping_rate, largest_frequency, stable_step
 from exunet.system.system import System
 
@@ -38,6 +39,7 @@ class Settings:
     most_damping: float
     least_elements: int
     tolerance: float
+    move: float
 
 
 @functools.cache
@@ -51,6 +53,16 @@ def verlet_step(system: System) -> float:
     """The step [s] of VelocityVerlet for measures."""
     frequency, rate = largest_frequency(system), largest_damping_rate(system)
     return settings().step * stable_step(Method.VELOCITY_VERLET, frequency, rate)
+
+
+def move_of_starts(net: Net) -> float:
+    """By which starts are moved at most, in each coordinate [m], for medians that do not depend on a method.
+
+    All runs of a method share its errors, which act as one move of the start does. Where a scene ends soon
+    after its horizon, runs from starts that are moved by less stay near to each other, and far from those of
+    another method, tight ones too.
+    """
+    return settings().move * net.size
 
 
 def why_not_verlet(system: System) -> str:
@@ -70,12 +82,12 @@ def why_not_verlet(system: System) -> str:
     return ""
 
 
-def promise(method: Method) -> str:
+def promise(method: Method, net: Net) -> str:
     """What is promised, in words."""
     words = (
         "promised, as measured (benchmarks/measures.md): beyond the horizon of predictability medians of the "
-        "measures of deployment within a third of their spread"
+        f"measures of deployment, of starts moved by up to {move_of_starts(net):.2g} m, within a third of "
+        "their spread"
     )
-    if method == Method.DOPRI5:
-        return f"{words}; before it measures to 1e-3; not the trajectory"
-    return f"{words}, or 1 % of their value; nothing before the horizon, and not the trajectory"
+    before = "before it measures to 1e-3" if method == Method.DOPRI5 else "nothing before it"
+    return f"{words}; {before}; not the trajectory"

@@ -64,7 +64,7 @@ class Monitor:
         self._drifted = False
         self._stored_until = -math.inf
         self._push: Floats | None = None
-        self.peaks = Peaks()
+        self.peaks = Peaks(system.net.groups)
         self.dissipated = 0.0
         self.last_good = state
         self.safe, self.safe_dissipated = state, 0.0
@@ -169,7 +169,7 @@ class Monitor:
     def between(self, until: float, extremes: Extremes) -> None:
         if self._envelope is not None:
             self._envelope.take(until, extremes.elastic, extremes.kinetic)
-        self.peaks.take(extremes.time, extremes.tension, extremes.element)
+        self.peaks.take(extremes.largest)
 
     def changed(self, time: float, memory: str, change: Change) -> None:
         left = (change.energy_lost or 0.0) - change.work_given

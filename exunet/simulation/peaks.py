@@ -1,48 +1,74 @@
-"""The largest tension of a run, over the steps that the guards look at and not only at the stored times."""
+"""The largest tensions of a run, over the steps that the guards look at and not only at the stored times."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.backends.protocol import Largest
+
 Floats = NDArray[np.float64]
 
 
 class Peaks:
-    """Keeps each new largest tension, so that a run which goes back in time can forget the later ones."""
+    """Keeps each new largest tension, so that a run which goes back in time can forget the later ones.
 
-    def __init__(self) -> None:
-        self._found: list[tuple[float, float, int]] = [(0.0, 0.0, -1)]  # time [s], tension [N], element
+    groups : of elements, by name, of each of which the largest is kept
+    """
+
+    def __init__(self, groups: Mapping[str, range]) -> None:
+        self._groups = dict(groups)
+        self._found = [[Largest(0.0, 0.0, -1)] for _ in self._groups]
 
     def look(self, time: Floats, tension: Floats) -> None:
         """Take tensions (k, n_elements) [N] at times (k,) [s], in order."""
-        largest = tension.max(axis=1, initial=0.0)
-        state = int(np.argmax(largest))
-        if largest[state] > self._found[-1][1]:
-            self._found.append((float(time[state]), float(largest[state]), int(np.argmax(tension[state]))))
+        for found, group in zip(self._found, self._groups.values(), strict=True):
+            own = tension[:, group.start : group.stop]
+            largest = own.max(axis=1, initial=0.0)
+            state = int(np.argmax(largest))
+            if largest[state] > found[-1].tension:
+                element = group.start + int(np.argmax(own[state]))
+                found.append(Largest(float(largest[state]), float(time[state]), element))
 
-    def take(self, time: float, tension: float, element: int) -> None:
-        """Take the largest tension [N] of steps that nobody else looks at."""
-        if tension > self._found[-1][1]:
-            self._found.append((time, tension, element))
+    def take(self, largest: Iterable[Largest]) -> None:
+        """Take the largest tension of each group, of steps that nobody else looks at."""
+        for found, one in zip(self._found, largest, strict=True):
+            if one.tension > found[-1].tension:
+                found.append(one)
 
     def forget_after(self, time: float) -> None:
         """Drop what was seen after `time` [s]."""
-        while len(self._found) > 1 and self._found[-1][0] > time:
-            self._found.pop()
+        for found in self._found:
+            while len(found) > 1 and found[-1].time > time:
+                found.pop()
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All that was found, for a snapshot."""
-        return {"peaks": np.array(self._found)}
+        """All that was found, for a snapshot: rows of group, tension, time, element."""
+        rows = [(float(k), *one) for k, found in enumerate(self._found) for one in found]
+        return {"peaks": np.array(rows)}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Go back to what `arrays` gave."""
-        self._found = [(float(t), float(n), int(e)) for t, n, e in arrays["peaks"]]
+        for k, found in enumerate(self._found):
+            rows = arrays["peaks"][arrays["peaks"][:, 0] == k].tolist()
+            found[:] = [Largest(tension, time, int(element)) for _, tension, time, element in rows]
+
+    @property
+    def largest(self) -> tuple[Largest, ...]:
+        """Of each group."""
+        return tuple(found[-1] for found in self._found)
 
     def provenance(self) -> dict[str, Any]:
         """The largest tension [N], when [s] and in which element (-1: no element ever pulled)."""
-        time, tension, element = self._found[-1]
-        return {"tension_N": tension, "time_s": time, "element": element}
+        return _told(max(self.largest, key=lambda one: (one.tension, -one.time)))
+
+    def of_groups(self) -> dict[str, dict[str, Any]]:
+        """The same of each group, by its name."""
+        return {name: _told(one) for name, one in zip(self._groups, self.largest, strict=True)}
+
+
+def _told(one: Largest) -> dict[str, Any]:
+    return {"tension_N": one.tension, "time_s": one.time, "element": one.element}

@@ -110,7 +110,7 @@ def _for_measures(scene: Scene, system: System, state: State) -> Plan:
     method = Method(scene.solver.method) if scene.solver.method != AUTO else None
     if method is None:
         method = Method.DOPRI5 if why else Method.VELOCITY_VERLET
-    promise = measures.promise(method)
+    promise = measures.promise(method, system.net)
     if method == Method.VELOCITY_VERLET:
         spacing = float(np.diff(stored_times(scene.time)).max())
         words = f"measures: {method}, {measures.settings().step:g} x its stable step"

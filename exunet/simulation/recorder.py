@@ -192,6 +192,8 @@ class Recorder:
         """Append what is left; the verdict and the provenance for the result."""
         self.flush()
         self.story["largest_tension"] = monitor.peaks.provenance()
+        if self._start.net.tethers:
+            self.story["largest_tensions"] = monitor.peaks.of_groups()
         self.story["energy_scale_J"] = monitor.energy_scale
         self.story |= monitor.story()
         return verdict, self.story

@@ -6,6 +6,7 @@ import re
 import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -46,6 +47,19 @@ Describe = Callable[[Result, Path], None]
 WALL_TIME = 30.0  # [s] between two checkpoints that nobody asked for
 WALL_PART = 0.02  # of a run's wall time that those may take
 _SHOWN = 0.1  # [s] of wall time between two calls of `progress`
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a run is asked for, which is kept with its states so that it can be resumed.
+
+    checkpoint_every : [s] of simulated time; None: by wall time
+    moved_starts     : how many are run after it; None: not told
+    """
+
+    case: Case
+    checkpoint_every: float | None = None
+    moved_starts: int | None = None
 
 
 def run(case: Case | Scene, progress: Progress | None = None) -> Result:
@@ -139,6 +153,7 @@ def run_into(
     describe: Describe | None = None,
     *,
     overwrite: bool = False,
+    moved_starts: int | None = None,
 ) -> Result:
     """Run a case and leave `result.h5` in a folder, which exists; memory is bounded, whatever is stored.
 
@@ -150,6 +165,7 @@ def run_into(
     describe         : writes what stands beside the result: called with it and the folder for that
     overwrite        : the new result, once it is complete, takes the place of one in the folder, which stays
                        bit for bit until then; an unfinished run there is put into a new folder beside
+    moved_starts     : how many of them `describe` runs; kept with the states for one who resumes the run
     Raises as `run` (the part of a run that stopped is written, into a new folder beside if the folder keeps
     an earlier result; the words say where), and InputError if files cannot be written, if another run has
     the folder, or if without `overwrite` there is a result or an unfinished run in it.
@@ -162,7 +178,8 @@ def run_into(
         if not overwrite:
             refuse_taken(folder)
         put_unfinished_aside(folder)
-        return _into(folder, *_begun(folder, case, start, checkpoint_every), progress, describe)
+        request = Request(case, checkpoint_every, moved_starts)
+        return _into(folder, *_begun(folder, request, start), progress, describe)
 
 
 def resume(folder: str | Path, progress: Progress | None = None, describe: Describe | None = None) -> Result:
@@ -182,7 +199,8 @@ def resume(folder: str | Path, progress: Progress | None = None, describe: Descr
 def _continued(folder: Path) -> tuple[Simulation, Recorder, _Checkpoints]:
     store = SegmentStore(folder / STORE_FOLDER)
     try:
-        case, every = case_of_store(store)
+        request = request_of_store(store)
+        case, every = request.case, request.checkpoint_every
         start = prepare_case(case)
         if store.columns != columns_of(start.system):
             raise InputError(f"{folder}: damaged: the stored states are not those of its case")
@@ -204,16 +222,18 @@ def _continued(folder: Path) -> tuple[Simulation, Recorder, _Checkpoints]:
         raise
 
 
-def case_of_store(store: Segments) -> tuple[Case, float | None]:
-    """The case of a run that was killed, and the time between its checkpoints; InputError if damaged."""
+def request_of_store(store: Segments) -> Request:
+    """What a run that was killed was asked for; InputError if damaged."""
     story = store.provenance
     text, name, overrides = (story.get(key) for key in ("text", "case", "overrides"))
-    every = story.get("checkpoint_every")
+    every, moved = story.get("checkpoint_every"), story.get("moved_starts")
     listed = isinstance(overrides, list) and all(isinstance(one, str) for one in overrides)
     timed = every is None or (finite_number(every) or 0.0) > 0.0
-    if not (isinstance(text, str) and isinstance(name, str) and listed and timed):
+    counted = moved is None or (type(moved) is int and moved >= 0)
+    if not (isinstance(text, str) and isinstance(name, str) and listed and timed and counted):
         raise InputError(f"{store.folder}: damaged: the case of its run is missing")
-    return parse_case(text, Path(str(story.get("folder", ""))) / name, overrides or ()), every
+    case = parse_case(text, Path(str(story.get("folder", ""))) / name, overrides or ())
+    return Request(case, every, moved)
 
 
 def refuse_checkpoints(start: Start, every: float | None) -> None:
@@ -226,10 +246,9 @@ def refuse_checkpoints(start: Start, every: float | None) -> None:
         raise InputError(f"checkpoints: {cannot_restart(start.plan.method)}")
 
 
-def _begun(
-    folder: Path, case: Case, start: Start, checkpoint_every: float | None
-) -> tuple[Simulation, Recorder, _Checkpoints]:
-    story = provenance(case) | {"checkpoint_every": checkpoint_every}
+def _begun(folder: Path, request: Request, start: Start) -> tuple[Simulation, Recorder, _Checkpoints]:
+    case, checkpoint_every = request.case, request.checkpoint_every
+    story = provenance(case) | {"checkpoint_every": checkpoint_every, "moved_starts": request.moved_starts}
     bodies = constants_of_bodies(start.system)
     store = SegmentStore.create(folder / STORE_FOLDER, columns_of(start.system), start.net, bodies, story)
     try:

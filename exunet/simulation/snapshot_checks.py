@@ -69,7 +69,12 @@ def array_faults(arrays: Arrays, like: Arrays, time: float, room: int) -> list[s
             faults.append(f"{name} contains infinity")
         elif name in _TIMES and found.item() != time:
             faults.append(f"{name} is not {time!r} s")
-    return faults or _of_lengths(arrays, room)
+    groups = (set(one["monitor:peaks"][:, 0].tolist()) for one in (arrays, like))
+    return faults or [*_of_lengths(arrays, room), *_of_groups(*groups)]
+
+
+def _of_groups(found: set[float], wanted: set[float]) -> list[str]:
+    return [] if found == wanted else ["monitor:peaks has not the groups of elements that there are"]
 
 
 def _folders(group: tuple[str, ...]) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ from exunet.studies.measured_runs import (
     shown_pairs,
 )
 from exunet.studies.neighbours import perturbed
+from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
 
@@ -47,29 +48,41 @@ class Ensemble(Measured):
     time          : (t,) [s]
     bullet_speed  : (runs, t, n_bullets) [m/s]
     area          : (runs, t) area of the mouth [m2]
-    kinetic, elastic, potential, dissipated : (runs, t) [J]
+    kinetic, elastic, potential, dissipated : (runs, t) [J]; the last as `exunet.results.measures.dissipation`
     centre        : (runs, t, 3) centre of mass of the net [m]
     tension       : (runs, t) largest tension of all elements at that time [N]
     body_centre   : (runs, t, n_bodies, 3) centres of mass of point masses and rigid bodies [m]
-    tether_tension : (runs, t, n_tethers) largest tension along each tether [N]
     reel          : (runs, t, n_reels, 2) wound up of its tether [m], work of the drum on it [J]
     gap           : (runs, t, n_pairs) distance of two bodies, surface to surface [m]
     loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
                      strength is known, and in which element
+    ends          : (runs, 2, n_bodies + 1) records `exunet.results.ends.END` at the start and at the end
+    ejection      : (runs,) work of the ejection of the net [J]; zeros unless the scene `ejects` it
+    peaks         : (runs, n_groups, 3) largest tension of all steps of each group of elements [N], when [s],
+                    and in which element
     largest_tension, time_of_largest_tension : (runs,) of all steps, stored or not [N], [s]
     element_of_largest_tension : (runs,) in which element; -1: none was ever taut
     right_hand_sides : (runs,) evaluations of the forces
+    peak_names    : of these groups (`Net.groups`)
     body_names, tether_names, reel_names : of those bodies and tethers
+    turning, guided : the bodies that have an attitude; those whose motion is given
     pairs         : of bodies with shapes, their names
     groups        : of elements whose strength is known; None: of none
     """
 
     time: Floats
+    ends: NDArray[np.void]
+    ejection: Floats
+    peaks: Floats
     largest_tension: Floats
     time_of_largest_tension: Floats
     element_of_largest_tension: NDArray[np.int64]
     right_hand_sides: NDArray[np.int64]
+    peak_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()
+    ejects: bool = False
+    turning: tuple[str, ...] = ()
+    guided: tuple[str, ...] = ()
     tether_names: tuple[str, ...] = ()
     reel_names: tuple[str, ...] = ()
     pairs: tuple[Pair, ...] = ()
@@ -90,15 +103,18 @@ class Ensemble(Measured):
             elastic=self.elastic[run],
             dissipated=self.dissipated[run],
             tension=self.tension[run],
-            peak=Peak(
-                float(self.largest_tension[run]),
-                float(self.time_of_largest_tension[run]),
-                int(self.element_of_largest_tension[run]),
-            ),
+            peaks={
+                name: Peak(float(tension), float(time), int(element))
+                for name, (tension, time, element) in zip(self.peak_names, self.peaks[run], strict=True)
+            },
+            potential=self.potential[run],
             body_names=self.body_names,
             body_centre=self.body_centre[run],
+            turning=self.turning,
+            guided=self.guided,
+            ends=self.ends[run],
+            ejection=float(self.ejection[run]) if self.ejects else None,
             tether_names=self.tether_names,
-            tether_tension=self.tether_tension[run],
             reel_names=self.reel_names,
             reel=self.reel[run],
             pairs=self.pairs,
@@ -237,13 +253,17 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
     columns: dict[str, Any] = {
         name: np.array([getattr(run.states, name) for run in found]) for name in MEASURED
     }
-    for name in MeasuredRun._fields[1:]:  # of all steps
+    for name in MeasuredRun._fields[1:]:  # of the whole run
         columns[name] = np.array([getattr(run, name) for run in found])
-    blocks = start.system.blocks
+    blocks, free = start.system.blocks, start.system.moves_freely
     return Ensemble(
         time=times,
         **columns,
+        peak_names=tuple(start.net.groups),
         body_names=(*blocks.body, *blocks.rigid),
+        ejects=any(switch.heading == Ejection.heading for _, switch in start.system.forces.switches),
+        turning=blocks.rigid,
+        guided=tuple(name for name, moves in zip(blocks.rigid, free, strict=True) if not moves),
         tether_names=tuple(start.net.tether_elements),
         reel_names=tuple(winding.name for winding in start.system.forces.cable.reels),
         pairs=tuple(shown_pairs(start.system)),

@@ -15,12 +15,16 @@ from exunet.backends.compiled.loop import CompiledIntegration, CompiledLoop
 from exunet.backends.compiled.side_by_side import RunsSideBySide
 from exunet.backends.protocol import IntegrationFailed, StepsCollapsed
 from exunet.base.errors import RunStopped
+from exunet.bodies.body import in_frames
+from exunet.bodies.kinematics import GIVEN
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
 from exunet.results import measures as metrics
 from exunet.results.clearance import MOST_PAIRS, Pair, gaps, pairs_of
 from exunet.results.course import REEL_STATES
+from exunet.results.ends import AtEnds, Points, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
+from exunet.results.result import BodyStates
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.system.states import States
@@ -48,7 +52,6 @@ class Measured:
     centre: Floats
     tension: Floats
     body_centre: Floats
-    tether_tension: Floats
     reel: Floats
     gap: Floats
     loaded: Floats
@@ -63,9 +66,12 @@ def _rows(measured: Measured, start: int, stop: int) -> Measured:
 
 
 class MeasuredRun(NamedTuple):
-    """A whole run: its states, and what was seen of all its steps."""
+    """A whole run: its states, what there was at its start and end, and what was seen of all its steps."""
 
     states: Measured
+    ends: NDArray[np.void]
+    ejection: float
+    peaks: Floats
     largest_tension: float
     time_of_largest_tension: float
     element_of_largest_tension: int
@@ -110,11 +116,10 @@ def _measured(states: States, dissipated: Floats) -> Measured:
         kinetic=states.kinetic,
         elastic=states.elastic,
         potential=states.potential,
-        dissipated=dissipated,
+        dissipated=dissipated + states.given_work,
         centre=metrics.net_centre(net, position),
         tension=tension.max(axis=1, initial=0.0),
         body_centre=np.concatenate([states.position[:, masses], states.bodies.position], axis=1),
-        tether_tension=metrics.tensions_of_tethers(net, tension),
         reel=_drums(states),
         gap=_gaps(states),
         loaded=loaded,
@@ -122,11 +127,55 @@ def _measured(states: States, dissipated: Floats) -> Measured:
     )
 
 
-def _joined(parts: Sequence[Measured], monitor: Monitor, right_hand_sides: int) -> MeasuredRun:
-    """All of a run, from what was measured in parts of it."""
-    peak = monitor.peaks.provenance()
+def _ends(first: States, last: States) -> NDArray[np.void]:
+    """At the first of some states and at the last of others."""
+    system = first.system
+    if not (system.bodies or system.blocks.body):
+        return no_ends()
+    position, velocity = (
+        np.stack([getattr(first, name)[0], getattr(last, name)[-1]]) for name in ("position", "velocity")
+    )
+    framed = (in_frames(system.bodies, states.bodies) for states in (first, last))
+    whole = [np.stack([a[0], b[-1]]) for a, b in zip(*(one.parts() for one in framed), strict=True)]
+    given = np.stack([first.first_order[0], last.first_order[-1]])
+    found = [
+        AtEnds(BodyStates(float(system.mass[k]), None, position[:, k], velocity[:, k]), {})
+        for k in system.blocks.body.values()
+    ]
+    for k, body in enumerate(system.bodies):
+        parts = (values[:, k] for values in whole)
+        moved = {} if system.moves_freely[k] else _given(system, body.name, given)
+        found.append(AtEnds(BodyStates(body.mass, body.inertia_in_frame, *parts), moved))
+    nodes = slice(0, system.net.n_nodes)
+    return ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found)
+
+
+def _given(system: System, name: str, first_order: Floats) -> dict[str, Floats]:
+    """(2, m) of each quantity that a body of given motion has given, from (2, n_states)."""
+    blocks = system.blocks
+    found = {}
+    for quantity, size, _ in GIVEN:
+        at = blocks.state(f"{name}/{quantity}") - (blocks.n_x - blocks.n_states)
+        found[quantity] = first_order[:, at : at + size]
+    return found
+
+
+def _joined(
+    parts: Sequence[Measured],
+    times: Floats,
+    ends: NDArray[np.void],
+    monitor: Monitor,
+    right_hand_sides: int,
+) -> MeasuredRun:
+    """All of a run at its times, from what was measured in parts of it."""
+    peak, story = monitor.peaks.provenance(), monitor.story()
+    whole = {name: np.concatenate([getattr(one, name) for one in parts]) for name in MEASURED}
+    whole["dissipated"] += metrics.ejected(times, story)
     return MeasuredRun(
-        Measured(**{name: np.concatenate([getattr(one, name) for one in parts]) for name in MEASURED}),
+        Measured(**whole),
+        ends,
+        metrics.work_of_ejection(story) or 0.0,
+        np.array(monitor.peaks.largest, dtype=float),
         peak["tension_N"],
         peak["time_s"],
         peak["element"],
@@ -136,12 +185,15 @@ def _joined(parts: Sequence[Measured], monitor: Monitor, right_hand_sides: int) 
 
 def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> MeasuredRun:
     """Through the stored times, with guards and events, as a run."""
-    parts = [_measured(States.of(start.system, start.state), np.zeros(1))]
+    first = last = States.of(start.system, start.state)
+    parts = [_measured(first, np.zeros(1))]
 
     def store(states: States, dissipated: Floats, *, again: bool = False) -> None:
+        nonlocal last
         if again:
             parts[-1] = _rows(parts[-1], 0, -1)
         parts.append(_measured(states, dissipated))
+        last = states
 
     monitor = Monitor(start.system, start.state, store=store)
     monitor.explain(start.plan)
@@ -151,7 +203,7 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
     except IntegrationFailed as failure:
         collapsed = isinstance(failure, StepsCollapsed)
         raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
-    return _joined(parts, monitor, right_hand_sides)
+    return _joined(parts, times, _ends(first, last), monitor, right_hand_sides)
 
 
 def _from_time_to_time(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:
@@ -177,8 +229,7 @@ def _in_stretches(start: Start, kernel: Kernel, times: Floats, monitor: Monitor,
             monitor.take(batch)
         if words := loop.collapse():
             raise StepsCollapsed(words)
-        tension, time, element = loop.largest_tension
-        monitor.peaks.take(time, tension, element)
+        monitor.peaks.take(loop.largest_tensions)
     return loop.counts.right_hand_sides
 
 
@@ -208,11 +259,10 @@ def runs_side_by_side(
                 monitor.see(states[first : first + len(stretch)], found.taken[run])
             except RunStopped:
                 monitors[run] = None
-            tension, time, element = loop.largest_tension(run)
-            monitor.peaks.take(time, tension, element)
+            monitor.peaks.take(loop.largest_tensions(run))
             parts[run].append(_rows(measured, first + 1, first + len(stretch)))
     return [
-        None if monitor is None else _joined(parts[run], monitor, loop.right_hand_sides)
+        None if monitor is None else _joined(parts[run], times, no_ends(), monitor, loop.right_hand_sides)
         for run, monitor in enumerate(monitors)
     ]
 

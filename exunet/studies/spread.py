@@ -10,6 +10,7 @@ import numpy as np
 from exunet.results.areas import achievable_area
 from exunet.results.course import Course, instants
 from exunet.results.spread import COVERING, FEWEST, Spread
+from exunet.simulation import measures
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import in_the_compiled_loop
 from exunet.studies.ensemble import perturbed_positions, run_ensemble, whole_number
@@ -32,6 +33,12 @@ def start_of_runs(start: Start) -> Start:
     return in_the_compiled_loop(replace(start, scene=start.scene.model_copy(update={"time": time})))
 
 
+def move_of(start: Start) -> float:
+    """By which the starts of a spread are moved at most, in each coordinate [m]."""
+    of_measures = start.scene.solver.accuracy_of == "measures"
+    return max(MOVE, measures.move_of_starts(start.net)) if of_measures else MOVE
+
+
 def runs_within(run: float, member: float, cores: int) -> int:
     """How many moved starts cost no more than the run itself: 32 at most, 8 at least.
 
@@ -45,14 +52,14 @@ def spread_of(
     start: Start,
     runs: int = COVERING,
     *,
-    move: float = MOVE,
+    move: float | None = None,
     seed: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Spread:
     """Run a case from moved starts on all cores; the same whatever times the case stores.
 
     runs     : number of moved starts
-    move     : by up to which each coordinate is moved [m]
+    move     : by up to which each coordinate is moved [m]; None: that of `move_of`
     seed     : of the moves; None: the case's
     progress : called with the number of runs that are done, of `runs` + 2
     Raises RunStopped if one of the runs stops although it was tried with finer steps, and as `start_of_runs`.
@@ -60,6 +67,7 @@ def spread_of(
     whole_number("runs", runs, at_least=1)
     there = start_of_runs(start)
     seed = start.scene.seed if seed is None else seed
+    move = move_of(start) if move is None else move
     moved = perturbed_positions(there, runs, move, seed)
     achievable, retries = achievable_area(there.net), there.scene.solver.retry
 

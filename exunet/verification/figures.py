@@ -17,12 +17,16 @@ MARKERS = "osv^xD+*pP"
 
 
 def curves(title: str, time: Floats, lines: Mapping[str, Floats], marks: Mapping[str, float]) -> Figure:
-    """Differences of positions (t,) [m] over time [s], on a logarithmic scale; marks are named instants."""
+    """Differences of positions (t,) [m] over time [s], on a logarithmic scale; marks are named instants.
+
+    Zeros are left out of lines that have anything else.
+    """
     figure = blank(6.4, 3.8)
     axes = figure.add_axes((0.12, 0.13, 0.84, 0.77))
     figure.suptitle(title, fontsize=10)
     for (label, line), style in zip(lines.items(), CURVES, strict=False):
-        axes.plot(time, np.maximum(line, LEAST), label=label, **(style | {"marker": ""}))
+        seen = np.where(line > LEAST, line, np.nan) if np.any(line > LEAST) else np.full_like(line, LEAST)
+        axes.plot(time, seen, label=label, **(style | {"marker": ""}))
     _mark(axes, marks, float(time[-1]))
     axes.set(xlabel="time [s]", ylabel="largest difference of a position [m]", yscale="log")
     axes.set_xlim(float(time[0]), float(time[-1]))
@@ -45,7 +49,7 @@ def bands(
         mean, spread = values.mean(axis=0), values.std(axis=0)
         shaded = {"label": "all runs", "color": "0.88", "linewidth": 0}
         axes.fill_between(time, values.min(axis=0), values.max(axis=0), **shaded)
-        shaded |= {"label": "standard deviation", "color": "0.68"}
+        shaded |= {"label": "mean ± standard deviation", "color": "0.68"}
         axes.fill_between(time, mean - spread, mean + spread, **shaded)
         axes.plot(time, mean, color=BLUE, linewidth=1.4, label="mean")
         _mark(axes, marks, float(time[-1]))
@@ -68,7 +72,7 @@ def convergence(
     grid = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for axes, (name, shown) in zip(grid, panels.items(), strict=True):
         # From light and broad to dark and thin, so that a later curve hides no earlier one.
-        for label, part, marker in zip(shown, np.linspace(0.0, 1.0, len(shown)), MARKERS, strict=False):
+        for label, part, marker in zip(shown, np.linspace(0.1, 1.0, len(shown)), MARKERS, strict=False):
             style = {"color": colormaps["cividis_r"](part), "linewidth": 2.2 - 1.3 * part, "markersize": 4}
             steps, errors = lines[label]
             axes.loglog(steps, np.maximum(errors, LEAST), label=label, marker=marker, **style)

@@ -98,6 +98,11 @@ class ReferenceRun:
         self._words = self._process.stderr.read()
         return _brief(self._words)
 
+    @property
+    def at_work(self) -> bool:
+        """True as long as it has not ended."""
+        return self._process.poll() is None
+
     def agreement(self, result: Result) -> Agreement:
         """Wait for the reference and compare; raises InputError with its words if it refused or failed."""
         assert self._process.stderr is not None

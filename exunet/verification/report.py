@@ -117,14 +117,17 @@ class Report:
             yield from (words, "")
 
 
-_LINE = "{:28s} {:52s} {:>10s} {:>8s}  {:9s}  {}"
-_HEAD = _LINE.format("case", "check", "measured", "allowed", "verdict", "unit")
+_LINE = "{:8s} {:>9s} {:>8s} {:5s} {}"
+UNDER_NAME = len(_LINE.format("", "", "", "", ""))  # blanks before what continues the last column
+UNDER_WORST = 6  # and before what continues a line on what is worst
+_HEAD = _LINE.format("verdict", "measured", "allowed", "unit", "case: check")
 
 
 def _printed(check: Check) -> list[str]:
     """A row of the terminal's table, with what is worst where it fails."""
     allowed, unit = (check.allowed.value, check.allowed.unit) if check.allowed else (None, "")
-    cells = (check.subject, check.name, _number(check.measured), _number(allowed), check.verdict, unit)
+    numbers = _number(None if check.left_out else check.measured), _number(allowed)
+    cells = (check.verdict, *numbers, unit, f"{check.subject}: {check.name}")
     more = "because" if check.left_out else "worst"
     shown = check.left_out or not check.holds
     return [_LINE.format(*cells).rstrip(), *([f"    {more}: {check.worst}"] if shown else [])]

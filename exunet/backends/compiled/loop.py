@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from exunet.backends.compiled.many_steps import IMPORTS, LOOP, STEPS, TINY_IN_A_ROW
 from exunet.backends.compiled.work_space import (
     CLOCK,
+    LARGEST,
     PEAKS,
     Control,
     EqualSteps,
@@ -22,13 +23,15 @@ from exunet.backends.compiled.work_space import (
     empty_rows,
     motion_of,
     seen_nothing,
+    told_largest,
 )
 from exunet.backends.events import Events
-from exunet.backends.protocol import Arrays, Batch, Extremes, Observer, StepCounts, StepsCollapsed
+from exunet.backends.protocol import Arrays, Batch, Extremes, Largest, Observer, StepCounts, StepsCollapsed
 from exunet.base.interrupt import postponed
 from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel
 from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
+from exunet.forces.reel import Winding
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.methods.plan import Plan
 from exunet.system.energy import law_of
@@ -73,14 +76,14 @@ class CompiledIntegration:
         self._module.begin(state.time, self._verlet, self._motion)
 
     def look_at_tensions(self) -> None:
-        """Look for the largest tension in the steps to come, each of them."""
-        self._peaks["look_above"][0] = 0.0
+        """Look for the largest tensions in the steps to come, each of them."""
+        # An outlet that does not turn is looked at here too; its energy is not among that of the elements.
+        self._peaks["look_above"][0] = -1.0 if self._system.forces.cable.reels else 0.0
 
     @property
-    def largest_tension(self) -> tuple[float, float, int]:
-        """Of the steps looked at: tension [N], when [s], in which element (-1: none pulled)."""
-        peaks = self._peaks
-        return float(peaks["tension"][0]), float(peaks["time"][0]), int(peaks["element"][0])
+    def largest_tensions(self) -> tuple[Largest, ...]:
+        """Of each group of elements, of the steps looked at."""
+        return told_largest(self._seen.largest)
 
     def through(self, times: Floats, most: int = WITHOUT_LIMIT) -> Batch:
         """From times[0], the state's time, through all times [s] without a look at keyboard, guards, events.
@@ -187,7 +190,8 @@ class CompiledLoop(CompiledIntegration):
                     self._kept.taken[self._row - 1] = self._motion.taken[0]
                 self._look_for_events()
         largest = float(peaks["elastic"][0]) + self._asleep
-        self._observer.between(until, Extremes(largest, float(peaks["kinetic"][0]), *self.largest_tension))
+        extremes = Extremes(largest, float(peaks["kinetic"][0]), self.largest_tensions)
+        self._observer.between(until, extremes)
         if not math.isfinite(np.dot(self._motion.x, self._motion.x)):  # a square may overflow; no harm
             self.hand_over()
 
@@ -254,9 +258,25 @@ class CompiledLoop(CompiledIntegration):
         self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
         self._hold()
         self._count_asleep(memory)
-        carrying = self._system.forces.cable.carrying(memory)
+        cable, seen = self._system.forces.cable, self._seen
+        carrying = cable.carrying(memory)
         if carrying is not None:
-            self._seen.stiffness[:] = self._system.forces.cable.law.stiffness * carrying
+            seen.stiffness[:] = cable.law.stiffness * carrying
+        for winding in cable.reels:
+            self._see_outlet(winding, memory)
+
+    def _see_outlet(self, winding: Winding, memory: Arrays) -> None:
+        """See an outlet that does not turn as an element; while it may turn, each state is handed over."""
+        seen, wound_up = self._seen, list(winding.reel.elements)
+        seen.ends[wound_up] = self._system.net.element_nodes[wound_up]
+        seen.length[wound_up] = self._system.forces.cable.law.natural_length[wound_up]
+        seen.jumps[wound_up] = seen.twice_time[wound_up]
+        if winding.is_locked(memory):
+            element, outlet = winding.outlet_now(memory)
+            wound = float(self._motion.x[outlet.state[0]])
+            seen.ends[element] = outlet.drum[0] // 3, outlet.far[0] // 3
+            seen.length[element] = outlet.ratio * max(outlet.base - wound, outlet.least)
+            seen.stiffness[element], seen.jumps[element] = outlet.stiffness, 0.0
 
     def _count_asleep(self, memory: Arrays) -> None:
         """The kernel leaves out elements between points that sleep; they count with the extremes."""
@@ -289,6 +309,7 @@ class CompiledLoop(CompiledIntegration):
         arrays = {"x": m.x, "v": m.v, "a": m.work[_A1], "push": m.push, "taken": m.taken}
         arrays |= {f"clock/{name}": self._clock[name] for name in CLOCK.names or ()}
         arrays |= {f"seen/{name}": self._seen.peaks[name] for name in PEAKS.names or ()}
+        arrays |= {f"largest/{name}": self._seen.largest[name] for name in LARGEST.names or ()}
         arrays |= {f"kept/{name}": value[: self._row] for name, value in self._kept._asdict().items()}
         arrays |= {f"memory/{name}": value for name, value in self._events.memory.items()}
         return {name: np.array(value) for name, value in arrays.items()}
@@ -298,7 +319,11 @@ class CompiledLoop(CompiledIntegration):
         for held, name in ((m.x, "x"), (m.v, "v"), (m.push, "push"), (m.taken, "taken")):
             held[:] = arrays[name]
         self._pushed = bool(m.push.any())
-        for group, record in (("clock", self._clock), ("seen", self._seen.peaks)):
+        for group, record in (
+            ("clock", self._clock),
+            ("seen", self._seen.peaks),
+            ("largest", self._seen.largest),
+        ):
             for name in record.dtype.names or ():
                 record[name] = arrays[f"{group}/{name}"]
         self._row = len(arrays["kept/time"])

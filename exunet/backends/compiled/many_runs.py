@@ -27,8 +27,9 @@ def see(t: float, elastic: Any, x: Any, v: Any, seen: Any) -> None:
         for run in range(seen.peaks.size):
             if seen.elastic[0, run] > seen.look_above[0, run]:
                 peaks = seen.peaks[run : run + 1]
-                _, half, ends, length, stiffness, twice_time = seen.elements
-                of_run = Seen(peaks, half, ends, length, stiffness, twice_time)
+                _, _, bounds, half, ends, length, stiffness, twice_time, jumps = seen.elements
+                largest = seen.largest[run]
+                of_run = Seen(peaks, largest, bounds, half, ends, length, stiffness, twice_time, jumps)
                 see_tensions(t, seen.x[:, run], seen.v[:, run], of_run)
                 seen.look_above[0, run] = peaks[0]["look_above"]
 
@@ -66,8 +67,8 @@ def in_lanes(run: Any) -> Any:
         lanes_of(m.rates),
         lanes_of(m.taken),
     )
-    peaks, elements, x, v, elastic, look_above, level = seen
-    seen_in_lanes = SeenOfRuns(peaks, elements, x, v, elastic, look_above, lanes_of(level))
+    peaks, largest, elements, x, v, elastic, look_above, level = seen
+    seen_in_lanes = SeenOfRuns(peaks, largest, elements, x, v, elastic, look_above, lanes_of(level))
     return Run(motion, clock, seen_in_lanes, kept)
 
 

@@ -86,40 +86,49 @@ def see(t: float, elastic: float, x: Any, v: Any, seen: Any) -> None:
 
 
 def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
-    """Take the largest tension into `seen`, and the least elastic energy with which there may be a larger.
+    """Take the largest tension of each group, and the least elastic energy with which there may be a larger.
 
     N = EA E11 sqrt(1 + 2 E11) <= EA E11 (1 + E11), so an element that pulls by N has at least the energy of
     the strain that makes the latter N. Viscous stress needs no energy: there each taut state is looked at.
     """
     ends = seen.ends
     peaks = seen.peaks[0]
-    largest_before = peaks["tension"]
+    found = False
     viscous = False
-    for e in range(ends.shape[0]):
-        i = 3 * ends[e, 0]
-        j = 3 * ends[e, 1]
-        square = 0.0
-        along = 0.0
-        for c in range(3):
-            d = x[j + c] - x[i + c]
-            square += d * d
-            along += d * (v[j + c] - v[i + c])
-        length = seen.length[e]
-        excess = square - length * length
-        if excess > 0.0:
-            viscous = viscous or seen.twice_time[e] > 0.0
-            pull = (excess + seen.twice_time[e] * along) * math.sqrt(square) / (2.0 * length**3)
-            tension = seen.stiffness[e] * pull
-            if tension > peaks["tension"]:
-                peaks["tension"] = tension
-                peaks["time"] = t
-                peaks["element"] = e
-    if peaks["tension"] > largest_before and not viscous:
+    for g in range(seen.largest.size):
+        largest = seen.largest[g]["tension"]
+        element = -1
+        for e in range(seen.bounds[g], seen.bounds[g + 1]):
+            i = 3 * ends[e, 0]
+            j = 3 * ends[e, 1]
+            square = 0.0
+            along = 0.0
+            for c in range(3):
+                d = x[j + c] - x[i + c]
+                square += d * d
+                along += d * (v[j + c] - v[i + c])
+            length = seen.length[e]
+            excess = square - length * length
+            if excess > 0.0:
+                viscous = viscous or seen.twice_time[e] > 0.0
+                pull = (excess + seen.twice_time[e] * along) * math.sqrt(square) / (2.0 * length**3)
+                tension = seen.stiffness[e] * pull
+                if tension > largest:
+                    largest = tension
+                    element = e
+        if element >= 0:
+            found = True
+            seen.largest[g]["tension"] = largest
+            seen.largest[g]["time"] = t
+            seen.largest[g]["element"] = element
+    if found and not viscous and peaks["look_above"] >= 0.0:
         least = np.inf
-        for e in range(ends.shape[0]):
-            if seen.stiffness[e] > 0.0:
-                strain = 0.5 * (math.sqrt(1.0 + 4.0 * peaks["tension"] / seen.stiffness[e]) - 1.0)
-                least = min(least, 0.5 * seen.stiffness[e] * seen.length[e] * strain * strain)
+        for g in range(seen.largest.size):
+            for e in range(seen.bounds[g], seen.bounds[g + 1]):
+                if seen.stiffness[e] > 0.0:
+                    tension = seen.largest[g]["tension"]
+                    strain = 0.5 * (math.sqrt(1.0 + 4.0 * tension / seen.stiffness[e]) - 1.0)
+                    least = min(least, 0.5 * seen.stiffness[e] * seen.length[e] * strain * strain)
         peaks["look_above"] = least
 
 
@@ -145,7 +154,7 @@ def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> 
     after = np.inf
     across = np.inf
     for e in range(seen.ends.shape[0]):
-        if seen.twice_time[e] <= 0.0 or seen.stiffness[e] <= 0.0:
+        if seen.jumps[e] <= 0.0 or seen.stiffness[e] <= 0.0:
             continue
         i = 3 * seen.ends[e, 0]
         j = 3 * seen.ends[e, 1]
@@ -186,7 +195,7 @@ def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> 
             time = straight
         parting = (2.0 * dw + time * (2.0 * (ww + db) + time * (3.0 * wb + time * bb))) / (2.0 * length)
         mobility = max(m.inverse[i], m.inverse[j])
-        size = 0.5 * seen.twice_time[e] * seen.stiffness[e] / length * mobility * parting
+        size = 0.5 * seen.jumps[e] * seen.stiffness[e] / length * mobility * parting
         if parting > 0.0 and time <= within and size * within > tolerance and time < after:
             after = time
             surely = 64.0 * 2.220446049250313e-16 * max(t, (place + length) / parting)

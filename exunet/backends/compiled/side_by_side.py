@@ -21,7 +21,9 @@ from exunet.backends.compiled.work_space import (
     Stages,
     clock_at,
     seen_nothing,
+    told_largest,
 )
+from exunet.backends.protocol import Largest
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.generate import tells_all_power
 from exunet.codegen.kernel import Kernel
@@ -116,10 +118,9 @@ class RunsSideBySide:
         points = self._runs, len(times), -1, 3
         return StatesOfRuns(run.kept.time, x.reshape(points), v.reshape(points), taken)
 
-    def largest_tension(self, run: int) -> tuple[float, float, int]:
-        """Of all steps so far: tension [N], when [s], in which element (-1: none pulled)."""
-        peaks = self._seen.peaks[run]
-        return float(peaks["tension"]), float(peaks["time"]), int(peaks["element"])
+    def largest_tensions(self, run: int) -> tuple[Largest, ...]:
+        """Of each group of elements, of all steps so far."""
+        return told_largest(self._seen.largest[run])
 
     @property
     def right_hand_sides(self) -> int:
@@ -158,8 +159,9 @@ def _seen_nothing(system: System, motion: Motion) -> SeenOfRuns:
     elements = seen_nothing(system)
     peaks = np.repeat(elements.peaks, WIDTH)
     peaks["look_above"] = 0.0
-    level = _aligned(1, WIDTH)
-    return SeenOfRuns(peaks, elements, motion.x, motion.v, _aligned(1, WIDTH), look_above=level, level=level)
+    level, energy = _aligned(1, WIDTH), _aligned(1, WIDTH)
+    largest = np.repeat(elements.largest[None], WIDTH, axis=0)
+    return SeenOfRuns(peaks, largest, elements, motion.x, motion.v, energy, look_above=level, level=level)
 
 
 def _aligned(*shape: int) -> Floats:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.backends.protocol import Largest
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
@@ -91,12 +92,11 @@ CLOCK = np.dtype(
 #
 # elastic, kinetic : largest elastic and least kinetic energy [J] since they were last set back
 # keep_above       : elastic energy [J] above which every step is kept for the guards
-# look_above       : elastic energy [J] above which a tension may be the largest
-# tension, time, element : the largest tension [N], when [s], and in which element (-1: none pulled)
-PEAKS = np.dtype(
-    [(name, "f8") for name in ("elastic", "kinetic", "keep_above", "look_above", "tension", "time")]
-    + [("element", "i8")]
-)
+# look_above       : elastic energy [J] above which a tension may be the largest; below 0: it stays so
+PEAKS = np.dtype([(name, "f8") for name in ("elastic", "kinetic", "keep_above", "look_above")])
+
+# The largest tension of a group of elements [N], when [s], and in which element (-1: none pulled).
+LARGEST = np.dtype([("tension", "f8"), ("time", "f8"), ("element", "i8")])
 
 
 class Control(NamedTuple):
@@ -111,30 +111,38 @@ class Seen(NamedTuple):
     """What is seen of steps, and what that takes.
 
     peaks            : one record `PEAKS`
+    largest          : (n_groups,) a record `LARGEST` of each group of `Net.groups`
+    bounds           : (n_groups + 1,) the first element of each group, and the number of elements
     half             : (n_v,) half the mass or inertia [kg], [kg m2]
     ends             : (n_elements, 2) nodes of the elements
     length, stiffness, twice_time : (n_elements,) natural lengths [m], axial stiffnesses [N], 2 tau [s]
+    jumps            : (n_elements,) 2 tau [s] of those whose jumps of the force are looked for; else 0
     """
 
     peaks: NDArray[np.void]
+    largest: NDArray[np.void]
+    bounds: NDArray[np.int64]
     half: Floats
     ends: NDArray[np.int64]
     length: Floats
     stiffness: Floats
     twice_time: Floats
+    jumps: Floats
 
 
 class SeenOfRuns(NamedTuple):
     """What is seen of the steps of several runs, the last axis of x, v and look_above.
 
     peaks      : (runs,) a record `PEAKS` of each
-    elements   : the rest of a `Seen`, whose own record is not used
+    largest    : (runs, n_groups) records `LARGEST`
+    elements   : the rest of a `Seen`, whose own records are not used
     x, v       : (n_x, runs), (n_v, runs) the states
     elastic    : (1, runs) elastic energies [J] of a step that is looked at
     look_above : (1, runs) as in the records; level: the same memory, as vectors in compiled code
     """
 
     peaks: NDArray[np.void]
+    largest: NDArray[np.void]
     elements: Seen
     x: Floats
     v: Floats
@@ -230,10 +238,19 @@ def seen_nothing(system: System) -> Seen:
     twice = np.zeros(system.net.n_elements) if law.relaxation_time is None else 2.0 * law.relaxation_time
     peaks = np.zeros(1, dtype=PEAKS)
     peaks["kinetic"] = peaks["keep_above"] = peaks["look_above"] = np.inf
-    peaks["element"] = -1
+    groups = system.net.groups.values()
+    largest = np.zeros(len(groups), dtype=LARGEST)
+    largest["element"] = -1
+    bounds = np.array([0, *(group.stop for group in groups)])
     half = system.layout.half_mass(system)
     ends = system.net.element_nodes.copy()
-    return Seen(peaks, half, ends, law.natural_length.copy(), law.stiffness.copy(), twice)
+    lengths, stiffness = law.natural_length.copy(), law.stiffness.copy()
+    return Seen(peaks, largest, bounds, half, ends, lengths, stiffness, twice, twice.copy())
+
+
+def told_largest(records: NDArray[np.void]) -> tuple[Largest, ...]:
+    """The records `LARGEST` (n,), for observers."""
+    return tuple(Largest(float(one["tension"]), float(one["time"]), int(one["element"])) for one in records)
 
 
 def empty_rows(rows: int, system: System) -> Kept:

@@ -6,14 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.exudyn.build import expected_items
-from exunet.bodies.body import RigidBody, in_frames
 from exunet.case.casefile import Case
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import EFFECTS, switched_on
+from exunet.interfaces.commands.body_rows import body_rows
 from exunet.interfaces.commands.estimates import estimated
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.net.folding import folded
 from exunet.net.tether import EndKeys
+from exunet.results.table import mass_words
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.stability import (
     WEAK_GROWTH,
@@ -40,8 +41,8 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("topology", str(case.scene.net.topology)),
         ("nodes, elements", f"{net.n_nodes}, {net.n_elements} ({int(net.is_string.sum())} of strings)"),
         ("bullets, fixed nodes", f"{len(net.bullet_nodes)}, {len(net.fixed_nodes)}"),
-        ("mass", f"{net.mass.sum():.6f} kg"),
-        *_bodies(start),
+        ("mass", _mass(start)),
+        *body_rows(start),
         *_tethers(start),
         ("packing", _packing(start)),
         ("simulated time", f"{case.scene.time.end:g} s, {len(times)} stored states"),
@@ -55,6 +56,15 @@ def describe(case: Case) -> list[tuple[str, str]]:
     ]
 
 
+def _mass(start: Start) -> str:
+    """Of the net and, where there are bodies, of all; nodes that are fixed to bodies count once."""
+    system, net = start.system, float(start.net.mass.sum())
+    if not (system.bodies or system.blocks.body):
+        return mass_words(net, None, 0.0)
+    fixed = float(start.net.mass[system.kinematics.point].sum())
+    return mass_words(net, float(system.mass.sum() + system.body_mass.sum()), fixed)
+
+
 def _packing(start: Start) -> str:
     """How the net lies at the start."""
     initial = start.scene.initial
@@ -65,24 +75,6 @@ def _packing(start: Start) -> str:
     found = folded(start.net, start.scene.net, initial.fold)
     size = " x ".join(f"{edge:.4g}" for edge in found.size)
     return f"{initial.fold.pattern} fold ({found.pleats}), {found.layers} layers, {size} m"
-
-
-def _bodies(start: Start) -> list[tuple[str, str]]:
-    """A row for each rigid body and each point mass: what it is, and where and how it moves at the start."""
-    blocks, state = start.system.blocks, start.state
-    found, bodies = [], start.system.bodies
-    states = in_frames(bodies, state.bodies)
-    for k, body in enumerate(bodies):
-        moving = _motion(states.position[k], states.velocity[k])
-        turning = _vector(states.angular_velocity[k])
-        words = f"{body.mass:g} kg, {_inertia(body)}, {moving}, turns at {turning} rad/s"
-        words += _attached(start, k)
-        words += "" if start.system.moves_freely[k] else f"; {start.scene.bodies[body.name].motion}"
-        found.append((f"body {body.name}", words))
-    for name, point in blocks.body.items():
-        moving = _motion(state.position[point], state.velocity[point])
-        found.append((f"point mass {name}", f"{blocks.mass[point]:g} kg, {moving}"))
-    return found
 
 
 def _tethers(start: Start) -> list[tuple[str, str]]:
@@ -105,32 +97,6 @@ def _tied(end: EndKeys) -> str:
     if end.body is not None:
         return f"body {end.body}"
     return f"bullet {end.bullet}" if end.node is None else f"node {end.node}"
-
-
-def _attached(start: Start, body: int) -> str:
-    """The nodes that are fixed to a body."""
-    kinematics = start.system.kinematics
-    nodes = kinematics.point[kinematics.body == body].tolist()
-    return f"; fixed to it: nodes {', '.join(map(str, nodes))}" if nodes else ""
-
-
-def _inertia(body: RigidBody) -> str:
-    """Principal moments, and axes and centre where they are not those of the body's frame."""
-    words = f"inertia {', '.join(f'{moment:g}' for moment in body.inertia)} kg m2"
-    if not body.is_along_frame:
-        axes = np.round(body.rotation.T, 6) + 0.0  # no -0
-        words += f" about the principal axes {', '.join(map(_vector, axes))} of its frame"
-    if any(body.centre):
-        words += f", centre of mass at {_vector(np.array(body.centre))} m of its frame"
-    return words
-
-
-def _motion(position: Floats, velocity: Floats) -> str:
-    return f"starts at {_vector(position)} m with {_vector(velocity)} m/s"
-
-
-def _vector(values: Floats) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
 
 
 def _items(start: Start) -> str:

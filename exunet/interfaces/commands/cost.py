@@ -19,7 +19,7 @@ from exunet.figures.style import drawing
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.methods.method import METHODS
-from exunet.results.run_folder import new_folder
+from exunet.results.run_folder import new_folder, refuse_replacing
 from exunet.simulation.planning import slow_turning
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of
@@ -34,12 +34,13 @@ INTERRUPTED = 130
 FILES = TABLE, WORDS, FIGURE, PRINT = "cost.csv", "cost.md", "work_precision.png", "work_precision.pdf"
 
 
-def cost(case: Case, out: Path | None, until: float | None, budget: float) -> int:
+def cost(case: Case, out: Path | None, until: float | None, budget: float, *, overwrite: bool = False) -> int:
     """Study a case and write cost.csv, cost.md and work_precision.png and .pdf; returns the exit code.
 
     out    : folder; None: results/CASE--cost, or the next that is free
     until  : end of the runs [s], at most the case's; None: the case's
     budget : wall time [s] of all of it; at least the converged solution is computed
+    overwrite : replace what an earlier study left in the folder
     Raises InputError for an `until` or a folder that cannot be used, RunStopped if not even the converged
     solution can be computed.
     """
@@ -49,7 +50,7 @@ def cost(case: Case, out: Path | None, until: float | None, budget: float) -> in
         return budget - (clock.perf_counter() - began)
 
     subject, refusal = _subject(case, until)
-    folder = _ready(out, folder_of(case, "cost"))
+    folder = _ready(out, folder_of(case, "cost"), overwrite=overwrite)
     compiled = numba_installed()
     with status() as say:
         say("converged solution")
@@ -141,8 +142,8 @@ def _untried(subject: Subject, *, compiled: bool) -> list[tuple[str, str]]:
     return rows + [("note", one) for one in words if one]
 
 
-def _ready(out: Path | None, own: Path) -> Path:
-    """The folder; one that cannot be written is refused before hours are spent. What is in it stays."""
+def _ready(out: Path | None, own: Path, *, overwrite: bool) -> Path:
+    """The folder; one that cannot be written, or has a study, is refused before hours are spent."""
     if out is None:
         return new_folder(own)
     try:
@@ -152,6 +153,8 @@ def _ready(out: Path | None, own: Path) -> Path:
         for name in FILES:
             if (out / name).exists() and not (out / name).is_file():
                 raise InputError(f"{out / name}: cannot be written: it is not an ordinary file")
+        if not overwrite:
+            refuse_replacing(out, FILES)
     except OSError as error:
         raise cannot_write(out, error) from error
     return out

@@ -17,13 +17,15 @@ from exunet.case.casefile import Case
 from exunet.codegen.compile import require_numba
 from exunet.figures.ensemble import FIGURES, save_ensemble_figures
 from exunet.interfaces.commands.estimates import duration, size
-from exunet.interfaces.commands.folders import opened, ready, silent, to_stderr
+from exunet.interfaces.commands.folders import opened, ready
+from exunet.interfaces.commands.lines import silent, tell
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_ensemble
-from exunet.results.headlines import HEADLINES, Headline, headline
-from exunet.results.run_folder import held
+from exunet.results.headline import Headline
+from exunet.results.headlines import HEADLINES, headline
+from exunet.results.run_folder import held, refuse_replacing
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.trial import try_out
@@ -60,13 +62,15 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
     require_numba("an ensemble")
     refuse_too_many(asked.runs)
     wanted = asked.out or folder_of(case, "ensemble")
-    say = silent if asked.quiet else to_stderr
+    say = silent if asked.quiet else tell
     with opened(wanted, own=asked.out is None and not asked.overwrite) as folder, held(folder):
         ready(folder, (ENSEMBLE_FILE, *_FILES))
         file = folder / ENSEMBLE_FILE
         if file.exists() and not asked.overwrite:
             words = "there is an ensemble in this folder: replace it (--overwrite), or give another --out"
             raise InputError(f"{folder}: {words}")
+        if not asked.overwrite:
+            refuse_replacing(folder, _FILES)
         gain, compiles = way_of(start, asked.runs)
         each = seconds_of_a_course(start, try_out(start, _BUDGET)) / gain
         seconds = each * asked.runs / (os.cpu_count() or 1)

@@ -97,6 +97,21 @@ def estimated(start: Start, *, thorough: bool = False, spread: int | None = None
     return Expected(run, cheaper, expected_spread(start, run, trial, spread))
 
 
+def not_counted(*, check: bool, error: bool) -> list[tuple[str, str]]:
+    """Rows (name, value) of what the time of a run leaves out, since nothing foretells how long it takes.
+
+    check : the reference is asked for, whose time does not follow from that of the run
+    error : two more runs with a finer setting are asked for
+    """
+    found = []
+    if check:
+        words = "not in this time: the reference runs beside, often many times as long"
+        found.append(("check", words))
+    if error:
+        found.append(("error", "not in this time: two more runs, at least one of them longer"))
+    return found
+
+
 def expected_spread(
     start: Start, run: ExpectedCost, trial: Trial | None, asked: int | None
 ) -> ExpectedSpread:

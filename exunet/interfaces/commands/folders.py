@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -47,11 +46,3 @@ def ready(folder: Path, names: Sequence[str]) -> None:
     for name in names:
         if (folder / name).exists() and not (folder / name).is_file():
             raise InputError(f"{folder / name}: cannot be written: it is not an ordinary file")
-
-
-def to_stderr(words: str) -> None:
-    sys.stderr.write(f"{words}\n")
-
-
-def silent(_words: str) -> None:
-    """Nothing is said."""

@@ -7,31 +7,50 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.table import Table
+from rich.text import Text
 
-WIDTH = 80  # of what does not go to a terminal
+from exunet.interfaces.commands.lines import HANG, cells, folded, is_path, width_of
 
 
 def console() -> Console:
     """For what a command prints: as wide as the terminal, of 80 columns where there is none."""
-    plain = Console(markup=False, emoji=False, highlight=False)
-    return plain if plain.is_terminal else Console(markup=False, emoji=False, highlight=False, width=WIDTH)
+    return Console(markup=False, emoji=False, highlight=False, width=width_of(sys.stdout))
 
 
 def print_table(title: str, rows: list[tuple[str, str]]) -> None:
     """Print rows (name, value) under a title; what is too wide is folded, never cut."""
-    table = Table(title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
     out = console()
-    table.add_column(style="bold", overflow="fold", no_wrap=False, min_width=_width_of_names(rows, out.width))
-    table.add_column(overflow="fold")
+    names = _width_of_names(rows, out.width)
+    for line in folded(title, out.width):
+        out.print(Text(line, "italic"), soft_wrap=True)
     for name, value in rows:
-        table.add_row(name, value)
-    out.print(table)
+        for left, right in _row(name, value, names, out.width):
+            whole = Text.assemble((left, "bold"), right)
+            whole.rstrip()
+            out.print(whole, soft_wrap=True)
+
+
+def _row(name: str, value: str, names: int, width: int) -> Iterator[tuple[str, str]]:
+    """Lines of a row: what stands in the column of names, `names` wide, and beside it."""
+    room = width - names - 1
+    if _has_path(name, names) or _has_path(value, room):  # one below the other, where both have more room
+        yield from ((line, "") for line in folded(name, width))
+        yield from ((" " * HANG, line) for line in folded(value, width - HANG, hang=0))
+        return
+    left, right = folded(name, names, hang=0), folded(value, room, hang=0)
+    for k in range(max(len(left), len(right))):
+        first, second = (column[k] if k < len(column) else "" for column in (left, right))
+        yield first + " " * (names - cells(first) + 1), second
+
+
+def _has_path(text: str, width: int) -> bool:
+    """True if a text has a path that is wider than its column."""
+    return any(is_path(word) and cells(word) > width for word in text.split())
 
 
 def _width_of_names(rows: list[tuple[str, str]], width: int) -> int:
     """Of the longest name, up to a third of the width."""
-    return min(max((len(name) for name, _ in rows), default=1), width // 3)
+    return min(max((cells(name) for name, _ in rows), default=1), width // 3)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from exunet.interfaces.commands.estimates import duration
+from exunet.interfaces.commands.lines import tell
 from exunet.simulation.pace import Pace
 
 SELDOM, OFTEN, PART = 60.0, 10.0, 0.1  # [s], [s] between two lines, part of the run
@@ -35,7 +36,7 @@ def told_progress(end: float, expected: float | None, *, quiet: bool) -> Iterato
         with _bar(end, Pace(end, expected)) as bar:
             yield bar
     else:
-        yield Lines(end, Pace(end, expected), _line)
+        yield Lines(end, Pace(end, expected), tell)
 
 
 def remaining(pace: Pace) -> str:
@@ -96,11 +97,6 @@ class Lines:
         if self._running:
             self._running = False
             self._say(f"simulated in {duration(self._clock() - self._begun)}")
-
-
-def _line(words: str) -> None:
-    sys.stderr.write(f"{words}\n")
-    sys.stderr.flush()
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,8 +13,15 @@ from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped,
 from exunet.base.interrupt import postponed
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
-from exunet.interfaces.commands.estimates import ExpectedSpread, estimated, expected_spread, refuse_beyond
-from exunet.interfaces.commands.folders import opened, ready, silent, to_stderr
+from exunet.interfaces.commands.estimates import (
+    ExpectedSpread,
+    estimated,
+    expected_spread,
+    not_counted,
+    refuse_beyond,
+)
+from exunet.interfaces.commands.folders import opened, ready
+from exunet.interfaces.commands.lines import silent, tell
 from exunet.interfaces.commands.measures import rows_on_measures
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
@@ -37,7 +45,7 @@ from exunet.results.summary import summarise, write_summary
 from exunet.results.table import rows
 from exunet.simulation.expected_cost import expected_cost
 from exunet.simulation.preparation import prepare_case
-from exunet.simulation.run import Describe, Progress, case_of_store, refuse_checkpoints, resume, run_into
+from exunet.simulation.run import Describe, Progress, refuse_checkpoints, request_of_store, resume, run_into
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.studies.spread import BESIDE, spread_of
 from exunet.verification.reference_run import ReferenceRun
@@ -94,7 +102,7 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
         raise InputError('--estimate-error: is of the trajectory, not for solver.accuracy_of = "measures"')
     refuse_checkpoints(start, asked.checkpoint_every)
     wanted = asked.out or folder_of(case)
-    say = silent if asked.quiet else to_stderr
+    say = silent if asked.quiet else tell
     with opened(wanted, own=asked.out is None and not asked.overwrite) as folder:
         ready(folder, (RESULT_FILE, *DESCRIPTIONS))
         if not asked.overwrite:
@@ -105,22 +113,33 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
             say(_elsewhere(wanted, folder))
         cost = estimated(start, spread=asked.spread)
         refuse_beyond(cost, start, folder)
-        for name, words in cost.rows():
-            say(f"{name:8s}{words}")
+        for name, words in [*cost.rows(), *not_counted(check=asked.check, error=asked.estimate)]:
+            say(f"{name:8s}{words}", 8)
 
         def simulate(progress: Progress | None, describe: Describe) -> Result:
             return run_into(
-                folder, case, start, progress, asked.checkpoint_every, describe, overwrite=asked.overwrite
+                folder,
+                case,
+                start,
+                progress,
+                asked.checkpoint_every,
+                describe,
+                overwrite=asked.overwrite,
+                moved_starts=None if cost.spread.refused else cost.spread.runs,
             )
 
         return _run(case, simulate, folder, asked, cost.spread, cost.run.known, start.scene)
 
 
 def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) -> ExunetError | None:
-    """Go on with an unfinished run in a folder, and describe it as `run_case` does."""
+    """Go on with an unfinished run in a folder, and describe it as `run_case` does.
+
+    spread : number of moved starts; None: that of the run
+    """
     if not has_unfinished(folder):
         raise InputError(f"{folder}: there is no unfinished run in this folder")
-    case, _ = case_of_store(Segments(folder / STORE_FOLDER))
+    begun = request_of_store(Segments(folder / STORE_FOLDER))
+    case, spread = begun.case, begun.moved_starts if spread is None else spread
     ready(folder, (RESULT_FILE, *DESCRIPTIONS))
 
     def simulate(progress: Progress | None, describe: Describe) -> Result:
@@ -171,7 +190,7 @@ def _beside(case: Case, scene: Scene | None, *, quiet: bool) -> Iterator[Referen
         return
     with ReferenceRun(case, scene) as reference:
         if (refusal := reference.refusal()) and not quiet:
-            to_stderr(f"check   the result will not be checked: {refusal}")
+            tell(f"check   the result will not be checked: {refusal}", 8)
         yield reference
 
 
@@ -190,7 +209,7 @@ def _describe(
     agreement: Agreement | None = None
     no_check: str | None = None
     if reference and result.complete:
-        agreement, story.unchecked, no_check = _agreement(reference, result)
+        agreement, story.unchecked, no_check = _agreement(reference, result, quiet=asked.quiet)
     elif reference:
         no_check = "the run stopped before its end"
     spread = _spread(case, result, story, moved)
@@ -241,11 +260,14 @@ def _estimate(case: Case, result: Result) -> tuple[ErrorEstimate | None, RunStop
 
 
 def _agreement(
-    reference: ReferenceRun, result: Result
+    reference: ReferenceRun, result: Result, *, quiet: bool
 ) -> tuple[Agreement | None, ExunetError | None, str | None]:
     """What the reference says; or the error that it could not be asked, and the reason for the summary."""
+    words = "waiting for the reference"
+    if reference.at_work and not quiet and not sys.stderr.isatty():
+        tell(words)
     try:
-        with waiting("waiting for the reference"):
+        with waiting(words):
             return reference.agreement(result), None, None
     except InputError as error:
         return None, UncheckedRun(f"the result is written but not checked: {error}"), str(error)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from rich.console import Console
-
 from exunet.figures.style import drawing
-from exunet.interfaces.commands.printing import status
+from exunet.interfaces.commands.lines import HANG, folded
+from exunet.interfaces.commands.printing import console, status
 from exunet.verification import hard
 from exunet.verification.ladder import RUNGS, Ladder, Step, read_cases
-from exunet.verification.report import Report
+from exunet.verification.report import UNDER_NAME, UNDER_WORST, Report
 
 FAILED = 1
 INTERRUPTED = 130
@@ -51,18 +49,22 @@ def verify_hard(folder: Path, *, quick: bool) -> int:
 
 def _follow(report: Report, steps: Iterator[Step], folder: Path) -> int:
     report.open(folder)
-    width = None if sys.stdout.isatty() else 120
-    console = Console(markup=False, emoji=False, highlight=False, width=width, soft_wrap=True)
+    out = console()
+
+    def tell(words: str, hang: int = HANG) -> None:
+        for line in folded(words, out.width, hang):
+            out.print(line, soft_wrap=True)
+
     try:
         with drawing(), status() as say:
             for step in steps:
                 say(f"{step.rung}. {step.subject}")
                 for finding in step.run():
                     for line in report.add(finding, folder):
-                        console.print(line)
+                        tell(line, UNDER_WORST if line.startswith(" ") else UNDER_NAME)
     except KeyboardInterrupt:
         report.interrupted = True
-    console.print(f"{report.verdict} Report: {report.write(folder)}")
+    tell(f"{report.verdict} Report: {report.write(folder)}")
     if report.interrupted:
         return INTERRUPTED
     return 0 if report.holds else FAILED

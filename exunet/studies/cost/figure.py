@@ -48,7 +48,12 @@ def work_precision(study: Study) -> Figure:
         for axes in (left, right):
             axes.axhspan(_LEAST, resolved, color="0.93", zorder=0, label="not resolved")
     drawn = [_drawn(study, entry) for entry in study.measured] or [_LEAST]
-    left.set_ylim(_LEAST / 3 if min(drawn) < 1e-11 else min(drawn) / 5, 3.0 * max(1.0, *drawn))
+    left.set_ylim(min(drawn) / 5, 5.0 * max(drawn))
+    if min(drawn) == _LEAST:
+        for axes in (left, right):
+            axes.axhline(
+                _LEAST, color="0.5", linewidth=0.6, linestyle=":", zorder=1, label="$10^{-13}$ or less"
+            )
     legend_above(figure, *left.get_legend_handles_labels())
     return figure
 
@@ -109,6 +114,7 @@ def _panel(axes: Axes, study: Study, shown: dict[str, dict[str, Any]], label: st
             note = "" if ladder[0] in study.ranked else ": not ranked"
             draw(ladder, label=name + note, **shown[name])
         else:
-            draw(ladder, label=f"{len(names) - k} others" if k == len(shown) else None, **_PALE)
+            left_over = "1 other" if len(names) == k + 1 else f"{len(names) - k} others"
+            draw(ladder, label=left_over if k == len(shown) else None, **_PALE)
     axes.set_xlabel(label)
     axes.grid(visible=True, which="major", color="0.92", linewidth=0.5)

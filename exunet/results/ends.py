@@ -1,0 +1,100 @@
+"""What the bodies and the net have at the start and at the end of a run: motion, momentum, energy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.bodies.kinematics import GIVEN
+from exunet.bodies.rigid import rotation_matrix
+from exunet.results.result import BodyStates, Result
+
+Floats = NDArray[np.float64]
+
+# Of a body, or of the net with its tethers, at one instant:
+#
+# momentum, angular_momentum : [kg m/s], about the scene's origin [kg m2/s]
+# kinetic                    : [J]
+# velocity, attitude, spin   : of a body's centre of mass [m/s], quaternion, in body axes [rad/s]
+# impulse, angular_impulse, work : that a body of given motion has given to all else [N s], about the scene's
+#                              origin [N m s], [J]
+END = np.dtype(
+    [("momentum", "f8", (3,)), ("angular_momentum", "f8", (3,)), ("kinetic", "f8", ())]
+    + [("velocity", "f8", (3,)), ("attitude", "f8", (4,)), ("spin", "f8", (3,))]
+    + [(name, "f8", (size,) if size > 1 else ()) for name, size, _ in GIVEN]
+)
+
+
+class Points(NamedTuple):
+    """Points with masses of their own (n,) [kg]: places and velocities (2, n, 3) [m], [m/s]."""
+
+    mass: Floats
+    position: Floats
+    velocity: Floats
+
+
+class AtEnds(NamedTuple):
+    """A body at the start and at the end.
+
+    body  : whose arrays have these two rows
+    given : (2, m) of each quantity in `GIVEN`, by name, of one whose motion is given; else none
+    """
+
+    body: BodyStates
+    given: Mapping[str, Floats]
+
+
+def no_ends() -> NDArray[np.void]:
+    """(2, 0): of a scene without bodies, of which no book is kept."""
+    return np.zeros((2, 0), dtype=END)
+
+
+def ends_of(points: Points, bodies: Sequence[AtEnds]) -> NDArray[np.void]:
+    """(2, n_bodies + 1) records `END`: of each body, and last of the points, which are the net."""
+    found = np.zeros((2, len(bodies) + 1), dtype=END)
+    for k, (body, given) in enumerate(bodies):
+        own, spin, attitude = found[:, k], body.angular_velocity, body.attitude
+        own["velocity"] = body.velocity
+        own["momentum"] = body.mass * body.velocity
+        own["angular_momentum"] = np.cross(body.position, own["momentum"])
+        own["kinetic"] = 0.5 * body.mass * np.einsum("ta,ta->t", body.velocity, body.velocity)
+        if spin is not None and attitude is not None and body.inertia is not None:
+            turns = spin @ body.inertia
+            own["spin"], own["attitude"] = spin, attitude
+            own["angular_momentum"] += np.einsum("tab,tb->ta", rotation_matrix(attitude), turns)
+            own["kinetic"] += 0.5 * np.einsum("ta,ta->t", spin, turns)
+        for name, values in given.items():
+            own[name] = values.reshape(own[name].shape)
+    net, (mass, position, velocity) = found[:, -1], points
+    net["momentum"] = np.einsum("n,tna->ta", mass, velocity)
+    net["angular_momentum"] = np.einsum("n,tna->ta", mass, np.cross(position, velocity))
+    net["kinetic"] = 0.5 * np.einsum("n,tna,tna->t", mass, velocity, velocity)
+    return found
+
+
+def ends_of_result(result: Result) -> NDArray[np.void]:
+    """Of the first and the last stored state."""
+    if not result.bodies:
+        return no_ends()
+    mass = result.net.mass.copy()
+    bodies = []
+    for name, body in result.bodies.items():
+        if body.nodes is not None:
+            mass[body.nodes] = 0.0  # which the body has
+        states = ((quantity, result.states.get(f"{name}/{quantity}")) for quantity, *_ in GIVEN)
+        given = {quantity: _ends(one.values) for quantity, one in states if one is not None}
+        moving = BodyStates(body.mass, body.inertia, _ends(body.position), _ends(body.velocity))
+        if body.attitude is not None and body.angular_velocity is not None:
+            turning = _ends(body.attitude), _ends(body.angular_velocity)
+            moving = replace(moving, attitude=turning[0], angular_velocity=turning[1])
+        bodies.append(AtEnds(moving, given))
+    return ends_of(Points(mass, _ends(result.position), _ends(result.velocity)), bodies)
+
+
+def _ends(values: Floats) -> Floats:
+    """The first and the last row, which are read alone where they stay in a file."""
+    return np.stack([values[0], values[len(values) - 1]])

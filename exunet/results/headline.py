@@ -1,0 +1,103 @@
+"""One headline: a quantity of a run that stands in the summary and in the table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.results.course import Course
+from exunet.results.digits import printed, unit_of_last_digit
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Headline:
+    """One quantity that stands in the summary and in the table.
+
+    name     : its key in summary.json, without the unit
+    words    : its name in tables and figures
+    unit     : "N", "m2", ...; "": none
+    value    : from a course; None where it is not defined
+    digits   : significant ones that are printed
+    least    : differences up to this [unit] are those of round-off, or of the moves themselves
+    place    : where a value was found, as the element of a tension; None: nowhere in particular
+    place_is : what `place` numbers, in a word
+    at_a_time : it is one of the course's times, known no better than to half of their spacing
+    at_a_step : it is the end of a step, known no better than to half of it
+    remark   : what the table says after the value
+    group    : of elements, whose margin it is; "": of none
+    peak_of  : the group of `Net.groups` whose largest tension it is; "": of none, or of all
+    size     : from a course; what the digits are counted from, where that is more than the value: of a part
+               of a vector the whole, of a difference what it is small against
+    row      : of the table, which parts of a vector have in common; "": it has one of its own
+    of_book  : it is an entry of the books of momentum and energy, for table and summary alone
+    """
+
+    name: str
+    words: str
+    unit: str
+    value: Callable[[Course], float | None]
+    digits: int = 4
+    least: float = 1e-12
+    place: Callable[[Course], int] | None = None
+    place_is: str = ""
+    at_a_time: bool = False
+    at_a_step: bool = False
+    remark: str = ""
+    group: str = ""
+    peak_of: str = ""
+    size: Callable[[Course], float] | None = None
+    row: str = ""
+    of_book: bool = False
+
+    @property
+    def key(self) -> str:
+        """Its key in summary.json: name and unit."""
+        unit = self.unit.replace("/", "_").replace(" ", "_")
+        return f"{self.name}_{unit}" if unit else self.name
+
+    def last_digit(self, value: float, size: float = 0.0) -> float:
+        """What the last digit of a value counts that is printed."""
+        return max(unit_of_last_digit(max(abs(value), size), self.digits), self.least)
+
+
+def of_vector(
+    name: str,
+    row: str,
+    unit: str,
+    vector: Callable[[Course], Floats | None],
+    size: Callable[[Course], float] | None = None,
+    **settings: Any,
+) -> tuple[Headline, ...]:
+    """Headlines of the parts x, y and z of a vector (3,) of a course, which share a row of the table.
+
+    size     : what the vector is small against; None: nothing
+    settings : further fields of each
+    """
+
+    def part(axis: int) -> Callable[[Course], float | None]:
+        def value(course: Course) -> float | None:
+            found = vector(course)
+            return None if found is None else float(found[axis])
+
+        return value
+
+    def length(course: Course) -> float:
+        found = vector(course)
+        least = 0.0 if size is None else size(course)
+        return least if found is None else max(least, float(np.linalg.norm(found)))
+
+    return tuple(
+        Headline(f"{name}_{axis}", f"{row}, {axis}", unit, part(k), size=length, row=row, **settings)
+        for k, axis in enumerate("xyz")
+    )
+
+
+def shown(one: Headline, value: float) -> str:
+    """A value to the digits that a headline has, with its unit."""
+    return f"{printed(value, one.last_digit(value))} {one.unit}".rstrip()

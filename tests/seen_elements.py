@@ -1,0 +1,26 @@
+"""What the compiled loop sees of steps, for elements that are given one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from exunet.backends.compiled.work_space import LARGEST, PEAKS, Seen
+
+NONE = np.zeros(0)
+
+
+def seen_of(
+    ends: np.ndarray,
+    length: np.ndarray = NONE,
+    stiffness: np.ndarray = NONE,
+    twice_time: np.ndarray = NONE,
+    *,
+    half: np.ndarray = NONE,
+    look_above: float = 0.0,
+    bounds: tuple[int, ...] | None = None,
+) -> Seen:
+    """Nothing seen so far; all elements are one group unless the bounds of several are given."""
+    bounds = (0, len(ends)) if bounds is None else bounds
+    peaks = np.array([(0.0, np.inf, np.inf, look_above)], dtype=PEAKS)
+    largest = np.array([(0.0, 0.0, -1)] * (len(bounds) - 1), dtype=LARGEST)
+    return Seen(peaks, largest, np.array(bounds), half, ends, length, stiffness, twice_time, twice_time)

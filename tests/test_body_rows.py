@@ -1,0 +1,74 @@
+"""What `exunet check` and the table of a run say of the masses, the axes and the start of bodies."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import exunet
+from exunet.interfaces.commands.body_rows import body_rows, vector
+from exunet.interfaces.commands.check import describe
+from exunet.results.measures import momentum_gained, moving_mass
+from exunet.results.summary import summarise
+from exunet.results.table import rows
+from exunet.simulation.preparation import prepare_case
+
+CASES = Path(__file__).parents[1] / "cases" / "bodies"
+
+
+def test_every_body_has_its_axes_and_no_round_off() -> None:
+    """The target of the tow starts 1e-21 m off its axis, of 10 m."""
+    for path in CASES.glob("*.toml"):
+        start = prepare_case(exunet.load(path))
+        found = dict(body_rows(start))
+        for body in start.system.bodies:
+            assert found[f"body {body.name}"].startswith(f"{body.mass:g} kg, free")
+            assert "m in the body's frame" in found[f"{body.name}: centre of mass"]
+            assert found[f"{body.name}: inertia"].count("(") == 3
+            assert "of the body's frame" in found[f"{body.name}: inertia"]
+            moving = found[f"{body.name}: at the start"]
+            for axes in ("m/s in the scene's axes", "rad/s in the body's axes", "rad/s in the scene's"):
+                assert axes in moving
+        assert not re.search(r"e-(1[2-9]|2)|-0[,)]", " ".join(found.values())), path
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ([10.0, 1e-6, -1e-21], "(10, 1e-06, 0)"),
+        ([-1e-17, 0.0, 0.0], "(0, 0, 0)"),
+        ([-0.0, 2e-8, 0.0], "(0, 2e-08, 0)"),
+    ],
+)
+def test_round_off_is_zero(values: list[float], words: str) -> None:
+    assert vector(np.array(values)) == words
+
+
+def test_nodes_on_bodies_count_once() -> None:
+    """Two satellites of 50 kg, a node of 1 kg, and a tether of 0.3 g whose two nodes are the satellites'."""
+    case = exunet.load(CASES / "dumbbell.toml", ("time.end=10.0",))
+    tether = np.pi / 4.0 * 0.002**2 * 100.0
+    told = dict(describe(case))
+    words = f"{1.0 + tether:.6f} kg of the net, of which {tether:.6g} kg are nodes fixed to bodies and count "
+    assert told["mass"] == f"{words}with these; {101.0 + tether:.8g} kg in all"
+    assert f"{0.5 * tether:g} kg of it are nodes fixed to it: 1" in told["body above"]
+    result = exunet.run(case)
+    assert moving_mass(result) == pytest.approx(101.0 + tether, rel=1e-14)
+    summary = summarise(result)
+    table = dict(rows(summary))
+    assert table["mass"] == told["mass"]
+    words = f"{50.0 + 0.5 * tether:.6g} kg, of which {0.5 * tether:.6g} kg are nodes of the net fixed to it"
+    assert table["body above"] == words
+    nodes = sum(one["mass_of_nodes_kg"] for one in summary["bodies"].values())
+    every = summary["mass_kg"] - nodes + sum(one["mass_kg"] for one in summary["bodies"].values())
+    assert summary["mass_of_all_kg"] == pytest.approx(every, rel=1e-14)
+    fastest = np.sqrt(2.0 * result.kinetic.max() * (101.0 + tether))
+    assert momentum_gained(result)["linear_size"] == pytest.approx(fastest, rel=1e-12)
+
+
+def test_a_net_without_bodies_has_one_mass() -> None:
+    case = exunet.load(CASES.parent / "planar_deployment.toml")
+    assert dict(describe(case))["mass"] == "2.360819 kg"

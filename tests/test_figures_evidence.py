@@ -1,0 +1,68 @@
+"""Figures of `exunet cost` and of the report of `exunet verify`: scales that show what there is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_cost import SURE, entry
+from test_figures_print import drawn, labelled_lines, lightness
+
+from exunet.figures.style import drawing
+from exunet.methods.method import Form, Method
+from exunet.studies.cost.figure import work_precision
+from exunet.studies.cost.study import Study
+from exunet.verification.figures import convergence, curves
+
+TIME = np.linspace(0.0, 1.0, 5)
+EXACT = replace(SURE, uncertainty=0.0)
+METHODS = (Method.DOPRI5, Method.ODE23, Method.RK44, Method.RK67, Method.VELOCITY_VERLET)
+
+
+def study(errors: list[float], forms: tuple[Form, ...]) -> Study:
+    """Each method in each form, with two errors."""
+    return Study(
+        EXACT,
+        [
+            entry(method, 1e-3 * error, 1.0 + k + 10 * at, error, form)
+            for k, method in enumerate(METHODS)
+            for form in forms
+            for at, error in enumerate(errors)
+        ],
+    )
+
+
+@pytest.mark.parametrize(("errors", "floor"), [([1e-7, 1e-9], False), ([1e-7, 1e-17], True)])
+def test_the_scale_of_a_work_precision_diagram_is_that_of_its_errors(errors, floor) -> None:
+    """Errors that are too small to be drawn are said to be drawn at the floor."""
+    with drawing():
+        made = drawn(work_precision(study(errors, (Form.FUSED,))))
+    low, high = made.axes[0].get_ylim()
+    assert 1e-7 < high < 1e-5
+    assert max(errors[1], 1e-13) / 10 < low < max(errors[1], 1e-13)
+    words = [text.get_text() for text in made.legends[0].get_texts()]
+    assert ("$10^{-13}$ or less" in words) == floor
+
+
+def test_a_single_curve_that_is_left_pale_is_one_other() -> None:
+    several = study([1e-6, 1e-8], (Form.FUSED, Form.COMPILED))
+    nine = Study(EXACT, several.entries[:-2])
+    with drawing():
+        words = [text.get_text() for text in work_precision(nine).legends[0].get_texts()]
+    assert "1 other" in words
+
+
+def test_zeros_do_not_stretch_the_scale_of_differences() -> None:
+    with drawing():
+        made = drawn(curves("two codes", TIME, {"a": 1e-9 * TIME, "b": 0 * TIME}, {}))
+    seen, nothing = labelled_lines(made)
+    np.testing.assert_allclose(seen.get_ydata(), [np.nan, *(1e-9 * TIME[1:])])
+    assert (nothing.get_ydata() > 0.0).all()  # which a logarithmic scale can show
+
+
+def test_no_curve_of_a_convergence_is_too_pale() -> None:
+    lines = {f"method {k}": (np.array([10.0, 100.0]), np.array([1e-3, 1e-5])) for k in range(8)}
+    with drawing():
+        made = convergence("orders", lines, {"all": list(lines)})
+    assert max(lightness(line.get_color()) for line in labelled_lines(made)) < 90
