@@ -94,7 +94,7 @@ def test_moved_starts_have_the_same_headlines(thrown: tuple[exunet.Result, Sprea
 
 
 def test_bodies_are_moved_too_but_not_those_of_given_motion() -> None:
-    """The net that is thrown is held by a body until then: moves of its nodes alone would change nothing."""
+    """A body holds the net that is thrown: moves of its nodes alone would change nothing."""
     start = prepare_case(
         exunet.load(CASES / "release.toml", (*THROWN[1], "bodies.satellite.motion=prescribed"))
     )

@@ -28,11 +28,12 @@ from exunet.studies.cost.ranking import (
     measure_rows,
     pareto,
     reliable,
+    runnable_rows,
     write_csv,
 )
 from exunet.studies.cost.runners import Entry, Measures, Subject, run
 from exunet.studies.cost.settings import ReferenceMethod, Setting, base, ladders
-from exunet.studies.cost.study import Study, all_rungs, climb
+from exunet.studies.cost.study import Study, all_rungs, climb, untried
 from exunet.studies.cost.tracked import tracked
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
@@ -211,6 +212,47 @@ def test_methods_that_cannot_move_bodies_are_not_tried():
         tried = {ladder[0].method for ladder in all_rungs(scene, compiled=True)}
         assert tried & implicit == expected
         assert Method.DOPRI5 in tried
+
+
+def test_what_is_not_tried_is_told_with_its_reason():
+    """Methods of the engine, and of the reference, that cannot run bodies which nodes are fixed to."""
+    scene = exunet.load(PLANAR.parent / "bodies" / "frame.toml")
+    frame = Subject(prepare(scene.scene), both_of(scene), (0.0, 0.1))
+    found = untried(frame, compiled=True)
+    assert found["a force that acts on frame"] == ["GeneralizedAlpha", "TrapezoidalIndex2"]
+    ((reason, names),) = [(words, names) for words, names in found.items() if "EM" in names[0]]
+    assert names == ["EM (reference)"]
+    assert "nodes that are points of bodies" in reason
+    rows = dict.fromkeys(name for name, _ in command._untried(frame, compiled=True))
+    assert list(rows) == ["not tried", "note"]
+    assert any(
+        "first order for turning bodies" in words for _, words in command._untried(frame, compiled=True)
+    )
+    assert untried(subject(0.1), compiled=True) == {}
+    assert command._untried(subject(0.1), compiled=True) == []
+
+
+def test_what_is_recommended_can_be_run():
+    """The options that a row gives are those of the setting, its tolerance in m/s; once for each setting."""
+    loose = entry(Method.DOPRI5, 1e-6, 1.0, 1e-4, Form.COMPILED)
+    tight = entry(Method.RK44, 1e-9, 3.0, 1e-7)
+    fixed = Entry(
+        Setting(Form.FUSED, Method.RK44, step=2e-4), tight.seconds, tight.work, tight.measures, 1e-7
+    )
+    rows = runnable_rows(Study(SURE, [loose, fixed]), speed=2.5)
+    options = [words for name, words in rows if name in ("  to run it", "")]
+    assert [name for name, _ in rows].index("  to run it") == 3  # after 1e-2, 1e-3 and 1e-4
+    assert options == [
+        "--set 'solver={method=\"DOPRI5\",tolerance=2.5e-06}'",
+        "--set 'engine={loop=\"compiled\"}'",
+        "--set 'solver={method=\"RK44\",step=0.0002}'",
+        "--set 'engine={net=\"fused\"}'",
+    ]
+    first, second = ([one.split("'")[1] for one in options[k : k + 2]] for k in (0, 2))
+    scenes = [exunet.load(PLANAR, keys).scene for keys in (first, second)]
+    assert [one.solver.method for one in scenes] == [Method.DOPRI5, Method.RK44]
+    assert (scenes[0].solver.tolerance, scenes[1].solver.step) == (2.5e-6, 2e-4)
+    assert (scenes[0].engine.loop, scenes[1].engine.net) == ("compiled", "fused")
 
 
 def test_only_methods_that_the_effects_allow_are_tried():

@@ -143,13 +143,19 @@ def with_forms(scene: Scene, system: System, plan: Plan) -> tuple[Scene, Plan]:
         # The engine's longest step, a whole part of the run, has always been measured so.
         longest = scene.time.end / max(1, math.ceil(scene.time.end / plan.longest_step))
         plan = replace(plan, longest_step=longest)
-    order = METHODS[plan.method].rotation_order
-    names = ", ".join([*scene.bodies, *(one.name for one in system.blocks.states)])
-    if names and engine.loop == TimeLoop.EXUDYN and order is not None:
-        what = "turning bodies and first-order states" if system.blocks.states else "turning bodies"
-        words = f"{plan.method} of Exudyn is of first order for {what} ({names}); RK44 is of order 4"
+    words = slow_turning(scene, system, plan.method)
+    if words and engine.loop == TimeLoop.EXUDYN:
         notes = (*notes, words)
     return scene.model_copy(update={"engine": engine}), replace(plan, notes=notes)
+
+
+def slow_turning(scene: Scene, system: System, method: Method) -> str:
+    """Words for a method of Exudyn that is of lower order for the bodies and states of a scene, else ""."""
+    names = ", ".join([*scene.bodies, *(one.name for one in system.blocks.states)])
+    if not names or METHODS[method].rotation_order is None:
+        return ""
+    what = "turning bodies and first-order states" if system.blocks.states else "turning bodies"
+    return f"{method} of Exudyn is of first order for {what} ({names}); RK44 is of order 4"
 
 
 def _above(limit: float, step: float, given_step: float, method: Method) -> str:

@@ -146,18 +146,23 @@ def _attachments(system: System, ends: Ints) -> str:
     return f"bodies.{system.blocks.rigid[on[0]]}.attachments" if len(on) else ""
 
 
-def form_faults(system: System, start: State, plan: Plan, engine: Engine) -> list[Fault]:
-    """What the method or the form of the engine cannot do: implicit ones know points only, and all awake."""
-    faults, names = [], sorted(system.forces.on_bodies)
-    sleeps, method = system.blocks.awake is not None, plan.method
-    words = [f"acts on {name}" for name in names]
+def explicit_only(system: System) -> list[str]:
+    """What of a system no implicit method can run, in words."""
+    words = [f"a force that acts on {name}" for name in sorted(system.forces.on_bodies)]
     guided = [name for name, moves in zip(system.blocks.rigid, system.moves_freely, strict=True) if not moves]
     own = {one.name for name in guided for one in given_states(name)}
-    words += [f"has first-order states ({one.name})" for one in system.blocks.states if one.name not in own]
+    others = (one.name for one in system.blocks.states if one.name not in own)
+    words += [f"a force that has first-order states ({name})" for name in others]
+    words += ["points that sleep"] * (system.blocks.awake is not None)
+    return words + [f"a body that is fixed or prescribed ({name})" for name in guided]
+
+
+def form_faults(system: System, start: State, plan: Plan, engine: Engine) -> list[Fault]:
+    """What the method or the form of the engine cannot do: implicit ones know points only, and all awake."""
+    faults, sleeps, method = [], system.blocks.awake is not None, plan.method
     if METHODS[method].kind == Kind.IMPLICIT:
         advice = "use an explicit method such as DOPRI5 or RK44"
-        words = [f"a force that {one}" for one in words] + ["points that sleep"] * sleeps
-        words += [f"a body that is fixed or prescribed ({name})" for name in guided]
+        words = explicit_only(system)
         faults = [Fault("solver.method", f"{method} cannot run {one}: {advice}") for one in words]
     if sleeps and engine.loop == TimeLoop.EXUDYN and engine.net == NetForm.CONNECTORS:
         reason = 'connectors pull points that sleep: use engine.net = "fused", or engine.loop = "compiled"'

@@ -188,8 +188,8 @@ _of_text(
     "moment of nodes that come onto a drum with the wrong sign",
     exchange,
     "exchanged",
-    "momenta[3:] += np.cross",
-    "momenta[3:] -= np.cross",
+    "arriving = np.cross",
+    "arriving = -np.cross",
     (drum, ejection),
 )
 

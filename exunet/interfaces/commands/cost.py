@@ -18,15 +18,17 @@ from exunet.figures.page import write
 from exunet.figures.style import drawing
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
+from exunet.methods.method import METHODS
 from exunet.results.run_folder import new_folder, refuse_replacing
+from exunet.simulation.planning import slow_turning
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of
 from exunet.studies.cost.converged import INSTANTS, Converged, converge
 from exunet.studies.cost.figure import work_precision
-from exunet.studies.cost.ranking import answer_rows, failed_rows, measure_rows, write_csv
+from exunet.studies.cost.ranking import failed_rows, measure_rows, runnable_rows, write_csv
 from exunet.studies.cost.runners import Subject
 from exunet.studies.cost.settings import base
-from exunet.studies.cost.study import Study, all_rungs, climb
+from exunet.studies.cost.study import Study, all_rungs, climb, untried
 
 INTERRUPTED = 130
 FILES = TABLE, WORDS, FIGURE, PRINT = "cost.csv", "cost.md", "work_precision.png", "work_precision.pdf"
@@ -62,10 +64,10 @@ def cost(case: Case, out: Path | None, until: float | None, budget: float, *, ov
     notes = [("note", refusal)] if refusal else []
     if not compiled:
         notes.append(("note", "without Numba (pip install numba) there is no fused net, no compiled loop"))
-    rows = [*_head(converged, subject), *answer_rows(study)]
+    rows = [*_head(converged, subject), *runnable_rows(study, subject.speed)]
     if not converged.predicts:
         rows += measure_rows(study)
-    rows += [*_failures(study), *_left_out(study, budget), *notes]
+    rows += [*_failures(study), *_left_out(study, budget), *_untried(subject, compiled=compiled), *notes]
     if study.interrupted:
         rows.insert(0, ("INCOMPLETE", "interrupted; what was measured until then is kept"))
     brief = [row for row in rows if row[0] != "failed"]
@@ -130,6 +132,14 @@ def _left_out(study: Study, budget: float) -> list[tuple[str, str]]:
     )
     rows = [("left out", words)]
     return rows + ([("never run", ", ".join(never))] if never else [])
+
+
+def _untried(subject: Subject, *, compiled: bool) -> list[tuple[str, str]]:
+    """Methods that the scene refuses, and why; what others do badly with its bodies."""
+    found = untried(subject, compiled=compiled)
+    rows = [("not tried", f"{', '.join(names)}: cannot run {reason}") for reason, names in found.items()]
+    words = (slow_turning(subject.start.scene, subject.start.system, method) for method in METHODS)
+    return rows + [("note", one) for one in words if one]
 
 
 def _ready(out: Path | None, own: Path, *, overwrite: bool) -> Path:

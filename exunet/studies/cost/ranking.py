@@ -84,7 +84,7 @@ def answer_rows(study: Study) -> list[tuple[str, str]]:
     """Rows (error level, cheapest method with setting and time)."""
     rows = []
     for level in LEVELS:
-        if study.converged.predicts and level < study.converged.uncertainty:
+        if _unresolved(study, level):
             words = f"not resolved: the converged solutions differ by {study.converged.uncertainty:.1e}"
         elif (entry := cheapest(study, level)) is None:
             words = "no setting that was run"
@@ -95,6 +95,25 @@ def answer_rows(study: Study) -> list[tuple[str, str]]:
                 words += "; unconfirmed: no tighter setting ran"
         rows.append((f"error <= {level:.0e}", words))
     return rows
+
+
+def runnable_rows(study: Study, speed: float) -> list[tuple[str, str]]:
+    """`answer_rows`, and after the last one of a setting the options that run it.
+
+    speed : [m/s], of which tolerances are parts
+    """
+    best = [None if _unresolved(study, level) else cheapest(study, level) for level in LEVELS]
+    rows = []
+    for row, entry, after in zip(answer_rows(study), best, [*best[1:], None], strict=True):
+        rows.append(row)
+        if entry is not None and entry is not after:
+            solver, engine = entry.setting.overrides(speed)
+            rows += [("  to run it", f"--set '{solver}'"), ("", f"--set '{engine}'")]
+    return rows
+
+
+def _unresolved(study: Study, level: float) -> bool:
+    return study.converged.predicts and level < study.converged.uncertainty
 
 
 def _told(study: Study, entry: Entry) -> str:

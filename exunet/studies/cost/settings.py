@@ -85,6 +85,17 @@ class Setting:
         """True if a case can ask for it: not for a method of the reference, nor beyond the stable step."""
         return self.code != "reference" and not self.forced
 
+    def overrides(self, speed: float) -> tuple[str, str]:
+        """Values of `--set` that run it in a scene of this launch speed [m/s]; none of the reference's."""
+        assert self.form is not None
+        if self.tolerance is not None:
+            size = f"tolerance={self.tolerance * speed:.3g}"
+        else:
+            size = f"step={self.step:.3g}"
+        keys = {"loop": "compiled"} if self.form == Form.COMPILED else {"net": self.form.value}
+        ((key, value),) = keys.items()
+        return f'solver={{method="{self.method}",{size}}}', f'engine={{{key}="{value}"}}'
+
     @property
     def size(self) -> float:
         """Tolerance or step: smaller is tighter, among settings of one name."""

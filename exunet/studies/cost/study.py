@@ -14,7 +14,7 @@ from exunet.methods.plan import Plan
 from exunet.studies.cost.converged import Converged
 from exunet.studies.cost.runners import Entry, Subject, run
 from exunet.studies.cost.settings import ReferenceMethod, Setting, ladders
-from exunet.system.limits import form_faults
+from exunet.system.limits import explicit_only, form_faults
 from exunet.system.stability import largest_damping_rate, largest_frequency, step_limit
 from reference_impl.integration import unsupported
 
@@ -125,20 +125,41 @@ def _right_hand_sides(setting: Setting, end: float) -> float:
 
 def all_rungs(subject: Subject, *, compiled: bool) -> list[list[Setting]]:
     """The ladders of every method and code that can run the scene: effects and bodies may refuse some."""
-    theirs = [] if subject.both is None else list(ReferenceMethod)
-    if subject.both is not None and unsupported(subject.both.theirs.system):
-        theirs.remove(ReferenceMethod.EM)
+    return [one for one in _ladders(subject, compiled=compiled) if not _refusal(subject, one[0])]
+
+
+def untried(subject: Subject, *, compiled: bool) -> dict[str, list[str]]:
+    """Why the scene refuses methods, each reason with their names; of one in all its forms without these."""
+    every = [one[0] for one in _ladders(subject, compiled=compiled)]
+    reasons = {setting: _refusal(subject, setting) for setting in every}
+    found: dict[str, list[str]] = {}
+    for setting, reason in reasons.items():
+        alike = (other for one, other in reasons.items() if one.method == setting.method)
+        in_all = setting.form is not None and all(other == reason for other in alike)
+        name = str(setting.method) if in_all else setting.name
+        if reason and name not in found.setdefault(reason, []):
+            found[reason].append(name)
+    return found
+
+
+def _ladders(subject: Subject, *, compiled: bool) -> list[list[Setting]]:
+    """Of every method and code."""
     system = subject.start.system
     frequency, rate = largest_frequency(system), largest_damping_rate(system)
     explicit = [name for name, method in METHODS.items() if method.kind == Kind.EXPLICIT]
     stable = {name: step_limit(name, frequency, rate) for name in explicit}
-    found = ladders(stable, subject.end, compiled=compiled, reference=theirs)
-    return [one for one in found if one[0].form is None or _runs(subject, one[0])]
+    theirs = [] if subject.both is None else list(ReferenceMethod)
+    return ladders(stable, subject.end, compiled=compiled, reference=theirs)
 
 
-def _runs(subject: Subject, setting: Setting) -> bool:
-    """False for a method or a form that the scene's effects, or forces on its bodies, refuse."""
+def _refusal(subject: Subject, setting: Setting) -> str:
+    """Why the scene's effects or bodies refuse a method or a form; "" if they do not."""
+    if setting.form is None:
+        em = setting.method == ReferenceMethod.EM and subject.both is not None
+        return unsupported(subject.both.theirs.system) if em and subject.both else ""
     scene, start = subject.scene(setting), subject.start
     plan = Plan(Method(setting.method), step=setting.step, tolerance=setting.tolerance)
-    refused = form_faults(start.system, start.state, plan, scene.engine)
-    return not refused and not any(cross_checks(scene))
+    faults = [*form_faults(start.system, start.state, plan, scene.engine), *cross_checks(scene)]
+    if METHODS[plan.method].kind == Kind.IMPLICIT and (words := explicit_only(start.system)):
+        return ", ".join(words)
+    return "; ".join(fault.reason for fault in faults)
