@@ -41,7 +41,12 @@ class Ended:
     @property
     def told(self) -> str:
         """What it wrote to stderr, each message on one line, as it was before it was folded."""
-        return re.sub(r"\n +", " ", self.stderr)
+        return "".join(f"{line}\n" for line in unfolded(self.stderr))
+
+
+def unfolded(printed: str) -> list[str]:
+    """The messages in what was printed, each on one line: lines that begin with a blank continue another."""
+    return re.sub(r"\n +", " ", printed).splitlines()
 
 
 def without_spread(arguments: tuple[object, ...]) -> list[str]:

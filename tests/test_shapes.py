@@ -251,7 +251,7 @@ FRUSTUM = ("shape=frustum", "radii=[0.5, 0.3]", "length=2", "density=100")
         (("mass=1",), "", "missing inertia"),
         (("inertia=[1, 1, 1]",), "", "give either mass or density"),
         (("density=1", "inertia=[1, 1, 1]"), ".density", "needs a shape"),
-        ((*FRUSTUM, "mass=1"), ".density", "give either mass or density"),
+        ((*FRUSTUM, "mass=1"), ".mass", "give either mass or density"),
         ((*FRUSTUM, "inertia=[1, 1, 1]"), ".inertia", "follows from density and shape"),
         ((*FRUSTUM, "radius=1"), ".radius", 'is not for shape = "frustum"'),
         ((*FRUSTUM, "radii=[0, 0]"), ".radii", "must not both be zero"),

@@ -203,7 +203,10 @@ def test_what_is_refused(keys: str, words: str, tmp_path: Path) -> None:
     ("keys", "words"),
     [
         ("end=", "tethers.tow.end: missing table: where it ends"),
-        ("divisions=2000000", "tethers: with its tethers the net would have 2,000,001 elements"),
+        (
+            "divisions=2000000",
+            "tethers.tow.divisions: with its tethers the net would have 2,000,001 elements",
+        ),
         ("diameter=1e160", "outside the range of floating-point numbers"),
     ],
 )
