@@ -25,6 +25,9 @@ MIDDLES = {
 }
 
 
+WORDS = (("velocity", "m_s"), ("angular_velocity", "rad_s"))
+
+
 def ensemble(scale: float = 1.0) -> EnsembleResult:
     """Fifty runs, whose headlines differ by little or by much."""
     random = np.random.default_rng(1)
@@ -61,6 +64,21 @@ def test_histograms_of_values_that_differ_in_late_digits() -> None:
     for key, start in (("largest_tension_N", 53.99269938), ("largest_area_m2", 0.0)):
         median = panels[key].get_lines()[0].get_xdata()[0]
         assert median + start == pytest.approx(np.median(found.headlines[key]), abs=1e-14, rel=1e-13)
+
+
+def test_many_histograms_fit_on_a_page() -> None:
+    """Thirteen of them, in three columns, with words in lines that have room."""
+    random = np.random.default_rng(2)
+    keys = [f"body_target_{name}_{axis}_{unit}" for name, unit in WORDS for axis in "xyz"]
+    few = ensemble()
+    values = {key: 0.12345 + 1e-8 * random.normal(size=50) for key in keys}
+    many = EnsembleResult({**few.headlines, **values}, few.elements, few.time, few.levels, {})
+    made = drawn(exunet.ensemble_figure(many, "histograms"))
+    assert len(made.axes) == 7 + len(keys)
+    assert made.get_figheight() * 25.4 <= 230.0
+    boxes = [(text.get_text(), text.get_window_extent()) for text in words(made)]
+    for (one, a), (other, b) in itertools.combinations(boxes, 2):
+        assert not a.padded(-1.0).overlaps(b.padded(-1.0)), (one, other)
 
 
 @pytest.mark.parametrize(

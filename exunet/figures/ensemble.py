@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.base.files import replacing
-from exunet.figures.page import FORMATS, INCH, ROUND, Page, legend_above, write
+from exunet.figures.page import FORMATS, INCH, ROUND, Page, legend_above, text_width, write
 from exunet.figures.powers import tell_power_of_ten
 from exunet.figures.style import BLACK, SMALL, blank, drawing
 from exunet.results.ensemble_result import EnsembleResult
@@ -25,8 +26,8 @@ FIGURES = {
     "histograms": "how often each value of each headline occurs; needs a headline that differs between runs",
     "bands": "median and quantiles of quantities over time",
 }
-COLUMNS, WIDTH, ROW = 2, 170.0, 48.0  # panels side by side; [mm] of the figure and of a row
-LONGEST = 44  # characters of a label beside which its unit has room
+WIDTH, HEAD, ROW, LEAST_ROW = 170.0, 12.0, 48.0, 38.0  # [mm] of the figure, its legend, and a row of panels
+FEW, HIGHEST = 8, 230.0  # panels in two columns, more are in three; [mm] of a page, if rows can be so low
 BANDS = ((0.0, 1.0, "#d3dde8"), (0.05, 0.95, "#94adc9"), (0.25, 0.75, "#4d77a6"))  # levels, tint of BLUE
 
 
@@ -88,9 +89,10 @@ def histograms(result: EnsembleResult, page: Page) -> Figure | None:
             axes.axvline(at, color=BLACK, linewidth=0.8, linestyle=":", label=words)
         axes.set_xlabel(label)
         axes.set_ylabel("runs")
-        axes.xaxis.set_major_locator(MaxNLocator(6, steps=ROUND))
+        axes.xaxis.set_major_locator(MaxNLocator(6 if len(shown) <= FEW else 4, steps=ROUND))
         axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
         tell_power_of_ten(axes.xaxis)
+        axes.set_xlabel(_wrapped(axes.get_xlabel(), 72.0 * WIDTH / INCH / _columns(len(shown)) - 30.0))
     legend_above(figure, *panels[0].get_legend_handles_labels())
     return figure
 
@@ -105,8 +107,18 @@ def _from_a_round_number(values: Floats, words: str, unit: str) -> tuple[Floats,
     start = round(middle, -power)
     sign = "+" if start < 0.0 else "\N{MINUS SIGN}"
     less = f"{words} {sign} {abs(start):.{max(0, -power)}f} {unit}".rstrip()
-    between = "\n" if len(less) > LONGEST else " "
-    return values - start, f"{less}{between}[{unit}]" if unit else less
+    return values - start, f"{less} [{unit}]" if unit else less
+
+
+def _wrapped(label: str, width: float) -> str:
+    """A label in lines of at most `width` [points], divided before what is taken off, and the unit."""
+    lines: list[str] = []
+    for part in re.split(r" (?=[+\N{MINUS SIGN}[])", label):
+        if lines and text_width(f"{lines[-1]} {part}", SMALL) <= width:
+            lines[-1] += f" {part}"
+        else:
+            lines.append(part)
+    return "\n".join(lines)
 
 
 def bands(result: EnsembleResult, page: Page) -> Figure | None:
@@ -140,10 +152,15 @@ def _unit(unit: str) -> str:
     return unit.replace("2", "²")
 
 
+def _columns(count: int) -> int:
+    return min(count, 2 if count <= FEW else 3)
+
+
 def _panels(result: EnsembleResult, page: Page, count: int, title: str) -> tuple[Figure, list[Axes]]:
-    rows = -(-count // COLUMNS)
-    columns = min(count, COLUMNS)
-    figure = blank(WIDTH / INCH, (12.0 + ROW * rows) / INCH)
+    columns = _columns(count)
+    rows = -(-count // columns)
+    row = min(ROW, max(LEAST_ROW, (HIGHEST - HEAD) / rows))
+    figure = blank(WIDTH / INCH, (HEAD + row * rows) / INCH)
     figure.set_layout_engine("constrained")
     page.head(figure, result, title)
     grid = figure.subplots(rows, columns, squeeze=False)
