@@ -202,6 +202,25 @@ def test_a_part_is_judged_by_the_size_of_its_vector() -> None:
     assert judged.headline.last_digit(1e-4) < 1e-6 < judged.last_digit(1e-4)
 
 
+def test_an_entry_is_judged_beside_the_largest_of_its_book() -> None:
+    """The net gains 1e-6 of what the body gains, give or take a tenth: known to the printed digits."""
+
+    def exchanging(part: float) -> Course:
+        made = turning(0.5, 0.25)
+        made.ends["kinetic"] = [[1.0, 2.0], [3.0, 2.0 + part]]
+        return replace(made, elastic=np.linspace(0.0, part, 5))
+
+    found = spread(exchanging(2e-6), exchanging(2.2e-6)).judged
+    for key in ("net_kinetic_energy_gained_J", "elastic_energy_gained_J"):
+        assert found[key].predictable
+        assert found[key].words() in ("0.000002 ± 2e-07 J", "0.000002 ± 3e-07 J")  # 2e-7 and round-off
+    assert found["body_box_kinetic_energy_gained_J"].words() == "2.000 J"
+
+
+def test_a_body_that_hardly_turns_is_known_not_to() -> None:
+    assert spread(turning(0.5, 1e-6), turning(0.5, 3e-6)).judged["body_box_turned_rad"].predictable
+
+
 def test_balances_say_what_is_absolute_and_what_relative() -> None:
     """Absolute changes have a unit, and parts say of what; momenta say in which axes, about which point."""
     short = ("time.end=0.01", "engine.loop=compiled", "bodies.chaser.motion=fixed")
@@ -213,7 +232,7 @@ def test_balances_say_what_is_absolute_and_what_relative() -> None:
     }  # fmt: skip
     table = dict(rows(summary))
     assert table["energy balance"] == "largest error 3.9e-09 as a part of 43.5438 J in deformation"
-    words = "changes by at most 2.0e-12 kg m/s, 5.0e-15 as a part of its size 400 kg m/s (in the scene's axes"
+    words = "changes by at most 2e-12 kg m/s, 5e-15 as a part of its size 400 kg m/s (in the scene's axes"
     why = "; by forces from outside, or error; besides what chaser gave)"
     assert table["momentum of all"] == words + why
     words = "changes by at most 0 kg m2/s (about the scene's origin"

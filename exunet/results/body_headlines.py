@@ -15,7 +15,9 @@ Floats = NDArray[np.float64]
 
 NET = "the net"  # with strings, bullets and tethers: all mass that is not a body's
 _LEAST = 1e-8  # [m/s], [rad/s], [rad], [N s], [N m s], [J]: what moves of 1e-9 m do themselves
-_ROUND_OFF = 1e-6  # of a momentum or an energy: what it gains is told to four digits of that at most
+# What an entry of the books is small against: parts of the largest entry, and of what there is of it.
+_OF_BOOK, _OF_OWN = 1e-3, 1e-6
+_ANGLE = 1e-2  # [rad] that a rotation is small against
 
 
 def motion_of(name: str, *, free: bool = True, turns: bool = True) -> tuple[Headline, ...]:
@@ -46,6 +48,7 @@ def motion_of(name: str, *, free: bool = True, turns: bool = True) -> tuple[Head
                 f"rotation of {name}",
                 "rad",
                 lambda course: _turned(course, name),
+                size=lambda course: _ANGLE,
                 remark=remark,
                 least=_LEAST,
             )
@@ -83,7 +86,7 @@ def _gained(key: str, name: str) -> tuple[Headline, ...]:
             f"momentum gained by {name}",
             "kg m/s",
             lambda course: _change(course, name, "momentum"),
-            lambda course: _own(course, name, "momentum"),
+            lambda course: _size(course, name, "momentum"),
             remark="in the scene's axes",
             least=_LEAST,
             of_book=True,
@@ -93,7 +96,7 @@ def _gained(key: str, name: str) -> tuple[Headline, ...]:
             f"angular momentum gained by {name}",
             "kg m2/s",
             lambda course: _change(course, name, "angular_momentum"),
-            lambda course: _own(course, name, "angular_momentum"),
+            lambda course: _size(course, name, "angular_momentum"),
             remark="about the scene's origin",
             least=_LEAST,
             of_book=True,
@@ -103,7 +106,7 @@ def _gained(key: str, name: str) -> tuple[Headline, ...]:
             f"kinetic energy gained by {name}",
             "J",
             lambda course: _number(_change(course, name, "kinetic")),
-            size=lambda course: _own(course, name, "kinetic"),
+            size=lambda course: _size(course, name, "kinetic"),
             least=_LEAST,
             of_book=True,
         ),
@@ -158,6 +161,7 @@ OF_A_SCENE = (
         "elastic energy gained",
         "J",
         _elastic,
+        size=lambda course: _OF_BOOK * _largest(course, "kinetic"),
         remark="of all threads",
         least=_LEAST,
         of_book=True,
@@ -167,7 +171,9 @@ OF_A_SCENE = (
         "potential energy gained",
         "J",
         _potential,
-        size=lambda course: _ROUND_OFF * float(np.abs(course.potential).max(initial=0.0)),
+        size=lambda course: max(
+            _OF_OWN * float(np.abs(course.potential).max(initial=0.0)), _OF_BOOK * _largest(course, "kinetic")
+        ),
         remark="of loads, fields, springs, and outlets of reels",
         least=_LEAST,
         of_book=True,
@@ -219,10 +225,26 @@ def _change(course: Course, name: str, quantity: str) -> Floats | None:
     return None if found is None else found[1] - found[0]
 
 
-def _own(course: Course, name: str, quantity: str) -> float:
-    """What a change is small against, down to round-off."""
+def _size(course: Course, name: str, quantity: str) -> float:
+    """What a change is small against."""
     found = _of(course, name, quantity)
-    return 0.0 if found is None else _ROUND_OFF * max(float(np.linalg.norm(one)) for one in found)
+    if found is None:
+        return 0.0
+    own = max(float(np.linalg.norm(one)) for one in found)
+    return max(_OF_OWN * own, _OF_BOOK * _largest(course, quantity))
+
+
+def _largest(course: Course, quantity: str) -> float:
+    """The largest change among bodies that move freely and the net; of energies also those of other kinds."""
+    changes = (
+        _change(course, name, quantity) for name in (*course.body_names, NET) if name not in course.guided
+    )
+    found = [float(np.linalg.norm(one)) for one in changes if one is not None]
+    if quantity == "kinetic":
+        found += [
+            abs(one) for one in (_elastic(course), _potential(course), course.ejection) if one is not None
+        ]
+    return max(found, default=0.0)
 
 
 def _number(value: Floats | None) -> float | None:

@@ -52,7 +52,7 @@ def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         return found
     turning = "orbit" in summary["effects"]
     axes = "which turn with the orbit, relative to these" if turning else "which are inertial"
-    found.append(("axes", f"places, velocities and momenta are in the scene's axes, {axes}"))
+    found.append(("axes", f"places, rotations and momenta are in the scene's axes, {axes}"))
     for name, kind, unit, where in (
         ("momentum of all", "linear", "kg m/s", "in the scene's axes"),
         ("angular momentum of all", "angular", "kg m2/s", "about the scene's origin"),
@@ -71,7 +71,7 @@ def _besides(summary: dict[str, Any]) -> str:
 
 
 def _short(value: float) -> str:
-    return f"{value:.1e}" if value else "0"
+    return f"{value:.2g}" if value else "0"
 
 
 def mass_words(net: float, of_all: float | None, fixed: float) -> str:
@@ -124,7 +124,10 @@ def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list
     return [*found, ("spread", f"{why}: these are the numbers of one run of a chaotic net")]
 
 
-_BOOKS = "gained from the start to the end; all energies gained add up to the works less what is dissipated"
+_BOOKS = (
+    "gained from the start, after a throw then, to the end; all energies gained add up to the works less "
+    "what is dissipated"
+)
 
 
 def _vector_row(
