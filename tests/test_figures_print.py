@@ -304,17 +304,20 @@ def test_arguments_that_cannot_be_used(arguments, words):
 
 
 def test_a_size_without_room_for_the_figure_is_refused_before_anything_is_written(tmp_path):
-    """The legend of the energies alone is higher than 40 mm; what is said to be enough is."""
+    """Legends alone are higher than 40 mm; what is said to be enough for a figure is."""
     for name in ("area.png", "energies.png"):
         (tmp_path / name).write_text("of before")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(InputError, match="no room beside its texts: give 40 mm x ") as refused:
             save_figures(FULL, tmp_path, size=(40.0, 40.0))
-        enough = float(re.search(r"give 40 mm x (\d+) mm or more", str(refused.value))[1])
+        name, least = re.search(
+            r"leave (\w+) no room .* 40 mm x (\d+) mm or more", str(refused.value)
+        ).groups()
+        enough = float(least)
         assert enough > 40.0
         assert {path.read_text() for path in tmp_path.iterdir()} == {"of before"}
-        made = figure(FULL, "energies", size=(40.0, enough))
+        made = figure(FULL, name, size=(40.0, enough))
         drawn(made)
     assert made.axes[0].get_position().height * enough > 5.0
 
