@@ -21,7 +21,14 @@ if TYPE_CHECKING:
     from exunet.base.errors import Interrupted as Interrupted
     from exunet.base.errors import MissingExtra as MissingExtra
     from exunet.base.errors import RunStopped as RunStopped
+    from exunet.bodies.port import FrameState as FrameState
     from exunet.case.casefile import load as load
+    from exunet.coupling.books import Books as Books
+    from exunet.coupling.cosimulation import Cosimulation as Cosimulation
+    from exunet.coupling.exudyn_host import couple as couple
+    from exunet.coupling.host import BodiesHost as BodiesHost
+    from exunet.coupling.net_system import NetSystem as NetSystem
+    from exunet.coupling.net_system import PortLoad as PortLoad
     from exunet.figures import figure as figure
     from exunet.figures import save_figures as save_figures
     from exunet.figures.ensemble import ensemble_figure as ensemble_figure
@@ -71,6 +78,15 @@ API = {
     "Step a simulation": {
         "Simulation": "exunet.simulation.simulation",
         "Snapshot": "exunet.simulation.snapshot",
+    },
+    "Couple a net to a host": {
+        "NetSystem": "exunet.coupling.net_system",
+        "FrameState": "exunet.bodies.port",
+        "PortLoad": "exunet.coupling.net_system",
+        "couple": "exunet.coupling.exudyn_host",
+        "Cosimulation": "exunet.coupling.cosimulation",
+        "BodiesHost": "exunet.coupling.host",
+        "Books": "exunet.coupling.books",
     },
     "Results": {
         "Result": "exunet.results.result",

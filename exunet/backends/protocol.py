@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.bodies.port import Piece
 from exunet.bodies.rigid import RigidStates
 from exunet.forces.terms import Change
 from exunet.system.system import State
@@ -130,6 +131,18 @@ class Integrator(Protocol):
 
     def tell(self, inputs: Arrays) -> None:
         """Values (m,) of inputs by name, from now on."""
+
+    def steer(self, port: str, piece: Piece) -> None:
+        """Let a port go along a piece, which begins where it is at the time reached.
+
+        Raises InputError if the integrator has no ports.
+        """
+
+    def steered(self, port: str) -> Piece:
+        """The last piece that a port was given; raises InputError as `steer`."""
+
+    def view(self) -> State:
+        """The state reached; its arrays may be those that the next step changes."""
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """All that the next step depends on, as copies, and the states that are not handed over yet."""

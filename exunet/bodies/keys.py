@@ -257,10 +257,11 @@ class BodyKeys(Placed, Dimensions):
     angular_velocity_frame: Literal["body", "scene"] = Field(
         "body", description="whose axes angular_velocity is given in"
     )
-    motion: Literal["free", "fixed", "prescribed"] = Field(
+    motion: Literal["free", "fixed", "prescribed", "port"] = Field(
         "free",
         description="free: forces move it; fixed: it rests; prescribed: it goes through the poses of a "
-        "table, or without one keeps its velocity and angular velocity",
+        "table, or without one keeps its velocity and angular velocity; port: a host that exunet is "
+        "coupled to moves it",
     )
     pose_times: Times | None = Field(
         None,

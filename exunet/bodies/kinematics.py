@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from exunet.bodies import constraint_loops as loops
 from exunet.bodies.guide import Guide
+from exunet.bodies.port import Piece
 from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.held import Held, held_by, mass_matrix
@@ -45,6 +46,8 @@ class Kinematics:
 
     n_free : number of free bodies, which come before the others
     guides : of the bodies that guides move, in their order
+    ports  : numbers of those among them whose guide a host gives piece by piece as the run goes; what is here
+             is their motion at the start
     point  : (n,) points that are fixed to bodies
     body   : (n,) the number of the body of each
     arm    : (n, 3) of each from the centre of mass, in principal axes [m]
@@ -53,6 +56,7 @@ class Kinematics:
 
     n_free: int = 0
     guides: tuple[Guide, ...] = ()
+    ports: tuple[int, ...] = ()
     point: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     body: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     arm: Floats = field(default_factory=lambda: np.zeros((0, 3)))
@@ -99,13 +103,15 @@ class Kinematics:
         return position, velocity, bodies
 
     def all_bodies(self, time: Floats, bodies: RigidStates) -> RigidStates:
-        """States at times (...) [s] of all bodies, by those of the free ones, or of all."""
+        """States at times (...) [s] of all bodies, by those of the free ones and of ports, or of all."""
         if not self.guides:
             return bodies
         moved = [guide.at(time.reshape(-1)).parts() for guide in self.guides]
         whole = []
         for own, guided in zip(bodies.parts(), zip(*moved, strict=True), strict=True):
             rows = [values.reshape(*time.shape, 1, -1) for values in guided]
+            for number in self.ports:
+                rows[number - self.n_free] = own[..., number : number + 1, :]
             whole.append(np.concatenate([own[..., : self.n_free, :], *rows], axis=-2))
         return RigidStates(*whole)
 
@@ -175,7 +181,7 @@ _OF_GUIDES = (loops.piece_of_guide, loops.angular_acceleration, loops.add_swing)
 def _moving(kinematics: Kinematics) -> dict[int, Guide]:
     """The bodies that guides move, by number, but for those that rest."""
     guides = enumerate(kinematics.guides, kinematics.n_free)
-    return {number: guide for number, guide in guides if not guide.rests}
+    return {number: guide for number, guide in guides if number in kinematics.ports or not guide.rests}
 
 
 def _on_guided(kinematics: Kinematics, blocks: Blocks, memory: Memories) -> loops.OnGuided:
@@ -222,6 +228,21 @@ def _guided(kinematics: Kinematics, blocks: Blocks) -> loops.Guided:
         spin=spin,
         rate=np.array([blocks.rate(f"{name}/{GIVEN[0][0]}") for name in names], dtype=Index),
     )
+
+
+def steer(data: Iterable[Any], centre: int, piece: Piece) -> None:
+    """Let a port whose centre's entries begin at `centre` go along a piece: in place, in a kernel's data."""
+    for part in data:
+        if isinstance(part, loops.Guided | loops.OnGuided):
+            for b in np.flatnonzero(part.centre == centre).tolist():
+                row = part.first[b]
+                part.time[row], part.position[row], part.turning[row] = (
+                    piece.time,
+                    piece.position,
+                    piece.turning,
+                )
+                if isinstance(part, loops.Guided):
+                    part.attitude[row] = piece.attitude
 
 
 def _entries(blocks: Blocks, names: Sequence[str]) -> Iterator[NDArray[Index]]:

@@ -33,6 +33,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         shortened(_times_within_the_run(scene)),
         shortened(_times_increase(scene)),
         _loop_has_the_method(scene),
+        _ports_are_compiled(scene),
         _positions_in_place_of_packing(scene),
         _net_can_be_folded(scene),
         _net_on_a_body(scene),
@@ -113,6 +114,15 @@ def _loop_has_the_method(scene: Scene) -> Iterator[Fault]:
     if scene.engine.loop == TimeLoop.COMPILED and method not in ("auto", *COMPILED_METHODS):
         known = ", ".join(("auto", *COMPILED_METHODS))
         yield Fault("engine.loop", f"the compiled loop has {known}, not solver.method = {method}")
+
+
+def _ports_are_compiled(scene: Scene) -> Iterator[Fault]:
+    for name, body in scene.bodies.items():
+        if body.motion == "port" and scene.engine.loop != TimeLoop.COMPILED:
+            words = (
+                'a port needs engine.loop = "compiled": the net takes its own steps between those of the host'
+            )
+            yield Fault(f"bodies.{name}.motion", words, against=("engine.loop",))
 
 
 def _positions_in_place_of_packing(scene: Scene) -> Iterator[Fault]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import CaseError, Fault
+from exunet.base.errors import CaseError, Fault, InputError
 from exunet.base.faults import collected
 from exunet.base.files import path_of
 from exunet.bodies.rigid import RigidStates
@@ -19,6 +19,7 @@ from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.effects import on_the_net_alone
 from exunet.forces.terms import KernelTerm
+from exunet.forces.wrench import wrench_on
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.planning import make_plan, settled_on_the_start, with_forms
@@ -89,9 +90,13 @@ class Start:
         return replace(self, system=system, state=state)
 
 
-def prepare(scene: Scene) -> Start:
-    """Choose the effects, assemble the system, and plan the integration."""
+def prepare(scene: Scene, *, hosted: bool = False) -> Start:
+    """Choose the effects, assemble the system, and plan the integration.
+
+    hosted : a host moves the scene's ports, which are refused without one
+    """
     with collected() as faults, np.errstate(all="ignore"):  # numbers that overflow are faults
+        faults += () if hosted else _ports(scene)
         scene, notes = chosen(scene, faults)
         system, state = system_of(scene, faults)
         faults += overflow_faults(system, state)
@@ -116,10 +121,32 @@ def prepare(scene: Scene) -> Start:
     return Start(scene, system, state, replace(plan, notes=plan.notes + notes))
 
 
-def prepare_case(case: Case) -> Start:
+def _ports(scene: Scene) -> list[Fault]:
+    words = (
+        'a host moves a body of motion = "port": couple it with exunet.NetSystem or exunet.couple, '
+        'or give motion = "free" to simulate it here'
+    )
+    return [
+        Fault(f"bodies.{name}.motion", words) for name, body in scene.bodies.items() if body.motion == "port"
+    ]
+
+
+def prepare_case(case: Case, *, hosted: bool = False) -> Start:
     """`prepare` for a case's scene; its faults name the line of the file or the override."""
     with located_faults(case):
-        return prepare(case.scene)
+        return prepare(case.scene, hosted=hosted)
+
+
+def with_wrenches(start: Start, bodies: Sequence[str]) -> Start:
+    """The same with an input for a wrench on each of these free bodies; raises InputError for others."""
+    if not bodies:
+        return start
+    system = start.system
+    free = [name for name, moves in zip(system.blocks.rigid, system.moves_freely, strict=True) if moves]
+    if wrong := [name for name in bodies if name not in free]:
+        known = ", ".join(free) or "there are none"
+        raise InputError(f"wrenches: {', '.join(map(repr, wrong))}: not among the free bodies: {known}")
+    return start.with_forces(lambda blocks: [wrench_on(blocks, name) for name in bodies])
 
 
 def start_of(case: str | Path | Case | Scene | Start, overrides: Sequence[str] = ()) -> Start:

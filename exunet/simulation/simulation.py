@@ -17,6 +17,7 @@ from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, 
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.interrupt import postponed
 from exunet.bodies.body import in_frames
+from exunet.bodies.port import Piece
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.methods.method import Method
@@ -24,7 +25,7 @@ from exunet.methods.plan import Plan
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.outside import Outside
-from exunet.simulation.preparation import Start, start_of
+from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.readouts import BodyState, Energies, NetState
 from exunet.simulation.recorder import Recorder
 from exunet.simulation.refinement import finer
@@ -49,6 +50,8 @@ class Simulation:
 
     case      : a case file's name, or what `exunet.load` or `prepare` gave
     overrides : "key.path=value", as after --set
+    wrenches  : free bodies on which `set_input("wrench/BODY", [force, torque])` lets a force [N] act at the
+                centre of mass, and a torque [N m], in the scene's axes
     recorder  : stores the states that its times ask for; None: nothing is stored
     """
 
@@ -57,9 +60,10 @@ class Simulation:
         case: str | Path | Case | Scene | Start,
         overrides: Sequence[str] = (),
         *,
+        wrenches: Sequence[str] = (),
         recorder: Recorder | None = None,
     ) -> None:
-        self._start = start_of(case, overrides)
+        self._start = with_wrenches(start_of(case, overrides), wrenches)
         self._recorder = recorder
         self._plan = self._start.plan
         self._retries = self._start.scene.solver.retry
@@ -107,8 +111,17 @@ class Simulation:
     @property
     def state(self) -> State:
         """The whole state, as copies."""
-        self._settle()
+        self.settle()
         return self._integrator.state()
+
+    @property
+    def view(self) -> State:
+        """The whole state without copies, for a look: its arrays may be those that the next step changes.
+
+        Principal axes and centres of mass of bodies, as they are integrated. The guards see a state when
+        they look at all since their last look; here they have not seen it yet.
+        """
+        return self._integrator.view()
 
     @property
     def counts(self) -> StepCounts:
@@ -144,7 +157,7 @@ class Simulation:
     @property
     def largest_tension(self) -> dict[str, Any]:
         """The largest tension of all steps so far: "tension_N", "time_s", "element" (-1: none pulled)."""
-        self._settle()
+        self.settle()
         return self._monitor.peaks.provenance()
 
     def advance(self, duration: float) -> None:
@@ -183,7 +196,7 @@ class Simulation:
             raise
         stops.forget_until(self._monitor.safe.time)
 
-    def _settle(self) -> None:
+    def settle(self) -> None:
         """Let the guards see all states; if steps failed, the simulation comes here again with finer ones."""
         while not self.finish():
             self._through(self._stops.after(self.time))
@@ -268,7 +281,7 @@ class Simulation:
         Its work counts in the energy balance, as energy that is put in.
         """
         acting = self._outside.with_force(self._acting, on, force)
-        self._settle()
+        self.settle()
         self._act(acting)
 
     @property
@@ -282,8 +295,16 @@ class Simulation:
         The work that they do counts in the energy balance, by the power of the force that reads them.
         """
         acting = self._outside.with_input(self._acting, name, values)
-        self._settle()
+        self.settle()
         self._act(acting)
+
+    def steer(self, port: str, piece: Piece) -> None:
+        """Let a body of motion = "port" go along a piece, which begins at the time and where it is."""
+        self._integrator.steer(port, piece)
+
+    def steered(self, port: str) -> Piece:
+        """The piece that a port goes along, or went along last."""
+        return self._integrator.steered(port)
 
     def _act(self, acting: Floats) -> bool:
         """Let this act from outside from now on; False if the simulation went back."""

@@ -6,7 +6,9 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -33,7 +35,7 @@ class Snapshot:
     arrays : numbers, of the integrator, the energy balance and the guards
     """
 
-    of: dict[str, Any]
+    of: Mapping[str, Any]
     header: dict[str, Any]
     arrays: Mapping[str, NDArray[Any]]
 
@@ -45,7 +47,7 @@ class Snapshot:
     def save(self, path: str | Path) -> None:
         """Write it to a file, whole or not at all; raises InputError if that cannot be written."""
         path = path_of(path, "Snapshot.save")
-        write_arrays(path, KIND, FORMAT, {"of": self.of, **self.header}, self.arrays)
+        write_arrays(path, KIND, FORMAT, {"of": dict(self.of), **self.header}, self.arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Snapshot:
@@ -95,13 +97,14 @@ _DIFFERS = {
 _READABLE = {"exunet", "numpy", "exudyn", "numba", "engine"}  # the others are checksums
 
 
-def identity(start: Start) -> dict[str, Any]:
+@lru_cache(maxsize=8)
+def identity(start: Start) -> Mapping[str, Any]:
     """What a snapshot must share with what it is put back into."""
     scene = start.scene.model_dump(mode="json", exclude={"time", "title"})
     state = hashlib.sha256()
     for name, values in sorted(start.state.arrays().items()):
         state.update(name.encode() + np.ascontiguousarray(values).tobytes())
-    return {
+    found = {
         "exunet": VERSION,
         "numpy": np.__version__,
         "exudyn": exudyn_version(),
@@ -110,6 +113,7 @@ def identity(start: Start) -> dict[str, Any]:
         "scene": hashlib.sha256(json.dumps(scene, sort_keys=True).encode()).hexdigest(),
         "state": state.hexdigest(),
     }
+    return MappingProxyType(found)
 
 
 def grouped(group: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

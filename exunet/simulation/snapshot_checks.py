@@ -157,7 +157,7 @@ def _story(value: Any) -> bool:
 
 
 _HEADER: Mapping[str, Callable[[Any], bool]] = {
-    "of": lambda value: isinstance(value, dict),
+    "of": lambda value: isinstance(value, Mapping),
     "time": _number,
     "plan": _plan,
     "retries": _whole,

@@ -79,7 +79,8 @@ def bodies_at_start(
     states = [_start_of(body, keys) for body, keys in zip(bodies, tables, strict=True)]
     whole = RigidStates(*(np.array(part) for part in zip(*states, strict=True)))
     held = _on_drums(bodies, net, tied, reels)
-    kinematics = Kinematics(len(bodies) - len(guides), guides, *_attached(bodies, attached), held)
+    ports = tuple(k for k, keys in enumerate(tables) if keys.motion == "port")
+    kinematics = Kinematics(len(bodies) - len(guides), guides, ports, *_attached(bodies, attached), held)
     whole = kinematics.all_bodies(np.array(0.0), whole)
     faults += _overlaps(bodies, whole)
     given = tuple(one for body in bodies[kinematics.n_free :] for one in given_states(body.name))
@@ -160,7 +161,7 @@ def _start_of(body: RigidBody, keys: BodyKeys) -> tuple[Floats, Floats, Floats, 
 
 
 def _guide(body: RigidBody, keys: BodyKeys) -> Guide:
-    """The motion of a body that is fixed or prescribed."""
+    """The motion of a body that is fixed or prescribed, or that of a port at the start."""
     if keys.pose_times is None:
         return Guide.steady(*_start_of(body, keys))
     assert keys.pose_positions is not None

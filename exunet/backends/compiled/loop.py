@@ -28,6 +28,9 @@ from exunet.backends.compiled.work_space import (
 from exunet.backends.events import Events
 from exunet.backends.protocol import Arrays, Batch, Extremes, Largest, Observer, StepCounts, StepsCollapsed
 from exunet.base.interrupt import postponed
+from exunet.bodies.constraint_loops import OnGuided
+from exunet.bodies.kinematics import steer
+from exunet.bodies.port import Piece
 from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel
 from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
@@ -149,10 +152,17 @@ class CompiledLoop(CompiledIntegration):
         self._kept = empty_rows(rows, system)
         self._hold()
         self._pushed = False
+        self._ports = _steady_ports(system, state)
         self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
         if state.memory:
             self._remember(state.memory)
+        self._steer_all()
         self._row = self._module.keep(0, state.time, self._motion, self._kept)
+
+    @property
+    def _bears(self) -> bool:
+        """True if a guided body holds masses, whose forces on it jump with its acceleration."""
+        return any(isinstance(part, OnGuided) for part in self._motion.data)
 
     @property
     def room(self) -> int:
@@ -174,6 +184,23 @@ class CompiledLoop(CompiledIntegration):
             self._events.memory[name] = values.copy()
         self._remember(self._events.memory)
         self._module.begin(self.time, self._verlet, self._motion)
+
+    def steer(self, port: str, piece: Piece) -> None:
+        self._ports[port] = piece
+        steer(self._motion.data, self._system.blocks.centre(port), piece)
+        if self._bears:
+            self._module.begin(self.time, self._verlet, self._motion)
+
+    def steered(self, port: str) -> Piece:
+        return self._ports[port]
+
+    def _steer_all(self) -> None:
+        for name, piece in self._ports.items():
+            steer(self._motion.data, self._system.blocks.centre(name), piece)
+
+    def view(self) -> State:
+        m = self._motion
+        return State.of(self.time, self._layout.unpack(m.x, m.v), self._events.memory)
 
     def advance(self, until: float) -> None:
         peaks = self._peaks
@@ -255,6 +282,7 @@ class CompiledLoop(CompiledIntegration):
         """Let the forces, and what looks at tensions, take all memories into account."""
         self._memory = memory
         self._motion = self._motion._replace(data=self._kernel.data(memory))
+        self._steer_all()
         self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
         self._hold()
         self._count_asleep(memory)
@@ -312,6 +340,7 @@ class CompiledLoop(CompiledIntegration):
         arrays |= {f"largest/{name}": self._seen.largest[name] for name in LARGEST.names or ()}
         arrays |= {f"kept/{name}": value[: self._row] for name, value in self._kept._asdict().items()}
         arrays |= {f"memory/{name}": value for name, value in self._events.memory.items()}
+        arrays |= {f"port/{name}": piece.numbers() for name, piece in self._ports.items()}
         return {name: np.array(value) for name, value in arrays.items()}
 
     def restore(self, arrays: Arrays) -> None:
@@ -329,6 +358,8 @@ class CompiledLoop(CompiledIntegration):
         self._row = len(arrays["kept/time"])
         for name, values in self._kept._asdict().items():
             values[: self._row] = arrays[f"kept/{name}"]
+        for name in self._ports:
+            self._ports[name] = Piece.of_numbers(arrays[f"port/{name}"])
         for name in self._events.memory:
             self._events.memory[name] = np.array(arrays[f"memory/{name}"])
         self._remember(dict(self._events.memory))
@@ -337,6 +368,15 @@ class CompiledLoop(CompiledIntegration):
 
 
 _A1 = Stages._fields.index("a1")  # in the rows of `Motion.work`
+
+
+def _steady_ports(system: System, state: State) -> dict[str, Piece]:
+    """The ports by name, each going on as it moves in a state."""
+    found, bodies = {}, state.bodies
+    for number in system.kinematics.ports:
+        parts = (part[number] for part in bodies.parts())
+        found[system.blocks.rigid[number]] = Piece.steady(state.time, *parts)
+    return found
 
 
 def least_energy_beyond(system: System) -> float:

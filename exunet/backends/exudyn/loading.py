@@ -16,6 +16,13 @@ def exudyn() -> Any:
     return engine
 
 
+def exudyn_items() -> Any:
+    """The engine's module with the constructors of its items."""
+    import exudyn.itemInterface as items  # noqa: N813 - a module of the engine
+
+    return items
+
+
 def exudyn_version() -> str:
     """Version of the installed engine."""
     from importlib.metadata import version

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from exunet.backends.exudyn.coordinates import Coordinates, Places
-from exunet.backends.exudyn.loading import exudyn
+from exunet.backends.exudyn.loading import exudyn, exudyn_items
 from exunet.bodies.body import RigidBody
 from exunet.bodies.kinematics import Kinematics
 from exunet.bodies.rigid import RigidStates, rotation_vector
@@ -33,10 +33,7 @@ class Model:
     """
 
     def __init__(self) -> None:
-        import exudyn.itemInterface as items  # noqa: N813 - a module of the engine
-
-        self._engine = exudyn()
-        self._items = items
+        self._engine, self._items = exudyn(), exudyn_items()
         self.container = self._engine.SystemContainer()
         self.system = self.container.AddSystem()
         self._counts: Counter[str] = Counter()

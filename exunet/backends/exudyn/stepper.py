@@ -17,7 +17,9 @@ from exunet.backends.exudyn.loading import exudyn
 from exunet.backends.exudyn.settings import ends_at, longest_of, settings_for
 from exunet.backends.exudyn.step_choice import StepChoice
 from exunet.backends.protocol import Arrays, Batch, IntegrationFailed, Observer, StepCounts, StepsCollapsed
+from exunet.base.errors import InputError
 from exunet.base.interrupt import postponed
+from exunet.bodies.port import Piece
 from exunet.forces.jumps import Jump, jump_ahead
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
@@ -287,6 +289,15 @@ class Stepper:
         memory = {name: values.copy() for name, values in self._events.memory.items()}
         now = Coordinates(*(np.array(part) for part in self._model.coordinates()))
         return State.of(self.time, self._model.places.unpack(now, self.time, memory), memory)
+
+    def view(self) -> State:
+        return self.state()
+
+    def steer(self, port: str, piece: Piece) -> None:
+        self.steered(port)
+
+    def steered(self, port: str) -> Piece:
+        raise InputError(f'bodies.{port}: a port needs engine.loop = "compiled"')
 
     def push(self, force: Floats) -> None:
         self._pushed = force.copy()

@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 
 def describe(case: Case) -> list[tuple[str, str]]:
     """Rows (name, value): counts, mass, effects, stable steps, the engine's items, what a run would take."""
-    start = prepare_case(case)
+    start = prepare_case(case, hosted=True)
     net, plan = start.net, start.plan
     on = switched_on(case.scene.effects)
     off = [name for name in EFFECTS if name not in on]

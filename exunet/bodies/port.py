@@ -1,0 +1,229 @@
+"""Ports: bodies that a host moves. It tells where their frames are at the end of a step, and how they move.
+
+Between two such instants the centre of mass goes along the cubic with the places and velocities of both, and
+the attitude along the rotation vector phi, also a cubic, with the attitudes and angular velocities of both:
+phi = 0 and phi' = w0 at the beginning; at the end phi = log(q0^-1 q1) and phi' = J(phi)^-1 w1, J as in
+`exunet.bodies.guide`. So place, attitude and their rates have no jumps whatever the host says.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from exunet.base.errors import InputError
+from exunet.bodies.body import RigidBody
+from exunet.bodies.keys import unit_quaternion
+from exunet.bodies.rigid import product, rotation_matrix
+
+Floats = NDArray[np.float64]
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class FrameState(NamedTuple):
+    """Where the frame of a body is, and how it moves.
+
+    position         : (3,) of its origin [m]
+    velocity         : (3,) of its origin [m/s]
+    attitude         : (4,) unit quaternion (w, x, y, z), from the frame's axes to the scene's
+    angular_velocity : (3,) in the frame's axes [rad/s]
+    """
+
+    position: Vector
+    velocity: Vector = (0.0, 0.0, 0.0)
+    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+
+    @classmethod
+    def of(cls, state: FrameState | tuple[ArrayLike, ...], whose: str) -> FrameState:
+        """As plain floats, the quaternion of length 1; raises InputError for what is no state of a frame.
+
+        whose : for the words of the error
+        """
+        try:
+            parts = [tuple(map(float, np.asarray(part, dtype=float).tolist())) for part in state]
+        except (TypeError, ValueError):
+            parts = []
+        if [len(part) for part in parts] != [3, 3, 4, 3]:
+            raise InputError(
+                f"{whose}: a frame has position (3), velocity (3), attitude (4) and angular velocity (3), "
+                f"got {state!r}"
+            )
+        wrong = [
+            name for name, part in zip(cls._fields, parts, strict=True) if not all(map(math.isfinite, part))
+        ]
+        if wrong:
+            raise InputError(f"{whose}: {', '.join(wrong)} contains NaN or infinity: {state!r}")
+        position, velocity, attitude, spin = parts
+        length = math.hypot(*attitude)
+        if not abs(length - 1.0) < 1e-6:
+            raise InputError(f"{whose}: the attitude is a unit quaternion, got one of length {length:g}")
+        return cls(position, velocity, unit_quaternion(attitude), spin)  # type: ignore[arg-type]
+
+    def after(self, duration: float) -> FrameState:
+        """At the same velocity and angular velocity, a time [s] later."""
+        (x, y, z), (u, v, w), (i, j, k) = self.position, self.velocity, self.angular_velocity
+        place = (x + duration * u, y + duration * v, z + duration * w)
+        turn = quaternion_of((duration * i, duration * j, duration * k))
+        return self._replace(position=place, attitude=times(self.attitude, turn))
+
+
+class Piece(NamedTuple):
+    """How a body moves from an instant on, as one piece of an `exunet.bodies.guide.Guide`.
+
+    time     : where it begins [s]
+    position : (4, 3) coefficients c0 ... c3 of the place of the centre of mass [m/s3 ... m]
+    attitude : (4,) unit quaternion (w, x, y, z) of the principal axes where it begins
+    turning  : (4, 3) coefficients of the rotation vector, in principal axes
+    """
+
+    time: float
+    position: Floats
+    attitude: Floats
+    turning: Floats
+
+    @classmethod
+    def steady(cls, time: float, place: Floats, velocity: Floats, attitude: Floats, spin: Floats) -> Piece:
+        """On at constant velocity and angular velocity."""
+        position, turning = np.zeros((2, 4, 3))
+        position[2], position[3], turning[2] = velocity, place, spin
+        return cls(time, position, np.array(attitude), turning)
+
+    def numbers(self) -> Floats:
+        """All of it (29,), for a snapshot."""
+        return np.concatenate([[self.time], self.position.ravel(), self.attitude, self.turning.ravel()])
+
+    @classmethod
+    def of_numbers(cls, numbers: Floats) -> Piece:
+        """What `numbers` gave."""
+        cubic, turns = numbers[1:13].reshape(4, 3), numbers[17:].reshape(4, 3)
+        return cls(float(numbers[0]), cubic.copy(), numbers[13:17].copy(), turns.copy())
+
+
+class PrincipalState(NamedTuple):
+    """The state of a body as it is integrated: centre of mass, principal axes; see `RigidStates`."""
+
+    position: Vector
+    velocity: Vector
+    attitude: Quaternion
+    angular_velocity: Vector
+
+
+@dataclass(frozen=True)
+class FrameOf:
+    """Between the states of a body's frame and those of its centre of mass and principal axes."""
+
+    centre: Vector
+    axes: Quaternion
+
+    @classmethod
+    def body(cls, body: RigidBody) -> FrameOf:
+        """Of a body."""
+        return cls(body.centre, body.axes)
+
+    @property
+    def _is_same(self) -> bool:
+        return self.axes == (1.0, 0.0, 0.0, 0.0) and not any(self.centre)
+
+    def arm_of_origin(self) -> Floats:
+        """(3,) from the centre of mass to the frame's origin, in principal axes [m]."""
+        return np.asarray(-np.array(self.centre) @ rotation_matrix(np.array(self.axes)))
+
+    def principal(self, frame: FrameState) -> PrincipalState:
+        """Of a state of the frame."""
+        if self._is_same:
+            return PrincipalState(*frame)
+        turn, spin = rotation_matrix(np.array(frame.attitude)), np.array(frame.angular_velocity)
+        place = frame.position + turn @ self.centre
+        speed = frame.velocity + turn @ np.cross(spin, self.centre)
+        attitude = product(np.array(frame.attitude), np.array(self.axes))
+        own = spin @ rotation_matrix(np.array(self.axes))
+        return PrincipalState(*(tuple(part.tolist()) for part in (place, speed, attitude, own)))
+
+    def frame(self, state: PrincipalState) -> FrameState:
+        """Of a state of the centre of mass and the principal axes."""
+        if self._is_same:
+            return FrameState(*state)
+        back = np.array(self.axes) * [1.0, -1.0, -1.0, -1.0]
+        attitude = product(np.array(state.attitude), back)
+        spin = rotation_matrix(np.array(self.axes)) @ state.angular_velocity
+        turn = rotation_matrix(attitude)
+        place = state.position - turn @ self.centre
+        speed = state.velocity - turn @ np.cross(spin, self.centre)
+        return FrameState(*(tuple(part.tolist()) for part in (place, speed, attitude, spin)))
+
+
+def piece_between(time: float, duration: float, begin: PrincipalState, end: PrincipalState) -> Piece:
+    """From one state to another in a time [s], see the module."""
+    over = 1.0 / duration
+    position, turning = np.zeros((2, 4, 3))
+    for k in range(3):
+        v0, v1 = begin.velocity[k], end.velocity[k]
+        mean = (end.position[k] - begin.position[k]) * over
+        position[0, k] = (v0 + v1 - 2.0 * mean) * over * over
+        position[1, k] = (3.0 * mean - 2.0 * v0 - v1) * over
+    position[2], position[3] = begin.velocity, begin.position
+    w, x, y, z = begin.attitude
+    angle = rotation_vector(times((w, -x, -y, -z), end.attitude))
+    rate = _rate_of(angle, end.angular_velocity)
+    for k in range(3):
+        w0, mean = begin.angular_velocity[k], angle[k] * over
+        turning[0, k] = (w0 + rate[k] - 2.0 * mean) * over * over
+        turning[1, k] = (3.0 * mean - 2.0 * w0 - rate[k]) * over
+    turning[2] = begin.angular_velocity
+    return Piece(time, position, np.array(begin.attitude), turning)
+
+
+def mean_place(duration: float, begin: FrameState, end: FrameState) -> Floats:
+    """(3,) of the frame's origin over a step, along the cubic between both states [m]."""
+    middle = 0.5 * (np.array(begin.position) + end.position)
+    return np.asarray(middle + duration / 12.0 * (np.array(begin.velocity) - end.velocity))
+
+
+def times(one: Quaternion, other: Quaternion) -> Quaternion:
+    """Quaternion product: turning by `other`, then by `one`."""
+    a, b, c, d = one
+    e, f, g, h = other
+    return (
+        a * e - b * f - c * g - d * h,
+        a * f + b * e + c * h - d * g,
+        a * g - b * h + c * e + d * f,
+        a * h + b * g - c * f + d * e,
+    )
+
+
+def quaternion_of(angle: Vector) -> Quaternion:
+    """Unit quaternion of a rotation vector [rad]."""
+    half = 0.5 * math.hypot(*angle)
+    ratio = 0.5 * math.sin(half) / half if half > 1e-4 else 0.5 - half * half / 12.0
+    return (math.cos(half), ratio * angle[0], ratio * angle[1], ratio * angle[2])
+
+
+def rotation_vector(turn: Quaternion) -> Vector:
+    """Of a unit quaternion, no longer than pi [rad]."""
+    w, x, y, z = turn if turn[0] >= 0.0 else tuple(-part for part in turn)
+    sine = math.hypot(x, y, z)
+    # 2 asin(s) / s = 2 + s^2 / 3 to the last bit below 1e-4
+    ratio = 2.0 * math.atan2(sine, w) / sine if sine > 1e-4 else 2.0 + sine * sine / 3.0
+    return (ratio * x, ratio * y, ratio * z)
+
+
+def _rate_of(angle: Vector, spin: Vector) -> Vector:
+    """J(phi)^-1 w = w + phi x w / 2 + (1/a^2 - cot(a/2) / (2 a)) phi x (phi x w), a = |phi| [rad/s]."""
+    i, j, k = angle
+    a, b, c = spin
+    d, e, f = j * c - k * b, k * a - i * c, i * b - j * a
+    size = math.hypot(i, j, k)
+    # where the difference loses digits, two terms of its series are exact
+    near = size < 1e-2
+    twice = 1.0 / 12.0 + size * size / 720.0 if near else 1.0 / size**2 - 0.5 / (size * math.tan(0.5 * size))
+    return (
+        a + 0.5 * d + twice * (j * f - k * e),
+        b + 0.5 * e + twice * (k * d - i * f),
+        c + 0.5 * f + twice * (i * e - j * d),
+    )

@@ -1,0 +1,112 @@
+"""The books of a coupling: what went through each port, and what energy the coupling itself has added."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.bodies.port import FrameState, rotation_vector, times
+from exunet.bodies.rigid import rotation_matrix
+from exunet.coupling.net_system import PortLoad
+
+Floats = NDArray[np.float64]
+
+
+def work_on_host(load: PortLoad, before: FrameState, after: FrameState) -> float:
+    """Work [J] of a port's mean force and torque on the host's body, which went from one state to another."""
+    w, x, y, z = before.attitude
+    turned = rotation_vector(times((w, -x, -y, -z), after.attitude))
+    way = np.subtract(after.position, before.position)
+    turn = rotation_matrix(np.array(before.attitude)) @ turned
+    return float(load.force @ way + load.torque @ turn)
+
+
+@dataclass
+class PortBook:
+    """Of one port, since the coupling began; in the scene's axes.
+
+    impulse, angular_impulse : (3,) that the net has given to the host's body [N s]; about the origin of the
+                               scene [N m s]
+    work                     : [J] that the net has done on the port, along the motion that it was told
+    residual                 : [J] work on the host's body less that: what the coupling has added
+    largest                  : [J] the largest of a step, by amount
+    passed                   : [J] sum of the works' amounts, which the residual is a part of
+    """
+
+    impulse: Floats = field(default_factory=lambda: np.zeros(3))
+    angular_impulse: Floats = field(default_factory=lambda: np.zeros(3))
+    work: float = 0.0
+    residual: float = 0.0
+    largest: float = 0.0
+    passed: float = 0.0
+
+    def add(self, load: PortLoad, before: FrameState, after: FrameState) -> float:
+        """Take a step into the book; returns its residual [J]."""
+        error = work_on_host(load, before, after) - load.work
+        self.impulse = self.impulse + load.impulse
+        self.angular_impulse = self.angular_impulse + load.angular_impulse
+        self.work += load.work
+        self.passed += abs(load.work)
+        self.residual += error
+        self.largest = max(self.largest, abs(error))
+        return error
+
+
+@dataclass
+class Books:
+    """Of all ports, and of the steps.
+
+    steps, repeated   : macro steps that count, and those that were taken again
+    shortest, longest : of them [s]
+    """
+
+    ports: Mapping[str, PortBook]
+    steps: int = 0
+    repeated: int = 0
+    shortest: float = np.inf
+    longest: float = 0.0
+
+    @classmethod
+    def of(cls, names: tuple[str, ...]) -> Books:
+        """Empty ones."""
+        return cls({name: PortBook() for name in names})
+
+    def add(
+        self,
+        loads: Mapping[str, PortLoad],
+        before: Mapping[str, FrameState],
+        after: Mapping[str, FrameState],
+    ) -> float:
+        """Take a step into the books; returns the energy [J] that the coupling added in it."""
+        step = next(load.end - load.begin for load in loads.values())
+        self.steps += 1
+        self.shortest, self.longest = min(self.shortest, step), max(self.longest, step)
+        return sum(self.ports[name].add(load, before[name], after[name]) for name, load in loads.items())
+
+    @property
+    def residual(self) -> float:
+        """Energy [J] that the coupling has added to host and net together, by all ports."""
+        return sum(port.residual for port in self.ports.values())
+
+    def __str__(self) -> str:
+        rows = [
+            f"macro steps {self.steps} ({self.shortest:.4g} to {self.longest:.4g} s), "
+            f"taken again {self.repeated}; energy added by the coupling {self.residual:.4g} J"
+            if self.steps
+            else "no macro step yet"
+        ]
+        for name, port in self.ports.items():
+            rows += [
+                f"port {name}: impulse {_vector(port.impulse)} N s, angular impulse about the scene's origin "
+                f"{_vector(port.angular_impulse)} N m s",
+                f"  work of the net on the port {port.work:.6g} J (amounts {port.passed:.4g} J); "
+                f"residual {port.residual:.4g} J, in a step {port.largest:.4g} J at most",
+            ]
+        return "\n".join(rows)
+
+
+def _vector(values: Floats) -> str:
+    return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"

@@ -1,0 +1,179 @@
+"""A net and a host that can be set back, coupled with or without repeating a step until both agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from exunet.base.errors import InputError
+from exunet.bodies.port import FrameState, rotation_vector, times
+from exunet.coupling.books import Books, work_on_host
+from exunet.coupling.host import Host
+from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.simulation.arguments import finite_number, whole_number
+
+_SHORTEST = 1e-3  # of the step asked for: a macro step below it means that no step will do
+_SAFETY, _MOST_GROWTH, _MOST_SHRINK = 0.9, 2.0, 0.2
+
+
+class Cosimulation:
+    """Takes a net and a host through common times.
+
+        both = Cosimulation(net, host, step=0.01, iterations=20)
+        both.advance_to(2.0)
+        print(both.books)
+
+    step       : macro step [s]; the longest one where the step follows the energy
+    iterations : 1: each step once, while the ports move at the velocities that the host's bodies have. More:
+                 at most so often, until the host ends where the net was told. Both are of second order with
+                 hosts that take the impulses whole
+    agreement  : how far apart both may end, in parts of the net's size, and in radians
+    energy     : [J] that a step may leave open: the work of the loads along the way from where the net was
+                 told to where the host ended, which the next step makes good. The macro step follows it.
+                 None: equal steps
+    Raises InputError for arguments that make no sense, and if ports and the host's bodies start apart.
+    """
+
+    def __init__(
+        self,
+        net: NetSystem,
+        host: Host,
+        *,
+        step: float,
+        iterations: int = 1,
+        agreement: float = 1e-9,
+        energy: float | None = None,
+    ) -> None:
+        self._net, self._host = net, host
+        self._step = _positive("step", step)
+        self._agreement = _positive("agreement", agreement)
+        self._energy = None if energy is None else _positive("energy", energy)
+        number = whole_number(iterations)
+        if number is None or number < 1:
+            raise InputError(f"Cosimulation: iterations: a number of 1 or more, got {iterations!r}")
+        self._iterations = number
+        self._next = self._step
+        self.books = Books.of(net.ports)
+        if host.time != net.time:
+            raise InputError(f"Cosimulation: the host is at t = {host.time:g} s, the net at {net.time:g} s")
+        self._refuse_apart()
+
+    @property
+    def time(self) -> float:
+        """Time reached [s]."""
+        return self._net.time
+
+    def advance_to(self, until: float) -> None:
+        """Go on to a time [s], by macro steps of one length, or by such as the energy asks for.
+
+        Raises InputError if the host does not end where the net is told within the iterations, however short
+        the macro step; RunStopped by the guards of the net or the host.
+        """
+        end = finite_number(until)
+        if end is None or not end > self.time:
+            raise InputError(
+                f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
+            )
+        begin = self.time
+        if self._energy is None and self._next == self._step:
+            number = max(1, math.ceil((end - begin) / self._step * (1.0 - 1e-9)))
+            for k in range(number):
+                self._to(end if k + 1 == number else begin + (k + 1) * (end - begin) / number)
+        while self.time < end:
+            left = end - self.time
+            self._to(end if left <= 1.0000001 * self._next else self.time + min(self._next, 0.5 * left))
+
+    def _to(self, until: float) -> None:
+        """One macro step, or several shorter ones where one does not do."""
+        while self.time < until:
+            stop, wanted = until, self._next
+            if self._energy is not None and until - self.time > wanted:
+                stop = self.time + wanted
+            while not self._tried(stop):
+                stop = self.time + 0.5 * (stop - self.time)
+                if stop - self.time < _SHORTEST * self._step:
+                    raise InputError(
+                        f"at t = {self.time:.6g} s the host does not end where the net is told, however "
+                        f"short the macro step (down to {stop - self.time:.3g} s, {self._iterations} "
+                        "iterations). The bodies at the ports are too light for the net; simulate both "
+                        "in one system"
+                    )
+
+    def _tried(self, until: float) -> bool:
+        """Take a macro step; False if it is to be repeated with a shorter one, both being where they were."""
+        net, host = self._net, self._host
+        repeats = self._iterations > 1 or self._energy is not None
+        if repeats:
+            net.finish()
+            host.finish()
+            kept = net.snapshot(), host.snapshot()
+        duration, before = until - net.time, host.frames()
+        told = {name: before[name].after(duration) for name in net.ports}
+        for attempt in range(self._iterations):
+            if attempt:
+                net.restore(kept[0])
+                host.restore(kept[1])
+                self.books.repeated += 1
+            loads = net.step(until, told)
+            host.step(until, loads)
+            found = host.frames()
+            if self._iterations == 1 or self._agree(told, found):
+                break
+            told = {name: found[name] for name in net.ports}
+        else:
+            net.restore(kept[0])
+            host.restore(kept[1])
+            self.books.repeated += 1
+            return False
+        if self._energy is not None and not self._is_good(loads, told, found, duration):
+            net.restore(kept[0])
+            host.restore(kept[1])
+            self.books.repeated += 1
+            return False
+        self.books.add(loads, before, found)
+        return True
+
+    def _is_good(
+        self,
+        loads: Mapping[str, PortLoad],
+        told: Mapping[str, FrameState],
+        found: Mapping[str, FrameState],
+        duration: float,
+    ) -> bool:
+        """True if the step leaves no more energy open than it may; the length of the next follows."""
+        assert self._energy is not None
+        left = sum(abs(work_on_host(load, told[name], found[name])) for name, load in loads.items())
+        ratio = left / self._energy
+        change = _SAFETY / math.sqrt(max(ratio, 1e-12))  # the work goes with the square of the step
+        self._next = min(self._step, duration * min(_MOST_GROWTH, max(_MOST_SHRINK, change)))
+        return ratio <= 1.0
+
+    def _agree(self, told: Mapping[str, FrameState], found: Mapping[str, FrameState]) -> bool:
+        size = self._net.simulation.start.net.size
+        return all(_apart(told[name], found[name], size) <= self._agreement for name in told)
+
+    def _refuse_apart(self) -> None:
+        found = self._host.frames()
+        if missing := [name for name in self._net.ports if name not in found]:
+            raise InputError(f"Cosimulation: the host has no body for port {', '.join(missing)}")
+        size = self._net.simulation.start.net.size
+        for name in self._net.ports:
+            if (apart := _apart(self._net.frame(name), found[name], size)) > 1e-6:
+                raise InputError(
+                    f"Cosimulation: port {name} and the host's body are {apart:.3g} of the net's size, or "
+                    "radians, apart at the start: give both the same start"
+                )
+
+
+def _apart(one: FrameState, other: FrameState, size: float) -> float:
+    """How far apart two places are, in parts of a size, or two attitudes [rad]: the larger."""
+    w, x, y, z = one.attitude
+    turned = rotation_vector(times((w, -x, -y, -z), other.attitude))
+    return max(math.dist(one.position, other.position) / max(size, 1e-3), math.hypot(*turned))
+
+
+def _positive(name: str, given: object) -> float:
+    number = finite_number(given)
+    if number is None or not number > 0.0:
+        raise InputError(f"Cosimulation: {name} must be positive and finite, got {given!r}")
+    return number

@@ -1,0 +1,233 @@
+"""A net coupled to a user's own Exudyn system, at markers of any of its rigid frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from exunet.backends.exudyn.loading import exudyn, exudyn_items
+from exunet.base.errors import InputError
+from exunet.bodies.port import FrameState, rotation_vector, times
+from exunet.coupling.books import Books
+from exunet.coupling.in_transit import InTransit, of_method
+from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.coupling.undo import Undo
+from exunet.simulation.arguments import whole_number
+
+Floats = NDArray[np.float64]
+
+# How far apart marker and port may be at the start, in parts of the net's size, of its speeds, or in radians:
+# what is left of numbers that were given with six digits.
+_SAME = 1e-6
+
+
+def couple(mbs: Any, net: NetSystem, ports: Mapping[str, int]) -> ExudynCoupling:
+    """Couple a net to an Exudyn system: explicit co-simulation, the net's forces held over each of its steps.
+
+        coupling = exunet.couple(mbs, net, {"chaser": marker})
+        mbs.SolveDynamic(settings)
+        print(coupling.report())
+
+    mbs   : the user's system, with any solver of SolveDynamic; a force and a torque are added at each marker,
+            and the system is assembled again
+    ports : the number of a marker with position and attitude (MarkerBodyRigid, MarkerNodeRigid, ...) for each
+            port; the body's mass must count the nodes that are fixed to the port (`NetSystem.carried_mass`)
+
+    Before each step of the host the net goes through it by its own small steps, while the ports move at the
+    velocities that the markers have; the host gets the mean force and torque, so that it receives the
+    impulse of the net's steps to the last bit. The error is of first order in the host's step; the report
+    has its energy. A step that the host takes again, shorter, the net takes again too.
+    Raises InputError for ports or markers that are missing or do not fit, and if a marker is not where its
+    port is at the start.
+    """
+    return ExudynCoupling(mbs, net, ports)
+
+
+class ExudynCoupling:
+    """What `couple` gives: a coupling in force until `detach`."""
+
+    def __init__(self, mbs: Any, net: NetSystem, ports: Mapping[str, int]) -> None:
+        self._mbs, self._net, self._engine = mbs, net, exudyn()
+        self._markers = {name: self._marker(name, number) for name, number in ports.items()}
+        if missing := [name for name in net.ports if name not in ports]:
+            raise InputError(f"couple: no marker is given for port {', '.join(missing)}")
+        self._loads = {name: self._add_loads(marker) for name, marker in self._markers.items()}
+        mbs.Assemble()
+        for name in self._markers:
+            self._refuse_apart(name, self._read(name, self._engine.ConfigurationType.Initial))
+        self._earlier = self._earlier_function()
+        mbs.SetPreStepUserFunction(self._before_step)
+        self._attached = True
+        self._undo = Undo(net)
+        self._books = Books.of(net.ports)
+        self._open: tuple[dict[str, PortLoad], dict[str, FrameState]] | None = None
+        self._in_transit: InTransit | None = None
+
+    @property
+    def net(self) -> NetSystem:
+        """The net, which stands at the end of the host's last step."""
+        return self._net
+
+    def report(self) -> Books:
+        """What went through the ports, with the last step if the host has ended it; `print` shows a table."""
+        self._net.finish()
+        if self._open is not None and self._host_time() >= self._net.time - 1e-12:
+            self._book()
+        return self._books
+
+    @property
+    def in_transit(self) -> dict[str, Floats]:
+        """(3,) [N s] of each port: impulse that the host's method has been given and does not show yet.
+
+        See `exunet.coupling.in_transit`; exact for steps of one length. Zero for the Runge-Kutta methods.
+        """
+        if self._in_transit is None:
+            return {name: np.zeros(3) for name in self._markers}
+        return dict(zip(self._markers, self._in_transit.impulse.reshape(-1, 3), strict=True))
+
+    def detach(self) -> None:
+        """End the coupling: no force acts any more, and the pre-step function is what it was before."""
+        if not self._attached:
+            return
+        self._attached = False
+        for loads in self._loads.values():
+            for load in loads:
+                self._mbs.SetLoadParameter(load, "loadVector", [0.0, 0.0, 0.0])
+        self._mbs.SetPreStepUserFunction(self._earlier or 0)
+
+    def _marker(self, name: str, given: int) -> int:
+        if name not in self._net.ports:
+            raise InputError(f"couple: there is no port {name!r}: {', '.join(self._net.ports)}")
+        number = whole_number(given)
+        count = self._mbs.systemData.NumberOfMarkers()
+        if number is None or not 0 <= number < count:
+            raise InputError(f"couple: port {name}: there is no marker {given!r}: the system has {count}")
+        return number
+
+    def _add_loads(self, marker: int) -> tuple[int, int]:
+        items = exudyn_items()
+        force = items.LoadForceVector(markerNumber=marker, loadVector=[0.0, 0.0, 0.0])
+        torque = items.LoadTorqueVector(markerNumber=marker, loadVector=[0.0, 0.0, 0.0])
+        return int(self._mbs.AddLoad(force)), int(self._mbs.AddLoad(torque))
+
+    def _earlier_function(self) -> Callable[[Any, float], bool] | None:
+        found = self._mbs.GetPreStepUserFunction()
+        return found["function"] if isinstance(found, dict) else None
+
+    def _read(self, name: str, configuration: Any = None) -> FrameState:
+        """Where the marker of a port is, and how it moves."""
+        what, marker = self._engine.OutputVariableType, self._markers[name]
+        now = self._engine.ConfigurationType.Current if configuration is None else configuration
+        try:
+            output = [
+                self._mbs.GetMarkerOutput(marker, one, now)
+                for one in (what.Position, what.Velocity, what.RotationMatrix, what.AngularVelocityLocal)
+            ]
+        except Exception as error:
+            raise InputError(
+                f"couple: port {name}: marker {marker} has no position and attitude ({_first_line(error)}); "
+                "use a marker of a rigid frame such as MarkerBodyRigid"
+            ) from error
+        place, speed, turn, spin = (np.asarray(one, dtype=float).ravel() for one in output)
+        if not all(np.isfinite(one).all() for one in (place, speed, turn, spin)):
+            raise InputError(
+                f"couple: port {name}: marker {marker} contains NaN or infinity: the host diverged"
+            )
+        attitude = Rotation.from_matrix(turn.reshape(3, 3)).as_quat(scalar_first=True)
+        return FrameState(*(tuple(one.tolist()) for one in (place, speed, attitude, spin)))
+
+    def _refuse_apart(self, name: str, marker: FrameState) -> None:
+        port, size = self._net.frame(name), self._net.simulation.start.net.size
+        w, x, y, z = port.attitude
+        differences = {
+            "position": (math.dist(port.position, marker.position), size, "m"),
+            "attitude": (math.hypot(*rotation_vector(times((w, -x, -y, -z), marker.attitude))), 1.0, "rad"),
+            "velocity": (
+                math.dist(port.velocity, marker.velocity),
+                max(1.0, math.hypot(*port.velocity)),
+                "m/s",
+            ),
+            "angular velocity": (
+                math.dist(port.angular_velocity, marker.angular_velocity),
+                max(1.0, math.hypot(*port.angular_velocity)),
+                "rad/s",
+            ),
+        }
+        for what, (apart, scale, unit) in differences.items():
+            if apart > _SAME * max(scale, 1e-3):
+                values = getattr(port, what.replace(" ", "_")), getattr(marker, what.replace(" ", "_"))
+                raise InputError(
+                    f"couple: port {name}: at the start its {what} in the case and that of marker "
+                    f"{self._markers[name]} differ by {apart:.3g} {unit}: {_shown(values[0])} and "
+                    f"{_shown(values[1])}. Give bodies.{name} the marker's start"
+                )
+
+    def _host_time(self) -> float:
+        return float(self._mbs.systemData.GetTime())
+
+    def _before_step(self, mbs: Any, until: float) -> bool:
+        """The net goes through the host's step to `until` [s], the end of this attempt."""
+        if self._earlier is not None and not self._earlier(mbs, until):
+            return False
+        if until <= self._net.time:
+            self._take_back(until)
+        elif self._open is not None:
+            self._book()
+        begin, now = self._net.time, {name: self._read(name) for name in self._markers}
+        duration = until - begin
+        loads = self._undo.step(until, {name: state.after(duration) for name, state in now.items()})
+        for name, load in loads.items():
+            force, torque = self._loads[name]
+            mbs.SetLoadParameter(force, "loadVector", load.force)
+            mbs.SetLoadParameter(torque, "loadVector", load.torque)
+        self._open = loads, now
+        return True
+
+    def _take_back(self, until: float) -> None:
+        """The host takes its last step again, to an earlier end."""
+        if self._open is None or not self._undo.begin < until:
+            raise InputError(
+                f"couple: the host steps to t = {until:.6g} s, but the net is at {self._net.time:.6g} s, and "
+                f"its last step began at {self._undo.begin:.6g} s: restore or reset the net, and couple anew"
+            )
+        self._undo.back()
+        self._books.repeated += 1
+        self._open = None
+
+    def _book(self) -> None:
+        """Take the step that has ended into the books; the markers are where it has led."""
+        assert self._open is not None
+        loads, before = self._open
+        self._books.add(loads, before, {name: self._read(name) for name in self._markers})
+        self._book_transit(loads)
+        self._open = None
+
+    def _book_transit(self, loads: dict[str, PortLoad]) -> None:
+        if self._in_transit is None:
+            settings = self._mbs.sys.get("simulationSettings")
+            if settings is None:
+                return
+            integration = settings.timeIntegration
+            alpha = integration.generalizedAlpha
+            self._in_transit = of_method(
+                integration.solverType.name,
+                3 * len(loads),
+                spectral_radius=float(alpha.spectralRadius),
+                newmark=bool(alpha.useNewmark),
+            )
+        force = np.concatenate([loads[name].force for name in self._markers])
+        load = next(iter(loads.values()))
+        self._in_transit.take(force, load.end - load.begin)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+
+
+def _shown(values: tuple[float, ...]) -> str:
+    return "[" + ", ".join(f"{value:.9g}" for value in values) + "]"

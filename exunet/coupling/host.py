@@ -1,0 +1,115 @@
+"""What a host is that a net can be coupled to again and again over the same step, and exunet's own host."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.errors import InputError
+from exunet.bodies.port import FrameOf, FrameState, PrincipalState
+from exunet.bodies.rigid import rotation_matrix
+from exunet.case.casefile import Case
+from exunet.coupling.net_system import PortLoad
+from exunet.forces.wrench import input_name
+from exunet.simulation.preparation import start_of
+from exunet.simulation.simulation import Simulation
+
+Floats = NDArray[np.float64]
+
+
+class Host(Protocol):
+    """Bodies that a net is tied to, in a model that can be set back exactly."""
+
+    @property
+    def time(self) -> float:
+        """Time reached [s]."""
+
+    def frames(self) -> dict[str, FrameState]:
+        """Where the frames of its ports are, and how they move."""
+
+    def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
+        """Go on to a time [s] under the mean force and torque of each load."""
+
+    def snapshot(self) -> Any:
+        """All that it depends on from now on."""
+
+    def restore(self, snapshot: Any) -> None:
+        """Go back to a snapshot; what follows is the same to the last bit."""
+
+    def finish(self) -> None:
+        """Let its own guards, if it has any, look at all states."""
+
+
+class BodiesHost:
+    """A case of exunet whose free bodies a net is tied to: bodies alone, or another net with its bodies.
+
+    case  : with a free body for each port
+    ports : names of ports, each with the name of the body that it is; None: alike, all free bodies
+    """
+
+    def __init__(
+        self,
+        case: str | Path | Case,
+        overrides: Sequence[str] = (),
+        *,
+        ports: Mapping[str, str] | None = None,
+    ) -> None:
+        alone = start_of(case, overrides)
+        free = [
+            name
+            for name, moves in zip(alone.system.blocks.rigid, alone.system.moves_freely, strict=True)
+            if moves
+        ]
+        self._bodies = dict(ports) if ports is not None else {name: name for name in free}
+        if wrong := [name for name in self._bodies.values() if name not in free]:
+            raise InputError(
+                f"BodiesHost: there is no free body {', '.join(wrong)}: {', '.join(free) or 'none'}"
+            )
+        self._sim = Simulation(alone, wrenches=tuple(self._bodies.values()))
+        rigid, bodies = alone.system.blocks.rigid, alone.system.bodies
+        numbers = {name: rigid.index(body) for name, body in self._bodies.items()}
+        self._frames = {name: (k, FrameOf.body(bodies[k])) for name, k in numbers.items()}
+
+    @property
+    def time(self) -> float:
+        """Time reached [s]."""
+        return self._sim.time
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation of the bodies, to look at."""
+        return self._sim
+
+    def frames(self) -> dict[str, FrameState]:
+        """See `Host`."""
+        parts = self._sim.view.bodies.parts()
+        return {
+            name: frame.frame(PrincipalState(*(tuple(part[k].tolist()) for part in parts)))
+            for name, (k, frame) in self._frames.items()
+        }
+
+    def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
+        """See `Host`."""
+        view = self._sim.view.bodies
+        for name, load in loads.items():
+            k, frame = self._frames[name]
+            arm = rotation_matrix(view.attitude[k]) @ frame.arm_of_origin()
+            wrench = np.concatenate([load.force, load.torque + np.cross(arm, load.force)])
+            self._sim.set_input(input_name(self._bodies[name]), wrench)
+        self._sim.advance_to(until)
+
+    def snapshot(self) -> Any:
+        """See `Host`."""
+        return self._sim.snapshot()
+
+    def restore(self, snapshot: Any) -> None:
+        """See `Host`."""
+        self._sim.restore(snapshot)
+
+    def finish(self) -> None:
+        """See `Host`."""
+        self._sim.settle()

@@ -1,0 +1,51 @@
+"""Going back by a step in a net: a snapshot now and then, and the steps since, which are taken again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from exunet.bodies.port import FrameState
+from exunet.coupling.net_system import NetSystem, PortLoad
+
+# Steps between two snapshots: few after a step was taken back, since the next one may be too; more and more
+# while that does not happen.
+_LEAST, _MOST = 4, 256
+
+
+class Undo:
+    """Steps of a net of which the last one can be taken back, to the last bit."""
+
+    def __init__(self, net: NetSystem) -> None:
+        self._net = net
+        self._every = _LEAST
+        self._keep()
+
+    def _keep(self) -> None:
+        self._net.finish()  # a snapshot of states that wait to be looked at would be large
+        self._kept = self._net.snapshot()
+        self._taken: list[tuple[float, Mapping[str, FrameState]]] = []
+
+    @property
+    def begin(self) -> float:
+        """Time [s] at which the last step began, or the time reached if it cannot be taken back."""
+        if not self._taken:
+            return self._net.time
+        return self._taken[-2][0] if len(self._taken) > 1 else self._kept.time
+
+    def step(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
+        """As `NetSystem.step`."""
+        if len(self._taken) >= self._every:
+            self._keep()
+            self._every = min(_MOST, 2 * self._every)
+        loads = self._net.step(until, frames)
+        self._taken.append((until, frames))
+        return loads
+
+    def back(self) -> None:
+        """Take the last step back."""
+        again = self._taken[:-1]
+        self._net.restore(self._kept)
+        for until, frames in again:
+            self._net.step(until, frames)
+        self._taken = again
+        self._every = _LEAST
