@@ -54,6 +54,8 @@ class ExudynCoupling:
     def __init__(self, mbs: Any, net: NetSystem, ports: Mapping[str, int]) -> None:
         self._mbs, self._net, self._engine = mbs, net, exudyn()
         self._markers = {name: self._marker(name, number) for name, number in ports.items()}
+        if not net.ports:
+            raise InputError('couple: the net has no port: give a body of its case motion = "port"')
         if missing := [name for name in net.ports if name not in ports]:
             raise InputError(f"couple: no marker is given for port {', '.join(missing)}")
         self._loads = {name: self._add_loads(marker) for name, marker in self._markers.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -77,22 +77,21 @@ class NetSystem:
 
     case      : a case file's name, or what `exunet.load` gave
     overrides : "key.path=value", as after --set
-    Raises CaseError for a case that cannot be simulated, InputError for one without ports. A step that a
-    guard stops raises RunStopped; the net is then at its last good state, at its `time`. It is not tried
+    wrenches  : free bodies of the net's own on which the host lets a wrench act, as of `Simulation`
+    Raises CaseError for a case that cannot be simulated. A step that a guard stops raises RunStopped; the net is then at its last good state, at its `time`. It is not tried
     again with finer steps (solver.retry), since what the host did in the meantime cannot be taken back.
     """
 
-    def __init__(self, case: str | Path | Case, overrides: Sequence[str] = ()) -> None:
+    def __init__(
+        self, case: str | Path | Case, overrides: Sequence[str] = (), *, wrenches: Sequence[str] = ()
+    ) -> None:
         found = case if isinstance(case, Case) else load(path_of(case, "NetSystem"), overrides)
         start = prepare_case(found, hosted=True)
         system, rigid = start.system, start.system.blocks.rigid
-        if not system.kinematics.ports:
-            words = 'NetSystem: the case has no port: give a body motion = "port"'
-            raise InputError(f"{found.path}: {words}")
         solver = start.scene.solver.model_copy(update={"retry": 0})
         scene = start.scene.model_copy(update={"solver": solver})
-        self._sim = Simulation(type(start)(scene, system, start.state, start.plan))
-        first = system.blocks.n_x - system.blocks.n_states
+        self._sim = Simulation(replace(start, scene=scene), wrenches=wrenches)
+        first = self._sim.start.system.blocks.n_x - self._sim.start.system.blocks.n_states
         self._ports = {
             rigid[k]: _Port(
                 k, system.blocks.state(f"{rigid[k]}/{GIVEN[0][0]}") - first, FrameOf.body(system.bodies[k])
