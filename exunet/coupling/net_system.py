@@ -78,8 +78,9 @@ class NetSystem:
     case      : a case file's name, or what `exunet.load` gave
     overrides : "key.path=value", as after --set
     wrenches  : free bodies of the net's own on which the host lets a wrench act, as of `Simulation`
-    Raises CaseError for a case that cannot be simulated. A step that a guard stops raises RunStopped; the net is then at its last good state, at its `time`. It is not tried
-    again with finer steps (solver.retry), since what the host did in the meantime cannot be taken back.
+    Raises CaseError for a case that cannot be simulated. A step that a guard stops raises RunStopped; the net
+    is then at its last good state, at its `time`. It is not tried again with finer steps (solver.retry),
+    since what the host did in the meantime cannot be taken back.
     """
 
     def __init__(
