@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from exunet.coupling.cosimulation import Cosimulation as Cosimulation
     from exunet.coupling.exudyn_host import couple as couple
     from exunet.coupling.host import BodiesHost as BodiesHost
+    from exunet.coupling.native_items import NativeItems as NativeItems
+    from exunet.coupling.native_items import add_to as add_to
     from exunet.coupling.net_system import NetSystem as NetSystem
     from exunet.coupling.net_system import PortLoad as PortLoad
     from exunet.figures import figure as figure
@@ -87,6 +89,8 @@ API = {
         "Cosimulation": "exunet.coupling.cosimulation",
         "BodiesHost": "exunet.coupling.host",
         "Books": "exunet.coupling.books",
+        "add_to": "exunet.coupling.native_items",
+        "NativeItems": "exunet.coupling.native_items",
     },
     "Results": {
         "Result": "exunet.results.result",

@@ -23,19 +23,22 @@ Evaluate = Callable[[float, Floats, Floats, Floats], None]
 Rates = Callable[[float, Floats, Floats, Floats], Floats]
 Jacobian = Callable[[float, Floats, Floats, float, float], csr_array]
 _NONE = np.zeros(0)
+_NO_NODE = -1  # of a point that has none of its own
 
 
 class Model:
     """One Exudyn system that is filled by verbs, then assembled.
 
-    A *point* is a mass point with three coordinates or, when fixed, a point of the ground. Points are
-    numbered in the order they are added, fixed ones included.
+    A *point* is a mass point with three coordinates, a point of a body or, when fixed, a point of the ground.
+    Points are numbered in the order they are added, those without coordinates included.
+
+    system : one that is there already, such as a user's; None: a new one
     """
 
-    def __init__(self) -> None:
+    def __init__(self, system: Any = None) -> None:
         self._engine, self._items = exudyn(), exudyn_items()
-        self.container = self._engine.SystemContainer()
-        self.system = self.container.AddSystem()
+        self.container = None if system is not None else self._engine.SystemContainer()
+        self.system = system if self.container is None else self.container.AddSystem()
         self._counts: Counter[str] = Counter()
         self._nodes: list[int] = []
         self._markers: list[int] = []
@@ -77,12 +80,20 @@ class Model:
         node = self.system.AddNode(self._items.NodePointGround(referenceCoordinates=position.tolist()))
         return self._number(node, position, free=False)
 
+    def point_of_body(self, body: int, local: Floats, position: Floats) -> int:
+        """Add a point of a body, by the number of its object and the place in its frame; position: [m]."""
+        marker = self._items.MarkerBodyPosition(bodyNumber=body, localPosition=local.tolist())
+        return self._marked(_NO_NODE, marker, position, free=False)
+
     def _number(self, node: int, reference: Floats, *, free: bool) -> int:
-        self._nodes.append(int(node))
+        marker = self._items.MarkerNodePosition(nodeNumber=node)
+        return self._marked(int(node), marker, reference, free=free)
+
+    def _marked(self, node: int, marker: Any, reference: Floats, *, free: bool) -> int:
+        self._nodes.append(node)
         self._free.append(free)
         self._reference.append(tuple(map(float, reference)))
-        marker = self.system.AddMarker(self._items.MarkerNodePosition(nodeNumber=node))
-        self._markers.append(int(marker))
+        self._markers.append(int(self.system.AddMarker(marker)))
         return len(self._nodes) - 1
 
     def cable_element(
@@ -324,6 +335,11 @@ class Model:
     def items(self) -> dict[str, int]:
         """How many objects of each kind the engine holds."""
         return dict(self._counts)
+
+    @property
+    def nodes(self) -> list[int]:
+        """The engine's number of each point's node; -1 for points of bodies."""
+        return list(self._nodes)
 
     @property
     def all_points_alone(self) -> bool:

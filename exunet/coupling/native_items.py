@@ -1,0 +1,150 @@
+"""The net as items of a user's own Exudyn system, for one solver over all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.backends.exudyn.model import Model
+from exunet.base.errors import InputError
+from exunet.base.files import path_of
+from exunet.case.casefile import Case, load
+from exunet.forces.effects import switched_on
+from exunet.simulation.arguments import whole_number
+from exunet.simulation.preparation import Start, prepare_case
+from exunet.system.system import System
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class NativeItems:
+    """The numbers of the items that `add_to` has added to a system.
+
+    nodes      : (n_nodes,) of the nodes of the net; -1 for those that are fixed to bodies
+    connectors : (n_elements,) of the objects that are the elements
+    bodies     : of the objects that are the case's free bodies, by name
+    items      : how many objects of each kind
+    """
+
+    nodes: Ints
+    connectors: Ints
+    bodies: Mapping[str, int]
+    items: Mapping[str, int]
+
+
+def add_to(
+    mbs: Any, case: str | Path | Case, ports: Mapping[str, int], overrides: Sequence[str] = ()
+) -> NativeItems:
+    """Add a net to an Exudyn system: a mass point a node, a connector an element, as in exunet's own model.
+
+        items = exunet.add_to(mbs, "net.toml", {"chaser": body})
+        mbs.Assemble()
+        mbs.SolveDynamic(settings)
+
+    mbs   : the user's system, which the user assembles and solves; explicit and implicit solvers work
+    case  : a case file's name, or what `exunet.load` gave
+    ports : the number of the object that is the body, for each body of motion = "port"; its frame is that
+            of the case, so that an attached node is a point of it. Its mass must count the nodes that are
+            fixed to it
+
+    The step, the accuracy and the check of the result are the user's: exunet's guards do not look at it.
+    Raises CaseError for a case that cannot be simulated, InputError for ports that are missing or unknown,
+    and for what has no items of Exudyn: effects other than gravity, linear orbits and dampings, events such as
+    breaks, reels and ejections, and bodies of prescribed motion.
+    """
+    found = case if isinstance(case, Case) else load(path_of(case, "add_to"), overrides)
+    start = prepare_case(found, hosted=True)
+    _refuse(start)
+    hosts = _bodies_of(mbs, start.system, ports)
+    model = Model(mbs)
+    own = _add_bodies(model, start)
+    _add_points(model, start, hosts | own)
+    connectors = _add_elements(model, start.system)
+    linear = start.system.forces.linear
+    if linear is not None:
+        model.linear_terms(linear.on_velocity, linear.stiffness, linear.load)
+    nodes = np.array(model.nodes[: start.net.n_nodes], dtype=np.int64)
+    rigid = start.system.blocks.rigid
+    return NativeItems(nodes, connectors, {rigid[k]: number for k, number in own.items()}, model.items())
+
+
+def _refuse(start: Start) -> None:
+    """What has no items of the engine."""
+    system, words = start.system, []
+    forces, kinematics = system.forces, system.kinematics
+    guided = range(kinematics.n_free, len(system.bodies))
+    moved = [system.blocks.rigid[k] for k in guided if k not in kinematics.ports]
+    if moved:
+        words.append(f"bodies that are fixed or prescribed ({', '.join(moved)})")
+    if forces.switches or kinematics.held:
+        words.append("events: breaks, reels, ejections, thrusts")
+    if forces.kernels:
+        words.append(f"a nonlinear force (effects on: {', '.join(switched_on(start.scene.effects))})")
+    if forces.linear is not None and _couples_attached(system):
+        words.append("a damping or an orbit that couples nodes fixed to bodies with others")
+    if words:
+        raise InputError(f"add_to: there are no items of Exudyn for {'; '.join(words)}: use exunet.couple")
+
+
+def _couples_attached(system: System) -> bool:
+    """True if a constant matrix has entries between attached nodes and free ones."""
+    linear, columns = system.forces.linear, np.repeat(~system.free, 3)
+    matrices = (linear.damping, linear.gyroscopic, linear.stiffness) if linear is not None else ()
+    attached = np.zeros_like(columns)
+    attached[(3 * system.kinematics.point[:, None] + np.arange(3)).ravel()] = True
+    return any(abs(matrix[:, attached]).sum() > 0.0 for matrix in matrices if matrix is not None)
+
+
+def _bodies_of(mbs: Any, system: System, ports: Mapping[str, int]) -> dict[int, int]:
+    """The number of the user's object by that of the body."""
+    known = {system.blocks.rigid[k]: k for k in system.kinematics.ports}
+    if missing := [name for name in known if name not in ports]:
+        raise InputError(f"add_to: no body is given for port {', '.join(missing)}")
+    count, found = mbs.systemData.NumberOfObjects(), {}
+    for name, given in ports.items():
+        number = whole_number(given)
+        if name not in known:
+            raise InputError(f"add_to: there is no port {name!r}: {', '.join(known) or 'the case has none'}")
+        if number is None or not 0 <= number < count:
+            raise InputError(f"add_to: port {name}: there is no object {given!r}: the system has {count}")
+        found[known[name]] = number
+    return found
+
+
+def _add_bodies(model: Model, start: Start) -> dict[int, int]:
+    """The case's free bodies, in principal axes: number of the object by that of the body."""
+    free = np.flatnonzero(start.system.moves_freely).tolist()
+    return {k: model.rigid_body(start.system.bodies[k], start.state.bodies[k]) for k in free}
+
+
+def _add_points(model: Model, start: Start, objects: Mapping[int, int]) -> None:
+    system, kinematics = start.system, start.system.kinematics
+    on = dict(zip(kinematics.point.tolist(), range(len(kinematics.point)), strict=True))
+    for k in range(system.blocks.n_points):
+        place, speed = start.position[k], start.velocity[k]
+        if k in on:
+            number, arm = int(kinematics.body[on[k]]), kinematics.arm[on[k]]
+            body = system.bodies[number]
+            # The case's own bodies are in their principal axes, the user's in the frame of the case.
+            local = body.rotation @ arm + body.centre if number in kinematics.ports else arm
+            model.point_of_body(objects[number], np.asarray(local), place)
+        elif system.free[k]:
+            model.point(system.mass[k], system.blocks.position[k], place, speed)
+        else:
+            model.fixed_point(place)
+
+
+def _add_elements(model: Model, system: System) -> Ints:
+    law = system.forces.cable.law
+    times = law.relaxation_time if law.relaxation_time is not None else [None] * system.net.n_elements
+    numbers = [
+        model.cable_element(e, i, j, law.natural_length[e], law.stiffness[e], times[e])
+        for e, (i, j) in enumerate(system.net.element_nodes.tolist())
+    ]
+    return np.array(numbers, dtype=np.int64)
