@@ -23,6 +23,7 @@ from exunet.bodies.rigid import product, rotation_matrix
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+_ZERO = (0.0, 0.0, 0.0)
 
 
 class FrameState(NamedTuple):
@@ -65,12 +66,25 @@ class FrameState(NamedTuple):
             raise InputError(f"{whose}: the attitude is a unit quaternion, got one of length {length:g}")
         return cls(position, velocity, unit_quaternion(attitude), spin)  # type: ignore[arg-type]
 
-    def after(self, duration: float) -> FrameState:
-        """At the same velocity and angular velocity, a time [s] later."""
-        (x, y, z), (u, v, w), (i, j, k) = self.position, self.velocity, self.angular_velocity
-        place = (x + duration * u, y + duration * v, z + duration * w)
+    def after(
+        self, duration: float, acceleration: Vector = _ZERO, angular_acceleration: Vector = _ZERO
+    ) -> FrameState:
+        """A time [s] later, at constant accelerations.
+
+        acceleration, angular_acceleration : (3,) of the origin [m/s2]; in the frame's axes [rad/s2]
+        """
+        half = 0.5 * duration
+        speed = _along(self.velocity, duration, acceleration)
+        spin = _along(self.angular_velocity, duration, angular_acceleration)
+        way = _along(self.velocity, half, acceleration)
+        i, j, k = _along(self.angular_velocity, half, angular_acceleration)
         turn = quaternion_of((duration * i, duration * j, duration * k))
-        return self._replace(position=place, attitude=times(self.attitude, turn))
+        return FrameState(_along(self.position, duration, way), speed, times(self.attitude, turn), spin)
+
+
+def _along(begin: Vector, duration: float, rate: Vector) -> Vector:
+    (a, b, c), (d, e, f) = begin, rate
+    return (a + duration * d, b + duration * e, c + duration * f)
 
 
 class Piece(NamedTuple):
@@ -129,10 +143,6 @@ class FrameOf:
     @property
     def _is_same(self) -> bool:
         return self.axes == (1.0, 0.0, 0.0, 0.0) and not any(self.centre)
-
-    def arm_of_origin(self) -> Floats:
-        """(3,) from the centre of mass to the frame's origin, in principal axes [m]."""
-        return np.asarray(-np.array(self.centre) @ rotation_matrix(np.array(self.axes)))
 
     def principal(self, frame: FrameState) -> PrincipalState:
         """Of a state of the frame."""

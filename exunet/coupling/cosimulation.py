@@ -10,6 +10,7 @@ from exunet.bodies.port import FrameState, rotation_vector, times
 from exunet.coupling.books import Books, work_on_host
 from exunet.coupling.host import Host
 from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
 from exunet.simulation.arguments import finite_number, whole_number
 
 _SHORTEST = 1e-3  # of the step asked for: a macro step below it means that no step will do
@@ -23,10 +24,11 @@ class Cosimulation:
         both.advance_to(2.0)
         print(both.books)
 
-    step       : macro step [s]; the longest one where the step follows the energy
-    iterations : 1: each step once, while the ports move at the velocities that the host's bodies have. More:
-                 at most so often, until the host ends where the net was told. Both are of second order with
-                 hosts that take the impulses whole
+    step       : macro step [s]; the longest one where the step follows the energy. Steps beyond the largest
+                 stable one (`longest`) are cut in equal parts
+    iterations : 1: each step once, while the ports move as `exunet.coupling.prediction` says. More: at most
+                 so often, until the host ends where the net was told. Both are of second order with hosts
+                 that take the impulses whole
     agreement  : how far apart both may end, in parts of the net's size, and in radians
     energy     : [J] that a step may leave open: the work of the loads along the way from where the net was
                  told to where the host ended, which the next step makes good. The macro step follows it.
@@ -52,7 +54,10 @@ class Cosimulation:
         if number is None or number < 1:
             raise InputError(f"Cosimulation: iterations: a number of 1 or more, got {iterations!r}")
         self._iterations = number
+        self.longest = longest_step(net, STABLE if number == 1 else CONTRACTING)
+        self._step = min(self._step, self.longest)
         self._next = self._step
+        self._predictor = Predictor()
         self.books = Books.of(net.ports)
         if host.time != net.time:
             raise InputError(f"Cosimulation: the host is at t = {host.time:g} s, the net at {net.time:g} s")
@@ -107,8 +112,8 @@ class Cosimulation:
             net.finish()
             host.finish()
             kept = net.snapshot(), host.snapshot()
-        duration, before = until - net.time, host.frames()
-        told = {name: before[name].after(duration) for name in net.ports}
+        begin, before = net.time, {name: host.frames()[name] for name in net.ports}
+        told = self._predictor.told(begin, until, before)
         for attempt in range(self._iterations):
             if attempt:
                 net.restore(kept[0])
@@ -125,12 +130,13 @@ class Cosimulation:
             host.restore(kept[1])
             self.books.repeated += 1
             return False
-        if self._energy is not None and not self._is_good(loads, told, found, duration):
+        if self._energy is not None and not self._is_good(loads, told, found, until - begin):
             net.restore(kept[0])
             host.restore(kept[1])
             self.books.repeated += 1
             return False
         self.books.add(loads, before, found)
+        self._predictor.keep(begin, before)
         return True
 
     def _is_good(

@@ -16,6 +16,7 @@ from exunet.bodies.port import FrameState, rotation_vector, times
 from exunet.coupling.books import Books
 from exunet.coupling.in_transit import InTransit, of_method
 from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.coupling.prediction import STABLE, Predictor, longest_step
 from exunet.coupling.undo import Undo
 from exunet.simulation.arguments import whole_number
 
@@ -26,7 +27,9 @@ Floats = NDArray[np.float64]
 _SAME = 1e-6
 
 
-def couple(mbs: Any, net: NetSystem, ports: Mapping[str, int]) -> ExudynCoupling:
+def couple(
+    mbs: Any, net: NetSystem, ports: Mapping[str, int], *, longest: float | None = None
+) -> ExudynCoupling:
     """Couple a net to an Exudyn system: explicit co-simulation, the net's forces held over each of its steps.
 
         coupling = exunet.couple(mbs, net, {"chaser": marker})
@@ -37,21 +40,25 @@ def couple(mbs: Any, net: NetSystem, ports: Mapping[str, int]) -> ExudynCoupling
             and the system is assembled again
     ports : the number of a marker with position and attitude (MarkerBodyRigid, MarkerNodeRigid, ...) for each
             port; the body's mass must count the nodes that are fixed to the port (`NetSystem.carried_mass`)
+    longest : step of the host [s] up to which it is coupled; None: the largest stable one, by the mass and
+            the inertia that the case states of the port's body (`exunet.coupling.prediction`). A longer step
+            is refused when it comes
 
-    Before each step of the host the net goes through it by its own small steps, while the ports move at the
-    velocities that the markers have; the host gets the mean force and torque, so that it receives the
-    impulse of the net's steps to the last bit. The error is of first order in the host's step; the report
-    has its energy. A step that the host takes again, shorter, the net takes again too.
+    Before each step of the host the net goes through it by its own small steps, while the ports move on at
+    the acceleration that the markers had; the host gets the mean force and torque, so that it receives the
+    impulse of the net's steps to the last bit. The error is of second order in the host's step with
+    Runge-Kutta methods, of first with those that lag behind the force (see `ExudynCoupling.in_transit`); the
+    report has its energy. A step that the host takes again, shorter, the net takes again too.
     Raises InputError for ports or markers that are missing or do not fit, and if a marker is not where its
     port is at the start.
     """
-    return ExudynCoupling(mbs, net, ports)
+    return ExudynCoupling(mbs, net, ports, longest)
 
 
 class ExudynCoupling:
     """What `couple` gives: a coupling in force until `detach`."""
 
-    def __init__(self, mbs: Any, net: NetSystem, ports: Mapping[str, int]) -> None:
+    def __init__(self, mbs: Any, net: NetSystem, ports: Mapping[str, int], longest: float | None) -> None:
         self._mbs, self._net, self._engine = mbs, net, exudyn()
         self._markers = {name: self._marker(name, number) for name, number in ports.items()}
         if not net.ports:
@@ -65,7 +72,9 @@ class ExudynCoupling:
         self._earlier = self._earlier_function()
         mbs.SetPreStepUserFunction(self._before_step)
         self._attached = True
+        self._longest = longest_step(net, STABLE) if longest is None else longest
         self._undo = Undo(net)
+        self._predictor = Predictor()
         self._books = Books.of(net.ports)
         self._open: tuple[dict[str, PortLoad], dict[str, FrameState]] | None = None
         self._in_transit: InTransit | None = None
@@ -181,8 +190,13 @@ class ExudynCoupling:
         elif self._open is not None:
             self._book()
         begin, now = self._net.time, {name: self._read(name) for name in self._markers}
-        duration = until - begin
-        loads = self._undo.step(until, {name: state.after(duration) for name, state in now.items()})
+        if until - begin > self._longest * (1.0 + 1e-9):
+            raise InputError(
+                f"couple: the host's step of {until - begin:.4g} s at t = {begin:.6g} s is beyond the "
+                f"largest stable one, {self._longest:.4g} s, for the ports' masses and stiffnesses: use "
+                "shorter steps, or couple(..., longest=...)"
+            )
+        loads = self._undo.step(until, self._predictor.told(begin, until, now))
         for name, load in loads.items():
             force, torque = self._loads[name]
             mbs.SetLoadParameter(force, "loadVector", load.force)
@@ -206,6 +220,7 @@ class ExudynCoupling:
         assert self._open is not None
         loads, before = self._open
         self._books.add(loads, before, {name: self._read(name) for name in self._markers})
+        self._predictor.keep(next(iter(loads.values())).begin, before)
         self._book_transit(loads)
         self._open = None
 

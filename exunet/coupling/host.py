@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState
-from exunet.bodies.rigid import rotation_matrix
 from exunet.case.casefile import Case
 from exunet.coupling.net_system import PortLoad
 from exunet.forces.wrench import input_name
@@ -94,11 +93,8 @@ class BodiesHost:
 
     def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
         """See `Host`."""
-        view = self._sim.view.bodies
         for name, load in loads.items():
-            k, frame = self._frames[name]
-            arm = rotation_matrix(view.attitude[k]) @ frame.arm_of_origin()
-            wrench = np.concatenate([load.force, load.torque + np.cross(arm, load.force)])
+            wrench = np.concatenate([load.force, load.torque])
             self._sim.set_input(input_name(self._bodies[name]), wrench)
         self._sim.advance_to(until)
 

@@ -55,8 +55,8 @@ def add_to(
 
     The step, the accuracy and the check of the result are the user's: exunet's guards do not look at it.
     Raises CaseError for a case that cannot be simulated, InputError for ports that are missing or unknown,
-    and for what has no items of Exudyn: effects other than gravity, linear orbits and dampings, events such as
-    breaks, reels and ejections, and bodies of prescribed motion.
+    and for what has no items of Exudyn: effects other than gravity, linear orbits and dampings, events (such
+    as breaks, reels and ejections), and bodies of prescribed motion.
     """
     found = case if isinstance(case, Case) else load(path_of(case, "add_to"), overrides)
     start = prepare_case(found, hosted=True)

@@ -146,7 +146,8 @@ def with_wrenches(start: Start, bodies: Sequence[str]) -> Start:
     if wrong := [name for name in bodies if name not in free]:
         known = ", ".join(free) or "there are none"
         raise InputError(f"wrenches: {', '.join(map(repr, wrong))}: not among the free bodies: {known}")
-    return start.with_forces(lambda blocks: [wrench_on(blocks, name) for name in bodies])
+    arms = {body.name: body.in_principal_axes((0.0, 0.0, 0.0)) for body in system.bodies}
+    return start.with_forces(lambda blocks: [wrench_on(blocks, name, arms[name]) for name in bodies])
 
 
 def start_of(case: str | Path | Case | Scene | Start, overrides: Sequence[str] = ()) -> Start:

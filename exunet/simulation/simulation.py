@@ -50,8 +50,8 @@ class Simulation:
 
     case      : a case file's name, or what `exunet.load` or `prepare` gave
     overrides : "key.path=value", as after --set
-    wrenches  : free bodies on which `set_input("wrench/BODY", [force, torque])` lets a force [N] act at the
-                centre of mass, and a torque [N m], in the scene's axes
+    wrenches  : free bodies on which `set_input("wrench/BODY", values)` lets a force (3,) [N] act at the
+                origin of the body's frame, and a torque (3,) [N m], in the scene's axes
     recorder  : stores the states that its times ask for; None: nothing is stored
     """
 

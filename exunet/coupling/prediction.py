@@ -1,0 +1,79 @@
+"""Where a host's bodies will be at the end of a step, and how long a step may be.
+
+The bodies are taken to go on at the mean acceleration that they had in the step before. For a mass m on a
+spring k, which is a net between the port and something heavy, the coupling without repeats then takes out a
+little energy as long as H^2 k / m is below 1, and puts some in above; at constant velocity it would put some
+in at every step. Repeats contract by H^2 k / (6 m).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from exunet.bodies.port import FrameState, Vector
+from exunet.coupling.net_system import NetSystem
+
+STABLE, CONTRACTING = 1.0, 6.0  # bounds of H^2 k / m: without repeats, and with
+
+
+class Predictor:
+    """Remembers how the host's bodies moved at the beginning of the last step that counts."""
+
+    def __init__(self) -> None:
+        self._before: tuple[float, Mapping[str, FrameState]] | None = None
+
+    def told(self, begin: float, until: float, now: Mapping[str, FrameState]) -> dict[str, FrameState]:
+        """States at `until` [s], by those at `begin` and at the beginning of the step before.
+
+        A step that is taken again begins at the same time, and is predicted alike.
+        """
+        duration = until - begin
+        if self._before is None or not self._before[0] < begin:
+            return {name: state.after(duration) for name, state in now.items()}
+        time, before = self._before
+        return {
+            name: state.after(
+                duration,
+                _rate(before[name].velocity, state.velocity, begin - time),
+                _rate(before[name].angular_velocity, state.angular_velocity, begin - time),
+            )
+            for name, state in now.items()
+        }
+
+    def keep(self, begin: float, now: Mapping[str, FrameState]) -> None:
+        """The step that began so counts."""
+        self._before = begin, now
+
+
+def _rate(before: Vector, now: Vector, duration: float) -> Vector:
+    (a, b, c), (d, e, f) = before, now
+    return ((d - a) / duration, (e - b) / duration, (f - c) / duration)
+
+
+def longest_step(net: NetSystem, bound: float) -> float:
+    """The longest macro step [s], by the port that is lightest for its stiffness; infinite if none has any.
+
+    bound : of H^2 k / m. m is what resists a force at the port's nodes, by mass and inertia that the case
+            states of the port's body; k the sum of EA / L of all elements that end there, as if all were taut
+            and the other ends did not yield: the net can only be softer
+    """
+    ratios = (_ratio(net, port) for port in net.ports)
+    return min((math.sqrt(bound / ratio) for ratio in ratios if ratio > 0.0), default=math.inf)
+
+
+def _ratio(net: NetSystem, port: str) -> float:
+    """k / m of a port [1/s2]."""
+    system = net.simulation.start.system
+    number, kinematics = system.blocks.rigid.index(port), system.kinematics
+    on, body, law = kinematics.body == number, system.bodies[number], system.forces.cable.law
+    ends = np.isin(system.net.element_nodes, kinematics.point[on]).any(axis=1)
+    stiffness = float((law.stiffness / law.natural_length)[ends].sum())
+    mobility = 0.0
+    for arm in kinematics.arm[on]:
+        lever = np.cross(np.eye(3), arm)
+        turns = lever @ np.diag(1.0 / np.array(body.inertia)) @ lever.T
+        mobility = max(mobility, 1.0 / body.mass + float(np.linalg.eigvalsh(turns)[-1]))
+    return stiffness * mobility

@@ -1,0 +1,95 @@
+"""Two bodies on a cable that snaps taut, as one system, and as a net with a port and a host."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+import exunet
+from exunet import BodiesHost, NetSystem, Simulation
+
+# A cable of two elements, 1 m and 55 N each, between two bodies; the first element is taut at the start, the
+# second snaps taut at some 0.1 s.
+CHAIN = """
+format = 1
+title = "Two bodies on a cable"
+time = { end = 0.4, output_step = 0.05 }
+solver = { method = "DOPRI5", tolerance = 1e-11 }
+engine.loop = "compiled"
+initial.packing = 1.0
+initial.node_positions = [[0.0, 0.0, 0.0], [1.05, 0.0, 0.0], [2.0, 0.0, 0.0]]
+initial.node_velocities = [[0.0, 0.0, 0.0], [0.5, 0.1, 0.0], [0.0, 0.0, 0.0]]
+net.topology = "explicit"
+net.nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+net.elements = [[0, 1], [1, 2]]
+net.node_masses = [0.1, 0.5, 0.1]
+net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e6 }
+
+[bodies.first]
+mass = 2.0
+inertia = [0.2, 0.3, 0.4]
+position = [-0.5, 0.2, 0.1]
+velocity = [-0.3, 0.0, 0.2]
+angular_velocity = [1.0, 2.0, -1.5]
+attachments.x = { point = [0.3, 0.1, -0.2], node = 0 }
+"""
+SECOND = """
+[bodies.second]
+mass = 3.0
+inertia = [0.2, 0.3, 0.4]
+products_of_inertia = [0.05, 0.02, 0.01]
+centre_of_mass = [0.1, 0.2, 0.3]
+position = [2.2, 0.1, 0.0]
+velocity = [0.5, 0.0, 0.3]
+attitude = [0.9, 0.1, 0.3, 0.2]
+angular_velocity = [0.1, 2.0, 0.0]
+attachments.x = { point = [-0.1, 0.1, 0.2], node = NODE }
+"""
+LUMP = 1390.0 * math.pi * 0.0005**2 / 2.0  # half an element [kg]
+# The host has the second body with the mass of its node, which is a net of one node on its own.
+HOST = f"""
+format = 1
+title = "The second body"
+time = {{ end = 0.4, output_step = 0.05 }}
+solver = {{ method = "DOPRI5", tolerance = 1e-11 }}
+engine.loop = "compiled"
+initial.packing = 1.0
+net.topology = "explicit"
+net.nodes = [[2.0, 0.0, 0.0]]
+net.elements = []
+net.node_masses = [{0.1 + LUMP!r}]
+net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 70e6 }}
+"""
+
+
+class Scene:
+    """The files of the scene in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        second = SECOND.replace("NODE", "2")
+        self.whole = folder / "whole.toml"
+        self.whole.write_text(CHAIN + second)
+        self.net = folder / "net.toml"
+        self.net.write_text(CHAIN + second.replace("mass = 3.0", 'mass = 3.0\nmotion = "port"'))
+        self.host = folder / "host.toml"
+        self.host.write_text(HOST + SECOND.replace("NODE", "0"))
+
+    def in_one(self, until: float) -> exunet.Simulation:
+        """Both in one system, at a time [s]."""
+        sim = Simulation(self.whole)
+        sim.advance_to(until)
+        return sim
+
+    def both(self) -> tuple[NetSystem, BodiesHost]:
+        """Net and host at the start."""
+        return NetSystem(self.net), BodiesHost(self.host)
+
+
+def momenta(sim: Simulation) -> tuple[np.ndarray, np.ndarray, float]:
+    """Momentum [N s], angular momentum about the origin [N m s] and energy [J] of what moves freely."""
+    from exunet.system.states import States
+
+    now = States.of(sim.start.system, sim.state)
+    return now.momentum[0], now.angular_momentum[0], sim.energy.kinetic + sim.energy.elastic
