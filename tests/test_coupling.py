@@ -13,6 +13,9 @@ from exunet import Cosimulation, FrameState, InputError, NetSystem, Snapshot
 from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
 from exunet.coupling.undo import Undo
 
+# Each compiles kernels of its own.
+pytestmark = [pytest.mark.slow, pytest.mark.ci]
+
 END = 0.3
 
 

@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState, rotation_vector, times
+from exunet.bodies.port import FrameState
+from exunet.coupling.agreement import apart, refuse_apart
 from exunet.coupling.books import Books, work_on_host
 from exunet.coupling.host import Host
 from exunet.coupling.net_system import NetSystem, PortLoad
@@ -156,7 +157,7 @@ class Cosimulation:
 
     def _agree(self, told: Mapping[str, FrameState], found: Mapping[str, FrameState]) -> bool:
         size = self._net.simulation.start.net.size
-        return all(_apart(told[name], found[name], size) <= self._agreement for name in told)
+        return all(apart(told[name], found[name], size) <= self._agreement for name in told)
 
     def _refuse_apart(self) -> None:
         found = self._host.frames()
@@ -164,18 +165,7 @@ class Cosimulation:
             raise InputError(f"Cosimulation: the host has no body for port {', '.join(missing)}")
         size = self._net.simulation.start.net.size
         for name in self._net.ports:
-            if (apart := _apart(self._net.frame(name), found[name], size)) > 1e-6:
-                raise InputError(
-                    f"Cosimulation: port {name} and the host's body are {apart:.3g} of the net's size, or "
-                    "radians, apart at the start: give both the same start"
-                )
-
-
-def _apart(one: FrameState, other: FrameState, size: float) -> float:
-    """How far apart two places are, in parts of a size, or two attitudes [rad]: the larger."""
-    w, x, y, z = one.attitude
-    turned = rotation_vector(times((w, -x, -y, -z), other.attitude))
-    return max(math.dist(one.position, other.position) / max(size, 1e-3), math.hypot(*turned))
+            refuse_apart("Cosimulation", name, self._net.frame(name), found[name], size)
 
 
 def _positive(name: str, given: object) -> float:

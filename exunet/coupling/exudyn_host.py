@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -12,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from exunet.backends.exudyn.loading import exudyn, exudyn_items
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState, rotation_vector, times
+from exunet.bodies.port import FrameState
+from exunet.coupling.agreement import refuse_apart
 from exunet.coupling.books import Books
 from exunet.coupling.in_transit import InTransit, of_method
 from exunet.coupling.net_system import NetSystem, PortLoad
@@ -21,10 +21,6 @@ from exunet.coupling.undo import Undo
 from exunet.simulation.arguments import whole_number
 
 Floats = NDArray[np.float64]
-
-# How far apart marker and port may be at the start, in parts of the net's size, of its speeds, or in radians:
-# what is left of numbers that were given with six digits.
-_SAME = 1e-6
 
 
 def couple(
@@ -68,7 +64,8 @@ class ExudynCoupling:
         self._loads = {name: self._add_loads(marker) for name, marker in self._markers.items()}
         mbs.Assemble()
         for name in self._markers:
-            self._refuse_apart(name, self._read(name, self._engine.ConfigurationType.Initial))
+            start = self._read(name, self._engine.ConfigurationType.Initial)
+            refuse_apart("couple", name, net.frame(name), start, net.simulation.start.net.size)
         self._earlier = self._earlier_function()
         mbs.SetPreStepUserFunction(self._before_step)
         self._attached = True
@@ -118,6 +115,12 @@ class ExudynCoupling:
         count = self._mbs.systemData.NumberOfMarkers()
         if number is None or not 0 <= number < count:
             raise InputError(f"couple: port {name}: there is no marker {given!r}: the system has {count}")
+        kind = str(self._mbs.GetMarker(number)["markerType"])
+        if "Rigid" not in kind:
+            raise InputError(
+                f"couple: port {name}: marker {number} ({kind}) has no attitude: use a marker of a rigid "
+                "frame such as MarkerBodyRigid"
+            )
         return number
 
     def _add_loads(self, marker: int) -> tuple[int, int]:
@@ -141,8 +144,7 @@ class ExudynCoupling:
             ]
         except Exception as error:
             raise InputError(
-                f"couple: port {name}: marker {marker} has no position and attitude ({_first_line(error)}); "
-                "use a marker of a rigid frame such as MarkerBodyRigid"
+                f"couple: port {name}: marker {marker} cannot be read: {_first_line(error)}"
             ) from error
         place, speed, turn, spin = (np.asarray(one, dtype=float).ravel() for one in output)
         if not all(np.isfinite(one).all() for one in (place, speed, turn, spin)):
@@ -151,32 +153,6 @@ class ExudynCoupling:
             )
         attitude = Rotation.from_matrix(turn.reshape(3, 3)).as_quat(scalar_first=True)
         return FrameState(*(tuple(one.tolist()) for one in (place, speed, attitude, spin)))
-
-    def _refuse_apart(self, name: str, marker: FrameState) -> None:
-        port, size = self._net.frame(name), self._net.simulation.start.net.size
-        w, x, y, z = port.attitude
-        differences = {
-            "position": (math.dist(port.position, marker.position), size, "m"),
-            "attitude": (math.hypot(*rotation_vector(times((w, -x, -y, -z), marker.attitude))), 1.0, "rad"),
-            "velocity": (
-                math.dist(port.velocity, marker.velocity),
-                max(1.0, math.hypot(*port.velocity)),
-                "m/s",
-            ),
-            "angular velocity": (
-                math.dist(port.angular_velocity, marker.angular_velocity),
-                max(1.0, math.hypot(*port.angular_velocity)),
-                "rad/s",
-            ),
-        }
-        for what, (apart, scale, unit) in differences.items():
-            if apart > _SAME * max(scale, 1e-3):
-                values = getattr(port, what.replace(" ", "_")), getattr(marker, what.replace(" ", "_"))
-                raise InputError(
-                    f"couple: port {name}: at the start its {what} in the case and that of marker "
-                    f"{self._markers[name]} differ by {apart:.3g} {unit}: {_shown(values[0])} and "
-                    f"{_shown(values[1])}. Give bodies.{name} the marker's start"
-                )
 
     def _host_time(self) -> float:
         return float(self._mbs.systemData.GetTime())
@@ -244,7 +220,3 @@ class ExudynCoupling:
 
 def _first_line(error: Exception) -> str:
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-
-
-def _shown(values: tuple[float, ...]) -> str:
-    return "[" + ", ".join(f"{value:.9g}" for value in values) + "]"

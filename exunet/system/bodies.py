@@ -88,8 +88,11 @@ def bodies_at_start(
 
 
 def _loaded(name: str, keys: BodyKeys, carried: list[MassDistribution]) -> RigidBody:
-    """A body with the nodes that it carries; one whose motion is given keeps its own centre of mass."""
-    if keys.motion == "free":
+    """A body with the nodes that it carries; one whose motion the case gives keeps its own centre of mass.
+
+    A port is the body that its host moves, which carries the nodes.
+    """
+    if keys.motion in ("free", "port"):
         return make_body(name, keys, carried)
     alone = make_body(name, keys)
     return replace(alone, mass=alone.mass + sum(one.mass for one in carried))

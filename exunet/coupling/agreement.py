@@ -1,0 +1,48 @@
+"""Whether a port and its host's body are at the same place, and move alike."""
+
+from __future__ import annotations
+
+import math
+
+from exunet.base.errors import InputError
+from exunet.bodies.port import FrameState, rotation_vector, times
+
+# At the start, in parts of the net's size, of the larger of 1 m/s or 1 rad/s and the speed, or in radians:
+# what is left of numbers that were given with six digits.
+_SAME = 1e-6
+_LEAST_SIZE = 1e-3  # [m], of a net of one node
+
+
+def apart(one: FrameState, other: FrameState, size: float) -> float:
+    """How far apart two places are, in parts of a size [m], or two attitudes [rad]: the larger."""
+    return max(math.dist(one.position, other.position) / max(size, _LEAST_SIZE), _turned(one, other))
+
+
+def _turned(one: FrameState, other: FrameState) -> float:
+    w, x, y, z = one.attitude
+    return math.hypot(*rotation_vector(times((w, -x, -y, -z), other.attitude)))
+
+
+def refuse_apart(who: str, name: str, port: FrameState, host: FrameState, size: float) -> None:
+    """Raise InputError if a port and its host's body do not start alike."""
+    for what, difference, unit, scale in (
+        ("position", math.dist(port.position, host.position), "m", max(size, _LEAST_SIZE)),
+        ("attitude", _turned(port, host), "rad", 1.0),
+        ("velocity", math.dist(port.velocity, host.velocity), "m/s", max(1.0, math.hypot(*port.velocity))),
+        (
+            "angular_velocity",
+            math.dist(port.angular_velocity, host.angular_velocity),
+            "rad/s",
+            max(1.0, math.hypot(*port.angular_velocity)),
+        ),
+    ):
+        if difference > _SAME * scale:
+            values = " and ".join(_shown(getattr(state, what)) for state in (port, host))
+            raise InputError(
+                f"{who}: port {name}: its {what} at the start in the case and that in the host differ by "
+                f"{difference:.3g} {unit}: {values}. Give bodies.{name} the start that it has in the host"
+            )
+
+
+def _shown(values: tuple[float, ...]) -> str:
+    return "[" + ", ".join(f"{value:.9g}" for value in values) + "]"
