@@ -230,19 +230,20 @@ def _guided(kinematics: Kinematics, blocks: Blocks) -> loops.Guided:
     )
 
 
-def steer(data: Iterable[Any], centre: int, piece: Piece) -> None:
-    """Let a port whose centre's entries begin at `centre` go along a piece: in place, in a kernel's data."""
-    for part in data:
-        if isinstance(part, loops.Guided | loops.OnGuided):
-            for b in np.flatnonzero(part.centre == centre).tolist():
-                row = part.first[b]
-                part.time[row], part.position[row], part.turning[row] = (
-                    piece.time,
-                    piece.position,
-                    piece.turning,
-                )
-                if isinstance(part, loops.Guided):
-                    part.attitude[row] = piece.attitude
+def sites_of(data: Iterable[Any], centre: int) -> tuple[tuple[Any, int], ...]:
+    """Where a kernel's data have the piece of a port whose centre begins at `centre`: parts, and rows."""
+    guided = [part for part in data if isinstance(part, loops.Guided | loops.OnGuided)]
+    return tuple(
+        (part, int(part.first[b])) for part in guided for b in np.flatnonzero(part.centre == centre).tolist()
+    )
+
+
+def steer(sites: Iterable[tuple[Any, int]], piece: Piece) -> None:
+    """Let a port go along a piece: in place, in the data of a kernel."""
+    for part, row in sites:
+        part.time[row], part.position[row], part.turning[row] = piece.time, piece.position, piece.turning
+        if isinstance(part, loops.Guided):
+            part.attitude[row] = piece.attitude
 
 
 def _entries(blocks: Blocks, names: Sequence[str]) -> Iterator[NDArray[Index]]:

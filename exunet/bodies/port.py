@@ -9,6 +9,7 @@ phi = 0 and phi' = w0 at the beginning; at the end phi = log(q0^-1 q1) and phi' 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -46,6 +47,10 @@ class FrameState(NamedTuple):
 
         whose : for the words of the error
         """
+        if type(state) is cls and math.isfinite(sum(map(sum, state))) and len(state[2]) == 4:
+            w, x, y, z = state.attitude
+            if abs(w * w + x * x + y * y + z * z - 1.0) < 1e-14:
+                return state
         try:
             parts = [tuple(map(float, np.asarray(part, dtype=float).tolist())) for part in state]
         except (TypeError, ValueError):
@@ -178,8 +183,7 @@ def piece_between(time: float, duration: float, begin: PrincipalState, end: Prin
         position[0, k] = (v0 + v1 - 2.0 * mean) * over * over
         position[1, k] = (3.0 * mean - 2.0 * v0 - v1) * over
     position[2], position[3] = begin.velocity, begin.position
-    w, x, y, z = begin.attitude
-    angle = rotation_vector(times((w, -x, -y, -z), end.attitude))
+    angle = difference(begin.attitude, end.attitude)
     rate = _rate_of(angle, end.angular_velocity)
     for k in range(3):
         w0, mean = begin.angular_velocity[k], angle[k] * over
@@ -189,10 +193,16 @@ def piece_between(time: float, duration: float, begin: PrincipalState, end: Prin
     return Piece(time, position, np.array(begin.attitude), turning)
 
 
-def mean_place(duration: float, begin: FrameState, end: FrameState) -> Floats:
+def mean_place(duration: float, begin: FrameState, end: FrameState) -> Vector:
     """(3,) of the frame's origin over a step, along the cubic between both states [m]."""
-    middle = 0.5 * (np.array(begin.position) + end.position)
-    return np.asarray(middle + duration / 12.0 * (np.array(begin.velocity) - end.velocity))
+    (a, b, c), (d, e, f) = begin.position, end.position
+    (i, j, k), (m, n, o) = begin.velocity, end.velocity
+    part = duration / 12.0
+    return (
+        0.5 * (a + d) + part * (i - m),
+        0.5 * (b + e) + part * (j - n),
+        0.5 * (c + f) + part * (k - o),
+    )
 
 
 def times(one: Quaternion, other: Quaternion) -> Quaternion:
@@ -205,6 +215,42 @@ def times(one: Quaternion, other: Quaternion) -> Quaternion:
         a * g - b * h + c * e + d * f,
         a * h + b * g - c * f + d * e,
     )
+
+
+def turned(turn: Quaternion, vector: Vector) -> Vector:
+    """A vector, turned by a unit quaternion: from a body's axes to the scene's."""
+    w, i, j, k = turn
+    a, b, c = vector
+    d, e, f = 2.0 * (j * c - k * b), 2.0 * (k * a - i * c), 2.0 * (i * b - j * a)
+    return (a + w * d + j * f - k * e, b + w * e + k * d - i * f, c + w * f + i * e - j * d)
+
+
+def difference(one: Quaternion, other: Quaternion) -> Vector:
+    """The rotation vector from one attitude to another, in the axes of the body [rad]; no longer than pi."""
+    w, x, y, z = one
+    return rotation_vector(times((w, -x, -y, -z), other))
+
+
+def quaternion_of_matrix(matrix: Sequence[float]) -> Quaternion:
+    """Unit quaternion of a rotation matrix, row by row (9,), by its largest component.
+
+    Shepperd, "Quaternion from rotation matrix", J. Guidance Control 1 (1978), doi 10.2514/3.55767b.
+    """
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = matrix
+    trace = xx + yy + zz
+    squares = (trace, xx, yy, zz)
+    largest = squares.index(max(squares))
+    if largest == 0:
+        parts = (1.0 + trace, zy - yz, xz - zx, yx - xy)
+    elif largest == 1:
+        parts = (zy - yz, 1.0 + 2.0 * xx - trace, xy + yx, xz + zx)
+    elif largest == 2:
+        parts = (xz - zx, xy + yx, 1.0 + 2.0 * yy - trace, yz + zy)
+    else:
+        parts = (yx - xy, xz + zx, yz + zy, 1.0 + 2.0 * zz - trace)
+    size = math.hypot(*parts)
+    w, x, y, z = parts
+    return (w / size, x / size, y / size, z / size)
 
 
 def quaternion_of(angle: Vector) -> Quaternion:

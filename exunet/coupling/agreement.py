@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState, rotation_vector, times
+from exunet.bodies.port import FrameState, difference
 
 # At the start, in parts of the net's size, of the larger of 1 m/s or 1 rad/s and the speed, or in radians:
 # what is left of numbers that were given with six digits.
@@ -15,19 +15,15 @@ _LEAST_SIZE = 1e-3  # [m], of a net of one node
 
 def apart(one: FrameState, other: FrameState, size: float) -> float:
     """How far apart two places are, in parts of a size [m], or two attitudes [rad]: the larger."""
-    return max(math.dist(one.position, other.position) / max(size, _LEAST_SIZE), _turned(one, other))
-
-
-def _turned(one: FrameState, other: FrameState) -> float:
-    w, x, y, z = one.attitude
-    return math.hypot(*rotation_vector(times((w, -x, -y, -z), other.attitude)))
+    angle = math.hypot(*difference(one.attitude, other.attitude))
+    return max(math.dist(one.position, other.position) / max(size, _LEAST_SIZE), angle)
 
 
 def refuse_apart(who: str, name: str, port: FrameState, host: FrameState, size: float) -> None:
     """Raise InputError if a port and its host's body do not start alike."""
-    for what, difference, unit, scale in (
+    for what, off, unit, scale in (
         ("position", math.dist(port.position, host.position), "m", max(size, _LEAST_SIZE)),
-        ("attitude", _turned(port, host), "rad", 1.0),
+        ("attitude", math.hypot(*difference(port.attitude, host.attitude)), "rad", 1.0),
         ("velocity", math.dist(port.velocity, host.velocity), "m/s", max(1.0, math.hypot(*port.velocity))),
         (
             "angular_velocity",
@@ -36,11 +32,11 @@ def refuse_apart(who: str, name: str, port: FrameState, host: FrameState, size: 
             max(1.0, math.hypot(*port.angular_velocity)),
         ),
     ):
-        if difference > _SAME * scale:
+        if off > _SAME * scale:
             values = " and ".join(_shown(getattr(state, what)) for state in (port, host))
             raise InputError(
                 f"{who}: port {name}: its {what} at the start in the case and that in the host differ by "
-                f"{difference:.3g} {unit}: {values}. Give bodies.{name} the start that it has in the host"
+                f"{off:.3g} {unit}: {values}. Give bodies.{name} the start that it has in the host"
             )
 
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.port import FrameState, rotation_vector, times
-from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.port import FrameState, difference, turned
 from exunet.coupling.net_system import PortLoad
 
 Floats = NDArray[np.float64]
@@ -17,11 +16,11 @@ Floats = NDArray[np.float64]
 
 def work_on_host(load: PortLoad, before: FrameState, after: FrameState) -> float:
     """Work [J] of a port's mean force and torque on the host's body, which went from one state to another."""
-    w, x, y, z = before.attitude
-    turned = rotation_vector(times((w, -x, -y, -z), after.attitude))
-    way = np.subtract(after.position, before.position)
-    turn = rotation_matrix(np.array(before.attitude)) @ turned
-    return float(load.force @ way + load.torque @ turn)
+    turn = turned(before.attitude, difference(before.attitude, after.attitude))
+    (a, b, c), (d, e, f) = before.position, after.position
+    x, y, z = load.force.tolist()
+    i, j, k = load.torque.tolist()
+    return x * (d - a) + y * (e - b) + z * (f - c) + i * turn[0] + j * turn[1] + k * turn[2]
 
 
 @dataclass

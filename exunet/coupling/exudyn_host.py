@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from exunet.backends.exudyn.loading import exudyn, exudyn_items
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState
+from exunet.bodies.port import FrameState, quaternion_of_matrix
 from exunet.coupling.agreement import refuse_apart
 from exunet.coupling.books import Books
 from exunet.coupling.in_transit import InTransit, of_method
@@ -85,7 +85,7 @@ class ExudynCoupling:
         """What went through the ports, with the last step if the host has ended it; `print` shows a table."""
         self._net.finish()
         if self._open is not None and self._host_time() >= self._net.time - 1e-12:
-            self._book()
+            self._book({name: self._read(name) for name in self._markers})
         return self._books
 
     @property
@@ -146,13 +146,12 @@ class ExudynCoupling:
             raise InputError(
                 f"couple: port {name}: marker {marker} cannot be read: {_first_line(error)}"
             ) from error
-        place, speed, turn, spin = (np.asarray(one, dtype=float).ravel() for one in output)
-        if not all(np.isfinite(one).all() for one in (place, speed, turn, spin)):
+        place, speed, turn, spin = (np.asarray(one, dtype=float).ravel().tolist() for one in output)
+        if not math.isfinite(sum(place) + sum(speed) + sum(turn) + sum(spin)):
             raise InputError(
                 f"couple: port {name}: marker {marker} contains NaN or infinity: the host diverged"
             )
-        attitude = Rotation.from_matrix(turn.reshape(3, 3)).as_quat(scalar_first=True)
-        return FrameState(*(tuple(one.tolist()) for one in (place, speed, attitude, spin)))
+        return FrameState(tuple(place), tuple(speed), quaternion_of_matrix(turn), tuple(spin))
 
     def _host_time(self) -> float:
         return float(self._mbs.systemData.GetTime())
@@ -161,11 +160,12 @@ class ExudynCoupling:
         """The net goes through the host's step to `until` [s], the end of this attempt."""
         if self._earlier is not None and not self._earlier(mbs, until):
             return False
+        now = {name: self._read(name) for name in self._markers}
         if until <= self._net.time:
             self._take_back(until)
         elif self._open is not None:
-            self._book()
-        begin, now = self._net.time, {name: self._read(name) for name in self._markers}
+            self._book(now)
+        begin = self._net.time
         if until - begin > self._longest * (1.0 + 1e-9):
             raise InputError(
                 f"couple: the host's step of {until - begin:.4g} s at t = {begin:.6g} s is beyond the "
@@ -191,11 +191,11 @@ class ExudynCoupling:
         self._books.repeated += 1
         self._open = None
 
-    def _book(self) -> None:
-        """Take the step that has ended into the books; the markers are where it has led."""
+    def _book(self, now: dict[str, FrameState]) -> None:
+        """Take the step that has ended into the books; it has led to `now`."""
         assert self._open is not None
         loads, before = self._open
-        self._books.add(loads, before, {name: self._read(name) for name in self._markers})
+        self._books.add(loads, before, now)
         self._predictor.keep(next(iter(loads.values())).begin, before)
         self._book_transit(loads)
         self._open = None

@@ -18,16 +18,16 @@ from exunet.bodies.port import (
     FrameOf,
     FrameState,
     PrincipalState,
+    difference,
     mean_place,
     piece_between,
-    rotation_vector,
-    times,
 )
 from exunet.case.casefile import Case, load
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
+from exunet.system.system import State
 
 Floats = NDArray[np.float64]
 
@@ -63,6 +63,15 @@ class _Port:
     number: int
     entry: int
     frame: FrameOf
+
+    def state(self, view: State) -> PrincipalState:
+        """Of the body."""
+        parts = (part[self.number].tolist() for part in view.bodies.parts())
+        return PrincipalState(*map(tuple, parts))
+
+    def given(self, view: State) -> Floats:
+        """(7,) impulse, angular impulse and work that it has given to the net so far; a copy."""
+        return view.first_order[self.entry : self.entry + 7].copy()
 
 
 class NetSystem:
@@ -119,7 +128,7 @@ class NetSystem:
     def frame(self, port: str) -> FrameState:
         """Where the frame of a port is in the net, and how it moves."""
         own = self._own(port)
-        return own.frame.frame(self._state_of(own))
+        return own.frame.frame(own.state(self._sim.view))
 
     def carried_mass(self, port: str) -> float:
         """Mass [kg] of the nodes that are fixed to a port: that of the host's body must count it."""
@@ -140,12 +149,11 @@ class NetSystem:
                 "a host that goes back restores a snapshot first"
             )
         told = self._told(frames)
-        before, begins = {}, {}
+        before, begins, view = {}, {}, self._sim.view
         for name, port in self._ports.items():
-            begin = self._state_of(port)
-            begins[name] = port.frame.frame(begin)
+            begin = port.state(view)
+            begins[name], before[name] = port.frame.frame(begin), port.given(view)
             self._refuse_jump(name, end - time, begins[name], told[name])
-            before[name] = self._given(port)
             piece = piece_between(time, end - time, begin, port.frame.principal(told[name]))
             self._sim.steer(name, piece)
         try:
@@ -153,8 +161,9 @@ class NetSystem:
         except RunStopped as stop:
             stop.args = (f"{stop}; the net is at its last good state, t = {self.time:.6g} s",)
             raise
+        view = self._sim.view
         return {
-            name: _load(time, end, self._given(port) - before[name], begins[name], told[name])
+            name: _load(time, end, port.given(view) - before[name], begins[name], told[name])
             for name, port in self._ports.items()
         }
 
@@ -189,49 +198,30 @@ class NetSystem:
             self._own(name)
         return {name: FrameState.of(state, f"step: port {name}") for name, state in frames.items()}
 
-    def _state_of(self, port: _Port) -> PrincipalState:
-        parts = self._sim.view.bodies.parts()
-        return PrincipalState(*(tuple(part[port.number].tolist()) for part in parts))
-
-    def _given(self, port: _Port) -> Floats:
-        """(7,) impulse, angular impulse and work that the port has given to the net so far; a copy."""
-        return self._sim.view.first_order[port.entry : port.entry + 7].copy()
-
     def _refuse_jump(self, name: str, duration: float, begin: FrameState, end: FrameState) -> None:
-        before = self.time - self._sim.steered(name).time
-        for what, way, speeds, least, unit in (
-            (
-                "position",
-                math.dist(begin.position, end.position),
-                (begin.velocity, end.velocity),
-                self._nearest,
-                "m",
-            ),
-            (
-                "attitude",
-                math.hypot(*rotation_vector(_between(begin, end))),
-                (begin.angular_velocity, end.angular_velocity),
-                _ROUND_OFF,
-                "rad",
-            ),
-        ):
-            fastest = max(math.hypot(*speed) for speed in speeds)
-            if way > _FARTHEST * fastest * (duration + before) + least:
-                raise InputError(
-                    f"step: port {name} jumps: in the step from {self.time:.6g} s to "
-                    f"{self.time + duration:.6g} s its {what} changes by {way:.3g} {unit}, at speeds of "
-                    f"{fastest:.3g} {unit}/s. Tell the state at the end of the step, or restore a snapshot"
-                )
-
-
-def _between(begin: FrameState, end: FrameState) -> tuple[float, float, float, float]:
-    w, x, y, z = begin.attitude
-    return times((w, -x, -y, -z), end.attitude)
+        way = math.dist(begin.position, end.position)
+        angle = math.hypot(*difference(begin.attitude, end.attitude))
+        allowed = _FARTHEST * (duration + self.time - self._sim.steered(name).time)
+        fastest = max(math.hypot(*begin.velocity), math.hypot(*end.velocity))
+        turning = max(math.hypot(*begin.angular_velocity), math.hypot(*end.angular_velocity))
+        if way <= allowed * fastest + self._nearest and angle <= allowed * turning + _ROUND_OFF:
+            return
+        words = (
+            f"attitude changes by {angle:.3g} rad, at {turning:.3g} rad/s at most"
+            if way <= allowed * fastest + self._nearest
+            else f"position changes by {way:.3g} m, at {fastest:.3g} m/s at most"
+        )
+        raise InputError(
+            f"step: port {name} jumps: in the step from {self.time:.6g} s to {self.time + duration:.6g} s "
+            f"its {words}. Tell the state at the end of the step, or restore a snapshot"
+        )
 
 
 def _load(begin: float, end: float, given: Floats, before: FrameState, after: FrameState) -> PortLoad:
     """What is given to the net is taken from the host."""
-    impulse, angular, over = -given[:3], -given[3:6], 1.0 / (end - begin)
-    middle = mean_place(end - begin, before, after)
-    torque = over * (angular - np.cross(middle, impulse))
-    return PortLoad(begin, end, impulse, angular, -float(given[6]), over * impulse, torque)
+    taken, over = -given, 1.0 / (end - begin)
+    x, y, z = mean_place(end - begin, before, after)
+    a, b, c, i, j, k, work = taken.tolist()
+    force = np.array((over * a, over * b, over * c))
+    torque = np.array((over * (i - y * c + z * b), over * (j - z * a + x * c), over * (k - x * b + y * a)))
+    return PortLoad(begin, end, taken[:3], taken[3:6], work, force, torque)

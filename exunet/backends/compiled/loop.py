@@ -29,7 +29,7 @@ from exunet.backends.events import Events
 from exunet.backends.protocol import Arrays, Batch, Extremes, Largest, Observer, StepCounts, StepsCollapsed
 from exunet.base.interrupt import postponed
 from exunet.bodies.constraint_loops import OnGuided
-from exunet.bodies.kinematics import steer
+from exunet.bodies.kinematics import sites_of, steer
 from exunet.bodies.port import Piece
 from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel
@@ -160,11 +160,6 @@ class CompiledLoop(CompiledIntegration):
         self._row = self._module.keep(0, state.time, self._motion, self._kept)
 
     @property
-    def _bears(self) -> bool:
-        """True if a guided body holds masses, whose forces on it jump with its acceleration."""
-        return any(isinstance(part, OnGuided) for part in self._motion.data)
-
-    @property
     def room(self) -> int:
         return len(self._kept.time)
 
@@ -187,7 +182,7 @@ class CompiledLoop(CompiledIntegration):
 
     def steer(self, port: str, piece: Piece) -> None:
         self._ports[port] = piece
-        steer(self._motion.data, self._system.blocks.centre(port), piece)
+        steer(self._sites[port], piece)
         if self._bears:
             self._module.begin(self.time, self._verlet, self._motion)
 
@@ -195,8 +190,12 @@ class CompiledLoop(CompiledIntegration):
         return self._ports[port]
 
     def _steer_all(self) -> None:
+        data, blocks = self._motion.data, self._system.blocks
+        # A guided body that holds masses has forces on it that jump with its acceleration.
+        self._bears = any(isinstance(part, OnGuided) for part in data)
+        self._sites = {name: sites_of(data, blocks.centre(name)) for name in self._ports}
         for name, piece in self._ports.items():
-            steer(self._motion.data, self._system.blocks.centre(name), piece)
+            steer(self._sites[name], piece)
 
     def view(self) -> State:
         m = self._motion
