@@ -82,7 +82,8 @@ class NetSystem:
 
     The host says where its bodies are at the end of a step and how they move then; the net takes its own
     small steps until there, while the ports go smoothly from where they were (see `exunet.bodies.port`). The
-    nodes that are fixed to a port have no mass in the net: the host's body has it (`carried_mass`).
+    nodes that are fixed to a port have no mass in the net: the host's body has it (`carried_mass`). What a
+    throw at the start gives to the body that carries the net is in the loads of the first step.
 
     case      : a case file's name, or what `exunet.load` gave
     overrides : "key.path=value", as after --set
@@ -152,7 +153,7 @@ class NetSystem:
         before, begins, view = {}, {}, self._sim.view
         for name, port in self._ports.items():
             begin = port.state(view)
-            begins[name], before[name] = port.frame.frame(begin), port.given(view)
+            begins[name], before[name] = port.frame.frame(begin), port.given(view) - self._thrown(port)
             self._refuse_jump(name, end - time, begins[name], told[name])
             piece = piece_between(time, end - time, begin, port.frame.principal(told[name]))
             self._sim.steer(name, piece)
@@ -197,6 +198,14 @@ class NetSystem:
         for name in frames:
             self._own(name)
         return {name: FrameState.of(state, f"step: port {name}") for name, state in frames.items()}
+
+    def _thrown(self, port: _Port) -> Floats:
+        """(7,) of what a throw at the start has given, which the first step's load has too."""
+        start = self._sim.start
+        recoil = start.system.recoil
+        if recoil is None or recoil.body != port.number or self.time != start.state.time:
+            return np.zeros(7)
+        return np.array([*recoil.impulse, *recoil.angular_impulse, recoil.work])
 
     def _refuse_jump(self, name: str, duration: float, begin: FrameState, end: FrameState) -> None:
         way = math.dist(begin.position, end.position)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,30 +61,55 @@ def carried(
     return placed, moving
 
 
+class Recoil(NamedTuple):
+    """What the host of a port that throws a net at time 0 is to take.
+
+    body    : number of the port
+    impulse, angular_impulse : (3,) that the net has got [N s], about the scene's origin [N m s]
+    work    : of both on the net, as far as the body moved already [J]
+    """
+
+    body: int
+    impulse: Floats
+    angular_impulse: Floats
+    work: float
+
+
 def thrown(
     axes: NetAxes, rigid: BodiesAtStart, net: Net, position: Floats, kicks: Floats
-) -> tuple[Floats, BodiesAtStart]:
+) -> tuple[Floats, BodiesAtStart, Recoil | None]:
     """What a throw adds to the velocities (n, 3) in the scene's axes, and the bodies after it.
 
     position : (n_nodes, 3) in the scene's axes [m]
     kicks    : (n, 3) what it adds in the net's axes [m/s]
     A free body that carries the net, with what it holds on drums, takes the opposite impulse and angular
-    impulse, which leaves the momentum and the angular momentum of all together what they were. Points that
-    are fixed to bodies are not thrown.
+    impulse, which leaves the momentum and the angular momentum of all together what they were; of a port, the
+    host takes them. Points that are fixed to bodies are not thrown.
     """
     gained = kicks @ axes.turn.T
     gained[rigid.kinematics.point[rigid.kinematics.point < len(gained)]] = 0.0
     number = axes.body
-    if number is None or not gained.any() or number >= rigid.kinematics.n_free:  # whose motion is given
-        return gained, rigid
+    if number is None or not gained.any():
+        return gained, rigid, None
     body, states = rigid.bodies[number], rigid.states
     impulse = net.mass[: len(gained), None] * gained
     angular = np.cross(position[: len(gained)] - states.position[number], impulse).sum(axis=0)
     turn = rotation_matrix(states.attitude[number])
+    if number in rigid.kinematics.ports:
+        return gained, rigid, _recoil(number, states, impulse.sum(axis=0), angular)
+    if number >= rigid.kinematics.n_free:  # whose motion is given
+        return gained, rigid, None
     whole = mass_matrix(body.mass, np.array(body.inertia), *held_by(rigid.kinematics.held, number, {}))
     back = np.linalg.solve(whole, np.concatenate([impulse.sum(axis=0) @ turn, angular @ turn]))
     velocities, spins = states.velocity.copy(), states.angular_velocity.copy()
     velocities[number] -= turn @ back[:3]
     spins[number] -= back[3:]
     after = RigidStates(states.position, velocities, states.attitude, spins)
-    return gained, replace(rigid, states=after)
+    return gained, replace(rigid, states=after), None
+
+
+def _recoil(number: int, states: RigidStates, impulse: Floats, angular: Floats) -> Recoil:
+    """angular : (3,) about the centre of mass of the body [N m s]."""
+    speed, spin = states.velocity[number], states.angular_velocity[number]
+    work = impulse @ speed + angular @ rotation_matrix(states.attitude[number]) @ spin
+    return Recoil(number, impulse, angular + np.cross(states.position[number], impulse), float(work))

@@ -45,8 +45,9 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     kinematics, begin = rigid.kinematics, np.array(0.0)
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
     faults += along_tethers(net, reels, position, velocity)
+    recoil = None
     if later == 0.0:  # inner nodes of tethers stay as they are
-        gained, rigid = thrown(axes, rigid, net, position, kicks(scene, woven))
+        gained, rigid, recoil = thrown(axes, rigid, net, position, kicks(scene, woven))
         velocity[: woven.n_nodes] += gained
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
     names = tuple(body.name for body in rigid.bodies)
@@ -69,7 +70,7 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)
         cable = replace(forces.cable, reels=windings)
         forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
-    system = System(blocks, forces, rigid.bodies, kinematics)
+    system = System(blocks, forces, rigid.bodies, kinematics, recoil)
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
 

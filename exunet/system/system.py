@@ -17,6 +17,7 @@ from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.terms import Input, Memories
 from exunet.forces.total import Forces
 from exunet.net.arrays import Net
+from exunet.system.carried import Recoil
 
 Floats = NDArray[np.float64]
 _OF_BODIES = ("position", "velocity", "attitude", "angular_velocity")
@@ -30,12 +31,14 @@ class System:
     forces : every term that acts on them
     bodies : the rigid bodies, in the order of `blocks.rigid`: free ones, then those that guides move
     kinematics : what of it has no equations of motion; the constraint among the forces states the same
+    recoil : of a throw at time 0 from a port; None: there is none
     """
 
     blocks: Blocks
     forces: Forces
     bodies: tuple[RigidBody, ...] = ()
     kinematics: Kinematics = field(default_factory=Kinematics)
+    recoil: Recoil | None = None
 
     @property
     def net(self) -> Net:
