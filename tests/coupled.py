@@ -45,36 +45,19 @@ position = [2.2, 0.1, 0.0]
 velocity = [0.5, 0.0, 0.3]
 attitude = [0.9, 0.1, 0.3, 0.2]
 angular_velocity = [0.1, 2.0, 0.0]
-attachments.x = { point = [-0.1, 0.1, 0.2], node = NODE }
+attachments.x = { point = [-0.1, 0.1, 0.2], node = 2 }
 """
 LUMP = 1390.0 * math.pi * 0.0005**2 / 2.0  # half an element [kg]
-# The host has the second body with the mass of its node, which is a net of one node on its own.
-HOST = f"""
-format = 1
-title = "The second body"
-time = {{ end = 0.4, output_step = 0.05 }}
-solver = {{ method = "DOPRI5", tolerance = 1e-11 }}
-engine.loop = "compiled"
-initial.packing = 1.0
-net.topology = "explicit"
-net.nodes = [[2.0, 0.0, 0.0]]
-net.elements = []
-net.node_masses = [{0.1 + LUMP!r}]
-net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 70e6 }}
-"""
 
 
 class Scene:
     """The files of the scene in a folder."""
 
     def __init__(self, folder: Path) -> None:
-        second = SECOND.replace("NODE", "2")
         self.whole = folder / "whole.toml"
-        self.whole.write_text(CHAIN + second)
+        self.whole.write_text(CHAIN + SECOND)
         self.net = folder / "net.toml"
-        self.net.write_text(CHAIN + second.replace("mass = 3.0", 'mass = 3.0\nmotion = "port"'))
-        self.host = folder / "host.toml"
-        self.host.write_text(HOST + SECOND.replace("NODE", "0"))
+        self.net.write_text(CHAIN + SECOND.replace("mass = 3.0", 'mass = 3.0\nmotion = "port"'))
 
     def in_one(self, until: float) -> exunet.Simulation:
         """Both in one system, at a time [s]."""
@@ -84,7 +67,8 @@ class Scene:
 
     def both(self) -> tuple[NetSystem, BodiesHost]:
         """Net and host at the start."""
-        return NetSystem(self.net), BodiesHost(self.host)
+        net = NetSystem(self.net)
+        return net, BodiesHost.of_ports(net)
 
 
 def momenta(sim: Simulation) -> tuple[np.ndarray, np.ndarray, float]:

@@ -221,20 +221,21 @@ def grown(folder: Path, step: float) -> float:
 
 def spring(folder: Path) -> tuple[NetSystem, exunet.BodiesHost]:
     """A body of 0.05 kg in the middle of two cables of 1 m that are stretched by 1 %, and its host."""
-    body = "[bodies.b]\nmass = 0.05\ninertia = [1.0, 1.0, 1.0]\nposition = [1.01, 0.0, 0.0]\n"
-    body += "velocity = [0.01, 0.0, 0.0]\nattachments.x = {{ point = [0.0, 0.0, 0.0], node = {} }}\n"
+    body = (
+        '[bodies.b]\nmotion = "port"\nmass = 0.05\ninertia = [1.0, 1.0, 1.0]\nposition = [1.01, 0.0, 0.0]\n'
+    )
+    body += "velocity = [0.01, 0.0, 0.0]\nattachments.x = { point = [0.0, 0.0, 0.0], node = 1 }\n"
     head = 'format = 1\ntitle = "A spring"\ntime = { end = 9.0, output_step = 1.0 }\n'
     head += 'solver = { method = "DOPRI5", tolerance = 1e-11 }\nengine.loop = "compiled"\n'
     head += 'initial.packing = 1.0\nnet.topology = "explicit"\n'
     head += "net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e6 }\n"
-    net, host = folder / "spring.toml", folder / "mass.toml"
+    file = folder / "spring.toml"
     ends = "net.nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]\nnet.fixed = [0, 2]\n"
     ends += "net.elements = [[0, 1], [1, 2]]\nnet.node_masses = [0.0, 1e-3, 0.0]\n"
     start = "initial.node_positions = [[0.0, 0.0, 0.0], [1.01, 0.0, 0.0], [2.02, 0.0, 0.0]]\n"
-    net.write_text(head + ends + start + body.format(1).replace("mass =", 'motion = "port"\nmass ='))
-    alone = f"net.nodes = [[1.01, 0.0, 0.0]]\nnet.elements = []\nnet.node_masses = [{1e-3 + 2.0 * LUMP!r}]\n"
-    host.write_text(head + alone + body.format(0))
-    return NetSystem(net), exunet.BodiesHost(host)
+    file.write_text(head + ends + start + body)
+    net = NetSystem(file)
+    return net, exunet.BodiesHost.of_ports(net)
 
 
 def energy_of(net: NetSystem, host: exunet.BodiesHost) -> float:

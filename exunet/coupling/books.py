@@ -33,6 +33,7 @@ class PortBook:
     residual                 : [J] work on the host's body less that: what the coupling has added
     largest                  : [J] the largest of a step, by amount
     passed                   : [J] sum of the works' amounts, which the residual is a part of
+    launch                   : [J] that a throw at the start has given to the host's body beside its work
     """
 
     impulse: Floats = field(default_factory=lambda: np.zeros(3))
@@ -41,10 +42,16 @@ class PortBook:
     residual: float = 0.0
     largest: float = 0.0
     passed: float = 0.0
+    launch: float = 0.0
 
-    def add(self, load: PortLoad, before: FrameState, after: FrameState) -> float:
-        """Take a step into the book; returns its residual [J]."""
+    def add(self, load: PortLoad, before: FrameState, after: FrameState, *, recoils: bool) -> float:
+        """Take a step into the book; returns its residual [J].
+
+        recoils : a throw at the start is in the load; the launcher brings the energy
+        """
         error = work_on_host(load, before, after) - load.work
+        if recoils:
+            self.launch, error = error, 0.0
         self.impulse = self.impulse + load.impulse
         self.angular_impulse = self.angular_impulse + load.angular_impulse
         self.work += load.work
@@ -78,12 +85,18 @@ class Books:
         loads: Mapping[str, PortLoad],
         before: Mapping[str, FrameState],
         after: Mapping[str, FrameState],
+        *,
+        recoils: bool,
     ) -> float:
         """Take a step into the books; returns the energy [J] that the coupling added in it."""
         step = next(load.end - load.begin for load in loads.values())
         self.steps += 1
         self.shortest, self.longest = min(self.shortest, step), max(self.longest, step)
-        return sum(self.ports[name].add(load, before[name], after[name]) for name, load in loads.items())
+        parts = (
+            self.ports[name].add(load, before[name], after[name], recoils=recoils)
+            for name, load in loads.items()
+        )
+        return sum(parts)
 
     @property
     def residual(self) -> float:
@@ -104,6 +117,8 @@ class Books:
                 f"  work of the net on the port {port.work:.6g} J (amounts {port.passed:.4g} J); "
                 f"residual {port.residual:.4g} J, in a step {port.largest:.4g} J at most",
             ]
+            if port.launch:
+                rows.append(f"  energy of the throw at the start in the host's body {port.launch:.4g} J")
         return "\n".join(rows)
 
 

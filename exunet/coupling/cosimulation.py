@@ -15,6 +15,7 @@ from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_s
 from exunet.simulation.arguments import finite_number, whole_number
 
 _SHORTEST = 1e-3  # of the step asked for: a macro step below it means that no step will do
+_RECOIL = 1e-6  # of a macro step, over which a throw at the start recoils
 _SAFETY, _MOST_GROWTH, _MOST_SHRINK = 0.9, 2.0, 0.2
 
 
@@ -80,9 +81,11 @@ class Cosimulation:
             raise InputError(
                 f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
             )
+        if self._net.recoils:  # which is spread over a step: a short one
+            self._to(min(end, self.time + _RECOIL * self._step))
         begin = self.time
         if self._energy is None and self._next == self._step:
-            number = max(1, math.ceil((end - begin) / self._step * (1.0 - 1e-9)))
+            number = math.ceil((end - begin) / self._step * (1.0 - 1e-9))
             for k in range(number):
                 self._to(end if k + 1 == number else begin + (k + 1) * (end - begin) / number)
         while self.time < end:
@@ -113,7 +116,7 @@ class Cosimulation:
             net.finish()
             host.finish()
             kept = net.snapshot(), host.snapshot()
-        begin, before = net.time, {name: host.frames()[name] for name in net.ports}
+        begin, before, recoils = net.time, {name: host.frames()[name] for name in net.ports}, net.recoils
         told = self._predictor.told(begin, until, before)
         for attempt in range(self._iterations):
             if attempt:
@@ -136,8 +139,9 @@ class Cosimulation:
             host.restore(kept[1])
             self.books.repeated += 1
             return False
-        self.books.add(loads, before, found)
-        self._predictor.keep(begin, before)
+        self.books.add(loads, before, found, recoils=recoils)
+        if not recoils:
+            self._predictor.keep(begin, before)
         return True
 
     def _is_good(

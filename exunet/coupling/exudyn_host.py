@@ -195,8 +195,12 @@ class ExudynCoupling:
         """Take the step that has ended into the books; it has led to `now`."""
         assert self._open is not None
         loads, before = self._open
-        self._books.add(loads, before, now)
-        self._predictor.keep(next(iter(loads.values())).begin, before)
+        begin = next(iter(loads.values())).begin
+        start = self._net.simulation.start
+        recoils = start.system.recoil is not None and begin == start.state.time
+        self._books.add(loads, before, now, recoils=recoils)
+        if not recoils:  # a jump, which does not go on
+            self._predictor.keep(begin, before)
         self._book_transit(loads)
         self._open = None
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState
 from exunet.case.casefile import Case
-from exunet.coupling.net_system import PortLoad
+from exunet.case.scene import Scene
+from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.forces.wrench import input_name
 from exunet.simulation.preparation import start_of
 from exunet.simulation.simulation import Simulation
@@ -52,26 +53,29 @@ class BodiesHost:
 
     def __init__(
         self,
-        case: str | Path | Case,
+        case: str | Path | Case | Scene,
         overrides: Sequence[str] = (),
         *,
         ports: Mapping[str, str] | None = None,
     ) -> None:
-        alone = start_of(case, overrides)
-        free = [
-            name
-            for name, moves in zip(alone.system.blocks.rigid, alone.system.moves_freely, strict=True)
-            if moves
-        ]
+        start = start_of(case, overrides)
+        moves = zip(start.system.blocks.rigid, start.system.moves_freely, strict=True)
+        free = [name for name, is_free in moves if is_free]
         self._bodies = dict(ports) if ports is not None else {name: name for name in free}
         if wrong := [name for name in self._bodies.values() if name not in free]:
-            raise InputError(
-                f"BodiesHost: there is no free body {', '.join(wrong)}: {', '.join(free) or 'none'}"
-            )
-        self._sim = Simulation(alone, wrenches=tuple(self._bodies.values()))
-        rigid, bodies = alone.system.blocks.rigid, alone.system.bodies
-        numbers = {name: rigid.index(body) for name, body in self._bodies.items()}
-        self._frames = {name: (k, FrameOf.body(bodies[k])) for name, k in numbers.items()}
+            known = ", ".join(free) or "none"
+            raise InputError(f"BodiesHost: there is no free body {', '.join(wrong)}: {known}")
+        self._sim = Simulation(start, wrenches=tuple(self._bodies.values()))
+        numbers = {name: start.system.blocks.rigid.index(body) for name, body in self._bodies.items()}
+        self._frames = {name: (k, FrameOf.body(start.system.bodies[k])) for name, k in numbers.items()}
+
+    @classmethod
+    def of_ports(cls, net: NetSystem) -> BodiesHost:
+        """The bodies of a net's ports by themselves, free, each with the nodes that are fixed to it.
+
+        With it the coupled scene is that of the net's case with motion = "free" in place of "port".
+        """
+        return cls(_ports_alone(net))
 
     @property
     def time(self) -> float:
@@ -109,3 +113,35 @@ class BodiesHost:
     def finish(self) -> None:
         """See `Host`."""
         self._sim.settle()
+
+
+def _ports_alone(net: NetSystem) -> Scene:
+    """A scene of free bodies, and of the nodes that are fixed to them."""
+    start = net.simulation.start
+    scene, system, woven = start.scene, start.system, start.net
+    kinematics, rigid = system.kinematics, system.blocks.rigid
+    bodies: dict[str, Any] = {}
+    for number in kinematics.ports:
+        keys = scene.bodies[rigid[number]].model_dump(exclude_unset=True)
+        bodies[rigid[number]] = keys | {"motion": "free", "attachments": {}}
+    nodes = [k for k, body in enumerate(kinematics.body.tolist()) if body in kinematics.ports]
+    for own, k in enumerate(nodes):
+        body = system.bodies[kinematics.body[k]]
+        point = body.rotation @ kinematics.arm[k] + body.centre
+        bodies[body.name]["attachments"][f"node_{own}"] = {"node": own, "point": point.tolist()}
+    points = kinematics.point[nodes]
+    cable = scene.net.cable.model_dump(exclude_unset=True)
+    explicit = {
+        "topology": "explicit",
+        "nodes": start.position[points].tolist() or [[0.0, 0.0, 0.0]],
+        "elements": [],
+        "node_masses": woven.mass[points].tolist() or [1.0],
+        "cable": cable,
+    }
+    whole = scene.model_dump(include={"format", "title", "time", "solver", "engine"}, exclude_unset=True)
+    gravity = scene.effects.model_dump(include=set(_BY_THE_MASS), exclude_unset=True)
+    parts = {"net": explicit, "initial": {"packing": 1.0}, "bodies": bodies, "effects": gravity}
+    return Scene.model_validate(whole | parts)
+
+
+_BY_THE_MASS = ("gravity", "orbit", "j2")  # what acts on bodies wherever they are

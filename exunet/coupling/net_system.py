@@ -199,11 +199,16 @@ class NetSystem:
             self._own(name)
         return {name: FrameState.of(state, f"step: port {name}") for name, state in frames.items()}
 
+    @property
+    def recoils(self) -> bool:
+        """True at the start, if the next step's loads have the recoil of a throw."""
+        start = self._sim.start
+        return start.system.recoil is not None and self.time == start.state.time
+
     def _thrown(self, port: _Port) -> Floats:
         """(7,) of what a throw at the start has given, which the first step's load has too."""
-        start = self._sim.start
-        recoil = start.system.recoil
-        if recoil is None or recoil.body != port.number or self.time != start.state.time:
+        recoil = self._sim.start.system.recoil
+        if recoil is None or recoil.body != port.number or not self.recoils:
             return np.zeros(7)
         return np.array([*recoil.impulse, *recoil.angular_impulse, recoil.work])
 

@@ -151,6 +151,7 @@ class CompiledLoop(CompiledIntegration):
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
         self._hold()
+        self._moving = self._layout.unpack(self._motion.x, self._motion.v)  # views
         self._pushed = False
         self._ports = _steady_ports(system, state)
         self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
@@ -198,8 +199,7 @@ class CompiledLoop(CompiledIntegration):
             steer(self._sites[name], piece)
 
     def view(self) -> State:
-        m = self._motion
-        return State.of(self.time, self._layout.unpack(m.x, m.v), self._events.memory)
+        return State.of(self.time, self._moving, self._events.memory)
 
     def advance(self, until: float) -> None:
         peaks = self._peaks
