@@ -33,7 +33,7 @@ class PortBook:
     residual                 : [J] work on the host's body less that: what the coupling has added
     largest                  : [J] the largest of a step, by amount
     passed                   : [J] sum of the works' amounts, which the residual is a part of
-    launch                   : [J] that a throw at the start has given to the host's body beside its work
+    launch                   : [J] that throws of the net have given to the host's body beside that work
     """
 
     impulse: Floats = field(default_factory=lambda: np.zeros(3))
@@ -47,11 +47,11 @@ class PortBook:
     def add(self, load: PortLoad, before: FrameState, after: FrameState, *, recoils: bool) -> float:
         """Take a step into the book; returns its residual [J].
 
-        recoils : a throw at the start is in the load; the launcher brings the energy
+        recoils : the jump of a throw is in the load; the launcher brings the energy
         """
         error = work_on_host(load, before, after) - load.work
         if recoils:
-            self.launch, error = error, 0.0
+            self.launch, error = self.launch + error, 0.0
         self.impulse = self.impulse + load.impulse
         self.angular_impulse = self.angular_impulse + load.angular_impulse
         self.work += load.work
@@ -118,7 +118,7 @@ class Books:
                 f"residual {port.residual:.4g} J, in a step {port.largest:.4g} J at most",
             ]
             if port.launch:
-                rows.append(f"  energy of the throw at the start in the host's body {port.launch:.4g} J")
+                rows.append(f"  energy of throws in the host's body {port.launch:.4g} J")
         return "\n".join(rows)
 
 

@@ -81,8 +81,18 @@ class Cosimulation:
             raise InputError(
                 f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
             )
-        if self._net.recoils:  # which is spread over a step: a short one
-            self._to(min(end, self.time + _RECOIL * self._step))
+        for stop in self._stops(end):
+            self._stretch_to(stop)
+
+    def _stops(self, end: float) -> list[float]:
+        """Where stretches end: a throw of the net is a jump, which a short step to itself contains."""
+        short, now = _RECOIL * self._step, self.time
+        stops = [now + short] if self._net.recoils(now, now) else []
+        for time in self._net.ejections:
+            stops += [time - short, time]
+        return [*sorted(stop for stop in stops if now < stop < end), end]
+
+    def _stretch_to(self, end: float) -> None:
         begin = self.time
         if self._energy is None and self._next == self._step:
             number = math.ceil((end - begin) / self._step * (1.0 - 1e-9))
@@ -116,8 +126,11 @@ class Cosimulation:
             net.finish()
             host.finish()
             kept = net.snapshot(), host.snapshot()
-        begin, before, recoils = net.time, {name: host.frames()[name] for name in net.ports}, net.recoils
+        begin, before = net.time, {name: host.frames()[name] for name in net.ports}
+        recoils = net.recoils(begin, until)
         told = self._predictor.told(begin, until, before)
+        if recoils:  # too short to make good how far the net is from the host
+            told = {name: net.frame(name).after(until - begin) for name in net.ports}
         for attempt in range(self._iterations):
             if attempt:
                 net.restore(kept[0])
@@ -126,7 +139,7 @@ class Cosimulation:
             loads = net.step(until, told)
             host.step(until, loads)
             found = host.frames()
-            if self._iterations == 1 or self._agree(told, found):
+            if self._iterations == 1 or recoils or self._agree(told, found):
                 break
             told = {name: found[name] for name in net.ports}
         else:
@@ -134,7 +147,7 @@ class Cosimulation:
             host.restore(kept[1])
             self.books.repeated += 1
             return False
-        if self._energy is not None and not self._is_good(loads, told, found, until - begin):
+        if self._energy is not None and not recoils and not self._is_good(loads, told, found, until - begin):
             net.restore(kept[0])
             host.restore(kept[1])
             self.books.repeated += 1

@@ -196,8 +196,7 @@ class ExudynCoupling:
         assert self._open is not None
         loads, before = self._open
         begin = next(iter(loads.values())).begin
-        start = self._net.simulation.start
-        recoils = start.system.recoil is not None and begin == start.state.time
+        recoils = self._net.recoils(begin, next(iter(loads.values())).end)
         self._books.add(loads, before, now, recoils=recoils)
         if not recoils:  # a jump, which does not go on
             self._predictor.keep(begin, before)

@@ -199,16 +199,27 @@ class NetSystem:
             self._own(name)
         return {name: FrameState.of(state, f"step: port {name}") for name, state in frames.items()}
 
-    @property
-    def recoils(self) -> bool:
-        """True at the start, if the next step's loads have the recoil of a throw."""
+    def recoils(self, begin: float, end: float) -> bool:
+        """True if the loads of a step from one time [s] to another have the jump of a throw from a port."""
         start = self._sim.start
-        return start.system.recoil is not None and self.time == start.state.time
+        thrown = start.system.recoil is not None and begin == start.state.time
+        return thrown or any(begin < time <= end for time in self.ejections)
+
+    @property
+    def ejections(self) -> tuple[float, ...]:
+        """Times after the start at which ports eject the net that they hold [s]."""
+        system = self._sim.start.system
+        constraint, ports = system.forces.constraint, system.kinematics.ports
+        if constraint is None or constraint.switch is None or constraint.memory is None:
+            return ()
+        name = constraint.memory.name
+        held = [one for one in system.kinematics.held if one.memory == name and one.body in ports]
+        return constraint.switch.times if held else ()
 
     def _thrown(self, port: _Port) -> Floats:
         """(7,) of what a throw at the start has given, which the first step's load has too."""
         recoil = self._sim.start.system.recoil
-        if recoil is None or recoil.body != port.number or not self.recoils:
+        if recoil is None or recoil.body != port.number or self.time != self._sim.start.state.time:
             return np.zeros(7)
         return np.array([*recoil.impulse, *recoil.angular_impulse, recoil.work])
 

@@ -13,8 +13,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState, Vector
 from exunet.coupling.net_system import NetSystem
+from exunet.forces.held import held_by, mass_matrix
 
 STABLE, CONTRACTING = 1.0, 6.0  # bounds of H^2 k / m: without repeats, and with
 
@@ -59,7 +61,11 @@ def longest_step(net: NetSystem, bound: float) -> float:
     bound : of H^2 k / m. m is what resists a force at the port's nodes, by mass and inertia that the case
             states of the port's body; k the sum of EA / L of all elements that end there, as if all were taut
             and the other ends did not yield: the net can only be softer
+    Raises InputError for a port that holds masses, a packed net or what is on a drum, which resist its
+    acceleration more than its body does: no step is short enough for them.
     """
+    for port in net.ports:
+        _refuse_heavy(net, port)
     ratios = (_ratio(net, port) for port in net.ports)
     return min((math.sqrt(bound / ratio) for ratio in ratios if ratio > 0.0), default=math.inf)
 
@@ -77,3 +83,18 @@ def _ratio(net: NetSystem, port: str) -> float:
         turns = lever @ np.diag(1.0 / np.array(body.inertia)) @ lever.T
         mobility = max(mobility, 1.0 / body.mass + float(np.linalg.eigvalsh(turns)[-1]))
     return stiffness * mobility
+
+
+def _refuse_heavy(net: NetSystem, port: str) -> None:
+    """Predicted from the acceleration before, an inertia that is held must be smaller than the body's."""
+    system = net.simulation.start.system
+    number = system.blocks.rigid.index(port)
+    body, nothing = system.bodies[number], (np.zeros(0), np.zeros((0, 3)))
+    mass, arm = held_by(system.kinematics.held, number, net.simulation.start.state.memory)
+    own = mass_matrix(body.mass, np.array(body.inertia), *nothing)
+    held = mass_matrix(body.mass, np.array(body.inertia), mass, arm) - own
+    if len(mass) and not np.abs(np.linalg.eigvals(np.linalg.solve(own, held))).max() < 1.0:
+        raise InputError(
+            f"port {port} holds {mass.sum():.4g} kg, too much for its body of {body.mass:.4g} kg: no macro "
+            'step is stable. Give the body to the net\'s case (motion = "free", with a wrench from the host)'
+        )

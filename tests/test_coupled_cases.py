@@ -1,0 +1,119 @@
+"""Cases of cases/bodies with the chaser as a port: against one system, and set back in the middle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from coupled import momenta
+
+from exunet import BodiesHost, Cosimulation, FrameState, InputError, NetSystem, Simulation, Snapshot
+
+# Each compiles kernels of its own.
+pytestmark = [pytest.mark.slow, pytest.mark.ci]
+
+CASES = Path(__file__).parents[1] / "cases" / "bodies"
+
+
+class Scene(NamedTuple):
+    """file, port, overrides; step and end of the comparison, and where in what happens it is set back [s]."""
+
+    file: str
+    port: str
+    overrides: tuple[str, ...]
+    step: float
+    end: float
+    middle: float
+
+
+SCENES = {
+    "a throw": Scene("launch.toml", "chaser", ("solver.tolerance=1e-10",), 0.02, 0.1, 0.03),
+    "a later ejection of a packed net": Scene(
+        "release.toml", "deployer", ("solver.tolerance=1e-10", "initial.frame.eject_at=0.2"), 0.02, 0.24, 0.19
+    ),
+    "a reel that takes a node in": Scene(
+        "tow.toml",
+        "chaser",
+        (
+            "solver.tolerance=1e-9",
+            'tethers.tow.reel.commands=[{at=0.0, mode="rate", rate=0.9, force=60.0}]',
+        ),
+        0.04,
+        2.0,
+        1.5,
+    ),
+}
+
+
+def net_of(scene: Scene, *overrides: str) -> NetSystem:
+    given = ["engine.loop=compiled", *scene.overrides, f"bodies.{scene.port}.motion=port", *overrides]
+    return NetSystem(CASES / scene.file, given)
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_coupled_as_in_one_system(scene: Scene) -> None:
+    """Second order, momentum to round-off, angular momentum to the order; without and with repeats."""
+    whole = Simulation(CASES / scene.file, ["engine.loop=compiled", *scene.overrides])
+    before = momenta(whole)
+    whole.advance_to(scene.end)
+    number = whole.start.system.blocks.rigid.index(scene.port)
+    known, scale = whole.state.bodies.position[number], np.abs(momenta(whole)[0]).max()
+    for iterations in (1, 20):
+        errors, turned = [], []
+        for step in (scene.step, 0.5 * scene.step):
+            net = net_of(scene)
+            host = BodiesHost.of_ports(net)
+            Cosimulation(net, host, step=step, iterations=iterations).advance_to(scene.end)
+            now = [
+                np.add(*both) for both in zip(momenta(net.simulation), momenta(host.simulation), strict=True)
+            ]
+            assert np.abs(now[0] - before[0]).max() < 1e-12 * max(scale, 10.0)
+            turned.append(float(np.abs(now[1] - before[1]).max()))
+            errors.append(float(np.linalg.norm(host.simulation.state.bodies.position[0] - known)))
+        # A throw's recoil is spread over the millionth part of a step: of first order, and below 1e-9 m.
+        assert errors[1] < errors[0] / 3.0 or errors[0] < 1e-9, errors
+        assert turned[1] < turned[0] / 3.0 or turned[0] < 1e-9, turned
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_set_back_in_the_middle_it_repeats(scene: Scene, tmp_path: Path) -> None:
+    def on(net: NetSystem, frame: FrameState) -> dict[str, np.ndarray]:
+        steps = max(4, round((scene.end - scene.middle) / scene.step))
+        length = (scene.end - scene.middle) / steps
+        for k in range(steps):
+            frame = frame.after(length)
+            load = net.step(scene.middle + (k + 1) * length, {scene.port: frame})[scene.port]
+        return {"impulse": load.impulse, "torque": load.torque, **net.simulation.state.arrays()}
+
+    net = net_of(scene)
+    frame = net.frame(scene.port).after(scene.middle)
+    net.step(scene.middle, {scene.port: frame})
+    net.snapshot().save(tmp_path / "here")
+    once = on(net, frame)
+    other = net_of(scene)
+    other.restore(Snapshot.load(tmp_path / "here"))
+    again = on(other, frame)
+    for name, values in once.items():
+        np.testing.assert_array_equal(again[name], values)
+
+
+def test_a_net_heavier_than_the_body_that_holds_it_is_refused() -> None:
+    """What it holds pushes back by its mass: no step is short enough."""
+    net = net_of(SCENES["a later ejection of a packed net"], "bodies.deployer.mass=0.5")
+    with pytest.raises(InputError, match=r"port deployer holds .* kg, too much for its body"):
+        Cosimulation(net, BodiesHost.of_ports(net), step=0.01)
+
+
+def test_the_energy_of_a_throw_stands_apart() -> None:
+    """J^2 / 2m and the rotation's share, of a chaser of 80 kg that four bullets of 0.2 kg leave at 3 m/s."""
+    net = net_of(SCENES["a throw"])
+    both = Cosimulation(net, BodiesHost.of_ports(net), step=0.02)
+    both.advance_to(0.04)
+    book, recoil = both.books.ports["chaser"], net.simulation.start.system.recoil
+    assert recoil is not None
+    least = float(recoil.impulse @ recoil.impulse) / (2.0 * 80.1)
+    assert least <= book.launch < 1.5 * least
+    assert abs(both.books.residual) < 1e-9
+    assert "energy of throws in the host's body" in str(both.books)
