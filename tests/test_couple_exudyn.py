@@ -167,6 +167,8 @@ def test_what_does_not_fit_is_refused(scene: Scene) -> None:
     ):
         with pytest.raises(InputError, match=words):
             exunet.couple(Host(scene).mbs if not ports else host.mbs, net, ports)
+    with pytest.raises(InputError, match=r"longest must be positive, got -1\.0"):
+        exunet.couple(host.mbs, net, {"second": host.marker}, longest=-1.0)
     whole = exunet.load(scene.whole)
     with pytest.raises(InputError, match="the net has no port"):
         exunet.couple(host.mbs, NetSystem(whole), {})

@@ -55,12 +55,13 @@ class ExudynCoupling:
     """What `couple` gives: a coupling in force until `detach`."""
 
     def __init__(self, mbs: Any, net: NetSystem, ports: Mapping[str, int], longest: float | None) -> None:
-        self._mbs, self._net, self._engine = mbs, net, exudyn()
+        self._mbs, self._net, self._engine = mbs, net, exudyn(quiet=False)
         self._markers = {name: self._marker(name, number) for name, number in ports.items()}
         if not net.ports:
             raise InputError('couple: the net has no port: give a body of its case motion = "port"')
         if missing := [name for name in net.ports if name not in ports]:
             raise InputError(f"couple: no marker is given for port {', '.join(missing)}")
+        self._longest = longest_step(net, STABLE) if longest is None else _positive(longest)
         self._loads = {name: self._add_loads(marker) for name, marker in self._markers.items()}
         mbs.Assemble()
         for name in self._markers:
@@ -69,7 +70,6 @@ class ExudynCoupling:
         self._earlier = self._earlier_function()
         mbs.SetPreStepUserFunction(self._before_step)
         self._attached = True
-        self._longest = longest_step(net, STABLE) if longest is None else longest
         self._undo = Undo(net)
         self._predictor = Predictor()
         self._books = Books.of(net.ports)
@@ -219,6 +219,12 @@ class ExudynCoupling:
         force = np.concatenate([loads[name].force for name in self._markers])
         load = next(iter(loads.values()))
         self._in_transit.take(force, load.end - load.begin)
+
+
+def _positive(longest: object) -> float:
+    if isinstance(longest, int | float) and longest > 0.0:
+        return float(longest)
+    raise InputError(f"couple: longest must be positive, got {longest!r}")
 
 
 def _first_line(error: Exception) -> str:

@@ -6,13 +6,17 @@ import os
 from typing import Any
 
 
-def exudyn() -> Any:
-    """The engine's module, silent, with its shipped settings (a user's ~/.exudyn is not read)."""
+def exudyn(*, quiet: bool = True) -> Any:
+    """The engine's module, with its shipped settings (a user's ~/.exudyn is not read).
+
+    quiet : it prints nothing; not for a system of the user's own, who may want to read it
+    """
     os.environ.setdefault("EXUDYN_NO_USER_SETTINGS", "1")
     import exudyn as engine
 
-    engine.config.printToConsole = False
-    engine.config.suppressWarnings = True
+    if quiet:
+        engine.config.printToConsole = False
+        engine.config.suppressWarnings = True
     return engine
 
 

@@ -36,7 +36,7 @@ class Model:
     """
 
     def __init__(self, system: Any = None) -> None:
-        self._engine, self._items = exudyn(), exudyn_items()
+        self._engine, self._items = exudyn(quiet=system is None), exudyn_items()
         self.container = None if system is not None else self._engine.SystemContainer()
         self.system = system if self.container is None else self.container.AddSystem()
         self._counts: Counter[str] = Counter()
