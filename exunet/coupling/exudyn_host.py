@@ -84,8 +84,7 @@ class ExudynCoupling:
     def report(self) -> Books:
         """What went through the ports, with the last step if the host has ended it; `print` shows a table."""
         self._net.finish()
-        if self._open is not None and self._host_time() >= self._net.time - 1e-12:
-            self._book({name: self._read(name) for name in self._markers})
+        self._book_what_ended()
         return self._books
 
     @property
@@ -94,6 +93,7 @@ class ExudynCoupling:
 
         See `exunet.coupling.in_transit`; exact for steps of one length. Zero for the Runge-Kutta methods.
         """
+        self._book_what_ended()
         if self._in_transit is None:
             return {name: np.zeros(3) for name in self._markers}
         return dict(zip(self._markers, self._in_transit.impulse.reshape(-1, 3), strict=True))
@@ -190,6 +190,11 @@ class ExudynCoupling:
         self._undo.back()
         self._books.repeated += 1
         self._open = None
+
+    def _book_what_ended(self) -> None:
+        """Book the last step if the host has ended it: in an earlier pre-step function, after the run."""
+        if self._open is not None and self._host_time() >= self._net.time - 1e-12:
+            self._book({name: self._read(name) for name in self._markers})
 
     def _book(self, now: dict[str, FrameState]) -> None:
         """Take the step that has ended into the books; it has led to `now`."""

@@ -27,6 +27,7 @@ from exunet.simulation.arguments import finite_number
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
+from exunet.system.states import States
 from exunet.system.system import State
 
 Floats = NDArray[np.float64]
@@ -136,6 +137,19 @@ class NetSystem:
         kinematics = self._sim.start.system.kinematics
         nodes = kinematics.point[kinematics.body == self._own(port).number]
         return float(self._sim.start.net.mass[nodes].sum())
+
+    @property
+    def momentum(self) -> Floats:
+        """(3,) of the net and its free bodies now [N s]; what the ports carry is the host's."""
+        return np.asarray(self._now().momentum[0])
+
+    @property
+    def angular_momentum(self) -> Floats:
+        """(3,) of the same about the scene's origin [N m s]."""
+        return np.asarray(self._now().angular_momentum[0])
+
+    def _now(self) -> States:
+        return States.of(self._sim.start.system, self._sim.view)
 
     def step(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
         """Go on to a time [s] while each port goes to the state that `frames` tells for that time.
