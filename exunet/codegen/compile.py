@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 from exunet.base.errors import MissingExtra
+from exunet.base.version import installed_version
 from exunet.codegen.compilation import KERNELS, listen
 
 WIDTH = 8  # runs that go side by side (see `lanes`): doubles of one register of AVX-512, two of AVX2
@@ -43,9 +44,7 @@ def numba_installed() -> bool:
 
 def numba_version() -> str | None:
     """Version of the installed Numba; None if there is none."""
-    from importlib.metadata import version
-
-    return version("numba") if numba_installed() else None
+    return installed_version("numba") if numba_installed() else None
 
 
 def require_numba(purpose: str) -> None:

@@ -149,7 +149,9 @@ class NetSystem:
         return np.asarray(self._now().angular_momentum[0])
 
     def _now(self) -> States:
-        return States.of(self._sim.start.system, self._sim.view)
+        system, seen = self._sim.start.system, self._sim.view
+        moving = seen.moving.completed(system.kinematics, seen.time, seen.memory)
+        return States.of(system, State.of(seen.time, moving, seen.memory))
 
     def step(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
         """Go on to a time [s] while each port goes to the state that `frames` tells for that time.

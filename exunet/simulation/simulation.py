@@ -118,7 +118,8 @@ class Simulation:
     def view(self) -> State:
         """The whole state without copies, for a look: its arrays may be those that the next step changes.
 
-        Principal axes and centres of mass of bodies, as they are integrated. The guards see a state when
+        Principal axes and centres of mass of bodies, as they are integrated; velocities of nodes that bodies
+        carry may be some stages old (`state` has those of now). The guards see a state when
         they look at all since their last look; here they have not seen it yet.
         """
         return self._integrator.view()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from exunet.base.version import installed_version
+
 
 def exudyn(*, quiet: bool = True) -> Any:
     """The engine's module, with its shipped settings (a user's ~/.exudyn is not read).
@@ -29,6 +31,4 @@ def exudyn_items() -> Any:
 
 def exudyn_version() -> str:
     """Version of the installed engine."""
-    from importlib.metadata import version
-
-    return version("exudyn")
+    return installed_version("exudyn")
