@@ -66,7 +66,7 @@ def described(name: str, thing: Any, prefix: str = "") -> str:
     else:
         inner = thing.__func__ if isinstance(thing, classmethod | staticmethod) else thing
         head = signature(name, inner)
-        for first in ("self, ", "self", "cls, ", "cls"):
+        for first in ("\n    self,", "\n    cls,", "self, ", "self", "cls, ", "cls"):
             head = head.replace(f"({first}", "(", 1)
     if not head:
         return text
@@ -79,7 +79,12 @@ def signature(name: str, thing: Any) -> str:
     text = f"{name}{found}".replace("'", "")
     if len(text) <= 110:
         return text
-    arguments = ",\n    ".join(str(one).replace("'", "") for one in found.parameters.values())
+    lines = []
+    for one in found.parameters.values():
+        if one.kind is one.KEYWORD_ONLY and "*" not in lines:
+            lines.append("*")
+        lines.append(str(one).replace("'", ""))
+    arguments = ",\n    ".join(lines)
     returns = "" if found.return_annotation is found.empty else f" -> {found.return_annotation}"
     return f"{name}(\n    {arguments},\n){returns}"
 

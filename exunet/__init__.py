@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from exunet.studies.ensemble import Ensemble as Ensemble
     from exunet.studies.ensemble import perturbed_positions as perturbed_positions
     from exunet.studies.ensemble import run_ensemble as run_ensemble
+    from exunet.studies.environment import NetEnvironment as NetEnvironment
     from exunet.studies.moved_starts import ensemble as ensemble
 
 # Groups of public names, in the order of docs/api.md: name -> the module it lives in.
@@ -80,6 +81,7 @@ API = {
     "Step a simulation": {
         "Simulation": "exunet.simulation.simulation",
         "Snapshot": "exunet.simulation.snapshot",
+        "NetEnvironment": "exunet.studies.environment",
     },
     "Couple a net to a host": {
         "NetSystem": "exunet.coupling.net_system",

@@ -1,0 +1,252 @@
+"""A case as an environment of Gymnasium: inputs of its forces are the action, read-outs the observation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from exunet.base.errors import InputError, Interrupted, MissingExtra, RunStopped
+from exunet.bodies.body import in_frames
+from exunet.bodies.rigid import RigidStates
+from exunet.case.casefile import Case
+from exunet.forces.wrench import input_name
+from exunet.methods.method import TimeLoop
+from exunet.simulation.arguments import finite_number, finite_vector
+from exunet.simulation.preparation import Start, start_of, with_wrenches
+from exunet.simulation.simulation import Simulation
+from exunet.studies.neighbours import perturbed, perturbed_bodies
+from exunet.system.states import States
+from exunet.system.system import State, System
+
+try:
+    from gymnasium import Env
+    from gymnasium.spaces import Box
+except ImportError:  # an optional extra: making an environment says so
+    Env, Box = object, None
+
+Floats = NDArray[np.float64]
+Bounds = tuple[ArrayLike, ArrayLike]
+Read = Callable[["_Seen"], ArrayLike]
+
+_WRENCH = input_name("")
+_OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
+_ROUND_OFF = 1e-9  # in parts of a period
+
+
+class _Seen:
+    """One instant, of which only what is asked for is computed."""
+
+    def __init__(self, system: System, state: State) -> None:
+        self._system, self._state = system, state
+        self.time = state.time
+
+    @cached_property
+    def bodies(self) -> RigidStates:
+        """Places of centres of mass, attitudes of frames."""
+        return in_frames(self._system.bodies, self._state.bodies)
+
+    @cached_property
+    def points(self) -> States:
+        """With nodes that bodies carry as they are now."""
+        state, system = self._state, self._system
+        moving = state.moving.completed(system.kinematics, state.time, state.memory)
+        return States.of(system, State.of(state.time, moving, state.memory))
+
+
+class NetEnvironment(Env):
+    """A case to be controlled by an agent, as Gymnasium defines it; needs the extra "gym".
+
+        environment = exunet.NetEnvironment(
+            "case.toml",
+            actions={"wrench/chaser": (-20.0, 20.0)},
+            observations=["position/chaser", "velocity/chaser", "tension/tether tow"],
+            period=0.05,
+            reward=lambda simulation, observation, action: -np.linalg.norm(observation[:3]),
+        )
+        observation, info = environment.reset(seed=1)
+        observation, reward, terminated, truncated, info = environment.step(action)
+
+    case, overrides : as of `Simulation`; in the compiled loop
+    actions      : the inputs that an action sets, each with its least and largest values: numbers, or one for
+                   each value. "wrench/BODY" is force and torque on a free body, see `Simulation`. An action
+                   is their values, one after the other; what is beyond its bounds is cut to them
+    observations : what an observation has, one after the other: "time"; "position/OF" and "velocity/OF" of a
+                   body, a point mass, or a node by its number; "attitude/BODY", "angular_velocity/BODY"; all
+                   as `Simulation.bodies` has them; "tension/net", "tension/tether NAME": the largest now
+    period       : time between two actions [s]; each acts until the next
+    end          : of an episode, which is truncated there [s]; None: time.end of the case
+    reward       : called with simulation, observation and action (as it acted) after each step; None: minus
+                   the mean of the squares of the action, in parts of its bounds
+    over         : called with simulation and observation after each step; True terminates the episode
+    moved        : each reset moves the start by so much, seeded: places of free nodes and bodies [m], and by
+                   as many radians and rad/s the attitudes and angular velocities of bodies
+
+    A step that a guard stops truncates the episode at the last good state; info["stopped"] says why. A reset
+    neither reads the case nor compiles anything again. The same seed and actions give the same bits.
+    Raises MissingExtra without Gymnasium, CaseError and InputError for what cannot be used.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+
+    def __init__(
+        self,
+        case: str | Path | Case | Start,
+        overrides: Sequence[str] = (),
+        *,
+        actions: Mapping[str, tuple[ArrayLike, ArrayLike]],
+        observations: Sequence[str],
+        period: float,
+        end: float | None = None,
+        reward: Callable[[Simulation, Floats, Floats], float] | None = None,
+        over: Callable[[Simulation, Floats], bool] | None = None,
+        moved: float = 0.0,
+    ) -> None:
+        if Box is None:
+            raise MissingExtra("an environment needs Gymnasium: pip install 'exunet[gym]'")
+        wrenches = [name.removeprefix(_WRENCH) for name in actions if name.startswith(_WRENCH)]
+        self._start = with_wrenches(start_of(case, overrides), wrenches)
+        if self._start.scene.engine.loop != TimeLoop.COMPILED:
+            raise InputError(
+                'NetEnvironment: only the compiled loop starts anew at once: engine.loop = "compiled"'
+            )
+        self._period = _positive("period", period)
+        self._end = _positive("end", self._start.scene.time.end if end is None else end)
+        amplitude = finite_number(moved)
+        if amplitude is None or amplitude < 0.0:
+            raise InputError(f"NetEnvironment: moved: a finite number, 0 or more, got {moved!r}")
+        self._moved = amplitude
+        self._reward, self._over = reward, over
+        self._readers = [_reader(self._start.system, name) for name in observations]
+        if not self._readers:
+            raise InputError("NetEnvironment: observations: at least one, such as 'time'")
+        self._inputs, least, largest = _inputs(self._start.system, actions)
+        self._sim = Simulation(self._start)
+        self.action_space = Box(least, largest, dtype=np.float64)
+        size = len(self._observation())
+        self.observation_space = Box(-np.inf, np.inf, (size,), dtype=np.float64)
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation, to look at, or to set back by a snapshot of it; another one after a moved reset."""
+        return self._sim
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats, dict[str, Any]]:
+        """Begin an episode: the observation at its start, and an empty dictionary.
+
+        seed : of the moves of the start from now on; None: the moves go on
+        """
+        super().reset(seed=seed)
+        if self._moved:
+            drawn = int(self.np_random.integers(2**63))
+            place = perturbed(self._start.net, self._start.position, self._moved, (drawn, 0))
+            bodies = perturbed_bodies(self._start, self._moved, (drawn, 1))
+            self._sim = Simulation(self._start.moved(place, None, bodies))
+        else:
+            self._sim.reset()
+        return self._observation(), {}
+
+    def step(self, action: ArrayLike) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Let an action act for a period: observation, reward, terminated, truncated, info.
+
+        Raises InputError for an action of another size or with NaN, and after the end of an episode.
+        """
+        space, sim = self.action_space, self._sim
+        given = finite_vector(action, space.shape[0])
+        if given is None:
+            raise InputError(f"step: an action is {space.shape[0]} finite numbers, got {action!r}")
+        if sim.time >= self._end:
+            raise InputError(f"step: the episode is over at t = {sim.time:g} s: call reset")
+        acting = np.clip(given, space.low, space.high)
+        info: dict[str, Any] = {}
+        try:
+            for name, part in self._inputs.items():
+                sim.set_input(name, acting[part])
+            sim.advance_to(min(self._end, self._next_time()))
+            sim.settle()
+        except Interrupted:
+            raise
+        except RunStopped as stop:
+            info["stopped"] = str(stop)
+        seen = self._observation()
+        terminated = bool(self._over and self._over(sim, seen))
+        truncated = "stopped" in info or sim.time >= self._end
+        reward = self._effort(acting) if self._reward is None else float(self._reward(sim, seen, acting))
+        return seen, reward, terminated, truncated, info
+
+    def _effort(self, action: Floats) -> float:
+        largest = np.maximum(abs(self.action_space.low), abs(self.action_space.high))
+        return -float(np.mean((action / largest) ** 2))
+
+    def _next_time(self) -> float:
+        """The next whole period [s], also after a snapshot was restored."""
+        return (math.floor(self._sim.time / self._period + _ROUND_OFF) + 1) * self._period
+
+    def _observation(self) -> Floats:
+        seen = _Seen(self._start.system, self._sim.view)
+        return np.concatenate([np.atleast_1d(read(seen)) for read in self._readers], dtype=np.float64)
+
+
+def _positive(name: str, given: object) -> float:
+    number = finite_number(given)
+    if number is None or not number > 0.0:
+        raise InputError(f"NetEnvironment: {name}: a finite number above 0, got {given!r}")
+    return number
+
+
+def _inputs(system: System, actions: Mapping[str, Bounds]) -> tuple[dict[str, slice], Floats, Floats]:
+    """Which part of an action is which input; the least and the largest action."""
+    where, least, largest = {}, [], []
+    first = 0
+    for name, bounds in actions.items():
+        if name not in system.inputs:
+            known = ", ".join(system.inputs) or "there are none"
+            raise InputError(f"NetEnvironment: actions: there is no input {name!r}: {known}")
+        size = len(system.inputs[name].initial)
+        try:
+            low, high = (np.broadcast_to(np.asarray(bound, dtype=float), (size,)) for bound in bounds)
+        except (TypeError, ValueError):
+            low = high = np.full(size, np.nan)
+        if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
+            raise InputError(
+                f"NetEnvironment: actions: {name}: a pair of least and largest values, each a finite "
+                f"number or {size} of them, the least below the largest; got {bounds!r}"
+            )
+        where[name] = slice(first, first + size)
+        first += size
+        least.append(low)
+        largest.append(high)
+    if not where:
+        raise InputError("NetEnvironment: actions: at least one input")
+    return where, np.concatenate(least), np.concatenate(largest)
+
+
+def _reader(system: System, name: str) -> Read:
+    """Takes the numbers of a read-out from what is seen, as views where it can."""
+    what, _, whom = str(name).partition("/")
+    blocks, groups = system.blocks, system.net.groups
+    points = {str(node): node for node in range(system.net.n_nodes)} | dict(blocks.body)
+    if name == "time":
+        return lambda seen: seen.time
+    if what == "tension" and whom in groups:
+        own = slice(groups[whom].start, groups[whom].stop)
+        return lambda seen: seen.points.tension[0, own].max(initial=0.0)
+    if what in _OF_BODY and whom in blocks.rigid:
+        row = blocks.rigid.index(whom)
+        return lambda seen: getattr(seen.bodies, what)[row]
+    if what in _OF_BODY[:2] and whom in points:
+        point = points[whom]
+        return lambda seen: getattr(seen.points, what)[0, point]
+    placed = ", ".join((*blocks.rigid, *blocks.body, f"nodes (0 to {system.net.n_nodes - 1})"))
+    raise InputError(
+        f"NetEnvironment: observations: there is no {name!r}: time; position/ and velocity/ with {placed}; "
+        f"attitude/ and angular_velocity/ with {', '.join(blocks.rigid) or 'bodies: there are none'}; "
+        f"tension/ with {', '.join(groups)}"
+    )
