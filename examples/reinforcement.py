@@ -1,8 +1,8 @@
 """A tow as an environment for learning: python examples/reinforcement.py [EPISODES] [CASE]
 
-The agent is to stop a target that drifts away on a slack tether, without pulling too hard. The one here pushes
-the chaser at random; one that learns takes its place. Needs the extra "gym"; CASE has free bodies "chaser" and
-"target" and a tether "tow".
+The agent is to stop a target that drifts away on a slack tether, without pulling too hard. The one here
+pushes the chaser at random; one that learns takes its place. Needs the extra "gym"; CASE has free bodies
+"chaser" and "target" and a tether "tow".
 """
 
 from __future__ import annotations

@@ -99,6 +99,38 @@ def test_example_figures_for_a_paper(tmp_path):
     assert all(one.stat().st_size > 5_000 for one in written)
 
 
+@pytest.mark.slow
+@pytest.mark.ci
+def test_example_arm_throws_and_tows(tmp_path):
+    """As one body all would go at 40 N * 8 s / 226 kg = 1.42 m/s; the tether throws the target ahead."""
+    (path,) = [one for one in EXAMPLES if one.stem == "arm_throws_and_tows"]
+    rows = script(path).main("8.0", str(tmp_path / "arm.png"))
+    assert (tmp_path / "arm.png").stat().st_size > 5_000
+    assert max(row.unbalance for row in rows) < 1e-12 * 40.0 * 8.0
+    assert max(abs(row.turned) for row in rows) < np.radians(5.0)
+    assert max(row.tension for row in rows) > 40.0
+    assert rows[-1].target < -1.42
+
+
+@pytest.mark.slow
+def test_example_controller():
+    (path,) = [one for one in EXAMPLES if one.stem == "controller"]
+    found = script(path).main(str(ROOT / "cases" / "bodies" / "snap.toml"))
+    assert found.restored
+    assert found.reset
+    assert found.forgotten > 1e-3
+    assert found.at_end < 0.2 * found.farthest
+
+
+@pytest.mark.slow
+def test_example_reinforcement():
+    pytest.importorskip("gymnasium")
+    (path,) = [one for one in EXAMPLES if one.stem == "reinforcement"]
+    one, other = (script(path).main("2", str(ROOT / "cases" / "bodies" / "snap.toml")) for _ in range(2))
+    assert one == other
+    assert one[0] != one[1]
+
+
 def test_compare_takes_results_and_files(tmp_path):
     one = unfolding(square_net(cells=2))
     other = replace(one, position=one.position + 0.25)

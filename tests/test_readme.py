@@ -44,6 +44,13 @@ def test_python_examples_of_the_step_api_run(tmp_path, monkeypatch, capsys):
     assert shown.endswith("ok 201\n")
 
 
+@pytest.mark.slow
+def test_python_examples_of_environments_run(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("gymnasium")
+    done(ROOT / "docs" / "environment.md", tmp_path, monkeypatch)
+    assert capsys.readouterr().out.startswith("2.0 s, return -")
+
+
 def test_the_readme_is_short():
     assert len(README.read_text(encoding="utf-8").splitlines()) <= 120
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from exunet.backends.compiled import many_steps, schemes
 from exunet.backends.compiled.work_space import Motion, motion_at
+from exunet.bodies.port import quaternion_of_matrix
 from exunet.bodies.rigid import RigidStates, angular_momentum, rotation_matrix
 
 START = 0.2  # [s]
@@ -125,3 +126,12 @@ def test_rotation_matrices_and_angular_momentum_are_those_of_scipy() -> None:
     )
     found = angular_momentum(mass, INERTIA, RigidStates(place, speed, ATTITUDE, SPIN))
     np.testing.assert_allclose(found, wanted, rtol=1e-14)
+
+
+def test_quaternions_of_matrices_are_those_of_scipy_up_to_their_sign() -> None:
+    drawn = np.random.default_rng(3).normal(size=(50, 4))
+    half_turns = np.eye(4)  # and no turn at all
+    for wanted in (*drawn / np.linalg.norm(drawn, axis=1)[:, None], *half_turns, *ATTITUDE):
+        matrix = Rotation.from_quat(wanted, scalar_first=True).as_matrix()
+        found = np.array(quaternion_of_matrix(matrix.ravel().tolist()))
+        np.testing.assert_allclose(found * np.sign(found @ wanted), wanted, atol=1e-15)
