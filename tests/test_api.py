@@ -24,10 +24,11 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
 def script(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    spec = importlib.util.spec_from_file_location(f"script_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[module.__name__] = module  # where dataclasses look for their types
     spec.loader.exec_module(module)
     return module
 
