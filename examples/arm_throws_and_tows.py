@@ -95,7 +95,7 @@ class Chaser:
     @property
     def momentum(self) -> np.ndarray:
         bodies = (self.base, self.upper, self.fore, self.wheel)
-        masses = [self.mbs.GetObjectParameter(body, "physicsMass") for body in bodies]
+        masses = [self.mbs.GetObjectParameter(body, "mass") for body in bodies]
         return sum(m * self.of(body, Output.Velocity) for m, body in zip(masses, bodies, strict=True))
 
     @property
