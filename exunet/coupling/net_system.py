@@ -141,17 +141,9 @@ class NetSystem:
     @property
     def momentum(self) -> Floats:
         """(3,) of the net and its free bodies now [N s]; what the ports carry is the host's."""
-        return np.asarray(self._now().momentum[0])
-
-    @property
-    def angular_momentum(self) -> Floats:
-        """(3,) of the same about the scene's origin [N m s]."""
-        return np.asarray(self._now().angular_momentum[0])
-
-    def _now(self) -> States:
         system, seen = self._sim.start.system, self._sim.view
         moving = seen.moving.completed(system.kinematics, seen.time, seen.memory)
-        return States.of(system, State.of(seen.time, moving, seen.memory))
+        return np.asarray(States.of(system, State.of(seen.time, moving, seen.memory)).momentum[0])
 
     def step(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
         """Go on to a time [s] while each port goes to the state that `frames` tells for that time.
