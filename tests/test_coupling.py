@@ -174,6 +174,17 @@ def test_what_a_host_may_not_do(scene: Scene) -> None:
             net.step(until, {"second": frame})
 
 
+def test_a_port_that_was_predicted_at_rest_may_be_put_right(scene: Scene) -> None:
+    """It was to stop in a step, but went on by a tenth of that; then it stops indeed."""
+    net, rest = NetSystem(scene.net), (0.0, 0.0, 0.0)
+    frame = net.frame("second")
+    for time, until in ((0.005, 0.01), (0.0055, 0.014)):
+        net.step(until, {"second": frame.after(time)._replace(velocity=rest, angular_velocity=rest)})
+    jumped = frame.after(0.0056)._replace(velocity=rest, angular_velocity=rest)
+    with pytest.raises(InputError, match="port second jumps: .* its position changes by"):
+        net.step(0.018, {"second": jumped})
+
+
 def test_a_port_is_not_run_without_a_host(scene: Scene) -> None:
     with pytest.raises(exunet.CaseError, match=r"bodies\.second\.motion: a host moves a body"):
         exunet.Simulation(scene.net)

@@ -32,9 +32,9 @@ from exunet.system.system import State
 
 Floats = NDArray[np.float64]
 
-# How far a port may get in a step, at the larger speed of both ends, in parts of this step and the one
-# before, whose prediction it may have to make good: a body at constant acceleration from rest goes half of
-# it. What is beyond that, and beyond round-off of the net's size or of a turn, is a jump.
+# How far a port may get in a step, at the largest speed of both ends and of the beginning of the one before,
+# in parts of this step and the one before, whose prediction it may have to make good: a body at constant
+# acceleration from rest goes half of it. What is beyond that, and beyond round-off of the net's size or of a turn, is a jump.
 _FARTHEST = 2.0
 _ROUND_OFF = 1e-9
 
@@ -234,9 +234,13 @@ class NetSystem:
     def _refuse_jump(self, name: str, duration: float, begin: FrameState, end: FrameState) -> None:
         way = math.dist(begin.position, end.position)
         angle = math.hypot(*difference(begin.attitude, end.attitude))
-        allowed = _FARTHEST * (duration + self.time - self._sim.steered(name).time)
-        fastest = max(math.hypot(*begin.velocity), math.hypot(*end.velocity))
-        turning = max(math.hypot(*begin.angular_velocity), math.hypot(*end.angular_velocity))
+        last = self._sim.steered(name)
+        allowed = _FARTHEST * (duration + self.time - last.time)
+        # A body that stops may be told at rest at both ends, where the first was predicted.
+        fastest = max(math.hypot(*one) for one in (last.position[2], begin.velocity, end.velocity))
+        turning = max(
+            math.hypot(*one) for one in (last.turning[2], begin.angular_velocity, end.angular_velocity)
+        )
         if way <= allowed * fastest + self._nearest and angle <= allowed * turning + _ROUND_OFF:
             return
         words = (
