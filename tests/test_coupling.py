@@ -181,7 +181,7 @@ def test_a_port_that_was_predicted_at_rest_may_be_put_right(scene: Scene) -> Non
     for time, until in ((0.005, 0.01), (0.0055, 0.014)):
         net.step(until, {"second": frame.after(time)._replace(velocity=rest, angular_velocity=rest)})
     jumped = frame.after(0.0056)._replace(velocity=rest, angular_velocity=rest)
-    with pytest.raises(InputError, match="port second jumps: .* its position changes by"):
+    with pytest.raises(InputError, match=r"port second jumps: .* its position changes by"):
         net.step(0.018, {"second": jumped})
 
 

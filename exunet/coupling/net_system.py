@@ -34,7 +34,8 @@ Floats = NDArray[np.float64]
 
 # How far a port may get in a step, at the largest speed of both ends and of the beginning of the one before,
 # in parts of this step and the one before, whose prediction it may have to make good: a body at constant
-# acceleration from rest goes half of it. What is beyond that, and beyond round-off of the net's size or of a turn, is a jump.
+# acceleration from rest goes half of it. What is beyond that, and beyond round-off of the net's size or of a
+# turn, is a jump.
 _FARTHEST = 2.0
 _ROUND_OFF = 1e-9
 
