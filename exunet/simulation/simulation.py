@@ -23,6 +23,7 @@ from exunet.case.scene import Scene
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
 from exunet.simulation.arguments import finite_number
+from exunet.simulation.control import Control, Controller
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.outside import Outside
 from exunet.simulation.preparation import Start, start_of, with_wrenches
@@ -73,6 +74,7 @@ class Simulation:
         state, envelope = self._start.state, None if recorder is None else recorder.envelope
         store = None if recorder is None else recorder.store
         self._monitor = Monitor(self._start.system, state, store=store, envelope=envelope)
+        self._control: Control | None = None
         self._spent = StepCounts()
         self._seconds = 0.0
         self._integrator = self._begin(state)
@@ -180,9 +182,28 @@ class Simulation:
             )
         self._go_to(time)
 
+    def attach(self, controller: Controller) -> None:
+        """Let a controller act from now on, at the beginning of each of its periods, in place of another one.
+
+        A snapshot has its state too, and `reset` sets it back to that of now; one that does not tell its
+        state can be neither.
+        """
+        self._control = Control(controller, self.time)
+
     def _go_to(self, time: float) -> None:
-        self._stops.add(time, self._acting)
-        self._through(len(self._stops) - 1)
+        control = self._control
+        while control is not None and control.due < time:
+            if control.due > self.time:
+                self._stops.add(control.due, self._acting)
+                self._through(len(self._stops) - 1)
+            self._control = None  # which `act` may not call again by advancing
+            try:
+                control.act(self)
+            finally:
+                self._control = control
+        if time > self.time:
+            self._stops.add(time, self._acting)
+            self._through(len(self._stops) - 1)
 
     def _through(self, stop: int) -> None:
         """Go to a stop and those after it, with what acts until there."""
@@ -352,6 +373,8 @@ class Simulation:
         arrays = grouped("integrator", self._integrator.snapshot())
         arrays |= grouped("monitor", self._monitor.arrays(self.time)) | {"acting": self._acting.copy()}
         arrays |= grouped("stops", self._stops.arrays())
+        if self._control is not None:
+            arrays |= grouped("control", self._control.arrays())
         return Snapshot(identity(self._start), header, arrays)
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -366,11 +389,16 @@ class Simulation:
         if self._recorder is not None and "rows" not in snapshot.header:
             raise InputError(f"the snapshot of t = {snapshot.time:g} s is not of a run with stored states")
         header, arrays, restored = snapshot.header, snapshot.arrays, Plan.from_json(snapshot.header["plan"])
+        if (self._control is None) == any(name.startswith("control:") for name in arrays):
+            words = "was taken without a controller" if self._control else "has the state of a controller"
+            raise InputError(f"the snapshot of t = {snapshot.time:g} s {words}: attach the same as then")
         snapshot.refuse_unlike(self.snapshot(), self._integrator.room)
         if restored.method != self._plan.method:
             raise InputError(f"the snapshot of t = {snapshot.time:g} s is of {restored.method}")
         if self._recorder is not None and header["rows"] > len(self._recorder):
             raise InputError(f"the snapshot of t = {snapshot.time:g} s has rows that are not stored")
+        if self._control is not None:
+            self._control.restore(group_of("control", arrays))
         self._acting = np.array(arrays["acting"])
         self._stops.restore(group_of("stops", arrays))
         self._retries, self._spent = header["retries"], StepCounts(**header["spent"])
@@ -389,7 +417,16 @@ class Simulation:
         """Go back to the start; nothing is built or compiled again."""
         if self._first is None:
             raise InputError(f"reset: {cannot_restart(self._plan.method)}, or make a new Simulation")
-        self.restore(self._first)
+        control = self._control
+        if control is not None:
+            control.refuse_untold()
+        self._control = None
+        try:
+            self.restore(self._first)
+        finally:
+            self._control = control
+        if control is not None:
+            control.reset(self.time)
 
     def spent(self) -> tuple[StepCounts, float]:
         """What the integration has cost so far, and the wall time in it [s]."""

@@ -1,0 +1,105 @@
+"""A controller that acts at its period and is set back with the simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import exunet
+from exunet import InputError, Simulation, Snapshot
+
+PLANAR = Path(__file__).parents[1] / "cases" / "planar_deployment.toml"
+RK44 = ("solver.method=RK44", "solver.step=2e-4")
+
+
+class Brake:
+    """Brakes a bullet, harder each time: its state is the coefficient [N s/m]."""
+
+    def __init__(self, period: float = 0.004) -> None:
+        self.period, self.coefficient, self.times = period, 0.1, list[float]()
+
+    def act(self, simulation: Simulation) -> None:
+        bullet = int(simulation.net.bullets[0])
+        self.coefficient *= 1.5
+        self.times.append(simulation.time)
+        simulation.set_force(bullet, -self.coefficient * simulation.net.velocity[bullet])
+
+    def state(self) -> dict[str, float]:
+        return {"coefficient": self.coefficient}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        self.coefficient = float(state["coefficient"])
+
+
+def braked(period: float = 0.004) -> tuple[Simulation, Brake]:
+    simulation, brake = Simulation(PLANAR, RK44), Brake(period)
+    simulation.attach(brake)
+    return simulation, brake
+
+
+def test_it_acts_at_its_period_however_one_advances() -> None:
+    """At 0, 4 and 8 ms, before the step that begins then; with the same bits as forces set by hand."""
+    once, brake = braked()
+    once.advance_to(0.01)
+    assert brake.times == pytest.approx([0.0, 0.004, 0.008], abs=1e-15)
+    pieces, other = braked()
+    for until in (0.003, 0.004, 0.0075, 0.01):
+        pieces.advance_to(until)
+    assert other.times == pytest.approx(brake.times, abs=1e-15)
+    by_hand, hand = Simulation(PLANAR, RK44), Brake()
+    for until in (0.004, 0.008, 0.01):
+        hand.act(by_hand)
+        by_hand.advance_to(until)
+    for name, values in once.state.arrays().items():
+        np.testing.assert_array_equal(by_hand.state.arrays()[name], values)
+
+
+def test_it_is_set_back_with_the_simulation(tmp_path: Path) -> None:
+    """In memory, from a file into another simulation with its controller, and by reset."""
+    simulation, brake = braked()
+    simulation.advance_to(0.006)
+    here = simulation.snapshot()
+    here.save(tmp_path / "here")
+    simulation.advance_to(0.015)
+    known, coefficient = simulation.state.arrays(), brake.coefficient
+    other, its = braked()
+    other.restore(Snapshot.load(tmp_path / "here"))
+    simulation.restore(here)
+    assert brake.coefficient == its.coefficient < coefficient
+    for one in (simulation, other):
+        one.advance_to(0.015)
+        for name, values in known.items():
+            np.testing.assert_array_equal(one.state.arrays()[name], values)
+    simulation.reset()
+    assert (simulation.time, brake.coefficient) == (0.0, 0.1)
+    simulation.advance_to(0.015)
+    for name, values in known.items():
+        np.testing.assert_array_equal(simulation.state.arrays()[name], values)
+
+
+def test_what_cannot_be_set_back_is_refused() -> None:
+    class Forgetful:
+        period = 0.01
+
+        def act(self, simulation: Simulation) -> None: ...
+
+    simulation, _ = braked()
+    here = simulation.snapshot()
+    without = Simulation(PLANAR, RK44)
+    with pytest.raises(InputError, match="has the state of a controller: attach the same as then"):
+        without.restore(here)
+    plain = without.snapshot()
+    with pytest.raises(InputError, match="was taken without a controller"):
+        simulation.restore(plain)
+    without.attach(Forgetful())  # type: ignore[arg-type]
+    without.advance(0.002)
+    for what in (without.snapshot, without.reset):
+        with pytest.raises(InputError, match=r"Forgetful has no state\(\) and restore\(state\)"):
+            what()
+    for wrong in (object(), Brake(0.0), Brake(float("nan"))):
+        with pytest.raises(exunet.ExunetError, match="a controller has a period above 0 s"):
+            without.attach(wrong)  # type: ignore[arg-type]
