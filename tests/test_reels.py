@@ -116,7 +116,8 @@ def outlet(**given: Any) -> reel_loops.Outlet:
     none = np.zeros(1, dtype=np.uint32)
     numbers = dict.fromkeys(reel_loops.Outlet._fields, 0.0) | {
         "drum": none, "far": none + 3, "state": none + 6, "rate": none + 6, "base": 1.0, "least": 0.05,
-        "ratio": 1.0, "stiffness": 500.0, "largest_rate": 2.0, "longest_wound": 3.0, "slows": 0.1,
+        "ratio": 1.0, "stiffness": 500.0, "asked": np.zeros(5), "largest_rate": 2.0, "longest_wound": 3.0,
+        "slows": 0.1,
     }  # fmt: skip
     return reel_loops.Outlet(**(numbers | given))
 
@@ -532,3 +533,48 @@ def test_what_a_reel_did_is_told_with_its_spread(tmp_path: Path) -> None:
     many = exunet.ensemble(case, runs=2)
     for key in ("tether_line_wound_up_m", "tether_line_work_of_reel_J"):
         assert many.headlines[key] == pytest.approx(told[key], rel=1e-4)
+
+
+@pytest.mark.parametrize("form", ["compiled", "connectors"])
+def test_a_script_commands_as_a_case_does(tmp_path: Path, form: str) -> None:
+    """A rate, then a brake, then a lock; nodes go on and come off at the same times, to round-off."""
+    loop = {"compiled": "engine.loop=compiled", "connectors": "engine.net=connectors"}[form]
+    given = [loop, "solver.method=RK44", "solver.step=1e-3", "time.end=0.9"]
+    orders = ((0.0, "rate", {"rate": 1.2, "force": 50.0}), (0.4, "brake", {"force": 0.5}), (0.7, "lock", {}))
+    commands = "".join(command(at, mode, **numbers) for at, mode, numbers in orders)
+    by_case = exunet.Simulation(case_of(tmp_path, *given, commands=commands, speed=0.6))
+    by_script = exunet.Simulation(case_of(tmp_path, *given, speed=0.6))
+    for until, (_, mode, numbers) in zip((0.4, 0.7, 0.9), orders, strict=True):
+        by_script.command("line", mode, **numbers)
+        by_script.advance_to(until)
+        by_case.advance_to(until)
+    found, known = by_script.state, by_case.state
+    assert found.memory["line/reel"][0] == known.memory["line/reel"][0] > 2.0
+    np.testing.assert_allclose(found.position, known.position, atol=1e-9)
+    np.testing.assert_allclose(found.first_order, known.first_order, atol=1e-9)
+    here = by_script.snapshot()
+    by_script.command("line", "tension", force=2.0)
+    by_script.advance(0.1)
+    first = by_script.state.arrays()
+    by_script.restore(here)
+    by_script.command("line", "tension", force=2.0)
+    by_script.advance(0.1)
+    for name, values in first.items():
+        np.testing.assert_array_equal(by_script.state.arrays()[name], values)
+
+
+def test_commands_that_a_script_may_not_give(tmp_path: Path) -> None:
+    free = exunet.Simulation(case_of(tmp_path, "engine.net=connectors", "solver.method=RK44"))
+    taken = exunet.Simulation(
+        case_of(tmp_path, "engine.net=connectors", "solver.method=RK44", commands=command(0.0, "lock"))
+    )
+    for sim, arguments, words in (
+        (taken, ("line", "lock"), "the case has commands for its reel; a script may command: none"),
+        (free, ("rope", "lock"), "there is no such reel; a script may command: line"),
+        (free, ("line", "rate"), 'mode "rate" needs rate'),
+        (free, ("line", "pull"), "mode: Input should be"),
+        (free, ("line", "brake", None, -1.0), "force: "),
+        (free, ("line", "lock", 1.0), 'mode "lock" has none'),
+    ):
+        with pytest.raises(exunet.InputError, match=words):
+            sim.command(*arguments)

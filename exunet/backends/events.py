@@ -33,15 +33,22 @@ class Events:
         self.memory = {name: np.array(values, dtype=float) for name, values in memory.items()}
         self._observer = observer
         self._switches: list[tuple[str, Switch]] = []
+        self._inputs: dict[str, tuple[str, ...]] = {}
         for term, switch in system.forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
+            self._inputs[term.memory.name] = tuple(one.name for one in term.inputs)
         self.any = bool(self._switches)
 
     @property
     def in_steps(self) -> bool:
         """True if one may come at a time that is not known beforehand."""
-        return any(switch.in_steps(self.memory[name]) for name, switch in self._switches)
+        return any(switch.in_steps(self._seen(name)) for name, switch in self._switches)
+
+    def _seen(self, name: str) -> Floats:
+        """The memory of a term, followed by its inputs, as its switch sees it."""
+        own, inputs = self.memory[name], self._inputs[name]
+        return np.concatenate([own, *(self.memory[one] for one in inputs)]) if inputs else own
 
     def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
         """All memories once a change of one has come into force."""
@@ -80,7 +87,7 @@ class Events:
     def step_within(self, step: float, least: float, x: Floats, v: Floats) -> float:
         """A step [s] that ends near what would happen next; see `Switch.step_within`."""
         for name, switch in self._switches:
-            step = switch.step_within(step, least, x, v, self.memory[name])
+            step = switch.step_within(step, least, x, v, self._seen(name))
         return step
 
     def at(self, time: float, x: Floats, v: Floats) -> Iterator[tuple[str, Change]]:
@@ -89,9 +96,9 @@ class Events:
         x, v : that the integrator changes as it is told, so that what happens next sees it
         """
         for name, switch in self._switches:
-            items = switch.crossed(time, x, v, self.memory[name])
+            items = switch.crossed(time, x, v, self._seen(name))
             if len(items):
-                change = switch.change(time, x, v, self.memory[name], items, self.memory)
+                change = switch.change(time, x, v, self._seen(name), items, self.memory)
                 change = self._booked(self._at_rest(change, v), name, time, x, v)
                 yield name, change  # the integrator hands over the states before first
                 self.memory |= _memories(name, change)

@@ -20,15 +20,23 @@ from exunet.forces.reel_loops import (
     stretched,
     winding_rate,
 )
-from exunet.forces.terms import KernelTerm, Memories, Memory, Switch
+from exunet.forces.terms import Input, KernelTerm, Memories, Memory, Switch
 from exunet.net.reel import LEAST_OUTLET, Reel
 
 Floats = NDArray[np.float64]
 
 
+NOTHING_ASKED = np.zeros(5)
+
+
 def memory_name(reel: Reel) -> str:
     """Of the memory: number of nodes on the drum, number of commands that have come."""
     return f"{reel.name}/reel"
+
+
+def command_name(tether: str) -> str:
+    """Of the input by which a script commands the reel of a tether."""
+    return f"reel/{tether}"
 
 
 def states_of(reel: Reel) -> tuple[FirstOrder, FirstOrder]:
@@ -54,7 +62,7 @@ class Winding:
     law: Law
 
     def outlet(self, memory: Floats) -> Outlet:
-        """What the loops take."""
+        """What the loops take; memory: of the reel, followed by what a script asks, if anything."""
         reel, blocks, on_drum = self.reel, self.blocks, int(memory[0])
         element, drive = reel.elements[on_drum], reel.drives[int(memory[1])]
         part, natural = reel.element_length, float(self.law.natural_length[element])
@@ -74,6 +82,7 @@ class Winding:
             force=drive.force,
             gives_way=drive.gives_way,
             takes_up=drive.takes_up,
+            asked=memory[2:] if len(memory) > 2 else NOTHING_ASKED,
             largest_rate=reel.largest_rate,
             longest_wound=reel.length - reel.shortest,
             slows=LEAST_OUTLET * part,
@@ -82,10 +91,13 @@ class Winding:
     def outlet_now(self, memory: Memories) -> tuple[int, Outlet]:
         """The element that is the outlet at these memories, and what the loops take of it."""
         held = memory.get(memory_name(self.reel), at_start(self.reel))
-        return self.reel.elements[int(held[0])], self.outlet(held)
+        asked = memory.get(command_name(self.reel.name), NOTHING_ASKED)
+        return self.reel.elements[int(held[0])], self.outlet(np.concatenate([held, asked]))
 
     def is_locked(self, memory: Memories) -> bool:
-        """True if the drum does not turn at these memories, whatever pulls."""
+        """True if the drum does not turn at these memories, whatever pulls and whatever a script asks."""
+        if self.reel.is_commanded:
+            return False
         held = memory.get(memory_name(self.reel), at_start(self.reel))
         return self.reel.drives[int(held[1])].is_locked
 
@@ -138,7 +150,8 @@ def reel_term(winding: Winding, switch: Switch) -> KernelTerm:
     natural = data.ratio * LEAST_OUTLET * reel.element_length
     mass = blocks.mass[list(reel.nodes)].min()
     slope = data.stiffness / natural  # of the tension over the length
-    drives = max((max(one.gives_way, one.takes_up) for one in reel.drives), default=0.0)
+    drives = max((max(one.gives_way, one.takes_up) for one in (*reel.drives, reel.softest)), default=0.0)
+    asked = Input(command_name(reel.name), "asked", NOTHING_ASKED, "1, m/s, N, m/(N s), m/(N s)")
     return KernelTerm(
         "tethers",
         add_outlet,
@@ -150,4 +163,5 @@ def reel_term(winding: Winding, switch: Switch) -> KernelTerm:
         damping_rate=slope * (drives + 2.0 * data.time / mass),
         memory=memory,
         switch=switch,
+        inputs=(asked,) if reel.is_commanded else (),
     )

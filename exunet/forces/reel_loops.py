@@ -33,6 +33,7 @@ class Outlet(NamedTuple):
     base      : reference length of the outlet were nothing wound up [m]; least: below which it is not taken
     ratio, stiffness, time : L1 / L0, E1A [N], relaxation time [s]
     rate_at_rest, force, gives_way, takes_up : of the drive, see `exunet.net.reel.Drive`
+    asked     : (5,) 1.0 if a script commands the drive, else 0.0; then these four, in its words
     largest_rate : [m/s]
     longest_wound : s at which winding stops [m]; slows : distance from there, and from 0, within which the
               drum slows down [m]
@@ -51,6 +52,7 @@ class Outlet(NamedTuple):
     force: float
     gives_way: float
     takes_up: float
+    asked: Floats
     largest_rate: float
     longest_wound: float
     slows: float
@@ -62,9 +64,12 @@ def winding_rate(wound: float, pull: float, outlet: Any) -> float:
     The rate of the command; less by the excess over its force, and more by what is missing of it, over the
     damping of the drive; within the limit of rate; in proportion to the way left near the limits of length.
     """
-    excess = pull - outlet.force
-    rate = outlet.rate_at_rest
-    rate -= outlet.gives_way * max(excess, 0.0) + outlet.takes_up * min(excess, 0.0)
+    rate, force = outlet.rate_at_rest, outlet.force
+    gives_way, takes_up = outlet.gives_way, outlet.takes_up
+    if outlet.asked[0] > 0.0:
+        rate, force, gives_way, takes_up = outlet.asked[1:]
+    excess = pull - force
+    rate -= gives_way * max(excess, 0.0) + takes_up * min(excess, 0.0)
     rate = max(-outlet.largest_rate, min(outlet.largest_rate, rate))
     way = outlet.longest_wound - wound if rate > 0.0 else wound
     return rate * max(0.0, min(1.0, way / outlet.slows))

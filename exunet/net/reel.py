@@ -105,6 +105,7 @@ class Reel:
     largest_rate : [m/s]
     times    : of the commands [s]
     drives   : before the first command, and of each
+    damping  : of the drive [N s/m]; None: it has no force
     """
 
     name: str
@@ -118,6 +119,18 @@ class Reel:
     largest_rate: float
     times: tuple[float, ...]
     drives: tuple[Drive, ...]
+    damping: float | None = None
+
+    @property
+    def is_commanded(self) -> bool:
+        """True if the case has no command for it, so that a script may command it."""
+        return not self.times
+
+    @property
+    def softest(self) -> Drive:
+        """The drive that gives way and takes up the most of all that a script may ask for."""
+        give = 0.0 if self.damping is None or not self.is_commanded else 1.0 / self.damping
+        return Drive(gives_way=give, takes_up=give)
 
     @property
     def length(self) -> float:
@@ -145,7 +158,21 @@ def reel_of(
     rate = _WITHOUT_LIMIT if keys.largest_rate is None else keys.largest_rate
     drives = (Drive(), *(_drive(one, keys.damping) for one in keys.commands))
     times = tuple(one.at for one in keys.commands)
-    return Reel(name, body, nodes, elements, part, wound, on_drum, shortest, rate, times, drives)
+    return Reel(
+        name, body, nodes, elements, part, wound, on_drum, shortest, rate, times, drives, keys.damping
+    )
+
+
+def asked_of(reel: Reel, mode: str, rate: float | None, force: float | None) -> Drive:
+    """The drive of a command that a script gives, by the rules of those of a case; raises ValueError."""
+    given = {"at": 0.0, "mode": mode, "rate": rate, "force": force}
+    command = Command.model_validate({key: value for key, value in given.items() if value is not None})
+    keys = ReelKeys.model_validate(
+        {"commands": [command]} | ({"damping": reel.damping} if reel.damping else {})
+    )
+    if faults := list(_of_command(0, command, keys)):
+        raise ValueError("; ".join(fault.reason for fault in faults))
+    return _drive(command, reel.damping)
 
 
 def _drive(command: Command, damping: float | None) -> Drive:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import ValidationError
 
 from exunet.backends import integrator
 from exunet.backends.protocol import IntegrationFailed, Integrator, StepCounts, StepsCollapsed
@@ -20,8 +21,10 @@ from exunet.bodies.body import in_frames
 from exunet.bodies.port import Piece
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
+from exunet.forces.reel import command_name
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
+from exunet.net.reel import asked_of
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.control import Control, Controller
 from exunet.simulation.monitor import Monitor
@@ -320,6 +323,25 @@ class Simulation:
         self.settle()
         self._act(acting)
 
+    def command(self, tether: str, mode: str, rate: float | None = None, force: float | None = None) -> None:
+        """Command the reel of a tether from now on, until another command: modes and values as in a case.
+
+        mode : "lock", "brake", "rate" or "tension"; rate [m/s], force [N]
+        Raises InputError if there is no such reel, if the case has commands for it, or for values that do not
+        go with the mode.
+        """
+        reels = {winding.reel.name: winding.reel for winding in self._start.system.forces.cable.reels}
+        mine = {name: reel for name, reel in reels.items() if reel.is_commanded}
+        if tether not in mine:
+            words = "the case has commands for its reel" if tether in reels else "there is no such reel"
+            raise InputError(f"command: tether {tether!r}: {words}; a script may command: {_listed(mine)}")
+        try:
+            drive = asked_of(mine[tether], mode, rate, force)
+        except ValueError as error:
+            raise InputError(f"command: tether {tether!r}: {_reasons(error)}") from error
+        values = [1.0, drive.rate, drive.force, drive.gives_way, drive.takes_up]
+        self.set_input(command_name(tether), values)
+
     def steer(self, port: str, piece: Piece) -> None:
         """Let a body of motion = "port" go along a piece, which begins at the time and where it is."""
         self._integrator.steer(port, piece)
@@ -436,6 +458,17 @@ class Simulation:
     def monitor(self) -> Monitor:
         """The guards, balances and records of this simulation."""
         return self._monitor
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(names) or "none"
+
+
+def _reasons(error: ValueError) -> str:
+    """What is wrong, in a line; of a table's keys with their names."""
+    if isinstance(error, ValidationError):
+        return "; ".join(f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors())
+    return str(error)
 
 
 def cannot_restart(method: Method) -> str:

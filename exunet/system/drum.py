@@ -48,12 +48,12 @@ class Drum:
         part = self._reel.element_length
         self._least, self._largest = LEAST_OUTLET * part, LARGEST_OUTLET * part
         self._close = CLOSE * part
-        self._made: tuple[tuple[float, float], Outlet] | None = None
+        self._made: tuple[bytes, Outlet] | None = None
         self._wound = self._blocks.state(f"{self._reel.name}/wound_up")
 
     def in_steps(self, memory: Floats) -> bool:
         """Nodes go on and come off while the drum may turn."""
-        return not self._reel.drives[int(memory[1])].is_locked
+        return self._reel.is_commanded or not self._reel.drives[int(memory[1])].is_locked
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The next command, a node that goes onto the drum, one that comes off."""
@@ -66,7 +66,7 @@ class Drum:
 
     def _outlet_at(self, memory: Floats) -> Outlet:
         """What the loops take; made anew for another memory only."""
-        key = (memory[0], memory[1])
+        key = memory.tobytes()
         if self._made is None or self._made[0] != key:
             self._made = key, self._winding.outlet(memory)
         return self._made[1]

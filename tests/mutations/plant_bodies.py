@@ -178,8 +178,8 @@ _of_text(
     "a drive that pays out where its force is missing",
     reel_loops,
     "winding_rate",
-    "+ outlet.takes_up",
-    "- outlet.takes_up",
+    "+ takes_up *",
+    "- takes_up *",
     (reel,),
 )
 _of_text(
