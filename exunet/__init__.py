@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from exunet.coupling.books import Books as Books
     from exunet.coupling.cosimulation import Cosimulation as Cosimulation
     from exunet.coupling.exudyn_host import couple as couple
+    from exunet.coupling.fmu.export import export_fmu as export_fmu
     from exunet.coupling.host import BodiesHost as BodiesHost
     from exunet.coupling.native_items import NativeItems as NativeItems
     from exunet.coupling.native_items import add_to as add_to
@@ -93,6 +94,7 @@ API = {
         "Books": "exunet.coupling.books",
         "add_to": "exunet.coupling.native_items",
         "NativeItems": "exunet.coupling.native_items",
+        "export_fmu": "exunet.coupling.fmu.export",
     },
     "Results": {
         "Result": "exunet.results.result",

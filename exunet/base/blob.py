@@ -13,6 +13,7 @@ import json
 import math
 import os
 from collections.abc import Collection, Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
@@ -38,6 +39,32 @@ def write_arrays(
     Raises InputError, and leaves an older file as it was, if the header is not JSON-like (NaN and infinity
     are not), if an array has another type, or if the file cannot be written.
     """
+    with replacing(path) as part, part.open("wb") as stream:
+        _write(stream, path, kind, version, header, arrays)
+
+
+def pack_arrays(
+    kind: str, version: int, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
+) -> bytes:
+    """What `write_arrays` would write; raises InputError as that does."""
+    stream = BytesIO()
+    _write(stream, kind, kind, version, header, arrays)
+    return stream.getvalue()
+
+
+def unpack_arrays(content: bytes, kind: str, version: int) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """What `pack_arrays` packed; raises InputError as `read_arrays`."""
+    return _read(BytesIO(content), kind, kind, version, None)
+
+
+def _write(
+    stream: BinaryIO,
+    path: str | Path,
+    kind: str,
+    version: int,
+    header: Mapping[str, Any],
+    arrays: Mapping[str, NDArray[Any]],
+) -> None:
     stored = {name: _plain(path, name, values) for name, values in arrays.items()}
     table = [
         {
@@ -54,10 +81,9 @@ def write_arrays(
     except (TypeError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: the header cannot be written as JSON: {error}") from error
     head = len(text).to_bytes(8, "little")
-    with replacing(path) as part, part.open("wb") as stream:
-        stream.write(MAGIC + head + hashlib.sha256(head + text).digest() + text)
-        for values in stored.values():
-            stream.write(_bytes(values))
+    stream.write(MAGIC + head + hashlib.sha256(head + text).digest() + text)
+    for values in stored.values():
+        stream.write(_bytes(values))
 
 
 def read_arrays(
@@ -81,7 +107,8 @@ def read_arrays(
 def _read(
     stream: BinaryIO, path: str | Path, kind: str, version: int, only: Collection[str] | None
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    size = os.fstat(stream.fileno()).st_size
+    size = stream.seek(0, os.SEEK_END)
+    stream.seek(0)
     content = _content(stream, size, path)
     if content["kind"] != kind:
         raise InputError(f"{path}: it is a file of another kind ({content['kind']!r}, not {kind!r})")

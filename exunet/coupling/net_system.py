@@ -58,6 +58,14 @@ class PortLoad(NamedTuple):
     torque: Floats
 
 
+class Given(NamedTuple):
+    """What the net has done to the body of a port since the start; as in `PortLoad`."""
+
+    impulse: Floats
+    angular_impulse: Floats
+    work: float
+
+
 @dataclass(frozen=True)
 class _Port:
     """number : of the body; entry: where in the first-order states that begin what it has given."""
@@ -132,6 +140,11 @@ class NetSystem:
         """Where the frame of a port is in the net, and how it moves."""
         own = self._own(port)
         return own.frame.frame(own.state(self._sim.view))
+
+    def given(self, port: str) -> Given:
+        """What the net has done to the body of a port since the start."""
+        total = 0.0 - self._given(self._own(port))
+        return Given(total[:3], total[3:6], float(total[6]))
 
     def carried_mass(self, port: str) -> float:
         """Mass [kg] of the nodes that are fixed to a port: that of the host's body must count it."""

@@ -407,5 +407,29 @@ def plot_command(
         typer.echo(path)
 
 
+@_command("fmu")
+def fmu_command(
+    case: CasePath,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="file to write (default: CASE.fmu)", metavar="FILE", parser=_path),
+    ] = None,
+    fmi: Annotated[int, typer.Option("--fmi", help="version of FMI, 2 or 3", metavar="N")] = 3,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace a file that is there, once the new one is complete")
+    ] = False,
+    overrides: Overrides = [],  # noqa: B006
+) -> None:
+    """Make an FMU for co-simulation of a case.
+
+    A host that speaks FMI steps the net; it needs a Python with exunet on its machine, but not in its process.
+    """
+    from exunet.case.casefile import load
+    from exunet.coupling.fmu.export import export_fmu
+
+    loaded = load(case, overrides)
+    typer.echo(export_fmu(loaded, out or Path(f"{loaded.name}.fmu"), fmi=fmi, overwrite=overwrite))
+
+
 if __name__ == "__main__":
     main()

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.exudyn.loading import exudyn_version
-from exunet.base.blob import read_arrays, write_arrays
+from exunet.base.blob import pack_arrays, read_arrays, unpack_arrays, write_arrays
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.base.version import VERSION
@@ -52,7 +52,19 @@ class Snapshot:
     @classmethod
     def load(cls, path: str | Path) -> Snapshot:
         """Read what `save` wrote; raises InputError if the file is damaged or of another kind or version."""
-        header, arrays = read_arrays(path_of(path, "Snapshot.load"), KIND, FORMAT)
+        return cls._of_parts(*read_arrays(path_of(path, "Snapshot.load"), KIND, FORMAT))
+
+    def as_bytes(self) -> bytes:
+        """The content of the file that `save` writes."""
+        return pack_arrays(KIND, FORMAT, {"of": dict(self.of), **self.header}, self.arrays)
+
+    @classmethod
+    def of_bytes(cls, content: bytes) -> Snapshot:
+        """What `as_bytes` gave; raises InputError as `load`."""
+        return cls._of_parts(*unpack_arrays(content, KIND, FORMAT))
+
+    @classmethod
+    def _of_parts(cls, header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Snapshot:
         read = cls(header.pop("of", None), header, arrays)
         read.refuse_damaged()
         return read

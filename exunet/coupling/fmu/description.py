@@ -1,0 +1,200 @@
+"""modelDescription.xml of an FMU, by FMI 2.0 and FMI 3.0."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree as Xml
+
+from exunet.base.version import VERSION
+from exunet.coupling.fmu.units import powers
+from exunet.coupling.fmu.variables import Variable
+
+CATEGORIES = {
+    "logStatusError": "why a function returned an error",
+    "logStatusDiscard": "why a step was not taken",
+}
+TIME = 0  # the value reference of the independent variable; the others follow in their order
+
+
+@dataclass(frozen=True)
+class Description:
+    """What the model description tells.
+
+    identifier : of the binary, a C identifier
+    name       : of the model
+    title      : one line about it
+    end, step  : that the case has: until when, and between stored states [s]; step 0: no equal steps
+    keeps_states : the FMU can be set back
+    files      : of its sources
+    """
+
+    identifier: str
+    name: str
+    title: str
+    token: str
+    end: float
+    step: float
+    keeps_states: bool
+    variables: tuple[Variable, ...]
+    files: tuple[str, ...]
+
+
+def as_xml(of: Description, fmi: int) -> str:
+    """The text for a version of FMI, 2 or 3."""
+    root = _of_version_2(of) if fmi == 2 else _of_version_3(of)
+    Xml.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
+
+
+def build_description(of: Description) -> str:
+    """sources/buildDescription.xml of FMI 3."""
+    root = Xml.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = _put(root, "BuildConfiguration", modelIdentifier=of.identifier)
+    files = _put(configuration, "SourceFileSet", language="C99", compiler="gcc")
+    for name in of.files:
+        _put(files, "SourceFile", name=name)
+    Xml.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
+
+
+def _put(parent: Xml.Element, tag: str, **attributes: object) -> Xml.Element:
+    """A new element; attributes that are None are left out."""
+    return Xml.SubElement(parent, tag, _written(attributes))
+
+
+def _written(attributes: Mapping[str, object]) -> dict[str, str]:
+    return {name: _text(value) for name, value in attributes.items() if value is not None}
+
+
+def _text(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+def _of_version_3(of: Description) -> Xml.Element:
+    root = Xml.Element("fmiModelDescription", _written(_head(of, "3.0") | {"instantiationToken": of.token}))
+    _put(
+        root,
+        "CoSimulation",
+        modelIdentifier=of.identifier,
+        needsExecutionTool=True,
+        canGetAndSetFMUState=of.keeps_states,
+        canSerializeFMUState=of.keeps_states,
+        canHandleVariableCommunicationStepSize=True,
+        hasEventMode=False,
+    )
+    _units(root, of.variables)
+    _categories(root)
+    _experiment(root, of)
+    variables = _put(root, "ModelVariables")
+    _put(
+        variables,
+        "Float64",
+        name="time",
+        valueReference=TIME,
+        causality="independent",
+        variability="continuous",
+        description="simulated time",
+        unit="s",
+    )
+    structure = Xml.Element("ModelStructure")
+    for number, one in enumerate(of.variables, start=1):
+        _put(
+            variables,
+            "Boolean" if one.is_switch else "Float64",
+            name=one.name,
+            valueReference=number,
+            **_kind(one),
+            description=one.description,
+            **_number(one),
+        )
+    outputs = [number for number, one in enumerate(of.variables, start=1) if one.causality == "output"]
+    for tag, dependencies in (("Output", ""), ("InitialUnknown", None)):
+        for number in outputs:
+            _put(structure, tag, valueReference=number, dependencies=dependencies)
+    root.append(structure)
+    return root
+
+
+def _of_version_2(of: Description) -> Xml.Element:
+    head = _head(of, "2.0") | {"guid": of.token, "numberOfEventIndicators": 0}
+    root = Xml.Element("fmiModelDescription", _written(head))
+    simulation = _put(
+        root,
+        "CoSimulation",
+        modelIdentifier=of.identifier,
+        needsExecutionTool=True,
+        canHandleVariableCommunicationStepSize=True,
+        canGetAndSetFMUstate=of.keeps_states,
+        canSerializeFMUstate=of.keeps_states,
+    )
+    files = _put(simulation, "SourceFiles")
+    for name in of.files:
+        _put(files, "File", name=name)
+    _units(root, of.variables)
+    _categories(root)
+    _experiment(root, of)
+    variables = _put(root, "ModelVariables")
+    for number, one in enumerate(of.variables, start=1):
+        variable = _put(
+            variables,
+            "ScalarVariable",
+            name=one.name,
+            valueReference=number,
+            description=one.description,
+            **_kind(one),
+        )
+        _put(variable, "Boolean" if one.is_switch else "Real", **_number(one))
+    structure = _put(root, "ModelStructure")
+    outputs = [number for number, one in enumerate(of.variables, start=1) if one.causality == "output"]
+    for tag, dependencies in (("Outputs", ""), ("InitialUnknowns", None)):
+        unknowns = _put(structure, tag)
+        for number in outputs:  # counted from 1, as the value references happen to be
+            _put(unknowns, "Unknown", index=number, dependencies=dependencies)
+    return root
+
+
+def _head(of: Description, version: str) -> dict[str, object]:
+    return {
+        "fmiVersion": version,
+        "modelName": of.name,
+        "description": of.title,
+        "generationTool": f"exunet {VERSION}",
+        "variableNamingConvention": "structured",
+    }
+
+
+def _kind(one: Variable) -> dict[str, object]:
+    is_output, is_parameter = one.causality == "output", one.causality == "parameter"
+    return {
+        "causality": one.causality,
+        "variability": "fixed" if is_parameter else "continuous",
+        "initial": "calculated" if is_output else "exact" if is_parameter else None,
+    }
+
+
+def _number(one: Variable) -> dict[str, object]:
+    """Unit, bounds, and the start of what the host may set."""
+    start: object = None if one.causality == "output" else one.start
+    if one.is_switch:
+        return {"start": bool(start)}
+    return {"unit": one.unit or None, "min": one.low, "max": one.high, "start": start}
+
+
+def _units(root: Xml.Element, variables: Sequence[Variable]) -> None:
+    definitions = _put(root, "UnitDefinitions")
+    for unit in sorted({"s"} | {one.unit for one in variables if one.unit}):
+        base: dict[str, object] = dict(powers(unit))
+        _put(_put(definitions, "Unit", name=unit), "BaseUnit", **base)
+
+
+def _categories(root: Xml.Element) -> None:
+    categories = _put(root, "LogCategories")
+    for name, words in CATEGORIES.items():
+        _put(categories, "Category", name=name, description=words)
+
+
+def _experiment(root: Xml.Element, of: Description) -> None:
+    _put(root, "DefaultExperiment", startTime=0.0, stopTime=of.end, stepSize=of.step or None)

@@ -1,0 +1,216 @@
+"""The net of one instance of an FMU: built from values, stepped, kept and restored."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import count
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.blob import pack_arrays, unpack_arrays
+from exunet.base.errors import InputError
+from exunet.bodies.making import make_body
+from exunet.bodies.port import FrameState
+from exunet.bodies.rigid import rotation_matrix
+from exunet.case.casefile import Case
+from exunet.coupling.fmu.content import Content
+from exunet.coupling.fmu.parameters import Parameters
+from exunet.coupling.fmu.signals import AT_END, PER_PORT, Look, Signals, free_bodies_of, ports_of, state_of
+from exunet.coupling.fmu.variables import Variable
+from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.simulation.snapshot import Snapshot
+
+Floats = NDArray[np.float64]
+KIND, FORMAT = "exunet FMU state", 1
+
+# How far the communication point that a host names may be from the end of the last step, in parts of the step:
+# sums of steps have round-off.
+_SAME_TIME = 1e-6
+
+
+class Model:
+    """The variables of a case, and how their values become a net.
+
+    variables : parameters, the switch of ports, inputs, outputs
+    """
+
+    def __init__(self, case: Case) -> None:
+        self.parameters = Parameters(case.scene)
+        self.ports, self._bodies = ports_of(case.scene), free_bodies_of(case.scene)
+        self._scene = case.scene
+        own = [*self.parameters.variables, *([AT_END] if self.ports else [])]
+        self._settings = tuple(own)
+        self._centres = {
+            name: np.array(make_body(name, self._scene.bodies[name]).centre) for name in self.ports
+        }
+        self.n_parameters = len(self.parameters.variables)
+        self.first_input = len(own)
+
+    def net(self, case: Case) -> NetSystem:
+        """A net of the case."""
+        return NetSystem(case, wrenches=self._bodies)
+
+    def variables(self, signals: Signals) -> tuple[Variable, ...]:
+        """All."""
+        return (*self._settings, *signals.inputs, *signals.outputs)
+
+    def overrides(self, values: Floats, starts: Floats) -> list[str]:
+        """What values replace in the case: parameters, and states of ports that are not those of the case.
+
+        starts : the values of all variables in the case as it stands
+        """
+        found = self.parameters.overrides(values[: self.n_parameters].tolist())
+        for k, name in enumerate(self.ports):
+            own = slice(self.first_input + PER_PORT * k, self.first_input + PER_PORT * (k + 1))
+            if (values[own] != starts[own]).any():
+                found += self._start_of_port(name, state_of(values[own].tolist(), f"start of port {name}"))
+        return found
+
+    def _start_of_port(self, name: str, told: FrameState) -> list[str]:
+        turn, spin = rotation_matrix(np.array(told.attitude)), np.array(told.angular_velocity)
+        speed = told.velocity + turn @ np.cross(spin, self._centres[name])  # the case has that of the centre
+        keys, of = self._scene.bodies[name], f"bodies.{name}"
+        return [f"{of}.{key}=" for key in ("axis", "angle") if getattr(keys, key) is not None] + [
+            f"{of}.position={list(told.position)}",
+            f"{of}.velocity={speed.tolist()}",
+            f"{of}.attitude={list(told.attitude)}",
+            f"{of}.angular_velocity={list(told.angular_velocity)}",
+            f"{of}.angular_velocity_frame=body",
+        ]
+
+
+class _Kept(NamedTuple):
+    """A state that the host keeps. snapshot: None before there is a net."""
+
+    overrides: tuple[str, ...]
+    snapshot: Snapshot | None
+
+
+class Served:
+    """What a worker does for one instance.
+
+    folder : "resources" of the FMU
+    Values are (n,) of all variables, in their order. Raises InputError, CaseError and RunStopped.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.content = Content.read(folder)
+        self._model = Model(self.content.load(folder, []))
+        self._starts = np.array(self.content.starts)
+        self._net: NetSystem | None = None
+        self._signals: Signals | None = None
+        self._overrides: tuple[str, ...] = ()
+        self._kept: dict[int, _Kept] = {}
+        self._numbers = count(1)
+
+    def build(self, values: Floats) -> Floats:
+        """A net at time 0 for these values; returns them with the outputs."""
+        self._make(tuple(self._model.overrides(values, self._starts)))
+        return self._with_outputs(values, {})
+
+    def step(self, begin: float, end: float, values: Floats) -> Floats:
+        """Go through a communication step [s]; returns the values with the outputs at its end.
+
+        A step that a guard stops raises RunStopped; the net is then where the step began.
+        """
+        net, signals = self._built()
+        if not end > begin:
+            raise InputError(f"doStep: the communication step must be positive, got {end - begin:g} s")
+        if begin - net.time < -_SAME_TIME * (end - begin):
+            raise InputError(
+                f"doStep: the host goes back in time, to {begin:.9g} s, but the net is at {net.time:.9g} s: "
+                "set an FMU state of that time first"
+            )
+        if begin - net.time > _SAME_TIME * (end - begin):
+            raise InputError(f"doStep: begins at {begin:.9g} s, but the net is at {net.time:.9g} s")
+        model = self._model
+        inputs = values[model.first_input : model.first_input + len(signals.inputs)].tolist()
+        signals.let_wrenches_act(net, inputs)
+        frames = signals.frames(inputs)
+        if model.ports and not values[model.n_parameters]:
+            frames = {name: state.after(end - net.time) for name, state in frames.items()}
+        loads = net.step(end, frames)
+        net.finish()
+        return self._with_outputs(values, loads)
+
+    def keep(self) -> int:
+        """Keep the state as it is; returns its number."""
+        number = next(self._numbers)
+        snapshot = None if self._net is None else self._net.snapshot()
+        self._kept[number] = _Kept(self._overrides, snapshot)
+        return number
+
+    def restore(self, number: int) -> None:
+        """Go to a state that was kept."""
+        kept = self._own(number)
+        if kept.snapshot is None:
+            return  # the host will build anew
+        if self._net is None or kept.overrides != self._overrides:
+            self._make(kept.overrides)
+        self._built()[0].restore(kept.snapshot)
+
+    def free(self, number: int) -> None:
+        """Forget a state that was kept."""
+        self._kept.pop(number, None)
+
+    def pack(self, number: int, values: Floats) -> bytes:
+        """A state that was kept, with numbers of the host's side (n,), as bytes."""
+        kept = self._own(number)
+        of_net = b"" if kept.snapshot is None else kept.snapshot.as_bytes()
+        header = {"token": self.content.token, "overrides": list(kept.overrides)}
+        return pack_arrays(
+            KIND, FORMAT, header, {"values": values, "net": np.frombuffer(of_net, dtype=np.uint8)}
+        )
+
+    def unpack(self, content: bytes, size: int) -> tuple[int, Floats]:
+        """Keep a state that `pack` gave, of this FMU; returns its number and the host's numbers (size,)."""
+        header, arrays = unpack_arrays(content, KIND, FORMAT)
+        overrides, values = header.get("overrides"), arrays.get("values", np.zeros(0))
+        if header.get("token") != self.content.token:
+            raise InputError("the FMU state is of another FMU, or of this one from another export")
+        if (
+            not isinstance(overrides, list)
+            or not all(isinstance(one, str) for one in overrides)
+            or values.dtype != np.float64
+            or values.shape != (size,)
+            or "net" not in arrays
+        ):
+            raise InputError("the FMU state is damaged: it has not what a state has")
+        of_net = arrays["net"].tobytes()
+        number = next(self._numbers)
+        self._kept[number] = _Kept(tuple(overrides), Snapshot.of_bytes(of_net) if of_net else None)
+        return number, values
+
+    def _own(self, number: int) -> _Kept:
+        if number not in self._kept:
+            raise InputError(f"there is no FMU state {number} in this instance: it was freed")
+        return self._kept[number]
+
+    def _built(self) -> tuple[NetSystem, Signals]:
+        if self._net is None or self._signals is None:
+            raise InputError("the FMU is not initialised")
+        return self._net, self._signals
+
+    def _make(self, overrides: tuple[str, ...]) -> None:
+        """A net at time 0 of the case with further overrides; the one that is there if it is alike."""
+        if self._net is not None and overrides == self._overrides and self._net.simulation.can_restart:
+            self._net.reset()
+            return
+        self._net = None
+        net = self._model.net(self.content.load(self._folder, list(overrides)))
+        signals = Signals(net)
+        names = tuple(one.name for one in self._model.variables(signals))
+        if names != self.content.variables:
+            raise InputError(
+                "these parameters give the net other variables than those of the model description"
+            )
+        self._net, self._signals, self._overrides = net, signals, overrides
+
+    def _with_outputs(self, values: Floats, loads: Mapping[str, PortLoad]) -> Floats:
+        net, signals = self._built()
+        outputs = signals.read(Look(net, loads))
+        return np.concatenate([values[: len(values) - len(outputs)], outputs])
