@@ -422,7 +422,7 @@ def fmu_command(
 ) -> None:
     """Make an FMU for co-simulation of a case.
 
-    A host that speaks FMI steps the net; it needs a Python with exunet on its machine, but not in its process.
+    A host that speaks FMI steps the net. Its machine needs a Python with exunet, but its process none.
     """
     from exunet.case.casefile import load
     from exunet.coupling.fmu.export import export_fmu

@@ -48,8 +48,8 @@ class Content:
             raise InputError(f"{folder / FILE}: cannot be read ({error}): export the FMU again") from error
         if content.exunet != VERSION:
             raise InputError(
-                f"the FMU is of exunet {content.exunet}, its worker of exunet {VERSION}: export it again, or let "
-                "EXUNET_PYTHON name a Python that has the exunet of the FMU"
+                f"the FMU is of exunet {content.exunet}, its worker of exunet {VERSION}: export it again, or "
+                "let EXUNET_PYTHON name a Python that has the exunet of the FMU"
             )
         return content
 

@@ -12,7 +12,6 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -69,8 +68,8 @@ def export_fmu(
     fmi       : version of the standard, 2 or 3
     overwrite : replace a file that is there
     The host's machine needs a Python with this exunet: that of the export, or the one that the environment
-    variable EXUNET_PYTHON names there. Raises CaseError for a case that cannot be simulated, InputError if the
-    file cannot be written, and MissingExtra if there is no C compiler.
+    variable EXUNET_PYTHON names there. Raises CaseError for a case that cannot be simulated, InputError if
+    the file cannot be written, and MissingExtra if there is no C compiler.
     """
     if fmi not in VERSIONS:
         raise InputError(f"export_fmu: fmi is 2 or 3, got {fmi!r}")
@@ -172,9 +171,10 @@ def _identifier(name: str) -> str:
 
 def _table(token: str, variables: Sequence[Variable]) -> dict[str, str]:
     """The sources with the names, kinds and starts of the variables."""
+    kinds = [("s" if one.is_switch else "n", one.causality[0]) for one in variables]
     rows = [
-        f"    {{{_c_string(one.name)}, '{'s' if one.is_switch else 'n'}', '{one.causality[0]}', {one.start.hex()}}},"
-        for one in variables
+        f"    {{{_c_string(one.name)}, '{kind}', '{causality}', {one.start.hex()}}},"
+        for one, (kind, causality) in zip(variables, kinds, strict=True)
     ]
     head = [
         "/* The variables of this FMU, in the order of their value references, which begin with 1. */",

@@ -1,7 +1,7 @@
 """The parameters of an FMU: numbers of the case that a study of a design varies.
 
-They are keys that the case has, with a number or three, in the tables that `_STUDIED` names. None of them changes
-how many nodes, elements or bodies there are. A value that differs from the case's becomes an override.
+They are keys that the case has, with a number or three, in the tables that `_STUDIED` names. None of them
+changes how many nodes, elements or bodies there are. A value that differs from the case's is an override.
 """
 
 from __future__ import annotations

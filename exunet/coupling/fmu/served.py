@@ -26,8 +26,8 @@ from exunet.simulation.snapshot import Snapshot
 Floats = NDArray[np.float64]
 KIND, FORMAT = "exunet FMU state", 1
 
-# How far the communication point that a host names may be from the end of the last step, in parts of the step:
-# sums of steps have round-off.
+# How far the communication point that a host names may be from the end of the last step, in parts of the
+# step: sums of steps have round-off.
 _SAME_TIME = 1e-6
 
 

@@ -23,8 +23,8 @@ Floats = NDArray[np.float64]
 AT_END = Variable(
     "ports.inputs_at_end",
     "parameter",
-    "true: the inputs of ports tell their states at the end of a communication step; false: at its beginning, "
-    "from where they go on at constant velocity and angular velocity",
+    "true: the inputs of ports tell their states at the end of a communication step; false: at its "
+    "beginning, from where they go on at constant velocity and angular velocity",
     0.0,
     is_switch=True,
 )
@@ -46,10 +46,6 @@ class Look:
     def states(self) -> States:
         """All states as a batch of one."""
         return States.of(self.system, self.net.simulation.state)
-
-    def nodes(self, of: Floats) -> Floats:
-        """(n_nodes, 3) of the points."""
-        return np.asarray(of[0, : self.system.net.n_nodes])
 
 
 Read = Callable[[Look], Iterator[float]]
@@ -210,7 +206,7 @@ def _of_net(net: NetSystem) -> Iterator[tuple[list[Variable], Read]]:
 
     if own.mouth:
         area = output("mouth_area", "area of the net's mouth", "m2")
-        yield [area], lambda look: iter([mouth_area(own, look.nodes(look.states.position))])
+        yield [area], lambda look: iter(mouth_area(own, look.states.position[:, : own.n_nodes]))
     tension = output("largest_tension", "largest tension of all steps so far", "N")
     yield [tension], lambda look: iter([look.net.simulation.largest_tension["tension_N"]])
     yield (
