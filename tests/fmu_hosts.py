@@ -214,5 +214,3 @@ def workers_of(process: int) -> list[int]:
 def resident(process: int) -> int:
     """Memory in use [bytes]."""
     return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
