@@ -1,0 +1,206 @@
+"""FMUs of nets with ports: motion in, wrench and impulse out, as `NetSystem` and `Cosimulation` have it."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmu_hosts import PORT, CHost, Unpacked, built_host, written
+
+import exunet
+
+pytestmark = [pytest.mark.slow, pytest.mark.ci]  # they compile a kernel
+
+STEP = 0.01
+PARTS = {
+    "position": "xyz",
+    "velocity": "xyz",
+    "attitude": "wxyz",
+    "angular_velocity": "xyz",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("fmus")
+
+
+@pytest.fixture(scope="module")
+def case(folder: Path) -> Path:
+    return written(folder, "port", PORT)
+
+
+@pytest.fixture(scope="module")
+def program(folder: Path) -> Path:
+    return built_host(folder)
+
+
+@pytest.fixture(scope="module")
+def net(case: Path) -> exunet.NetSystem:
+    return exunet.NetSystem(case, wrenches=("the-target",))
+
+
+@pytest.fixture(scope="module", params=[2, 3])
+def shared(
+    request: pytest.FixtureRequest, folder: Path, program: Path, case: Path
+) -> Iterator[CHost]:
+    fmu = exunet.export_fmu(case, folder / f"{request.param}.fmu", fmi=request.param)
+    with CHost(program, Unpacked.of(fmu, folder / f"unpacked{request.param}")) as host:
+        host.do("new", 0)
+        yield host
+        host.do("free", 0)
+
+
+@pytest.fixture
+def host(shared: CHost) -> CHost:
+    shared.do("reset", 0)
+    return shared
+
+
+def tell(host: CHost, state: exunet.FrameState) -> None:
+    """The inputs of the port."""
+    for what, parts in PARTS.items():
+        for part, value in zip(parts, getattr(state, what), strict=True):
+            host.set(f"ports.chaser.{what}.{part}", float(value))
+
+
+def vector(host: CHost, name: str) -> np.ndarray:
+    return np.array([host.get(f"{name}.{axis}") for axis in "xyz"])
+
+
+def swaying(time: float) -> exunet.FrameState:
+    """A chaser that accelerates and turns, from the start of the case on."""
+    turn = 0.3 * time * time
+    return exunet.FrameState(
+        (-0.495 - 0.2 * time * time, -0.495, -0.2 + time),
+        (-0.4 * time, 0.0, 1.0),
+        (math.cos(0.5 * turn), 0.0, 0.0, math.sin(0.5 * turn)),
+        (0.0, 0.0, 0.6 * time),
+    )
+
+
+@pytest.mark.parametrize("at_end", [False, True])
+def test_the_port_gives_what_a_net_system_gives(
+    host: CHost, net: exunet.NetSystem, at_end: bool
+) -> None:
+    """To the last bit through the pull of the tether: mean force and torque, sums of impulse and work, bodies."""
+    net.reset()
+    host.do("enter", 0, 0.0)
+    host.do("turn", 0, host.fmu.references["ports.inputs_at_end"], int(at_end))
+    host.do("exit", 0)
+    begin, largest = 0.0, 0.0
+    for k in range(60):
+        end = begin + STEP
+        told = swaying(end) if at_end else swaying(begin)
+        tell(host, told)
+        host.do("step", 0, begin.hex(), STEP)
+        load = net.step(end, {"chaser": told if at_end else told.after(end - begin)})["chaser"]
+        net.finish()
+        begin = end
+        largest = max(largest, float(np.abs(load.force).max()))
+        assert (vector(host, "ports.chaser.force") == load.force).all()
+        assert (vector(host, "ports.chaser.torque") == load.torque).all()
+    given = net.given("chaser")
+    assert (vector(host, "ports.chaser.impulse") == given.impulse).all()
+    assert (vector(host, "ports.chaser.angular_impulse") == given.angular_impulse).all()
+    assert host.get("ports.chaser.work") == given.work
+    target = net.simulation.bodies["the-target"]
+    assert target.angular_velocity is not None
+    assert (vector(host, "bodies.'the-target'.angular_velocity") == target.angular_velocity).all()
+    assert host.get("net.largest_tension") == net.simulation.largest_tension["tension_N"]
+    assert largest > 0.1  # [N]: it was pulled
+
+
+def test_a_wrench_acts_at_the_origin_of_the_bodys_frame(host: CHost) -> None:
+    """Slack threads: m a = F at the centre of mass, and no turning where the torque cancels the arm's."""
+    force, centre = np.array([0.0, 0.0, 50.0]), np.array([0.02, 0.0, 0.01])  # [N], [m]
+    host.do("enter", 0, 0.0)
+    for axis in "xyz":
+        host.set(f"case.bodies.'the-target'.angular_velocity.{axis}", 0.0)
+        host.set(f"case.bodies.'the-target'.velocity.{axis}", 0.0)
+    host.do("exit", 0)
+    of = "bodies.'the-target'"
+    host.set(f"{of}.force.z", 50.0)
+    for axis, value in zip("xyz", np.cross(centre, force), strict=True):
+        host.set(f"{of}.torque.{axis}", float(value))
+    host.do("step", 0, 0.0, 1e-3)
+    np.testing.assert_allclose(vector(host, f"{of}.velocity"), [0.0, 0.0, 50.0 / 5.0 * 1e-3], atol=1e-9)
+    np.testing.assert_allclose(vector(host, f"{of}.angular_velocity"), 0.0, atol=1e-9)
+
+
+def test_a_port_starts_where_its_inputs_are(host: CHost) -> None:
+    """Another velocity at the start is that of the case with it; another place tears the net from its corner."""
+    start = swaying(0.0)._replace(velocity=(0.0, 0.0, 0.5), angular_velocity=(0.0, 0.0, 0.1))
+    host.do("enter", 0, 0.0)
+    tell(host, start)
+    host.do("exit", 0)
+    host.do("step", 0, 0.0, STEP)
+    assert host.get("net.centre.z") > 0.0
+    host.do("reset", 0)
+    host.do("enter", 0, 0.0)
+    tell(host, start._replace(position=(3.0, 0.0, 0.0)))
+    assert "bodies.chaser.attachments.corner" in host.fails("exit", 0)
+
+
+def test_faults_of_the_host_are_told_by_the_name_of_the_port(host: CHost) -> None:
+    """And the last good state that it kept goes on as if nothing had been."""
+    host.do("enter", 0, 0.0)
+    host.do("exit", 0)
+    for k in range(5):
+        tell(host, swaying(k * STEP))
+        host.do("step", 0, k * STEP, STEP)
+    host.do("keep", 0, 0)
+    tell(host, swaying(0.05))
+    host.do("step", 0, 0.05, STEP)
+    expected = host.all_outputs()
+    for name, value, words in (
+        ("ports.chaser.position.x", 4.0, "port chaser jumps"),
+        ("ports.chaser.attitude.w", 0.3, "inputs of ports.chaser: the attitude is a unit quaternion"),
+    ):
+        host.do("back", 0, 0)
+        tell(host, swaying(0.05))
+        host.set(name, value)
+        assert words in host.fails("step", 0, 0.05, STEP)
+    host.do("back", 0, 0)
+    reference = host.fmu.references["ports.chaser.velocity.y"]
+    assert "ports.chaser.velocity.y cannot be set to nan" in host.fails("set", 0, reference, "nan")
+    host.do("back", 0, 0)
+    tell(host, swaying(0.05))
+    host.do("step", 0, 0.05, STEP)
+    assert host.all_outputs() == expected
+    host.do("drop", 0, 0)
+
+
+def test_states_repeat_to_the_last_bit_while_the_tether_pulls(host: CHost, tmp_path: Path) -> None:
+    """In memory and from bytes, with the port under way."""
+    host.do("enter", 0, 0.0)
+    host.do("exit", 0)
+
+    def go(first: int, last: int) -> None:
+        for k in range(first, last):
+            tell(host, swaying(k * STEP))
+            host.do("step", 0, k * STEP, STEP)
+
+    go(0, 30)
+    host.do("keep", 0, 0)
+    host.do("save", 0, 0, tmp_path / "state")
+    go(30, 60)
+    expected = host.all_outputs()
+    host.do("back", 0, 0)
+    go(30, 60)
+    assert host.all_outputs() == expected
+    host.do("load", 0, 1, tmp_path / "state")
+    host.do("reset", 0)
+    host.do("back", 0, 1)
+    go(30, 60)
+    assert host.all_outputs() == expected
+    host.do("drop", 0, 0)
+    host.do("drop", 0, 1)
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_the_validator_finds_nothing(folder: Path, case: Path, fmi: int) -> None:
+    validation = pytest.importorskip("fmpy.validation")
+    path = exunet.export_fmu(case, folder / "checked.fmu", fmi=fmi, overwrite=True)
+    assert validation.validate_fmu(str(path)) == []
