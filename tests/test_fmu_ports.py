@@ -9,6 +9,7 @@ import pytest
 from fmu_hosts import PORT, CHost, Unpacked, built_host, written
 
 import exunet
+from exunet.coupling.prediction import Predictor
 
 pytestmark = [pytest.mark.slow, pytest.mark.ci]  # they compile a kernel
 
@@ -42,9 +43,7 @@ def net(case: Path) -> exunet.NetSystem:
 
 
 @pytest.fixture(scope="module", params=[2, 3])
-def shared(
-    request: pytest.FixtureRequest, folder: Path, program: Path, case: Path
-) -> Iterator[CHost]:
+def shared(request: pytest.FixtureRequest, folder: Path, program: Path, case: Path) -> Iterator[CHost]:
     fmu = exunet.export_fmu(case, folder / f"{request.param}.fmu", fmi=request.param)
     with CHost(program, Unpacked.of(fmu, folder / f"unpacked{request.param}")) as host:
         host.do("new", 0)
@@ -81,21 +80,23 @@ def swaying(time: float) -> exunet.FrameState:
 
 
 @pytest.mark.parametrize("at_end", [False, True])
-def test_the_port_gives_what_a_net_system_gives(
-    host: CHost, net: exunet.NetSystem, at_end: bool
-) -> None:
-    """To the last bit through the pull of the tether: mean force and torque, sums of impulse and work, bodies."""
+def test_the_port_gives_what_a_net_system_gives(host: CHost, net: exunet.NetSystem, at_end: bool) -> None:
+    """To the last bit through the pull of the tether: mean force and torque, their sums, bodies."""
     net.reset()
     host.do("enter", 0, 0.0)
     host.do("turn", 0, host.fmu.references["ports.inputs_at_end"], int(at_end))
     host.do("exit", 0)
-    begin, largest = 0.0, 0.0
-    for k in range(60):
+    begin, largest, predictor = 0.0, 0.0, Predictor()
+    for _ in range(60):
         end = begin + STEP
         told = swaying(end) if at_end else swaying(begin)
         tell(host, told)
         host.do("step", 0, begin.hex(), STEP)
-        load = net.step(end, {"chaser": told if at_end else told.after(end - begin)})["chaser"]
+        if not at_end:
+            now = {"chaser": told}
+            told = predictor.told(begin, end, now)["chaser"]
+            predictor.keep(begin, now)
+        load = net.step(end, {"chaser": told})["chaser"]
         net.finish()
         begin = end
         largest = max(largest, float(np.abs(load.force).max()))
@@ -113,7 +114,10 @@ def test_the_port_gives_what_a_net_system_gives(
 
 
 def test_a_wrench_acts_at_the_origin_of_the_bodys_frame(host: CHost) -> None:
-    """Slack threads: m a = F at the centre of mass, and no turning where the torque cancels the arm's."""
+    """Slack threads: m a = F at the centre of mass, and no turning where the torque cancels the arm's.
+
+    With 0.5 g of the tether's end on the 5 kg of the body. Uncancelled, 1 N m on 0.2 kg m2 gives 5e-3 rad/s.
+    """
     force, centre = np.array([0.0, 0.0, 50.0]), np.array([0.02, 0.0, 0.01])  # [N], [m]
     host.do("enter", 0, 0.0)
     for axis in "xyz":
@@ -125,22 +129,25 @@ def test_a_wrench_acts_at_the_origin_of_the_bodys_frame(host: CHost) -> None:
     for axis, value in zip("xyz", np.cross(centre, force), strict=True):
         host.set(f"{of}.torque.{axis}", float(value))
     host.do("step", 0, 0.0, 1e-3)
-    np.testing.assert_allclose(vector(host, f"{of}.velocity"), [0.0, 0.0, 50.0 / 5.0 * 1e-3], atol=1e-9)
-    np.testing.assert_allclose(vector(host, f"{of}.angular_velocity"), 0.0, atol=1e-9)
+    np.testing.assert_allclose(vector(host, f"{of}.velocity"), [0.0, 0.0, 0.01], rtol=2e-4, atol=2e-6)
+    np.testing.assert_allclose(vector(host, f"{of}.angular_velocity"), 0.0, atol=1e-5)
 
 
-def test_a_port_starts_where_its_inputs_are(host: CHost) -> None:
-    """Another velocity at the start is that of the case with it; another place tears the net from its corner."""
+def test_a_port_starts_where_its_inputs_are(host: CHost, case: Path) -> None:
+    """Another velocity is that of a case with it; another place tears the net from its corner."""
     start = swaying(0.0)._replace(velocity=(0.0, 0.0, 0.5), angular_velocity=(0.0, 0.0, 0.1))
     host.do("enter", 0, 0.0)
     tell(host, start)
     host.do("exit", 0)
     host.do("step", 0, 0.0, STEP)
-    assert host.get("net.centre.z") > 0.0
+    turned = ["bodies.chaser.velocity=[0.0, 0.0, 0.5]", "bodies.chaser.angular_velocity=[0.0, 0.0, 0.1]"]
+    other = exunet.NetSystem(case, turned, wrenches=("the-target",))
+    other.step(STEP, {"chaser": start.after(STEP)})
+    assert host.get("net.energy.kinetic") == other.simulation.energy.kinetic
     host.do("reset", 0)
     host.do("enter", 0, 0.0)
     tell(host, start._replace(position=(3.0, 0.0, 0.0)))
-    assert "bodies.chaser.attachments.corner" in host.fails("exit", 0)
+    assert "bodies.chaser.attachments" in host.fails("exit", 0)
 
 
 def test_faults_of_the_host_are_told_by_the_name_of_the_port(host: CHost) -> None:
@@ -156,7 +163,7 @@ def test_faults_of_the_host_are_told_by_the_name_of_the_port(host: CHost) -> Non
     expected = host.all_outputs()
     for name, value, words in (
         ("ports.chaser.position.x", 4.0, "port chaser jumps"),
-        ("ports.chaser.attitude.w", 0.3, "inputs of ports.chaser: the attitude is a unit quaternion"),
+        ("ports.chaser.attitude.w", 0.3, "step: port chaser: the attitude is a unit quaternion"),
     ):
         host.do("back", 0, 0)
         tell(host, swaying(0.05))

@@ -142,8 +142,8 @@ class NetSystem:
         return own.frame.frame(own.state(self._sim.view))
 
     def given(self, port: str) -> Given:
-        """What the net has done to the body of a port since the start."""
-        total = 0.0 - self._given(self._own(port))
+        """What the net has done to the body of a port since the start, by a throw there too."""
+        total = 0.0 - self._own(port).given(self._sim.view)
         return Given(total[:3], total[3:6], float(total[6]))
 
     def carried_mass(self, port: str) -> float:

@@ -22,10 +22,18 @@ STABLE, CONTRACTING = 1.0, 6.0  # bounds of H^2 k / m: without repeats, and with
 
 
 class Predictor:
-    """Remembers how the host's bodies moved at the beginning of the last step that counts."""
+    """Remembers how the host's bodies moved at the beginning of the last step that counts.
 
-    def __init__(self) -> None:
-        self._before: tuple[float, Mapping[str, FrameState]] | None = None
+    before : that time [s], and the states then; None: there was no step
+    """
+
+    def __init__(self, before: tuple[float, Mapping[str, FrameState]] | None = None) -> None:
+        self._before = before
+
+    @property
+    def before(self) -> tuple[float, Mapping[str, FrameState]] | None:
+        """All that it remembers."""
+        return self._before
 
     def told(self, begin: float, until: float, now: Mapping[str, FrameState]) -> dict[str, FrameState]:
         """States at `until` [s], by those at `begin` and at the beginning of the step before.

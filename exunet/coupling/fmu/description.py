@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as Xml
@@ -24,7 +25,7 @@ class Description:
     identifier : of the binary, a C identifier
     name       : of the model
     title      : one line about it
-    end, step  : that the case has: until when, and between stored states [s]; step 0: no equal steps
+    end, step  : until when, and by which steps [s]; infinite: any
     keeps_states : the FMU can be set back
     files      : of its sources
     """
@@ -197,4 +198,10 @@ def _categories(root: Xml.Element) -> None:
 
 
 def _experiment(root: Xml.Element, of: Description) -> None:
-    _put(root, "DefaultExperiment", startTime=0.0, stopTime=of.end, stepSize=of.step or None)
+    _put(
+        root,
+        "DefaultExperiment",
+        startTime=0.0,
+        stopTime=of.end,
+        stepSize=of.step if math.isfinite(of.step) else None,
+    )

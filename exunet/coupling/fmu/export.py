@@ -24,6 +24,7 @@ from exunet.coupling.fmu.description import Description, as_xml, build_descripti
 from exunet.coupling.fmu.served import Model
 from exunet.coupling.fmu.signals import Signals
 from exunet.coupling.fmu.variables import Variable
+from exunet.coupling.prediction import STABLE, longest_step
 
 VERSIONS = (2, 3)
 _COMMON = ("instance.c", "instance.h", "worker.c", "worker.h")
@@ -97,14 +98,14 @@ def export_fmu(
         tuple(dict.fromkeys(str(Path(one).resolve()) for one in sys.path if one)),
     )
     sources |= _table(token, variables)
-    time = found.scene.time
+    time, longest = found.scene.time, longest_step(net, STABLE)
     description = Description(
         identifier=_identifier(found.name),
         name=found.name,
         title=found.scene.title,
         token=token,
         end=time.end,
-        step=time.output_step or 0.0,
+        step=min(time.output_step or longest, longest),
         keeps_states=net.simulation.can_restart,
         variables=variables,
         files=tuple(sorted(name for name in sources if name.endswith(".c"))),

@@ -18,9 +18,18 @@ from exunet.bodies.rigid import rotation_matrix
 from exunet.case.casefile import Case
 from exunet.coupling.fmu.content import Content
 from exunet.coupling.fmu.parameters import Parameters
-from exunet.coupling.fmu.signals import AT_END, PER_PORT, Look, Signals, free_bodies_of, ports_of, state_of
+from exunet.coupling.fmu.signals import (
+    AT_END,
+    PER_PORT,
+    Look,
+    Signals,
+    frames_of,
+    free_bodies_of,
+    ports_of,
+)
 from exunet.coupling.fmu.variables import Variable
 from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.coupling.prediction import Predictor
 from exunet.simulation.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
@@ -63,10 +72,12 @@ class Model:
         starts : the values of all variables in the case as it stands
         """
         found = self.parameters.overrides(values[: self.n_parameters].tolist())
-        for k, name in enumerate(self.ports):
-            own = slice(self.first_input + PER_PORT * k, self.first_input + PER_PORT * (k + 1))
-            if (values[own] != starts[own]).any():
-                found += self._start_of_port(name, state_of(values[own].tolist(), f"start of port {name}"))
+        now, then = (
+            frames_of(self.ports, all_of[self.first_input :].tolist()) for all_of in (values, starts)
+        )
+        for name, state in now.items():
+            if state != then[name]:
+                found += self._start_of_port(name, FrameState.of(state, f"start of port {name}"))
         return found
 
     def _start_of_port(self, name: str, told: FrameState) -> list[str]:
@@ -82,11 +93,19 @@ class Model:
         ]
 
 
+Before = tuple[float, Mapping[str, FrameState]] | None
+
+
 class _Kept(NamedTuple):
-    """A state that the host keeps. snapshot: None before there is a net."""
+    """A state that the host keeps.
+
+    snapshot : None before there is a net
+    before   : what the predictor of the ports' motions remembers
+    """
 
     overrides: tuple[str, ...]
     snapshot: Snapshot | None
+    before: Before
 
 
 class Served:
@@ -104,6 +123,7 @@ class Served:
         self._net: NetSystem | None = None
         self._signals: Signals | None = None
         self._overrides: tuple[str, ...] = ()
+        self._predictor = Predictor()
         self._kept: dict[int, _Kept] = {}
         self._numbers = count(1)
 
@@ -131,17 +151,19 @@ class Served:
         inputs = values[model.first_input : model.first_input + len(signals.inputs)].tolist()
         signals.let_wrenches_act(net, inputs)
         frames = signals.frames(inputs)
+        start, told = net.time, frames
         if model.ports and not values[model.n_parameters]:
-            frames = {name: state.after(end - net.time) for name, state in frames.items()}
-        loads = net.step(end, frames)
+            told = self._predictor.told(start, end, frames)
+        loads = net.step(end, told)
         net.finish()
+        self._predictor.keep(start, frames)
         return self._with_outputs(values, loads)
 
     def keep(self) -> int:
         """Keep the state as it is; returns its number."""
         number = next(self._numbers)
         snapshot = None if self._net is None else self._net.snapshot()
-        self._kept[number] = _Kept(self._overrides, snapshot)
+        self._kept[number] = _Kept(self._overrides, snapshot, self._predictor.before)
         return number
 
     def restore(self, number: int) -> None:
@@ -152,6 +174,7 @@ class Served:
         if self._net is None or kept.overrides != self._overrides:
             self._make(kept.overrides)
         self._built()[0].restore(kept.snapshot)
+        self._predictor = Predictor(kept.before)
 
     def free(self, number: int) -> None:
         """Forget a state that was kept."""
@@ -162,9 +185,8 @@ class Served:
         kept = self._own(number)
         of_net = b"" if kept.snapshot is None else kept.snapshot.as_bytes()
         header = {"token": self.content.token, "overrides": list(kept.overrides)}
-        return pack_arrays(
-            KIND, FORMAT, header, {"values": values, "net": np.frombuffer(of_net, dtype=np.uint8)}
-        )
+        before, net = self._numbers_of(kept.before), np.frombuffer(of_net, dtype=np.uint8)
+        return pack_arrays(KIND, FORMAT, header, {"values": values, "before": before, "net": net})
 
     def unpack(self, content: bytes, size: int) -> tuple[int, Floats]:
         """Keep a state that `pack` gave, of this FMU; returns its number and the host's numbers (size,)."""
@@ -178,12 +200,28 @@ class Served:
             or values.dtype != np.float64
             or values.shape != (size,)
             or "net" not in arrays
+            or arrays.get("before", values).shape not in ((0,), (1 + PER_PORT * len(self._model.ports),))
         ):
             raise InputError("the FMU state is damaged: it has not what a state has")
         of_net = arrays["net"].tobytes()
         number = next(self._numbers)
-        self._kept[number] = _Kept(tuple(overrides), Snapshot.of_bytes(of_net) if of_net else None)
+        snapshot = Snapshot.of_bytes(of_net) if of_net else None
+        self._kept[number] = _Kept(tuple(overrides), snapshot, self._before_of(arrays["before"]))
         return number, values
+
+    def _numbers_of(self, before: Before) -> Floats:
+        """What a predictor remembers, as numbers."""
+        if before is None:
+            return np.zeros(0)
+        states = [np.concatenate(before[1][name]) for name in self._model.ports]
+        return np.concatenate([[before[0]], *states])
+
+    def _before_of(self, numbers: Floats) -> Before:
+        """What `_numbers_of` gave."""
+        if not len(numbers):
+            return None
+        time, *values = numbers.tolist()
+        return time, frames_of(self._model.ports, values)
 
     def _own(self, number: int) -> _Kept:
         if number not in self._kept:
@@ -199,6 +237,7 @@ class Served:
         """A net at time 0 of the case with further overrides; the one that is there if it is alike."""
         if self._net is not None and overrides == self._overrides and self._net.simulation.can_restart:
             self._net.reset()
+            self._predictor = Predictor()
             return
         self._net = None
         net = self._model.net(self.content.load(self._folder, list(overrides)))
@@ -209,6 +248,7 @@ class Served:
                 "these parameters give the net other variables than those of the model description"
             )
         self._net, self._signals, self._overrides = net, signals, overrides
+        self._predictor = Predictor()
 
     def _with_outputs(self, values: Floats, loads: Mapping[str, PortLoad]) -> Floats:
         net, signals = self._built()

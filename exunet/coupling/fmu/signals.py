@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.port import FrameOf, FrameState, PrincipalState
-from exunet.bodies.rigid import rotation_matrix
 from exunet.case.scene import Scene
 from exunet.coupling.fmu.variables import QUATERNION, Causality, Variable, structured, vector
 from exunet.coupling.net_system import NetSystem, PortLoad
@@ -24,7 +23,7 @@ AT_END = Variable(
     "ports.inputs_at_end",
     "parameter",
     "true: the inputs of ports tell their states at the end of a communication step; false: at its "
-    "beginning, from where they go on at constant velocity and angular velocity",
+    "beginning, from where they go on at the mean acceleration of the step before",
     0.0,
     is_switch=True,
 )
@@ -61,9 +60,14 @@ def free_bodies_of(scene: Scene) -> tuple[str, ...]:
     return tuple(name for name, body in scene.bodies.items() if body.motion == "free")
 
 
-def state_of(values: Sequence[float], whose: str) -> FrameState:
-    """The state of a frame of its 13 inputs; raises InputError, which begins with `whose`, if it is none."""
-    return FrameState.of(tuple(values[i:j] for i, j in ((0, 3), (3, 6), (6, 10), (10, 13))), whose)
+def frames_of(ports: Sequence[str], values: Sequence[float]) -> dict[str, FrameState]:
+    """The states of ports by the values of their inputs, unchecked; others may follow these."""
+    return {name: _state_of(values[PER_PORT * k :]) for k, name in enumerate(ports)}
+
+
+def _state_of(values: Sequence[float]) -> FrameState:
+    x, y, z, u, v, w, a, b, c, d, i, j, k = values[:PER_PORT]
+    return FrameState((x, y, z), (u, v, w), (a, b, c, d), (i, j, k))
 
 
 class Signals:
@@ -102,22 +106,14 @@ class Signals:
 
     def frames(self, values: Sequence[float]) -> dict[str, FrameState]:
         """The states of the ports that the inputs tell; `values` are those of all inputs."""
-        found = {}
-        for k, name in enumerate(self.ports):
-            own = values[PER_PORT * k : PER_PORT * (k + 1)]
-            found[name] = state_of(own, f"inputs of ports.{structured(name)}")
-        return found
+        return frames_of(self.ports, values)
 
     def let_wrenches_act(self, net: NetSystem, values: Sequence[float]) -> None:
         """Give the forces and torques of the inputs to the free bodies."""
         first, sim = PER_PORT * len(self.ports), net.simulation
         for name in self.bodies:
-            wrench, first = np.array(values[first : first + PER_BODY]), first + PER_BODY
-            if wrench.any():
-                number, frame = self._frames[name]
-                arm = rotation_matrix(sim.view.bodies.attitude[number]) @ frame.arm_of_origin()
-                wrench[3:] += np.cross(arm, wrench[:3])
-            sim.set_input(input_name(name), wrench)
+            sim.set_input(input_name(name), values[first : first + PER_BODY])
+            first += PER_BODY
 
     def _of_ports(self) -> Iterator[tuple[list[Variable], Read]]:
         for name in self.ports:
