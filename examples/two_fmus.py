@@ -1,7 +1,7 @@
 """A chaser in one FMU, the tether and its target in another: python examples/two_fmus.py [CASE] [END] [STEP]
 
-Any host that speaks FMI couples them so; here it is a loop over FMPy (pip install fmpy). The net goes first in
-each step, and the chaser gets the mean force and torque that come out of it.
+Any host that speaks FMI couples them so; here it is a loop over FMPy (pip install fmpy). The net goes first
+in each step, and the chaser gets the mean force and torque that come out of it.
 """
 
 from __future__ import annotations

@@ -132,6 +132,15 @@ def test_example_reinforcement():
     assert one[0] != one[1]
 
 
+@pytest.mark.slow
+@pytest.mark.ci
+def test_example_two_fmus():
+    """Until 2 s, under the brake of the reel: as with all bodies in one system, but for 3e-6 m at this step."""
+    pytest.importorskip("fmpy")
+    (path,) = [one for one in EXAMPLES if one.stem == "two_fmus"]
+    assert script(path).main(str(ROOT / "cases" / "bodies" / "tow.toml"), "2.0", "0.02") < 1e-5
+
+
 def test_compare_takes_results_and_files(tmp_path):
     one = unfolding(square_net(cells=2))
     other = replace(one, position=one.position + 0.25)
