@@ -136,6 +136,18 @@ def test_the_model_description_has_units_bounds_and_structure(thrown: Path, tmp_
     assert experiment.attrib == {"startTime": "0.0", "stopTime": "0.5", "stepSize": "0.005"}
 
 
+def test_a_method_that_cannot_restart_keeps_no_states(thrown: Path, tmp_path: Path) -> None:
+    """An implicit one of Exudyn."""
+    implicit = ["solver.method=GeneralizedAlpha", "solver.tolerance=", "solver.step=1e-4"]
+    for fmi, suffix in ((2, "state"), (3, "State")):
+        path = exunet.export_fmu(thrown, tmp_path / f"{fmi}.fmu", implicit, fmi=fmi)
+        with zipfile.ZipFile(path) as file:
+            root = ElementTree.fromstring(file.read("modelDescription.xml"))
+        can = root.find("CoSimulation")
+        assert can is not None
+        assert can.attrib[f"canGetAndSetFMU{suffix}"] == can.attrib[f"canSerializeFMU{suffix}"] == "false"
+
+
 def test_the_same_case_gives_the_same_file_another_one_another_token(thrown: Path, tmp_path: Path) -> None:
     """Byte by byte; the token follows from the content, so that states of one are refused by the other."""
     one, same = (exunet.export_fmu(thrown, tmp_path / f"{k}.fmu") for k in "ab")

@@ -1,4 +1,4 @@
-"""What is installed without the source tree: the wheel has all that `exunet verify` needs."""
+"""What is installed without the source tree: all that `exunet verify` and `exunet fmu` need."""
 
 import os
 import subprocess
@@ -15,6 +15,8 @@ from exunet.verification.ladder import read_cases
 from exunet.verification.shipped import shipped
 print(exunet.__file__)
 print(len(read_cases([])), len(shipped("verification")), len(shipped("hard")))
+from importlib.resources import files
+print(len([one for one in (files("exunet.coupling.fmu") / "c").iterdir() if one.name.endswith(".c")]))
 """
 
 
@@ -38,4 +40,6 @@ def test_the_cases_of_the_ladder_and_of_the_gallery_come_with_the_wheel(tmp_path
     cases = ROOT / "cases"
     folders = (cases / "verification", cases / "hard")
     named = len(list(cases.glob("*.toml"))) + len(list((cases / "verification/trajectories").glob("*.toml")))
-    assert [int(number) for number in found[1:]] == [named, *(len(list(f.glob("*.toml"))) for f in folders)]
+    sources = len(list((ROOT / "exunet" / "coupling" / "fmu" / "c").glob("*.c")))
+    counts = [named, *(len(list(f.glob("*.toml"))) for f in folders), sources]
+    assert [int(number) for number in found[1:]] == counts

@@ -29,8 +29,8 @@ from exunet.coupling.prediction import STABLE, longest_step
 VERSIONS = (2, 3)
 _COMMON = ("instance.c", "instance.h", "worker.c", "worker.h")
 
-# What the worker begins with: the modules that the Python of the export had. With EXUNET_PYTHON it is another
-# Python, with modules of its own.
+# What the worker begins with: the modules that the Python of the export had, in their order. With
+# EXUNET_PYTHON it is another Python, with modules of its own.
 _START = '''"""Starts the worker of this FMU; see exunet/coupling/fmu/worker.py."""
 
 import json
@@ -42,7 +42,7 @@ from pathlib import Path
 folder = Path(__file__).resolve().parent
 if not os.environ.get("EXUNET_PYTHON"):
     paths = json.loads((folder / "content.json").read_text(encoding="utf-8"))["paths"]
-    sys.path += [path for path in paths if path not in sys.path]
+    sys.path[:] = [*paths, *(path for path in sys.path if path not in paths)]
 try:
     from exunet.coupling.fmu.worker import main
 except Exception as error:
