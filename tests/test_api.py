@@ -135,7 +135,7 @@ def test_example_reinforcement():
 @pytest.mark.slow
 @pytest.mark.ci
 def test_example_two_fmus():
-    """Until 2 s, under the brake of the reel: as with all bodies in one system, but for 3e-6 m at this step."""
+    """Until 2 s, under the brake of the reel: as in one system, but for 3e-6 m at this step."""
     pytest.importorskip("fmpy")
     (path,) = [one for one in EXAMPLES if one.stem == "two_fmus"]
     assert script(path).main(str(ROOT / "cases" / "bodies" / "tow.toml"), "2.0", "0.02") < 1e-5

@@ -433,7 +433,7 @@ def test_binary_description_and_resources_belong_together(
 def test_what_is_wrong_with_the_workers_python_is_told(
     program: Path, unpacked: dict[int, Unpacked], tmp_path: Path
 ) -> None:
-    """By the environment variable: one that is not there, one without exunet, one that ends at once."""
+    """By the environment variable: one that is not there, without exunet, that ends at once, that garbles."""
     bare = tmp_path / "bare"
     bare.write_text(f'#!/bin/sh\nexec "{sys.executable}" -I -S "$@"\n')
     ends = tmp_path / "ends"
@@ -449,6 +449,17 @@ def test_what_is_wrong_with_the_workers_python_is_told(
             told = host.fails("new", 0)
             assert words in told
             assert "EXUNET_PYTHON" in told
+    garbled = tmp_path / "garbled"
+    for header, words in (
+        ("99, 5", "the worker's reply is damaged"),
+        ("0, 1 << 60", "the worker's reply is damaged"),
+        ("0, 500", "ended with exit code 0 before it was ready"),
+    ):
+        code = f"import os, struct; os.write(0, struct.pack('=QQ', {header}) + b'short')"
+        garbled.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "{code}"\n')
+        garbled.chmod(0o755)
+        with CHost(program, unpacked[3], environment={"EXUNET_PYTHON": str(garbled)}) as host:
+            assert words in host.fails("new", 0)
     with CHost(program, unpacked[3], environment={"EXUNET_PYTHON": sys.executable}) as host:
         host.start()
         host.do("free", 0)

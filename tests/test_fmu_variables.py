@@ -111,9 +111,11 @@ def thrown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_the_model_description_has_units_bounds_and_structure(thrown: Path, tmp_path: Path, fmi: int) -> None:
-    with zipfile.ZipFile(exunet.export_fmu(thrown, tmp_path / "net.fmu", fmi=fmi)) as file:
+    title = ['title="A <net> & \\u0001"']  # with a character that XML cannot have
+    with zipfile.ZipFile(exunet.export_fmu(thrown, tmp_path / "net.fmu", title, fmi=fmi)) as file:
         root = ElementTree.fromstring(file.read("modelDescription.xml"))
         names = file.namelist()
+    assert root.attrib["description"] == "A <net> & ?"
     assert root.find("CoSimulation").attrib["modelIdentifier"] == "thrown_net"  # type: ignore[union-attr]
     assert any(name.endswith("thrown_net.so") for name in names)
     variables = {one.attrib["name"]: one for one in root.find("ModelVariables")}  # type: ignore[union-attr]
@@ -150,7 +152,8 @@ def test_a_method_that_cannot_restart_keeps_no_states(thrown: Path, tmp_path: Pa
 
 def test_the_same_case_gives_the_same_file_another_one_another_token(thrown: Path, tmp_path: Path) -> None:
     """Byte by byte; the token follows from the content, so that states of one are refused by the other."""
-    one, same = (exunet.export_fmu(thrown, tmp_path / f"{k}.fmu") for k in "ab")
+    one = exunet.export_fmu(thrown, tmp_path / "one.fmu", ["launch.speed=5.0"])
+    same = exunet.export_fmu(exunet.load(thrown), tmp_path / "same.fmu", ["launch.speed=5.0"])
     assert one.read_bytes() == same.read_bytes()
     other = exunet.export_fmu(thrown, same, ["launch.speed=5.5"], overwrite=True)
     tokens = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as Xml
@@ -15,6 +16,7 @@ CATEGORIES = {
     "logStatusError": "why a function returned an error",
     "logStatusDiscard": "why a step was not taken",
 }
+_NOT_OF_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 TIME = 0  # the value reference of the independent variable; the others follow in their order
 
 
@@ -71,7 +73,7 @@ def _written(attributes: Mapping[str, object]) -> dict[str, str]:
 def _text(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    return repr(value) if isinstance(value, float) else str(value)
+    return repr(value) if isinstance(value, float) else _NOT_OF_XML.sub("?", str(value))
 
 
 def _of_version_3(of: Description) -> Xml.Element:

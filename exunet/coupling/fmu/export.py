@@ -18,7 +18,7 @@ from pathlib import Path
 from exunet.base.errors import InputError, MissingExtra
 from exunet.base.files import path_of, replacing
 from exunet.base.version import VERSION
-from exunet.case.casefile import Case, load
+from exunet.case.casefile import Case, load, parse_case
 from exunet.coupling.fmu.content import FILE, Content
 from exunet.coupling.fmu.description import Description, as_xml, build_description
 from exunet.coupling.fmu.served import Model
@@ -79,7 +79,9 @@ def export_fmu(
         raise InputError(
             f"{path}: there is a file of that name (overwrite=True, or --overwrite, replaces it)"
         )
-    found = case if isinstance(case, Case) else load(path_of(case, "export_fmu"), overrides)
+    found = case if isinstance(case, Case) else load(path_of(case, "export_fmu"))
+    if overrides:
+        found = parse_case(found.text, found.path, [*found.overrides, *overrides])
     binaries, compiler = _platform(fmi), _compiler()
     model = Model(found)
     net = model.net(found)
@@ -88,10 +90,11 @@ def export_fmu(
     sources = {name: _source(name) for name in (*_COMMON, f"fmi{fmi}.c")}
     of_case = [VERSION, fmi, found.text, found.overrides, moved, repr(variables), sorted(sources.items())]
     token = _token([*of_case, *(hashlib.sha256(one).hexdigest() for one in files.values())])
+    identifier = _identifier(found.name)
     content = Content(
         token,
         VERSION,
-        found.path.name,
+        f"{identifier}.toml",
         (*found.overrides, *moved),
         tuple(one.name for one in variables),
         tuple(one.start for one in variables),
@@ -100,7 +103,7 @@ def export_fmu(
     sources |= _table(token, variables)
     time, longest = found.scene.time, longest_step(net, STABLE)
     description = Description(
-        identifier=_identifier(found.name),
+        identifier=identifier,
         name=found.name,
         title=found.scene.title,
         token=token,
@@ -115,7 +118,7 @@ def export_fmu(
         f"resources/{FILE}": content.as_text().encode(),
         "resources/start.py": _START.encode(),
         "resources/python.txt": f"{sys.executable}\n".encode(),
-        f"resources/case/{found.path.name}": found.text.encode(),
+        f"resources/case/{content.case}": found.text.encode(),
         **{f"resources/case/{name}": one for name, one in files.items()},
         **{f"sources/{name}": text.encode() for name, text in sources.items()},
         f"binaries/{binaries}/{description.identifier}.so": _compiled(compiler, sources),

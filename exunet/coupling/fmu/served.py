@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import count
 from pathlib import Path
@@ -36,8 +37,8 @@ Floats = NDArray[np.float64]
 KIND, FORMAT = "exunet FMU state", 1
 
 # How far the communication point that a host names may be from the end of the last step, in parts of the
-# step: sums of steps have round-off.
-_SAME_TIME = 1e-6
+# step, and in units of the last place: sums of steps have round-off.
+_SAME_TIME, _ROUND_OFF = 1e-6, 16
 
 
 class Model:
@@ -140,12 +141,13 @@ class Served:
         net, signals = self._built()
         if not end > begin:
             raise InputError(f"doStep: the communication step must be positive, got {end - begin:g} s")
-        if begin - net.time < -_SAME_TIME * (end - begin):
+        near = _SAME_TIME * (end - begin) + _ROUND_OFF * math.ulp(net.time)
+        if begin - net.time < -near:
             raise InputError(
                 f"doStep: the host goes back in time, to {begin:.9g} s, but the net is at {net.time:.9g} s: "
                 "set an FMU state of that time first"
             )
-        if begin - net.time > _SAME_TIME * (end - begin):
+        if begin - net.time > near:
             raise InputError(f"doStep: begins at {begin:.9g} s, but the net is at {net.time:.9g} s")
         model = self._model
         inputs = values[model.first_input : model.first_input + len(signals.inputs)].tolist()
