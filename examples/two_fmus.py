@@ -46,8 +46,10 @@ class Fmu:
         self.fmu.freeInstance()
 
 
-def main(case: str = "cases/bodies/tow.toml", end: str = "8.0", step: str = "0.01") -> float:
-    """Prints and returns how far apart the chasers of both FMUs and of one system are at `end` [m]."""
+def main(case: str = "cases/bodies/tow.toml", end: str = "8.0", step: str = "0.01") -> tuple[float, float]:
+    """Prints and returns how far the chaser is from where one system has it at `end` [m], and what of its
+    momentum the tether has not given [N s].
+    """
     of_net = ["bodies.chaser.motion=port"]
     carried = exunet.NetSystem(case, of_net).carried_mass("chaser")
     mass = exunet.load(case).scene.bodies["chaser"].mass or 0.0
@@ -56,22 +58,26 @@ def main(case: str = "cases/bodies/tow.toml", end: str = "8.0", step: str = "0.0
         here = Path(folder)
         net = Fmu(exunet.export_fmu(case, here / "net.fmu", of_net), here / "net")
         chaser = Fmu(exunet.export_fmu(case, here / "chaser.fmu", alone), here / "chaser")
+        start = chaser.get("bodies.chaser", MOTION)[3:6]
         length, number = float(step), round(float(end) / float(step))
         for k in range(number):
             net.set("ports.chaser", MOTION, chaser.get("bodies.chaser", MOTION))
             net.step(k * length, length)
             chaser.set("bodies.chaser", WRENCH, net.get("ports.chaser", WRENCH))
             chaser.step(k * length, length)
-        place = chaser.get("bodies.chaser", MOTION)[:3]
+        motion = chaser.get("bodies.chaser", MOTION)
         impulse = net.get("ports.chaser", [f"impulse.{axis}" for axis in "xyz"])
         net.close()
         chaser.close()
     whole = exunet.Simulation(case)
     whole.advance_to(number * length)
-    apart = math.dist(place, whole.bodies["chaser"].position)
-    print(f"at {number * length:g} s the tether has given the chaser {math.hypot(*impulse):.4f} N s")
+    apart = math.dist(motion[:3], whole.bodies["chaser"].position)
+    gained = [(mass + carried) * (after - before) for before, after in zip(start, motion[3:6], strict=True)]
+    missing = math.dist(gained, impulse)
+    given = f"{math.hypot(*impulse):.4f} N s, to {missing:.0e} what it has gained"
+    print(f"at {number * length:g} s the tether has given the chaser {given}")
     print(f"the chaser is {apart:.2e} m from where it is with all bodies in one system")
-    return apart
+    return apart, missing
 
 
 if __name__ == "__main__":

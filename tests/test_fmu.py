@@ -49,7 +49,11 @@ def unpacked(folder: Path, fmus: dict[int, Path]) -> dict[int, Unpacked]:
     return {fmi: Unpacked.of(path, folder / f"fmi {fmi} %") for fmi, path in fmus.items()}
 
 
-@pytest.fixture(scope="module", params=[2, 3])
+# Both versions share all but their functions; the quick tests have the newer one in C, and both in FMPy.
+OLDER = pytest.param(2, marks=[pytest.mark.slow, pytest.mark.ci])
+
+
+@pytest.fixture(scope="module", params=[OLDER, 3])
 def shared(request: pytest.FixtureRequest, program: Path, unpacked: dict[int, Unpacked]) -> Iterator[CHost]:
     with CHost(program, unpacked[request.param]) as host:
         host.do("new", 0)
