@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -86,9 +87,8 @@ def test_the_port_gives_what_a_net_system_gives(host: CHost, net: exunet.NetSyst
     host.do("enter", 0, 0.0)
     host.do("turn", 0, host.fmu.references["ports.inputs_at_end"], int(at_end))
     host.do("exit", 0)
-    begin, largest, predictor = 0.0, 0.0, Predictor()
-    for _ in range(60):
-        end = begin + STEP
+    largest, predictor = 0.0, Predictor()
+    for begin, end in pairwise((STEP * np.arange(61)).tolist()):
         told = swaying(end) if at_end else swaying(begin)
         tell(host, told)
         host.do("step", 0, begin.hex(), STEP)
@@ -98,7 +98,6 @@ def test_the_port_gives_what_a_net_system_gives(host: CHost, net: exunet.NetSyst
             predictor.keep(begin, now)
         load = net.step(end, {"chaser": told})["chaser"]
         net.finish()
-        begin = end
         largest = max(largest, float(np.abs(load.force).max()))
         assert (vector(host, "ports.chaser.force") == load.force).all()
         assert (vector(host, "ports.chaser.torque") == load.torque).all()

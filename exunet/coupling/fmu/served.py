@@ -17,6 +17,7 @@ from exunet.bodies.making import make_body
 from exunet.bodies.port import FrameState
 from exunet.bodies.rigid import rotation_matrix
 from exunet.case.casefile import Case
+from exunet.case.stored_times import stored_times
 from exunet.coupling.fmu.content import Content
 from exunet.coupling.fmu.parameters import Parameters
 from exunet.coupling.fmu.signals import (
@@ -39,6 +40,9 @@ KIND, FORMAT = "exunet FMU state", 1
 # How far the communication point that a host names may be from the end of the last step, in parts of the
 # step, and in units of the last place: sums of steps have round-off.
 _SAME_TIME, _ROUND_OFF = 1e-6, 16
+# A step that ends so near to a stored time of the case, in parts of the step, ends there: hosts that count time
+# differently get the same bits so, where a snapping net would make 1e-9 m of the round-off within a second.
+_STORED = 1e-9
 
 
 class Model:
@@ -119,8 +123,9 @@ class Served:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self.content = Content.read(folder)
-        self._model = Model(self.content.load(folder, []))
-        self._starts = np.array(self.content.starts)
+        case = self.content.load(folder, [])
+        self._model = Model(case)
+        self._starts, self._times = np.array(self.content.starts), stored_times(case.scene.time)
         self._net: NetSystem | None = None
         self._signals: Signals | None = None
         self._overrides: tuple[str, ...] = ()
@@ -149,7 +154,7 @@ class Served:
             )
         if begin - net.time > near:
             raise InputError(f"doStep: begins at {begin:.9g} s, but the net is at {net.time:.9g} s")
-        model = self._model
+        model, end = self._model, self._or_stored(end, end - begin)
         inputs = values[model.first_input : model.first_input + len(signals.inputs)].tolist()
         signals.let_wrenches_act(net, inputs)
         frames = signals.frames(inputs)
@@ -160,6 +165,15 @@ class Served:
         net.finish()
         self._predictor.keep(start, frames)
         return self._with_outputs(values, loads)
+
+    def _or_stored(self, end: float, step: float) -> float:
+        """The stored time of the case that the end of a step [s] is but for round-off, else the end."""
+        after = int(self._times.searchsorted(end))
+        near = _STORED * step + _ROUND_OFF * math.ulp(end)
+        for time in self._times[max(0, after - 1) : after + 1].tolist():
+            if abs(time - end) <= near:
+                return float(time)
+        return end
 
     def keep(self) -> int:
         """Keep the state as it is; returns its number."""
