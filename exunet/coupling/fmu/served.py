@@ -40,8 +40,8 @@ KIND, FORMAT = "exunet FMU state", 1
 # How far the communication point that a host names may be from the end of the last step, in parts of the
 # step, and in units of the last place: sums of steps have round-off.
 _SAME_TIME, _ROUND_OFF = 1e-6, 16
-# A step that ends so near to a stored time of the case, in parts of the step, ends there: hosts that count time
-# differently get the same bits so, where a snapping net would make 1e-9 m of the round-off within a second.
+# A step that ends so near to a stored time of the case, in parts of the step, ends there: hosts that count
+# time differently get the same bits so, where a snapping net would make 1e-9 m of round-off within a second.
 _STORED = 1e-9
 
 
