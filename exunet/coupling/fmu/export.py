@@ -79,9 +79,9 @@ def export_fmu(
         raise InputError(
             f"{path}: there is a file of that name (overwrite=True, or --overwrite, replaces it)"
         )
-    found = case if isinstance(case, Case) else load(path_of(case, "export_fmu"))
-    if overrides:
-        found = parse_case(found.text, found.path, [*found.overrides, *overrides])
+    found = case if isinstance(case, Case) else load(path_of(case, "export_fmu"), overrides)
+    if isinstance(case, Case) and overrides:
+        found = parse_case(case.text, case.path, [*case.overrides, *overrides])
     binaries, compiler = _platform(fmi), _compiler()
     model = Model(found)
     net = model.net(found)
