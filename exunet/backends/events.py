@@ -37,7 +37,8 @@ class Events:
         for term, switch in system.forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
-            self._inputs[term.memory.name] = tuple(one.name for one in term.inputs)
+            sees = getattr(switch, "sees_inputs", False)
+            self._inputs[term.memory.name] = tuple(one.name for one in term.inputs) if sees else ()
         self.any = bool(self._switches)
 
     @property
@@ -46,7 +47,7 @@ class Events:
         return any(switch.in_steps(self._seen(name)) for name, switch in self._switches)
 
     def _seen(self, name: str) -> Floats:
-        """The memory of a term, followed by its inputs, as its switch sees it."""
+        """The memory of a term, followed by its inputs where its switch sees them."""
         own, inputs = self.memory[name], self._inputs[name]
         return np.concatenate([own, *(self.memory[one] for one in inputs)]) if inputs else own
 

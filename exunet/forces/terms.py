@@ -126,7 +126,7 @@ class Input:
 class Switch(Protocol):
     """The events of a term: when its memory changes, and how.
 
-    Where it is asked, it gets the memory followed by the values of the term's inputs.
+    One with `sees_inputs = True` gets the memory followed by the values of the term's inputs.
     heading : under which the record of a run has its events; "" for events that need none
     times   : known instants [s], which steps end at
     """

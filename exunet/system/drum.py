@@ -39,6 +39,7 @@ class Drum:
     """
 
     heading = "reels"
+    sees_inputs = True  # what a script commands
 
     def __init__(self, winding: Winding, kinematics: Kinematics) -> None:
         self._winding, self._reel, self._blocks = winding, winding.reel, winding.blocks
