@@ -69,6 +69,9 @@ class Observer(Protocol):
     def changed(self, time: float, memory: str, change: Change) -> None:
         """An event has changed a memory; no batch has states from before and after it."""
 
+    def remembered(self, time: float, memory: Arrays) -> None:
+        """The memories (copies) that steps change themselves, at the end [s] of an `advance`."""
+
 
 @dataclass
 class StepCounts:

@@ -29,7 +29,10 @@ GIVEN = (("impulse", 3, "N s"), ("angular_impulse", 3, "N m s"), ("work", 1, "J"
 
 def given_states(name: str) -> tuple[FirstOrder, ...]:
     """The states that keep what the guided body of this name gives."""
-    return tuple(FirstOrder(f"{name}/{quantity}", (0.0,) * size, units) for quantity, size, units in GIVEN)
+    return tuple(
+        FirstOrder(f"{name}/{quantity}", (0.0,) * size, units, gives=float(quantity == "work"))
+        for quantity, size, units in GIVEN
+    )
 
 
 class OnBodies(NamedTuple):

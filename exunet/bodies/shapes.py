@@ -50,6 +50,11 @@ class Solid:
         """(3, 3), from its axes to those of the body's frame."""
         return rotation_matrix(np.array(self.attitude))
 
+    def place_of(self, along: float) -> Vector:
+        """The point of its axis at z = along [m], in the body's frame."""
+        x, y, z = self.rotation[:, 2] * along + self.position
+        return float(x), float(y), float(z)
+
     @property
     def least(self) -> float:
         """The smallest of its dimensions, across [m]."""

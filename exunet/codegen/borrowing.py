@@ -15,10 +15,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba.core import types
+from numba.core import cgutils, types
+from numba.core.imputils import lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
 from numba.experimental import structref
+from numba.extending import infer_getattr, models, register_model
 from numba.extending import intrinsic as _typed_intrinsic
-from numba.extending import models, register_model
 
 intrinsic: Any = _typed_intrinsic  # its stub does not know that the compiler passes the first argument
 
@@ -57,6 +59,8 @@ def _borrowed(kind: types.Type) -> types.Type:
     if isinstance(kind, types.BaseTuple):
         parts = [_borrowed(one) for one in kind]  # type: ignore[attr-defined]
         return types.BaseTuple.from_types(parts, getattr(kind, "instance_class", None))
+    if isinstance(kind, HeldType):
+        return Loan(_borrowed(kind.field_dict["value"]))
     return kind
 
 
@@ -70,3 +74,42 @@ class Held(structref.StructRefProxy):
 
 
 structref.define_proxy(Held, HeldType, ["value"])
+
+
+class Loan(types.Type):
+    """A borrowed `Held`: its tuple stays where it is, and has its fields as attributes.
+
+    What passes on a tuple passes on each word of its arrays, and takes the longer to compile, the more there
+    are: a large one is better held.
+    """
+
+    def __init__(self, kind: types.BaseTuple) -> None:
+        self.kind = kind
+        super().__init__(name=f"Loan({kind})")
+
+
+@register_model(Loan)
+class _LoanModel(models.StructModel):
+    """The words of a `Held`."""
+
+    def __init__(self, manager: Any, kind: Loan) -> None:
+        super().__init__(manager, kind, [("meminfo", types.voidptr)])
+
+
+@infer_getattr
+class _LoanFields(AttributeTemplate):
+    key = Loan
+
+    def generic_resolve(self, value: Any, attr: Any) -> Any:
+        """The type of a field."""
+        fields: Any = getattr(value.kind, "fields", ())
+        return value.kind.types[fields.index(attr)] if attr in fields else None
+
+
+@lower_getattr_generic(Loan)
+def _load_field(context: Any, builder: Any, loan: Loan, value: Any, name: str) -> Any:
+    words = cgutils.create_struct_proxy(loan)(context, builder, value=value)
+    data = context.nrt.meminfo_data(builder, words.meminfo)
+    held = context.get_value_type(loan.kind)  # the only field of what is held
+    number = loan.kind.fields.index(name)  # type: ignore[attr-defined]
+    return builder.load(cgutils.gep_inbounds(builder, builder.bitcast(data, held.as_pointer()), 0, number))

@@ -16,6 +16,8 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
     def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> Any: ...
     def potential(x: Any, data: Any) -> float: ...
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
+    def place_given(t: float, x: Any, v: Any, data: Any) -> None: ...
+    def remember(t: float, x: Any, v: Any, data: Any) -> None: ...
 
 
 class Place(NamedTuple):
@@ -53,14 +55,8 @@ def engine_forces(t: float, q: Any, q_t: Any, held: Any, out: Any) -> None:
     v = at.values[1]
     push = at.values[2]
     force = at.values[3]
-    reference = at.values[4]
-    column = at.where[0]
     free = at.where[1]
-    for k in range(free.size):
-        x[free[k]] = reference[k] + q[column[k]]
-        v[free[k]] = q_t[column[k]]
-    if BODIES:
-        take_bodies(q, q_t, x, v, at)
+    take_state(q, q_t, x, v, at)
     for k in range(force.size):
         force[k] = push[k]
     add_forces(t, x, v, data, force)
@@ -70,6 +66,26 @@ def engine_forces(t: float, q: Any, q_t: Any, held: Any, out: Any) -> None:
         for k in range(3):
             out[free.size + 6 * b + k] = force[at.centre + 3 * b + k]
             out[free.size + 6 * b + 3 + k] = force[at.spin + 3 * b + k]
+
+
+def engine_remembers(t: float, q: Any, q_t: Any, held: Any) -> None:
+    """Let the terms remember the accepted step that ends at t [s]; arguments as of `engine_forces`."""
+    data, at = borrowed(held.value)
+    take_state(q, q_t, at.values[0], at.values[1], at)
+    place_given(t, at.values[0], at.values[1], data)
+    remember(t, at.values[0], at.values[1], data)
+
+
+def take_state(q: Any, q_t: Any, x: Any, v: Any, at: Any) -> None:
+    """States of points and bodies from the engine's coordinates q, q_t into x, v."""
+    reference = at.values[4]
+    column = at.where[0]
+    free = at.where[1]
+    for k in range(free.size):
+        x[free[k]] = reference[k] + q[column[k]]
+        v[free[k]] = q_t[column[k]]
+    if BODIES:
+        take_bodies(q, q_t, x, v, at)
 
 
 def take_bodies(q: Any, q_t: Any, x: Any, v: Any, place: Any) -> None:
@@ -95,21 +111,23 @@ def quaternion(q: Any, first: int, x: Any, place: int) -> None:
 
 def forces(t: float, x: Any, v: Any, data: Any, force: Any) -> Any:
     """`add_forces`, for Python."""
-    return add_forces(t, x, v, data, force)
+    return add_forces(t, x, v, borrowed(data), force)
 
 
 def potentials(positions: Any, data: Any, out: Any) -> None:
     """Potential energy of each row of states x (k, n_x) into out (k,)."""
+    own = borrowed(data)
     for row in range(out.size):
-        out[row] = potential(positions[row], data)
+        out[row] = potential(positions[row], own)
 
 
 def powers(times: Any, positions: Any, velocities: Any, data: Any, out: Any) -> None:
     """Power taken out in each row of states x (k, n_x), v (k, n_v) into out (k,)."""
+    own = borrowed(data)
     scratch = np.empty(positions.shape[1])  # no less than n_force
     for row in range(out.size):
-        out[row] = power(times[row], positions[row], velocities[row], data, scratch)
+        out[row] = power(times[row], positions[row], velocities[row], own, scratch)
 
 
-HELPERS = (quaternion, take_bodies)
-DRIVERS = (hold, engine_forces, forces, potentials, powers)
+HELPERS = (quaternion, take_bodies, take_state)
+DRIVERS = (hold, engine_forces, engine_remembers, forces, potentials, powers)

@@ -22,7 +22,7 @@ def module_source(
     first_order: bool = False,
     imports: Sequence[str] = (),
 ) -> str:
-    """Text of the module with `add_forces`, `potential`, `power`, `extra_work` over all calls, and drivers.
+    """Text of the module with functions over all calls, from `add_forces` to `remember`, and drivers.
 
     drivers are called from Python; their helpers, as all else, only in the module.
     `add_forces` first places what has no equations of motion, then adds to the forces that it is given; it
@@ -34,7 +34,15 @@ def module_source(
     """
     functions: dict[str, Function] = {}
     for call in calls:
-        for function in (*call.helpers, call.place, call.add, call.potential, call.power, call.work):
+        for function in (
+            *call.helpers,
+            call.place,
+            call.add,
+            call.potential,
+            call.power,
+            call.work,
+            call.remember,
+        ):
             if function is not None and functions.setdefault(function.__name__, function) is not function:
                 raise ValueError(f"two functions of one kernel share the name {function.__name__}")
     parts = [
@@ -47,6 +55,7 @@ def module_source(
         f"BODIES = {bodies}",
         f"FIRST_ORDER = {bodies or first_order}",
         f"JUMPS = {any(call.jumps for call in calls)}",
+        f"REMEMBERS = {any(call.remember is not None for call in calls)}",
         _joined(calls),
         *(_text(helper) for helper in helpers),
         *(_text(driver, CALLED) for driver in drivers),
@@ -66,13 +75,15 @@ def _text(function: Function, decorator: str = INSIDE) -> str:
 
 
 def _joined(calls: Sequence[KernelCall]) -> str:
-    forces = [INSIDE, "def add_forces(t, x, v, data, force):"]
+    place = [INSIDE, "def place_given(t, x, v, data):"]
+    forces = [INSIDE, "def add_forces(t, x, v, data, force):", "    place_given(t, x, v, data)"]
     potential = [INSIDE, "def potential(x, data):", "    total = 0.0"]
     power = [INSIDE, "def power(t, x, v, data, scratch):", "    total = 0.0"]
     work = [INSIDE, "def extra_work(h, begin, middle, end, data):", "    total = 0.0"]
+    remember = [INSIDE, "def remember(t, x, v, data):"]
     for k, call in reversed(list(enumerate(calls))):
         if call.place is not None:
-            forces.append(f"    {call.place.__name__}(t, x, v, data[{k}])")
+            place.append(f"    {call.place.__name__}(t, x, v, data[{k}])")
     forces += ["    held = 0.0", "    watts = 0.0"]
     for k, call in enumerate(calls):
         told = "held += " if call.elastic else "watts += " if call.tells_power else ""
@@ -87,8 +98,13 @@ def _joined(calls: Sequence[KernelCall]) -> str:
             power += ["    for k in range(scratch.size):", "        scratch[k] = 0.0"]
             power.append(f"    {call.add.__name__}(t, x, v, data[{k}], scratch)")
             power += ["    for k in range(v.size):", "        total -= scratch[k] * v[k]"]
+        if call.remember is not None:
+            remember.append(f"    {call.remember.__name__}(t, x, v, data[{k}])")
+    place.append("    return")
+    remember.append("    return")
     forces.append("    return held, watts")
     potential.append("    return total")
     power.append("    return total")
     work.append("    return total")
-    return "\n\n\n".join("\n".join(lines) for lines in (forces, potential, power, work))
+    parts = (place, forces, potential, power, work, remember)
+    return "\n\n\n".join("\n".join(lines) for lines in parts)

@@ -58,7 +58,21 @@ class Kernel:
         memory : values of the terms' memories by name; a name that is absent has its initial value
         Arrays are contiguous and writable: all of them have the same compiled code.
         """
-        return tuple(_copy(data) for term in self._terms for data in term.data_at(memory or {}))
+        return self.data_and_memories(memory)[0]
+
+    def data_and_memories(
+        self, memory: Mapping[str, Floats] | None = None
+    ) -> tuple[tuple[Any, ...], dict[str, Floats]]:
+        """The same, and the memories in it that compiled code changes itself, by name: not copies."""
+        every: list[Any] = []
+        kept = {}
+        for term in self._terms:
+            for call, data in zip(term.calls, term.data_at(memory or {}), strict=True):
+                own = _copy(data)
+                if term.memory is not None and term.memory.kept_in:
+                    kept[term.memory.name] = getattr(own, term.memory.kept_in)
+                every.append(self.module.hold(own) if call.held and numba_installed() else own)
+        return tuple(every), kept
 
     def forces(
         self, time: float, position: Floats, velocity: Floats, memory: Mapping[str, Floats] | None = None

@@ -21,6 +21,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.forces.cores import Surface
 from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
@@ -45,11 +46,13 @@ class FirstOrder:
     name    : "term/quantity", by which results and snapshots know them
     initial : values at time 0
     units   : of the values, "1" if they have none
+    gives   : 1.0 of an energy that the system was given, -1.0 of one that was taken out of it; else 0.0
     """
 
     name: str
     initial: tuple[float, ...]
     units: str = "1"
+    gives: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +102,8 @@ class Blocks:
                rest, whatever pulls them, until an event wakes them. None: none ever sleeps
     inertia  : of the rigid bodies
     poses    : of the rigid bodies, and of the net's axes
+    surfaces : of the rigid bodies that can be touched, by name
+    carrier  : name of the body in whose canister the net starts; "": there is none
     """
 
     net: Net
@@ -110,6 +115,8 @@ class Blocks:
     awake: Floats | None = None
     inertia: Inertia = field(default_factory=Inertia)
     poses: Poses = field(default_factory=Poses)
+    surfaces: Mapping[str, Surface] = field(default_factory=dict)
+    carrier: str = ""
 
     @classmethod
     def of_net(cls, net: Net, position: Floats | None = None) -> Blocks:

@@ -42,7 +42,7 @@ def command_name(tether: str) -> str:
 def states_of(reel: Reel) -> tuple[FirstOrder, FirstOrder]:
     """Length wound up [m], and work that the drum has done on the tether [J]."""
     wound = FirstOrder(f"{reel.name}/wound_up", (reel.wound,), "m")
-    return wound, FirstOrder(f"{reel.name}/work", (0.0,), "J")
+    return wound, FirstOrder(f"{reel.name}/work", (0.0,), "J", gives=1.0)
 
 
 def at_start(reel: Reel) -> Floats:

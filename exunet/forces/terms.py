@@ -33,6 +33,7 @@ _ARGUMENTS = {
     "potential": ("x", "data"),
     "power": ("t", "x", "v", "data"),
     "work": ("h", "begin", "middle", "end", "data"),
+    "remember": ("t", "x", "v", "data"),
 }
 
 
@@ -52,6 +53,9 @@ class KernelCall:
     place   : function place(t, x, v, data) that puts what follows from time and other entries into x and v,
               before any force is added; that of a later call comes before that of an earlier one
     tells_power : `add` returns the power [W] that it takes out, which depends on velocities alone
+    remember : function remember(t, x, v, data) that changes arrays of the data at the end of each accepted
+              step; see `Memory.kept_in`
+    held    : the data is large: compiled code gets a reference to it instead of all its words
     of_many : the functions are right for many runs at once too: x, v and force, and what is made of them,
               have a value in each run, with which arithmetic, max, min, abs and math.sqrt can be done. A
               condition on such values is true where it holds in one run, so what stands under it must change
@@ -76,6 +80,8 @@ class KernelCall:
     elastic: bool = False
     place: Function | None = None
     tells_power: bool = False
+    remember: Function | None = None
+    held: bool = False
     of_many: bool = False
 
     @property
@@ -100,11 +106,14 @@ class Memory:
     initial : (m,) values at the start
     data    : of a `KernelTerm`: function (m,) -> its kernel data with these values in force; None: they are
               the same
+    kept_in : field of the kernel data that has these values as an array, in which compiled code changes them
+              itself (`KernelCall.remember`); "": they change with events only
     """
 
     name: str
     initial: Floats
     data: Callable[[Floats], tuple[Any, ...]] | None = None
+    kept_in: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,6 +237,7 @@ class KernelTerm:
     damping_rate : bound [1/s] of what it adds to the eigenvalues of M^-1 D, for the stable step
     memory, switch, inputs : see `Memory`, `Switch`, `Input`
     power      : as in `KernelCall`, of a force that takes out energy beside its potential
+    remember   : as in `KernelCall`; the memory says in which field of the data its values are kept
     internal   : the potential depends only on where things are relative to each other
     """
 
@@ -244,19 +254,33 @@ class KernelTerm:
     switch: Switch | None = None
     inputs: tuple[Input, ...] = ()
     power: Function | None = None
+    remember: Function | None = None
     internal: bool = False
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         """One call; a force without a potential does work that is integrated."""
         works = self.potential is None
-        call = KernelCall(self.add, self.data, self.potential, self.power, helpers=self.helpers, works=works)
+        call = KernelCall(
+            self.add,
+            self.data,
+            self.potential,
+            self.power,
+            helpers=self.helpers,
+            works=works,
+            remember=self.remember,
+            held=self.remember is not None,
+        )
         return (call,)
 
     def data_at(self, memory: Memories) -> tuple[tuple[Any, ...], ...]:
         data: Any = self.data
-        if self.memory is not None and self.memory.data is not None and self.memory.name in memory:
-            data = self.memory.data(memory[self.memory.name])
+        if self.memory is not None and self.memory.name in memory:
+            values = memory[self.memory.name]
+            if self.memory.data is not None:
+                data = self.memory.data(values)
+            elif self.memory.kept_in:
+                data = data._replace(**{self.memory.kept_in: values})
         given = {one.field: memory.get(one.name, one.initial) for one in self.inputs}
         return (data._replace(**given) if given else data,)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, NoReturn, Protocol
 
 import numpy as np
@@ -64,6 +65,9 @@ class Monitor:
         self._drifted = False
         self._stored_until = -math.inf
         self._push: Floats | None = None
+        self._kept_at: dict[float, Arrays] = {}
+        memories = (term.memory for term in system.forces.memories)
+        self._keeps = {one.name: one.initial for one in memories if one is not None and one.kept_in}
         self.peaks = Peaks(system.net.groups)
         self.dissipated = 0.0
         self.last_good = state
@@ -117,7 +121,7 @@ class Monitor:
         self.dissipated = self.safe_dissipated
         self._base = self.safe_dissipated + float(self._system.given_work(self.safe.first_order))
         self.last_good = self.safe
-        self._marks, self._drifted = [], False
+        self._marks, self._drifted, self._kept_at = [], False, {}
         self.events = [one for one in self.events if one["time_s"] <= self.safe.time]
         self._remember(self.safe.memory)
         self.forget_after(self.safe.time)
@@ -140,10 +144,21 @@ class Monitor:
             **grouped("safe", self.safe.arrays()),
             **grouped("memory", self._memory),
             **self.peaks.arrays(),
+            **grouped("kept_at", self._kept_rows()),
         }
         if self._envelope is not None:
             held |= grouped("envelope", self._envelope.arrays(now))
         return held
+
+    def _kept_rows(self) -> dict[str, NDArray[Any]]:
+        """Times and memories of `remembered`, a row for each."""
+        if not self._keeps:
+            return {}
+        rows = {
+            name: np.array([one[name] for one in self._kept_at.values()]).reshape(-1, len(initial))
+            for name, initial in self._keeps.items()
+        }
+        return {"time": np.array(list(self._kept_at), dtype=float), **rows}
 
     def restore(self, arrays: Arrays, events: list[dict[str, Any]]) -> None:
         """Go back to what `arrays` gave."""
@@ -155,6 +170,9 @@ class Monitor:
         self.safe = State.from_arrays(group_of("safe", arrays))
         self._remember(group_of("memory", arrays))
         self.peaks.restore(arrays)
+        rows = dict(group_of("kept_at", arrays))
+        times = rows.pop("time", np.zeros(0)).tolist()
+        self._kept_at = {time: {name: rows[name][k] for name in rows} for k, time in enumerate(times)}
         self.events = list(events)
         if self._envelope is not None:
             self._envelope.restore(group_of("envelope", arrays))
@@ -170,6 +188,11 @@ class Monitor:
         if self._envelope is not None:
             self._envelope.take(until, extremes.elastic, extremes.kinetic)
         self.peaks.take(extremes.largest)
+
+    def remembered(self, time: float, memory: Arrays) -> None:
+        self._kept_at[time] = memory
+        if time == self.safe.time:
+            self._put_memory_into_safe()
 
     def changed(self, time: float, memory: str, change: Change) -> None:
         left = (change.energy_lost or 0.0) - change.work_given
@@ -254,9 +277,17 @@ class Monitor:
             self._drifted = bool(off.any())
             if len(good):
                 self.safe, self.safe_dissipated = states.state(good[-1]), float(dissipated[good[-1]])
+                self._put_memory_into_safe()
         if self._store is not None and len(marked):
             self._store(states[marked], dissipated[marked])
             self._stored_until = float(states.time[marked[-1]])
+
+    def _put_memory_into_safe(self) -> None:
+        """A run that goes back to the safe state has the memories of its time."""
+        kept = self._kept_at.get(self.safe.time)
+        if kept is not None:
+            self.safe = replace(self.safe, memory={**self.safe.memory, **kept})
+        self._kept_at = {time: one for time, one in self._kept_at.items() if time > self.safe.time}
 
     def _stop(self, states: States, dissipated: Floats, marked: NDArray[np.int64]) -> NoReturn:
         """Raise RunStopped for the first state of a batch that is wrong."""

@@ -24,6 +24,7 @@ _GROWING = (
     ("monitor:peaks",),
     ("monitor:marks",),
     ("monitor:envelope:",),
+    ("monitor:kept_at:",),
     ("stops:times", "stops:force"),
     ("stops:forces",),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from exunet.backends.protocol import Batch, Extremes
+from exunet.backends.protocol import Arrays, Batch, Extremes
 from exunet.forces.terms import Change
 from exunet.system.states import States
 from exunet.system.system import State, System
@@ -39,6 +39,8 @@ class Books:
             self.dissipated += float(states.work_taken().sum())
 
     def between(self, until: float, extremes: Extremes) -> None: ...
+
+    def remembered(self, time: float, memory: Arrays) -> None: ...
 
     def changed(self, time: float, memory: str, change: Change) -> None:
         self.dissipated += change.energy_lost or 0.0

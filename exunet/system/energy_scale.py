@@ -46,7 +46,10 @@ def free_parts(system: System) -> FreeParts:
     i, j = net.element_nodes.T
     links = csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
     part = connected_components(links, directed=False)[1]
-    held = part if system.blocks.awake is not None else part[system.held]  # points that sleep hold too
+    # Points that sleep hold too, and bodies that guides move stop what touches them.
+    free_bodies = system.blocks.free_bodies
+    stopped = any(name not in free_bodies for name in system.blocks.surfaces)
+    held = part if stopped or system.blocks.awake is not None else part[system.held]
     free = np.setdiff1d(part, held)
     if system.driven.any() and len(free):
         part[np.isin(part, free)] = free[0]

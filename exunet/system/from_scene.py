@@ -8,14 +8,17 @@ import numpy as np
 
 from exunet.base.errors import Fault
 from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks, Inertia, Poses
-from exunet.forces.effects import breaking_limits, first_order_states, forces_of, point_masses
+from exunet.forces.cores import Surface
+from exunet.forces.effects import breaking_limits, first_order_states, forces_of, point_masses, touched_bodies
 from exunet.forces.reel import Winding, reel_term, states_of
 from exunet.net import weave
 from exunet.net.arrays import Net
+from exunet.net.reel import Reel
 from exunet.net.tether import reels_of, with_tethers
-from exunet.system.bodies import bodies_at_start
+from exunet.system.bodies import BodiesAtStart, bodies_at_start
 from exunet.system.carried import carried, net_axes, thrown
 from exunet.system.drum import Drum
 from exunet.system.ejection import ejecting, holding
@@ -56,6 +59,9 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
+    surfaces = _surfaces(scene, rigid, reels)
+    carrier = "" if axes.body is None else names[axes.body]
+    blocks = replace(blocks, surfaces=surfaces, carrier=carrier)
     places = blocks.position[net.n_nodes :]
     velocity = np.concatenate([velocity, common_velocity(scene.initial, places)])
     words = "an effect brings a point mass of this name (launch_force: chaser): name the body otherwise"
@@ -73,6 +79,19 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     system = System(blocks, forces, rigid.bodies, kinematics, recoil)
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
+
+
+def _surfaces(scene: Scene, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> dict[str, Surface]:
+    """Of the bodies that something touches."""
+    named = touched_bodies(scene.effects)
+    found = {}
+    for number, body in enumerate(rigid.bodies):
+        attached = rigid.kinematics.point[rigid.kinematics.body == number]
+        wound = tuple(reel.elements for reel in reels if reel.body == body.name)
+        surface = surface_of(body, attached, wound) if body.name in named else None
+        if surface is not None:
+            found[body.name] = surface
+    return found
 
 
 def _with_strength(net: Net, scene: Scene) -> Net:

@@ -116,13 +116,20 @@ class System:
         return np.concatenate([self.net.fixed_nodes, guided])
 
     def given_work(self, first_order: Floats) -> Floats:
-        """(...,) energy [J] that guided bodies and reels have given to all else, by states (..., n)."""
-        blocks = self.blocks
-        guided = blocks.rigid[len(blocks.rigid) - len(self.kinematics.guides) :]
-        names = (*guided, *(reel.name for reel in self.forces.cable.reels))
-        first = blocks.n_x - blocks.n_states
-        columns = [blocks.state(f"{name}/work") - first for name in names]
-        return np.asarray(first_order[..., columns].sum(axis=-1))
+        """(...,) energy [J] that was given from outside, less what was taken, by states (..., n).
+
+        Of what terms count as first-order states themselves: work of guided bodies and of reels, what contact
+        takes.
+        """
+        columns, sign = self._gives
+        return np.asarray((first_order[..., columns] * sign).sum(axis=-1))
+
+    @cached_property
+    def _gives(self) -> tuple[NDArray[np.int64], Floats]:
+        """The columns of the states that count such energies, and `FirstOrder.gives` of each."""
+        gives = np.array([one.gives for one in self.blocks.states for _ in one.initial], dtype=float)
+        columns = np.flatnonzero(gives)
+        return columns, gives[columns]
 
     @cached_property
     def memory(self) -> dict[str, Floats]:

@@ -154,6 +154,7 @@ class CompiledLoop(CompiledIntegration):
         self._moving = self._layout.unpack(self._motion.x, self._motion.v)  # views
         self._pushed = False
         self._ports = _steady_ports(system, state)
+        self._kept_in_kernel: dict[str, Floats] = {}
         self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
         if state.memory:
             self._remember(state.memory)
@@ -164,7 +165,13 @@ class CompiledLoop(CompiledIntegration):
     def room(self) -> int:
         return len(self._kept.time)
 
+    def _recall(self) -> None:
+        """Take over the memories that the kernel has changed itself."""
+        for name, values in self._kept_in_kernel.items():
+            self._events.memory[name][:] = values
+
     def state(self) -> State:
+        self._recall()
         m = self._motion
         memory = {name: values.copy() for name, values in self._events.memory.items()}
         moving = self._layout.unpack(m.x.copy(), m.v.copy())
@@ -176,6 +183,7 @@ class CompiledLoop(CompiledIntegration):
         self._module.begin(self.time, self._verlet, self._motion)
 
     def tell(self, inputs: Arrays) -> None:
+        self._recall()
         for name, values in inputs.items():
             self._events.memory[name] = values.copy()
         self._remember(self._events.memory)
@@ -199,6 +207,7 @@ class CompiledLoop(CompiledIntegration):
             steer(self._sites[name], piece)
 
     def view(self) -> State:
+        self._recall()
         return State.of(self.time, self._moving, self._events.memory)
 
     def advance(self, until: float) -> None:
@@ -218,6 +227,9 @@ class CompiledLoop(CompiledIntegration):
         largest = float(peaks["elastic"][0]) + self._asleep
         extremes = Extremes(largest, float(peaks["kinetic"][0]), self.largest_tensions)
         self._observer.between(until, extremes)
+        if self._kept_in_kernel:
+            kept = {name: values.copy() for name, values in self._kept_in_kernel.items()}
+            self._observer.remembered(until, kept)
         if not math.isfinite(np.dot(self._motion.x, self._motion.x)):  # a square may overflow; no harm
             self.hand_over()
 
@@ -265,6 +277,7 @@ class CompiledLoop(CompiledIntegration):
     def _look_for_events(self) -> None:
         if not self._events.any:
             return
+        self._recall()
         m = self._motion
         for name, change in self._events.at(self.time, m.x, m.v):
             self.hand_over()  # so that no batch has states from before and after
@@ -280,7 +293,8 @@ class CompiledLoop(CompiledIntegration):
     def _remember(self, memory: Arrays) -> None:
         """Let the forces, and what looks at tensions, take all memories into account."""
         self._memory = memory
-        self._motion = self._motion._replace(data=self._kernel.data(memory))
+        data, self._kept_in_kernel = self._kernel.data_and_memories(memory)
+        self._motion = self._motion._replace(data=data)
         self._steer_all()
         self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
         self._hold()
@@ -332,6 +346,7 @@ class CompiledLoop(CompiledIntegration):
             self._observer.take(batch)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
+        self._recall()
         m = self._motion
         arrays = {"x": m.x, "v": m.v, "a": m.work[_A1], "push": m.push, "taken": m.taken}
         arrays |= {f"clock/{name}": self._clock[name] for name in CLOCK.names or ()}

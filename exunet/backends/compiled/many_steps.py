@@ -36,17 +36,20 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
     TOLD = False
     BODIES = True
     JUMPS = True
+    REMEMBERS = True
 
+    def remember(t: float, x: Any, v: Any, data: Any) -> None: ...
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
 
 
 def begin(t: float, verlet: bool, m: Any) -> None:
     """Compute the acceleration at the state, where a step before has not left it."""
-    a1 = stages_of(m.work).a1
+    own = borrowed(m)
+    a1 = stages_of(own.work).a1
     if BODIES and verlet:
-        accelerate_without_spin(t, m.x, m.v, m, a1)
+        accelerate_without_spin(t, own.x, own.v, own, a1)
     else:
-        accelerate(t, m.x, m.v, m, a1)
+        accelerate(t, own.x, own.v, own, a1)
 
 
 def accept(m: Any) -> None:
@@ -225,6 +228,8 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
         if simpson:
             watts = work_of_step(t, h, watts, s.a1, m)
         accept(m)
+        if REMEMBERS:
+            remember(end, m.x, m.v, m.data)
         see(end, held, m.x, m.v, seen)
         now["steps"] += 1
         now["time"] = end
@@ -293,6 +298,8 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
         if TAKES_ENERGY:
             watts = work_of_step(now["time"], h, watts, s.a7, m)
         accept(m)
+        if REMEMBERS:
+            remember(until if h == rest else now["time"] + h, m.x, m.v, m.data)
         see(now["time"] + h, held, m.x, m.v, seen)
         for c in range(m.push.size):
             s.a1[c] = s.a7[c]

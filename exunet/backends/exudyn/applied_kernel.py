@@ -25,6 +25,7 @@ class AppliedKernel:
     """The forces of a kernel on the points of `model`, on its bodies, and constant ones from outside.
 
     bodies : True if a term of the kernel acts on a rigid body
+    remembered : the memories that compiled code changes itself, by name; not copies
     Where the coordinates stand is only known once the model is assembled, so it is looked up at first use.
     """
 
@@ -33,7 +34,8 @@ class AppliedKernel:
     ) -> None:
         self._model, self._kernel, self._bodies = model, kernel, bodies
         self._system, self._blocks = system, (blocks := system.blocks)
-        self._data, self._moving = kernel.data(memory), system.moving(memory)
+        self._data, self.remembered = kernel.data_and_memories(memory)
+        self._moving = system.moving(memory)
         self._run: Callable[..., None] = kernel.module.engine_forces
         self._states = slice(blocks.n_x - blocks.n_states, blocks.n_x)
         self._place: Place | None = None
@@ -84,9 +86,19 @@ class AppliedKernel:
         if self._place is not None:
             self._place.values[PUSH, : len(self._push)] = self._push
 
+    def accepted(self, t: float, q: Floats, q_t: Floats) -> None:
+        """Let the terms remember the accepted step that ends at t [s] with these coordinates."""
+        place = self._place
+        if place is None or self._held is None:
+            place = self._hold()
+        if self._blocks.states:
+            place.values[X, self._states] = self._model.first_order()
+        self._kernel.module.engine_remembers(t, q, q_t, self._held)
+
     def remember(self, memory: Mapping[str, Floats]) -> None:
         """Take all memories as they are now."""
-        self._data, self._moving = self._kernel.data(memory), self._system.moving(memory)
+        self._data, self.remembered = self._kernel.data_and_memories(memory)
+        self._moving = self._system.moving(memory)
         self._held = None
 
     def _where(self) -> Place:

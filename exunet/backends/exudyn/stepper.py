@@ -43,6 +43,8 @@ class Stepper:
         self._adaptive = self._method.kind == Kind.ADAPTIVE
         self._tiny = 4.0 * plan.least_step
         self._events = Events(system, state.memory, observer)
+        memories = (term.memory for term in system.forces.memories)
+        self._keeps = any(memory is not None and memory.kept_in for memory in memories)
         self._counts = StepCounts()
         self._newton_before = 0  # in solvers that were started before
         self._pushed: Floats | None = None
@@ -112,6 +114,9 @@ class Stepper:
     def advance(self, until: float) -> None:
         while self.time < until:
             self._stretch(self._events.next_instant(self.time, until))
+        if self._keeps:
+            kept = self._model.applied.remembered.items()
+            self._observer.remembered(until, {name: values.copy() for name, values in kept})
 
     def _stretch(self, until: float) -> None:
         self._set_stretch(until)
@@ -141,6 +146,7 @@ class Stepper:
             self._counts.steps += 1
         self._choice.end_stretch(self._model.system.systemData.GetTime())
         self._idle_at(until)
+        self._let_remember(until)
         self._append(until)
         if not self._accepted.finite:
             self.hand_over()
@@ -183,6 +189,15 @@ class Stepper:
             raise  # returning False would not end the engine's search for a smaller step
         return True
 
+    def _let_remember(self, time: float) -> None:
+        """Terms whose memory compiled code keeps change it at the end of each accepted step."""
+        if not self._keeps:
+            return
+        now = self._model.coordinates()
+        self._model.applied.accepted(time, now.q, now.v)
+        for name, values in self._model.applied.remembered.items():
+            self._events.memory[name][:] = values
+
     def _refuse_collapse(self) -> None:
         """The engine repeats its smallest step without end when a tolerance cannot be met.
 
@@ -203,6 +218,7 @@ class Stepper:
         self._counts.steps += 1
         self._step_start = time
         self._choice.accepted(time)
+        self._let_remember(time)
         if self._accepted.append(time, self._model.coordinates_in_call()):
             self.hand_over()
         if self._look_for_events(time):

@@ -56,6 +56,7 @@ _NAMES = (
     "air_drag",
     "bending",
     "breaking",
+    "contact",
     "j2",
     "launch_force",
     "molecular_drag",
@@ -152,6 +153,12 @@ def first_order_states(effects: Table) -> tuple[FirstOrder, ...]:
 def _brought(what: str, effects: Table) -> Iterator[Any]:
     for name, keys in switched_on(effects).items():
         yield from getattr(EFFECTS[name], what, lambda _: ())(keys)
+
+
+def touched_bodies(effects: Table) -> frozenset[str]:
+    """Names of the rigid bodies that something touches."""
+    on: Any = switched_on(effects).get("contact")
+    return frozenset() if on is None else frozenset((*on.threads, *on.bullets))
 
 
 def breaking_limits(effects: Table, net: Net) -> Floats | None:

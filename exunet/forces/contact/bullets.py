@@ -1,0 +1,268 @@
+"""Contact of bullets, as spheres, with a rigid body."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.forces.blocks import Blocks
+from exunet.forces.contact.core_loops import DISTANCES, core_gradient
+from exunet.forces.contact.frame_loops import (
+    FRAMES,
+    place_in_body,
+    push_point,
+    turn_into,
+    velocity_against_body,
+)
+from exunet.forces.contact.friction_loops import friction, regularised_friction
+from exunet.forces.contact.near_loops import remember_status
+from exunet.forces.contact.threads import ROW, STATUS, Friction
+from exunet.forces.cores import Surface
+from exunet.forces.loops import Index
+from exunet.forces.terms import KernelTerm, Memory
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class SphereLaw(NamedTuple):
+    """F = k p^n: k [N/m^n], n, damping a [s/m]; stiffness along the surface [N/m] over kappa."""
+
+    stiffness: float
+    exponent: float
+    damping: float
+    along: float
+
+
+class BulletContact(NamedTuple):
+    """Bullets that may touch a body; what is not said here is as in `ThreadContact`.
+
+    node     : (m,) 3 x nodes of the bullets
+    thick    : their radius [m]
+    exponent : n of F = k p^n
+    spring, relaxation : (m,) k_t [N/m] and theta [s] of friction
+    """
+
+    node: NDArray[Index]
+    thick: float
+    spring: Floats
+    relaxation: Floats
+    kind: Ints
+    numbers: Floats
+    place: Floats
+    turn: Floats
+    rounding: Floats
+    middle: Floats
+    radius: float
+    allowed: float
+    least: float
+    centre: int
+    attitude: int
+    spin: int
+    taken: int
+    stiffness: float
+    exponent: float
+    damping: float
+    friction: float
+    slip_speed: float
+    kept: Floats
+    after: Floats
+    now: Floats
+    frame: Floats
+
+
+def bullet_contact(
+    blocks: Blocks,
+    body: str,
+    surface: Surface,
+    radius: float,
+    law: SphereLaw,
+    rubbing: Friction,
+    inside: bool,
+) -> KernelTerm:
+    """The term of the bullets' contact with a body; inside : they start inside it, in its canister."""
+    net = blocks.net
+    nodes = net.bullet_nodes[~np.isin(net.bullet_nodes, surface.attached)]
+    spring = np.full(len(nodes), rubbing.ratio * law.along)
+    kept = np.zeros(ROW * len(nodes) + STATUS)
+    kept[: ROW * len(nodes) : ROW] = -1.0 if inside else 0.0
+    kept[-STATUS + 3] = -1.0
+    data = BulletContact(
+        (3 * nodes).astype(Index),
+        radius,
+        spring,
+        2.0 * rubbing.damping * np.sqrt(net.mass[nodes] / spring),
+        *surface.cores,
+        surface.middle,
+        surface.radius,
+        surface.allowed,
+        surface.least,
+        blocks.centre(body),
+        blocks.attitude(body),
+        blocks.spin(body),
+        blocks.rate("contact/damping"),
+        law.stiffness,
+        law.exponent,
+        law.damping,
+        rubbing.friction,
+        rubbing.slip_speed,
+        kept,
+        np.zeros((len(nodes), ROW)),
+        np.zeros(6),
+        np.zeros((3, 3)),
+    )
+    return KernelTerm(
+        f"bullets and {body}",
+        add_bullet_contact,
+        data,
+        bullet_contact_potential,
+        (*FRAMES, *DISTANCES, remember_status, friction, regularised_friction, *_OWN),
+        bodies=(body,) if body in blocks.free_bodies else (),
+        stiffness_rate=_stiffness_rate(blocks, body, surface, data),
+        memory=Memory(f"contact/bullets/{body}", kept, kept_in="kept"),
+        remember=remember_bullet_contact,
+        internal=True,
+    )
+
+
+def _stiffness_rate(blocks: Blocks, body: str, surface: Surface, data: BulletContact) -> float:
+    """Bound [1/s2] of what contact adds to the eigenvalues, while nothing is too deep; as of threads."""
+    slope = data.stiffness * data.exponent * (surface.allowed + data.thick) ** (data.exponent - 1.0)
+    mass = blocks.net.mass[data.node.astype(np.int64) // 3]
+    if not len(mass):
+        return 0.0
+    rate = slope / float(mass.min())
+    if body in blocks.free_bodies:
+        number = blocks.free_bodies.index(body)
+        arm = float(np.linalg.norm(surface.middle)) + surface.radius
+        mobility = 1.0 / blocks.inertia.mass[number] + arm**2 / blocks.inertia.moments[number].min()
+        rate += slope * len(mass) * mobility
+    return rate
+
+
+# Scalar loops, in the subset of Python that Numba compiles.
+
+
+def add_bullet_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
+    """Forces of all bullets that touch the body, and what they would leave in the memory."""
+    now = c.now
+    for m in range(now.size):
+        now[m] = 0.0
+    now[1] = -1.0
+    now[4] = t
+    reach = c.radius + c.thick
+    turned = False
+    for k in range(c.node.size):
+        c.after[k, 0] = 0.0
+        i = c.node[k]
+        d = 0.0
+        for axis in range(3):
+            apart = x[i + axis] - x[c.centre + axis]
+            d += apart * apart
+        far = reach + math.sqrt(c.middle[0] ** 2 + c.middle[1] ** 2 + c.middle[2] ** 2)
+        if d < far * far:
+            if not turned:
+                turn_into(x, c.attitude, c.frame)
+                turned = True
+            add_bullet(x, v, c, k, force)
+
+
+def add_bullet(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
+    """Forces of bullet k."""
+    row = c.after[k]
+    kept = c.kept
+    first = 5 * k
+    i = c.node[k]
+    p = place_in_body(x, i, c.centre, c.frame)
+    w = velocity_against_body(v, i, c.centre, c.spin, c.frame, p)
+    c.now[3] = max(c.now[3], w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    depth, d, e, f = depth_of_ball(c, p)
+    if depth <= 0.0:
+        return
+    row[0] = min(kept[first], 0.0)
+    if kept[first] < 0.0:
+        return
+    c.now[2] += 1.0
+    if depth > c.now[0]:
+        c.now[0] = depth
+        c.now[1] = k
+    if depth > c.allowed + c.thick:
+        c.now[5] = -1.0 - k
+    rate = -(d * w[0] + e * w[1] + f * w[2])
+    elastic = c.stiffness * depth**c.exponent
+    across = elastic * max(1.0 + c.damping * rate, 0.0)
+    force[c.taken] += (across - elastic) * rate
+    on = (across * d, across * e, across * f)
+    if c.friction > 0.0:
+        size = math.sqrt(d * d + e * e + f * f)
+        d /= size
+        e /= size
+        f /= size
+        push = across
+        rub = (0.0, 0.0, 0.0)
+        if c.slip_speed > 0.0:
+            rub = regularised_friction(push, d, e, f, w, c)
+        else:
+            row[0] = 1.0
+            row[2] = p[0]
+            row[3] = p[1]
+            row[4] = p[2]
+            if kept[first] == 1.0:
+                u = (p[0] - kept[first + 2], p[1] - kept[first + 3], p[2] - kept[first + 4])
+                a, b, g, o, m, n, slides = friction(push, d, e, f, u, w, c.spring[k], c.relaxation[k], c)
+                rub = (a, b, g)
+                row[2] = p[0] - o if slides else kept[first + 2]
+                row[3] = p[1] - m if slides else kept[first + 3]
+                row[4] = p[2] - n if slides else kept[first + 4]
+        force[c.taken + 1] -= rub[0] * w[0] + rub[1] * w[1] + rub[2] * w[2]
+        on = (on[0] + rub[0], on[1] + rub[1], on[2] + rub[2])
+    push_point(force, i, c.centre, c.spin, c.frame, p, on)
+
+
+def depth_of_ball(c: Any, p: Any) -> Any:
+    """Depth [m] of a bullet at p (3), and the direction (3) of the force; of more solids as `depth_at`."""
+    depth = 0.0
+    i = 0.0
+    j = 0.0
+    k = 0.0
+    for n in range(c.kind.size):
+        distance, d, e, f = core_gradient(c, n, p[0], p[1], p[2])
+        own = c.rounding[n] + c.thick - distance
+        if own > 0.0:
+            most = max(own, depth)
+            both = most * (1.0 + (min(own, depth) / most) ** 8) ** 0.125
+            before = (depth / both) ** 7
+            after = (own / both) ** 7
+            i = before * i + after * d
+            j = before * j + after * e
+            k = before * k + after * f
+            depth = both
+    return depth, i, j, k
+
+
+def bullet_contact_potential(x: Any, c: Any) -> float:
+    """Energy [J] stored across the surface."""
+    turn_into(x, c.attitude, c.frame)
+    total = 0.0
+    for k in range(c.node.size):
+        if c.kept[5 * k] >= 0.0:
+            depth, _, _, _ = depth_of_ball(c, place_in_body(x, c.node[k], c.centre, c.frame))
+            if depth > 0.0:
+                total += c.stiffness * depth ** (c.exponent + 1.0) / (c.exponent + 1.0)
+    return total
+
+
+def remember_bullet_contact(t: float, x: Any, v: Any, c: Any) -> None:
+    """What the bullets leave in the memory; `add_bullet_contact` has looked at this state last."""
+    kept = c.kept
+    for k in range(c.node.size):
+        for m in range(5):
+            kept[5 * k + m] = c.after[k, m]
+    last = 5 * c.node.size
+    remember_status(t, c, kept[last:])
+
+
+_OWN = (add_bullet, depth_of_ball)

@@ -1,0 +1,360 @@
+"""Contact of the threads of a net, and of tethers, with a rigid body."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.forces.blocks import Blocks
+from exunet.forces.contact.core_loops import DISTANCES, is_flat
+from exunet.forces.contact.frame_loops import (
+    FRAMES,
+    place_in_body,
+    push_point,
+    turn_into,
+    velocity_against_body,
+)
+from exunet.forces.contact.friction_loops import friction, regularised_friction
+from exunet.forces.contact.near_loops import NEAR, choose_near, is_near, may_touch, remember_status
+from exunet.forces.contact.touching_loops import TOUCHING, touch
+from exunet.forces.cores import Cores, Surface
+from exunet.forces.loops import Index
+from exunet.forces.terms import KernelTerm, Memory
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Of the memory behind the rows of the pairs: largest depth so far [m], when [s], number of the pair; when
+# something touched first [s], -1.0: not yet; what has gone wrong (0.0: nothing, 1.0: too deep, 2.0: what is
+# near moves in a step by more than half of the body's thickness, 3.0: came into reach unseen), when [s], with
+# which pair; most pairs that touched at once; the end of the last step [s].
+STATUS = 9
+ROW = 5
+
+
+def _rule(*numbers: int) -> Floats:
+    """(2, sum n) places in [0, 1] and weights of Gauss and Legendre's rules one after the other."""
+    rules = [np.polynomial.legendre.leggauss(n) for n in numbers]
+    return np.concatenate([np.stack([0.5 + 0.5 * x, 0.5 * w]) for x, w in rules], axis=1)
+
+
+class Friction(NamedTuple):
+    """friction : mu; slip_speed : v_s [m/s], 0.0 for friction with memory; ratio : kappa; damping : zeta."""
+
+    friction: float
+    slip_speed: float = 0.0
+    ratio: float = 1.0
+    damping: float = 0.0
+
+
+class ThreadContact(NamedTuple):
+    """Elements that may touch a body, the body's surface, the law, the memory and work space.
+
+    first, second : (m,) 3 x nodes at the ends
+    element  : (m,) numbers of the elements
+    length   : (m,) L0 [m]
+    thick    : (m,) radius of the thread [m]
+    spring, relaxation : (m,) k_t [N/m] and theta [s] of friction
+    kind, numbers, place, turn, rounding : as `Cores`
+    middle, radius, allowed, least : as `Surface`
+    centre, attitude, spin : where the entries of the body begin, see `exunet.forces.blocks`
+    taken    : where in force the rates of the energies that damping and friction take stand
+    stiffness, damping : K [N/m2], a [s/m]
+    friction, slip_speed : as `Friction`
+    kept     : (ROW m + STATUS,) the memory
+    after    : (m, ROW) what the memory would be after the state that was looked at last
+    now      : (6,) of that state: largest depth [m], its pair, pairs that touch, square of the largest speed
+               of what is near [m2/s2], when [s]; 1 + the number of a pair that came into reach unseen, less
+               than 0 of one that is too deep, or 0
+    near     : (m,) numbers of the pairs that are looked at, in order
+    listed   : (m,) 1.0 for these
+    look     : (3,) how many there are, when they were chosen [s], and how long they are right [s]
+    frame    : (3, 3) work space: the rotation of the body
+    spans, splits, sums, rule : work space and Gauss's rules, see `touching_loops`
+    """
+
+    first: NDArray[Index]
+    second: NDArray[Index]
+    element: Ints
+    length: Floats
+    thick: Floats
+    spring: Floats
+    relaxation: Floats
+    kind: Ints
+    numbers: Floats
+    place: Floats
+    turn: Floats
+    rounding: Floats
+    middle: Floats
+    radius: float
+    allowed: float
+    least: float
+    centre: int
+    attitude: int
+    spin: int
+    taken: int
+    stiffness: float
+    damping: float
+    friction: float
+    slip_speed: float
+    kept: Floats
+    after: Floats
+    now: Floats
+    near: Ints
+    listed: Floats
+    look: Floats
+    frame: Floats
+    spans: Floats
+    splits: Floats
+    sums: Floats
+    rule: Floats
+
+
+def thread_contact(
+    blocks: Blocks, body: str, surface: Surface, law: tuple[float, float], rubbing: Friction, inside: Ints
+) -> KernelTerm:
+    """The term of the threads' contact with a body.
+
+    law    : K [N/m2], a [s/m]
+    inside : elements that start inside the body, in its canister: they touch once they have come out
+    """
+    net = blocks.net
+    held = np.isin(net.element_nodes, surface.attached).any(axis=1)
+    wound = [number for reel in surface.wound for number in reel]
+    element = np.setdiff1d(np.flatnonzero(~held), np.array(wound, dtype=np.int64))
+    ends, length = net.element_nodes[element], net.reference_length[element]
+    stiffness, damping = law
+    spring = rubbing.ratio * stiffness * length
+    mass = net.density[element] * net.area[element] * length
+    kept = np.zeros(ROW * len(element) + STATUS)
+    kept[: ROW * len(element) : ROW] = np.where(np.isin(element, inside), -1.0, 0.0)
+    kept[-STATUS + 3] = -1.0
+    cores: Cores = surface.cores
+    data = ThreadContact(
+        (3 * ends[:, 0]).astype(Index),
+        (3 * ends[:, 1]).astype(Index),
+        element,
+        length,
+        np.sqrt(net.area[element] / math.pi),
+        spring,
+        2.0 * rubbing.damping * np.sqrt(mass / spring),
+        *cores,
+        surface.middle,
+        surface.radius,
+        surface.allowed,
+        surface.least,
+        blocks.centre(body),
+        blocks.attitude(body),
+        blocks.spin(body),
+        blocks.rate("contact/damping"),
+        stiffness,
+        damping,
+        rubbing.friction,
+        rubbing.slip_speed,
+        kept,
+        np.zeros((len(element), ROW)),
+        np.zeros(6),
+        np.zeros(len(element), dtype=np.int64),
+        np.zeros(len(element)),
+        np.array([0.0, 0.0, -1.0]),
+        np.zeros((3, 3)),
+        np.zeros((len(cores.kind), 2)),
+        np.zeros(16 * len(cores.kind)),
+        np.zeros(12),
+        _rule(2, 4, 8),
+    )
+    rates = _rates(blocks, body, surface, data)
+    return KernelTerm(
+        f"threads and {body}",
+        add_thread_contact,
+        data,
+        thread_contact_potential,
+        (*FRAMES, *DISTANCES, is_flat, *TOUCHING, *NEAR, friction, regularised_friction, *_OWN),
+        bodies=(body,) if body in blocks.free_bodies else (),
+        stiffness_rate=rates[0],
+        damping_rate=rates[1],
+        memory=Memory(f"contact/threads/{body}", kept, kept_in="kept"),
+        remember=remember_thread_contact,
+        internal=True,
+    )
+
+
+def _rates(blocks: Blocks, body: str, surface: Surface, data: ThreadContact) -> tuple[float, float]:
+    """Bounds [1/s2], [1/s] of what contact adds to the eigenvalues, while nothing is too deep.
+
+    The stiffness of a thread that touches all along, K L0 / 2 at each end, along and across the surface (kappa
+    is not above 1). From (a - b)^2 <= (1 + c) a^2 + (1 + 1/c) b^2 with the best c follows that the body adds
+    its own rate, of all threads at once at its farthest points.
+    """
+    net = blocks.net
+    touching = np.zeros(net.n_nodes)
+    np.add.at(touching, net.element_nodes[data.element], 0.5 * data.length[:, None])
+    free = np.ones(net.n_nodes, dtype=bool)
+    free[net.fixed_nodes] = False
+    free[blocks.inertia.points] = False
+    rate = float((data.stiffness * touching / net.mass)[free].max(initial=0.0))
+    if body in blocks.free_bodies:
+        number = blocks.free_bodies.index(body)
+        arm = float(np.linalg.norm(surface.middle)) + surface.radius
+        mobility = 1.0 / blocks.inertia.mass[number] + arm**2 / blocks.inertia.moments[number].min()
+        rate += data.stiffness * float(data.length.sum()) * mobility
+    return rate, 0.0
+
+
+# Scalar loops, in the subset of Python that Numba compiles.
+
+
+def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
+    """Forces of all threads that touch the body, and what they would leave in the memory."""
+    if not is_near(t, c):
+        choose_near(t, x, v, c)
+    now = c.now
+    now[0] = 0.0
+    now[1] = -1.0
+    now[2] = 0.0
+    now[3] = 0.0
+    now[4] = t
+    number = int(c.look[0])
+    if number == 0:
+        return
+    turn_into(x, c.attitude, c.frame)
+    for one in range(number):
+        add_thread(x, v, c, c.near[one], force)
+
+
+def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
+    """Forces of the pair k."""
+    sums = c.sums
+    row = c.after[k]
+    kept = c.kept
+    i = c.first[k]
+    j = c.second[k]
+    row[0] = min(kept[5 * k], 0.0)
+    a = place_in_body(x, i, c.centre, c.frame)
+    b = place_in_body(x, j, c.centre, c.frame)
+    if not may_touch(c, k, a, b):
+        row[0] = 0.0
+        return
+    w_a = velocity_against_body(v, i, c.centre, c.spin, c.frame, a)
+    w_b = velocity_against_body(v, j, c.centre, c.spin, c.frame, b)
+    c.now[3] = max(c.now[3], w_a[0] * w_a[0] + w_a[1] * w_a[1] + w_a[2] * w_a[2])
+    c.now[3] = max(c.now[3], w_b[0] * w_b[0] + w_b[1] * w_b[1] + w_b[2] * w_b[2])
+    if not touch(c, c.thick[k], a, b, w_a, w_b, sums):
+        row[0] = 0.0
+        return
+    if kept[5 * k] < 0.0:
+        return
+    c.now[2] += 1.0
+    if sums[10] > c.now[0]:
+        c.now[0] = sums[10]
+        c.now[1] = k
+    if sums[10] > c.allowed + c.thick[k]:
+        c.now[5] = -1.0 - k
+    length = c.length[k]
+    on_b = (length * sums[3], length * sums[4], length * sums[5])
+    on_a = (length * sums[0] - on_b[0], length * sums[1] - on_b[1], length * sums[2] - on_b[2])
+    force[c.taken] += length * sums[8]
+    if c.friction > 0.0:
+        size = math.sqrt(sums[0] * sums[0] + sums[1] * sums[1] + sums[2] * sums[2])
+        rub = (0.0, 0.0, 0.0)
+        at = sums[7] / sums[6]
+        if size > 0.0:
+            n = (sums[0] / size, sums[1] / size, sums[2] / size)
+            push = length * sums[6]
+            if c.slip_speed > 0.0:
+                w = between(w_a, w_b, at)
+                rub = regularised_friction(push, n[0], n[1], n[2], w, c)
+            else:
+                rub, at = rub_with_memory(c, k, push, n, a, b, w_a, w_b, at, row)
+            w = between(w_a, w_b, at)
+            force[c.taken + 1] -= rub[0] * w[0] + rub[1] * w[1] + rub[2] * w[2]
+            on_a = along(on_a, rub, 1.0 - at)
+            on_b = along(on_b, rub, at)
+    push_point(force, i, c.centre, c.spin, c.frame, a, on_a)
+    push_point(force, j, c.centre, c.spin, c.frame, b, on_b)
+
+
+def rub_with_memory(
+    c: Any, k: int, push: float, n: Any, a: Any, b: Any, w_a: Any, w_b: Any, middle: float, row: Any
+) -> Any:
+    """Friction (3) [N] of a pair, and where on the thread it acts; its next memory into `row`.
+
+    n : (3) direction of the normal force `push` [N]; middle : where on the thread this acts
+    """
+    kept = c.kept
+    first = 5 * k
+    here = between(a, b, middle)
+    if kept[first] == 0.0:
+        remember_anchor(row, middle, here)
+        return (0.0, 0.0, 0.0), middle
+    at = kept[first + 1]
+    p = between(a, b, at)
+    w = between(w_a, w_b, at)
+    u = (p[0] - kept[first + 2], p[1] - kept[first + 3], p[2] - kept[first + 4])
+    x, y, z, d, e, f, slides = friction(push, n[0], n[1], n[2], u, w, c.spring[k], c.relaxation[k], c)
+    if slides or not touches_at(c, c.thick[k], at):
+        remember_anchor(row, middle, (here[0] - d, here[1] - e, here[2] - f))
+    else:
+        remember_anchor(row, at, (kept[first + 2], kept[first + 3], kept[first + 4]))
+    return (x, y, z), at
+
+
+def touches_at(c: Any, thick: float, s: float) -> bool:
+    """True if the thread that `touch` looked at last touches at s."""
+    touches = False
+    for n in range(c.kind.size):
+        touches = touches or c.spans[n, 0] < s < c.spans[n, 1]
+    return touches
+
+
+def remember_anchor(row: Any, s: float, place: Any) -> None:
+    """Put an anchor into a row of the memory."""
+    row[0] = 1.0
+    row[1] = s
+    row[2] = place[0]
+    row[3] = place[1]
+    row[4] = place[2]
+
+
+def between(a: Any, b: Any, s: float) -> Any:
+    """(1 - s) a + s b."""
+    return a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])
+
+
+def along(a: Any, b: Any, s: float) -> Any:
+    """a + s b."""
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
+
+
+def thread_contact_potential(x: Any, c: Any) -> float:
+    """Energy [J] stored across the surface."""
+    turn_into(x, c.attitude, c.frame)
+    rest = (0.0, 0.0, 0.0)
+    total = 0.0
+    for k in range(c.length.size):
+        if c.kept[5 * k] >= 0.0:
+            a = place_in_body(x, c.first[k], c.centre, c.frame)
+            b = place_in_body(x, c.second[k], c.centre, c.frame)
+            if may_touch(c, k, a, b) and touch(c, c.thick[k], a, b, rest, rest, c.sums):
+                total += c.length[k] * c.sums[9]
+    return total
+
+
+def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
+    """What the pairs that were looked at leave in the memory, and the largest depth.
+
+    `add_thread_contact` has looked at this state last.
+    """
+    kept = c.kept
+    for one in range(int(c.look[0])):
+        k = c.near[one]
+        for m in range(5):
+            kept[5 * k + m] = c.after[k, m]
+    last = 5 * c.length.size
+    remember_status(t, c, kept[last:])
+
+
+_OWN = (add_thread, rub_with_memory, touches_at, remember_anchor, between, along)

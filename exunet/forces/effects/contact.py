@@ -1,0 +1,281 @@
+"""Contact of threads and bullets with rigid bodies.
+
+Penalty with Hunt and Crossley's damping across the surface, Coulomb friction along it; see
+`exunet.forces.contact`, and for the equations cases/README.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from exunet.base.errors import Fault
+from exunet.base.faults import each
+from exunet.base.table import FromArray, NonNegative, Positive, Table
+from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.contact.bullets import SphereLaw, bullet_contact
+from exunet.forces.contact.law import LEAST_RESTITUTION, damping_of, hertz_of_line, hertz_of_sphere
+from exunet.forces.contact.threads import Friction, thread_contact
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.requirements import RestOfCase
+from exunet.forces.terms import KernelTerm
+
+Names = Annotated[tuple[str, ...], FromArray]
+
+
+class Keys(Table):
+    """Threads and bullets touch bodies."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "allOf": [
+                {"anyOf": [{"required": ["threads"]}, {"required": ["bullets"]}]},
+                {"oneOf": [{"required": ["damping"]}, {"required": ["restitution", "impact_speed"]}]},
+                {"dependentRequired": {"bullets": ["bullet_radius"], "bullet_radius": ["bullets"]}},
+                {
+                    "if": {"properties": {"law": {"const": "hertz"}}, "required": ["law"]},
+                    "then": {
+                        "required": ["modulus"],
+                        "properties": {"stiffness": False, "bullet_stiffness": False},
+                    },
+                    "else": {
+                        "dependentRequired": {
+                            "threads": ["stiffness"],
+                            "stiffness": ["threads"],
+                            "bullets": ["bullet_stiffness"],
+                            "bullet_stiffness": ["bullets"],
+                        },
+                        "properties": {"modulus": False},
+                    },
+                },
+                {
+                    "if": {
+                        "properties": {"friction_law": {"const": "regularised"}},
+                        "required": ["friction_law"],
+                    },
+                    "then": {
+                        "required": ["slip_speed"],
+                        "properties": {"tangential_ratio": False, "tangential_damping": False},
+                    },
+                    "else": {"properties": {"slip_speed": False}},
+                },
+                {
+                    "if": {"properties": {"friction": {"exclusiveMinimum": 0.0}}, "required": ["friction"]},
+                    "then": {"required": ["friction_law"]},
+                },
+            ]
+        }
+    )
+
+    threads: Names = Field((), description="names of the bodies that threads touch", examples=[["target"]])
+    bullets: Names = Field(
+        (), description="names of the bodies that bullets touch, as spheres", examples=[["target"]]
+    )
+    bullet_radius: Positive | None = Field(
+        None, description="of the bullets [m]; for bullets", examples=[0.02]
+    )
+    law: Literal["linear", "hertz"] = Field(description="of the force across the surface")
+    stiffness: Positive | None = Field(
+        None,
+        description='K, force per length of thread and per depth [N/m2]; "linear", for threads',
+        examples=[2e4],
+    )
+    bullet_stiffness: Positive | None = Field(
+        None, description='k, force per depth [N/m]; "linear", for bullets', examples=[2e4]
+    )
+    modulus: Positive | None = Field(
+        None, description='E*, effective modulus of both materials [Pa]; "hertz"', examples=[1e6]
+    )
+    restitution: float | None = Field(
+        None,
+        ge=LEAST_RESTITUTION,
+        le=1.0,
+        description="e, speed after over speed before an impact at impact_speed [-]",
+        examples=[0.5],
+    )
+    impact_speed: Positive | None = Field(None, description="v0 [m/s]; for restitution", examples=[1.0])
+    damping: NonNegative | None = Field(
+        None, description="a in F(p)(1 + a p') [s/m]; instead of restitution", examples=[0.5]
+    )
+    friction: NonNegative = Field(description="Coulomb's coefficient mu [-]", examples=[0.3])
+    friction_law: Literal["sticking", "regularised"] | None = Field(
+        None, description="with memory, or smooth in the speed; for mu > 0", examples=["sticking"]
+    )
+    tangential_ratio: float = Field(
+        0.5, gt=0.0, le=1.0, description='stiffness along the surface over that across it; "sticking"'
+    )
+    tangential_damping: NonNegative = Field(
+        0.1, description='part of critical damping along the surface; "sticking"'
+    )
+    slip_speed: Positive | None = Field(
+        None, description='v_s, speed from which friction is full [m/s]; "regularised"', examples=[1e-3]
+    )
+
+    @property
+    def a(self) -> float:
+        """Of Hunt and Crossley's law [s/m]."""
+        if self.damping is not None:
+            return self.damping
+        assert self.restitution is not None
+        assert self.impact_speed is not None
+        return damping_of(self.restitution, self.impact_speed)
+
+    @property
+    def rubbing(self) -> Friction:
+        """Friction as the loops take it."""
+        if self.friction_law == "regularised":
+            assert self.slip_speed is not None
+            return Friction(self.friction, self.slip_speed)
+        return Friction(self.friction, 0.0, self.tangential_ratio, self.tangential_damping)
+
+    @property
+    def of_threads(self) -> float:
+        """K [N/m2]."""
+        if self.modulus is not None:
+            return hertz_of_line(self.modulus)
+        assert self.stiffness is not None
+        return self.stiffness
+
+    @property
+    def of_bullets(self) -> SphereLaw:
+        """Of spheres of the bullets' radius."""
+        assert self.bullet_radius is not None
+        if self.modulus is not None:
+            stiffness = hertz_of_sphere(self.modulus, self.bullet_radius)
+            return SphereLaw(stiffness, 1.5, self.a, 4.0 / 3.0 * self.modulus * self.bullet_radius)
+        assert self.bullet_stiffness is not None
+        return SphereLaw(self.bullet_stiffness, 1.0, self.a, self.bullet_stiffness)
+
+
+def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    """Pairs of things that are there, and the keys that each choice needs, and no other."""
+    yield from each(
+        _some_pair(keys),
+        _named(keys, rest, "threads"),
+        _named(keys, rest, "bullets"),
+        _bullets(keys, rest),
+        _of_law(keys),
+        _damped(keys),
+        _rubs(keys),
+    )
+
+
+def _some_pair(keys: Keys) -> Iterator[Fault]:
+    if not (keys.threads or keys.bullets):
+        yield Fault("", "names nothing that touches: give threads, bullets, or both, with names of bodies")
+
+
+def _named(keys: Keys, rest: RestOfCase, key: str) -> Iterator[Fault]:
+    names = getattr(keys, key)
+    for k, name in enumerate(names):
+        place = f"{key}[{k}]"
+        if name not in rest.bodies:
+            there = ", ".join(rest.bodies) or "none"
+            yield Fault(place, f"there is no body {name!r}: bodies are {there}")
+        elif name in names[:k]:
+            yield Fault(place, f"{name} is named twice")
+        else:
+            yield from _touchable(rest.scene.bodies[name], name, place)
+
+
+def _touchable(body: Any, name: str, place: str) -> Iterator[Fault]:
+    if body is None:
+        return
+    if body.is_given("shape") and body.shape == "mesh":
+        yield Fault(
+            place, f"{name} is a mesh: contact knows solids and bodies of parts, so build it of parts"
+        )
+        return
+    shapes = [body.shape] if body.is_given("shape") else [part.shape for part in body.parts.values()]
+    if not shapes:
+        yield Fault(place, f"{name} has no shape that could be touched: give it shape or parts")
+    sharp = [shape for shape in shapes if shape not in ("sphere", "capsule")]
+    if sharp and not (body.is_given("edge_radius") and body.edge_radius > 0.0):
+        yield Fault(
+            place,
+            f"{name} has sharp edges, over which the direction of a force would jump: give "
+            f"bodies.{name}.edge_radius, at least what threads may press in",
+        )
+
+
+def _bullets(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    if keys.bullets and not rest.has_bullets:
+        yield Fault("bullets", "the net has no bullets: add [net.bullets] or remove this key")
+    if keys.bullets and not keys.is_given("bullet_radius"):
+        yield Fault("", "needs bullet_radius, as bullets touch")
+    if keys.is_given("bullet_radius") and not keys.bullets:
+        yield Fault("bullet_radius", "is for bullets that touch: name bodies in bullets")
+
+
+def _of_law(keys: Keys) -> Iterator[Fault]:
+    wanted = {
+        "modulus": keys.law == "hertz",
+        "stiffness": keys.law == "linear" and bool(keys.threads),
+        "bullet_stiffness": keys.law == "linear" and bool(keys.bullets),
+    }
+    for key, needed in wanted.items():
+        if needed and not keys.is_given(key):
+            yield Fault("", f'needs {key}, for law = "{keys.law}"')
+        if keys.is_given(key) and not needed:
+            yield Fault(key, f'does not go with law = "{keys.law}" and what touches')
+
+
+def _damped(keys: Keys) -> Iterator[Fault]:
+    bounces = keys.is_given("restitution"), keys.is_given("impact_speed")
+    if keys.is_given("damping") == any(bounces):
+        yield Fault("", "needs either restitution with impact_speed, or damping")
+    elif any(bounces) and not all(bounces):
+        yield Fault("", "needs restitution and impact_speed together: restitution falls with the speed")
+
+
+def _rubs(keys: Keys) -> Iterator[Fault]:
+    if keys.friction > 0.0 and not keys.is_given("friction_law"):
+        yield Fault("", 'needs friction_law, "sticking" or "regularised", as there is friction')
+    smooth = keys.is_given("friction_law") and keys.friction_law == "regularised"
+    if smooth and not keys.is_given("slip_speed"):
+        yield Fault("", 'needs slip_speed, for friction_law = "regularised"')
+    if keys.is_given("slip_speed") and not smooth:
+        yield Fault("slip_speed", 'is for friction_law = "regularised"')
+    for key in ("tangential_ratio", "tangential_damping"):
+        if keys.is_given(key) and smooth:
+            yield Fault(key, 'is for friction_law = "sticking"')
+
+
+def first_order_states(keys: Keys) -> tuple[FirstOrder, ...]:
+    """Energy that damping and friction have taken [J]."""
+    return tuple(FirstOrder(f"contact/{name}", (0.0,), "J", gives=-1.0) for name in ("damping", "friction"))
+
+
+def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
+    """A term for each body that threads touch, and for each that bullets touch."""
+    found = []
+    for body in keys.threads:
+        inside = np.arange(blocks.net.n_net_elements if body == blocks.carrier else 0)
+        law = keys.of_threads, keys.a
+        found.append(thread_contact(blocks, body, blocks.surfaces[body], law, keys.rubbing, inside))
+    for body in keys.bullets:
+        surface, inside_of = blocks.surfaces[body], body == blocks.carrier
+        radius = keys.bullet_radius
+        assert radius is not None
+        found.append(
+            bullet_contact(blocks, body, surface, radius, keys.of_bullets, keys.rubbing, inside=inside_of)
+        )
+    return tuple(found)
+
+
+def nominal(basis: EstimateBasis) -> None:
+    """Nothing can be assumed of what a net meets."""
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """What a full stop of the net by a body would change."""
+    speed = basis.speed
+    length = float(basis.net.reference_length.sum())
+    mass = float(basis.net.mass.sum())
+    stiffness = keys.of_threads * length if keys.threads else keys.of_bullets.stiffness
+    acceleration = speed * math.sqrt(stiffness / mass)
+    return Estimate(acceleration, basis.held(speed * basis.duration), f"stopped from {speed:.3g} m/s")
