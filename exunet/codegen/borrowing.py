@@ -60,7 +60,7 @@ def _borrowed(kind: types.Type) -> types.Type:
         parts = [_borrowed(one) for one in kind]  # type: ignore[attr-defined]
         return types.BaseTuple.from_types(parts, getattr(kind, "instance_class", None))
     if isinstance(kind, HeldType):
-        return Loan(_borrowed(kind.field_dict["value"]))
+        return Loan(_borrowed(kind.field_dict["value"]))  # type: ignore[arg-type]
     return kind
 
 
@@ -100,7 +100,7 @@ class _LoanModel(models.StructModel):
 class _LoanFields(AttributeTemplate):
     key = Loan
 
-    def generic_resolve(self, value: Any, attr: Any) -> Any:
+    def generic_resolve(self, value: Any, attr: Any) -> Any:  # type: ignore[override]
         """The type of a field."""
         fields: Any = getattr(value.kind, "fields", ())
         return value.kind.types[fields.index(attr)] if attr in fields else None

@@ -185,8 +185,8 @@ def thread_contact(
 def _rates(blocks: Blocks, body: str, surface: Surface, data: ThreadContact) -> tuple[float, float]:
     """Bounds [1/s2], [1/s] of what contact adds to the eigenvalues, while nothing is too deep.
 
-    The stiffness of a thread that touches all along, K L0 / 2 at each end, along and across the surface (kappa
-    is not above 1). From (a - b)^2 <= (1 + c) a^2 + (1 + 1/c) b^2 with the best c follows that the body adds
+    The stiffness of a thread that touches all along, K L0 / 2 at each end, along and across the surface
+    (kappa is not above 1). From (a - b)^2 <= (1 + c) a^2 + (1 + 1/c) b^2 with the best c follows that the body adds
     its own rate, of all threads at once at its farthest points.
     """
     net = blocks.net

@@ -170,8 +170,8 @@ def touch(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, sums: Any) -> bo
     c    : of a contact: `ThreadContact`
     thick : the thread's radius [m]
     v, w : (3) velocities of its ends against the body's points there, in its axes [m/s]
-    sums : (12,) of f n (3), of s f n (3), of f, of s f, of (f - F) p', of F p / 2, then the largest depth, and
-           where: [N/m] and so on, of a thread of length 1
+    sums : (12,) of f n (3), of s f n (3), of f, of s f, of (f - F) p', of F p / 2, then the largest depth,
+           and where: [N/m] and so on, of a thread of length 1
     """
     splits = c.splits
     spans = c.spans
@@ -200,7 +200,7 @@ def touch(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, sums: Any) -> bo
 def touch_between(
     c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, low: float, high: float, sums: Any
 ) -> None:
-    """Add the integrals over a piece in which the depth is analytic, or over its halves where 1 + a p' = 0."""
+    """Add the integrals over a piece in which the depth is analytic, parted where 1 + a p' is zero."""
     spans = c.spans
     middle = 0.5 * (low + high)
     touched = 0
