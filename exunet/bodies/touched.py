@@ -11,6 +11,7 @@ from exunet.bodies.body import RigidBody
 from exunet.bodies.shapes import SOLIDS, Solid
 from exunet.forces.cores import BOX, CAPSULE, CYLINDER, FRUSTUM, SPHERE, Cores, Surface
 
+Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _KINDS = {"box": BOX, "cylinder": CYLINDER, "sphere": SPHERE, "capsule": CAPSULE, "frustum": FRUSTUM}
 assert set(_KINDS) == set(SOLIDS)
@@ -38,6 +39,7 @@ def surface_of(
         place,
         np.array([back @ one.rotation for one in shape.solids]),
         np.array([rounding for *_, rounding in found]),
+        np.array([_box(body, one) for one in shape.solids]),
     )
     reach = [_reach(one) for one in shape.solids]
     middles = np.array([body.in_principal_axes(one.position) for one in shape.solids])
@@ -69,6 +71,14 @@ def core_of_solid(solid: Solid, edge: float) -> tuple[tuple[float, float, float]
         low, high = (max(low, tip), high) if k > 0.0 else (low, min(high, tip))
     radii = [max(0.0, a + k * (z + 0.5 * c) - inwards) for z in (low, high)]
     return (radii[0], radii[1], 0.5 * (high - low)), 0.5 * (low + high), edge
+
+
+def _box(body: RigidBody, solid: Solid) -> Floats:
+    """(6,) least and largest coordinates of a solid along the principal axes, from the centre of mass [m]."""
+    axes = body.rotation.T  # a row each, in the frame
+    ends = [[axis @ solid.farthest(sign * axis) for axis in axes] for sign in (-1.0, 1.0)]
+    middle = axes @ np.array(body.centre)
+    return np.concatenate([np.array(ends[0]) - middle, np.array(ends[1]) - middle])
 
 
 def _reach(solid: Solid) -> float:

@@ -28,6 +28,7 @@ class Cores(NamedTuple):
     place    : (n, 3) of the middle [m]
     turn     : (n, 3, 3) from the core's axes to the principal ones
     rounding : (n,) [m]
+    boxes    : (n, 6) least and largest coordinates of each with its rounding, along the principal axes [m]
     """
 
     kind: Ints
@@ -35,6 +36,7 @@ class Cores(NamedTuple):
     place: Floats
     turn: Floats
     rounding: Floats
+    boxes: Floats
 
 
 class Surface(NamedTuple):

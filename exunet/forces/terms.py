@@ -108,12 +108,14 @@ class Memory:
               the same
     kept_in : field of the kernel data that has these values as an array, in which compiled code changes them
               itself (`KernelCall.remember`); "": they change with events only
+    wrong   : function (m,) -> why a run with these values must stop, and what to change; "": it need not
     """
 
     name: str
     initial: Floats
     data: Callable[[Floats], tuple[Any, ...]] | None = None
     kept_in: str = ""
+    wrong: Callable[[Floats], str] | None = None
 
 
 @dataclass(frozen=True, eq=False)

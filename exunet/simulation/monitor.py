@@ -67,7 +67,7 @@ class Monitor:
         self._push: Floats | None = None
         self._kept_at: dict[float, Arrays] = {}
         memories = (term.memory for term in system.forces.memories)
-        self._keeps = {one.name: one.initial for one in memories if one is not None and one.kept_in}
+        self._keeps = {one.name: one for one in memories if one is not None and one.kept_in}
         self.peaks = Peaks(system.net.groups)
         self.dissipated = 0.0
         self.last_good = state
@@ -155,8 +155,8 @@ class Monitor:
         if not self._keeps:
             return {}
         rows = {
-            name: np.array([one[name] for one in self._kept_at.values()]).reshape(-1, len(initial))
-            for name, initial in self._keeps.items()
+            name: np.array([one[name] for one in self._kept_at.values()]).reshape(-1, len(memory.initial))
+            for name, memory in self._keeps.items()
         }
         return {"time": np.array(list(self._kept_at), dtype=float), **rows}
 
@@ -190,6 +190,10 @@ class Monitor:
         self.peaks.take(extremes.largest)
 
     def remembered(self, time: float, memory: Arrays) -> None:
+        for name, values in memory.items():
+            look = self._keeps[name].wrong
+            if look is not None and (words := look(values)):
+                raise RunStopped(words, step_cause=False)
         self._kept_at[time] = memory
         if time == self.safe.time:
             self._put_memory_into_safe()

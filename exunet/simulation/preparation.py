@@ -27,6 +27,7 @@ from exunet.system.effect_survey import chosen
 from exunet.system.from_scene import system_of
 from exunet.system.limits import (
     body_faults,
+    contact_faults,
     form_faults,
     overflow_faults,
     start_faults,
@@ -107,6 +108,8 @@ def prepare(scene: Scene, *, hosted: bool = False) -> Start:
         if any(fault.beyond_floats for fault in of_bodies):  # what a body carries flies as far as it
             of_start = [fault for fault in of_start if not fault.beyond_floats]
         faults += of_start + of_bodies
+        if not faults:
+            faults += contact_faults(system, state)
         overflows = any(fault.beyond_floats for fault in faults)
         with within_floats(system.net):
             plan, wrong_steps = make_plan(scene, system, state)

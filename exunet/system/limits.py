@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,6 +138,23 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
             f"the shortest element has {shortest:.3g} m. Start slower, or nearer to the origin"
         )
         faults.append(Fault("initial", reason, beyond_floats=True))
+    return faults
+
+
+def contact_faults(system: System, start: State) -> list[Fault]:
+    """What starts where its contact would stop a run at once: inside a body."""
+    faults = []
+    x, v = system.layout.pack(start.moving)
+    for term in system.forces.kernels:
+        memory = term.memory
+        if term.remember is None or memory is None or memory.wrong is None:
+            continue
+        data: Any = term.data
+        data = data._replace(**{memory.kept_in: memory.initial.copy()})
+        term.add(start.time, x, v, data, np.zeros(system.blocks.n_force))
+        term.remember(start.time, x, v, data)
+        if words := memory.wrong(getattr(data, memory.kept_in)):
+            faults.append(Fault("effects.contact", f"cannot start so: {words}"))
     return faults
 
 

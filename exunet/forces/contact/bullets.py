@@ -19,7 +19,8 @@ from exunet.forces.contact.frame_loops import (
 )
 from exunet.forces.contact.friction_loops import friction, regularised_friction
 from exunet.forces.contact.near_loops import remember_status
-from exunet.forces.contact.threads import ROW, STATUS, Friction
+from exunet.forces.contact.threads import ROW, Friction
+from exunet.forces.contact.trouble import STATUS, trouble
 from exunet.forces.cores import Surface
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm, Memory
@@ -55,6 +56,7 @@ class BulletContact(NamedTuple):
     place: Floats
     turn: Floats
     rounding: Floats
+    boxes: Floats
     middle: Floats
     radius: float
     allowed: float
@@ -114,6 +116,11 @@ def bullet_contact(
         np.zeros(6),
         np.zeros((3, 3)),
     )
+    numbers = np.flatnonzero(np.isin(net.bullet_nodes, nodes))
+
+    def wrong(values: Floats) -> str:
+        return trouble(values, surface, body, lambda pair: f"bullet {numbers[pair]}")
+
     return KernelTerm(
         f"bullets and {body}",
         add_bullet_contact,
@@ -122,7 +129,7 @@ def bullet_contact(
         (*FRAMES, *DISTANCES, remember_status, friction, regularised_friction, *_OWN),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=_stiffness_rate(blocks, body, surface, data),
-        memory=Memory(f"contact/bullets/{body}", kept, kept_in="kept"),
+        memory=Memory(f"contact/bullets/{body}", kept, kept_in="kept", wrong=wrong),
         remember=remember_bullet_contact,
         internal=True,
     )
@@ -262,7 +269,7 @@ def remember_bullet_contact(t: float, x: Any, v: Any, c: Any) -> None:
         for m in range(5):
             kept[5 * k + m] = c.after[k, m]
     last = 5 * c.node.size
-    remember_status(t, c, kept[last:])
+    remember_status(t, math.sqrt(c.now[3]), c, kept[last:])
 
 
 _OWN = (add_bullet, depth_of_ball)

@@ -29,16 +29,6 @@ def clearance(c: Any, k: int, x: Any) -> float:
     return math.sqrt(d * d + e * e + f * f) - half - c.thick[k] - c.radius
 
 
-def may_touch(c: Any, k: int, a: Any, b: Any) -> bool:
-    """True if the thread between a and b reaches into the body's ball."""
-    d = 0.5 * (a[0] + b[0]) - c.middle[0]
-    e = 0.5 * (a[1] + b[1]) - c.middle[1]
-    f = 0.5 * (a[2] + b[2]) - c.middle[2]
-    half = 0.5 * math.sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
-    reach = half + c.thick[k] + c.radius
-    return d * d + e * e + f * f < reach * reach
-
-
 def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
     """Choose the pairs that are looked at from now on."""
     turn_into(x, c.attitude, c.frame)
@@ -61,11 +51,15 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
         c.listed[k] = 1.0 if apart < margin else 0.0
     c.look[0] = n
     c.look[1] = t
-    c.look[2] = margin / (8.0 * (math.sqrt(fastest) + 5.0))
+    c.look[3] = math.sqrt(fastest)
+    c.look[2] = margin / (8.0 * (c.look[3] + 5.0))
 
 
-def remember_status(t: float, c: Any, status: Any) -> None:
-    """The largest depth, the first touch, and what has gone wrong by the end of an accepted step."""
+def remember_status(t: float, fastest: float, c: Any, status: Any) -> None:
+    """The largest depth, the first touch, and what has gone wrong by the end of an accepted step.
+
+    fastest : speed against the body of what is near [m/s]
+    """
     now = c.now
     if now[0] > status[0]:
         status[0] = now[0]
@@ -74,7 +68,7 @@ def remember_status(t: float, c: Any, status: Any) -> None:
     if now[2] > 0.0 and status[3] < 0.0:
         status[3] = t
     status[7] = max(status[7], now[2])
-    way = math.sqrt(now[3]) * (t - status[8])
+    way = fastest * (t - status[8])
     status[8] = t
     wrong = 1.0 if now[5] < 0.0 else 2.0 if way > c.least else 3.0 if now[5] > 0.0 else 0.0
     if status[4] == 0.0 and wrong > 0.0:
@@ -84,4 +78,4 @@ def remember_status(t: float, c: Any, status: Any) -> None:
     now[5] = 0.0
 
 
-NEAR = (is_near, clearance, may_touch, choose_near, remember_status)
+NEAR = (is_near, clearance, choose_near, remember_status)

@@ -18,8 +18,9 @@ from exunet.forces.contact.frame_loops import (
     velocity_against_body,
 )
 from exunet.forces.contact.friction_loops import friction, regularised_friction
-from exunet.forces.contact.near_loops import NEAR, choose_near, is_near, may_touch, remember_status
-from exunet.forces.contact.touching_loops import TOUCHING, touch
+from exunet.forces.contact.near_loops import NEAR, choose_near, is_near, remember_status
+from exunet.forces.contact.touching_loops import TOUCHING, find_spans, touch
+from exunet.forces.contact.trouble import STATUS, trouble
 from exunet.forces.cores import Cores, Surface
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm, Memory
@@ -27,12 +28,7 @@ from exunet.forces.terms import KernelTerm, Memory
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Of the memory behind the rows of the pairs: largest depth so far [m], when [s], number of the pair; when
-# something touched first [s], -1.0: not yet; what has gone wrong (0.0: nothing, 1.0: too deep, 2.0: what is
-# near moves in a step by more than half of the body's thickness, 3.0: came into reach unseen), when [s], with
-# which pair; most pairs that touched at once; the end of the last step [s].
-STATUS = 9
-ROW = 5
+ROW = 5  # numbers of a pair in the memory, see `friction_loops`
 
 
 def _rule(*numbers: int) -> Floats:
@@ -58,7 +54,7 @@ class ThreadContact(NamedTuple):
     length   : (m,) L0 [m]
     thick    : (m,) radius of the thread [m]
     spring, relaxation : (m,) k_t [N/m] and theta [s] of friction
-    kind, numbers, place, turn, rounding : as `Cores`
+    kind, numbers, place, turn, rounding, boxes : as `Cores`
     middle, radius, allowed, least : as `Surface`
     centre, attitude, spin : where the entries of the body begin, see `exunet.forces.blocks`
     taken    : where in force the rates of the energies that damping and friction take stand
@@ -66,13 +62,14 @@ class ThreadContact(NamedTuple):
     friction, slip_speed : as `Friction`
     kept     : (ROW m + STATUS,) the memory
     after    : (m, ROW) what the memory would be after the state that was looked at last
-    now      : (6,) of that state: largest depth [m], its pair, pairs that touch, square of the largest speed
-               of what is near [m2/s2], when [s]; 1 + the number of a pair that came into reach unseen, less
-               than 0 of one that is too deep, or 0
+    now      : (6,) of that state: largest depth [m], its pair, pairs that touch, not used, when [s]; 1 + the
+               number of a pair that came into reach unseen, less than 0 of one that is too deep, or 0
     near     : (m,) numbers of the pairs that are looked at, in order
     listed   : (m,) 1.0 for these
-    look     : (3,) how many there are, when they were chosen [s], and how long they are right [s]
+    look     : (4,) how many there are, when they were chosen [s], how long they are right [s], and the
+               largest speed of any thread against the body then [m/s]
     frame    : (3, 3) work space: the rotation of the body
+    own      : (3 n_nodes,) work space: places of the nodes in the body's axes [m]
     spans, splits, sums, rule : work space and Gauss's rules, see `touching_loops`
     """
 
@@ -88,6 +85,7 @@ class ThreadContact(NamedTuple):
     place: Floats
     turn: Floats
     rounding: Floats
+    boxes: Floats
     middle: Floats
     radius: float
     allowed: float
@@ -107,6 +105,7 @@ class ThreadContact(NamedTuple):
     listed: Floats
     look: Floats
     frame: Floats
+    own: Floats
     spans: Floats
     splits: Floats
     sums: Floats
@@ -159,14 +158,19 @@ def thread_contact(
         np.zeros(6),
         np.zeros(len(element), dtype=np.int64),
         np.zeros(len(element)),
-        np.array([0.0, 0.0, -1.0]),
+        np.array([0.0, 0.0, -1.0, 0.0]),
         np.zeros((3, 3)),
+        np.zeros(3 * net.n_nodes),
         np.zeros((len(cores.kind), 2)),
         np.zeros(16 * len(cores.kind)),
         np.zeros(12),
         _rule(2, 4, 8),
     )
     rates = _rates(blocks, body, surface, data)
+
+    def wrong(values: Floats) -> str:
+        return trouble(values, surface, body, lambda pair: f"element {element[pair]}")
+
     return KernelTerm(
         f"threads and {body}",
         add_thread_contact,
@@ -176,7 +180,7 @@ def thread_contact(
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=rates[0],
         damping_rate=rates[1],
-        memory=Memory(f"contact/threads/{body}", kept, kept_in="kept"),
+        memory=Memory(f"contact/threads/{body}", kept, kept_in="kept", wrong=wrong),
         remember=remember_thread_contact,
         internal=True,
     )
@@ -186,8 +190,8 @@ def _rates(blocks: Blocks, body: str, surface: Surface, data: ThreadContact) -> 
     """Bounds [1/s2], [1/s] of what contact adds to the eigenvalues, while nothing is too deep.
 
     The stiffness of a thread that touches all along, K L0 / 2 at each end, along and across the surface
-    (kappa is not above 1). From (a - b)^2 <= (1 + c) a^2 + (1 + 1/c) b^2 with the best c follows that the body adds
-    its own rate, of all threads at once at its farthest points.
+    (kappa is not above 1). From (a - b)^2 <= (1 + c) a^2 + (1 + 1/c) b^2 with the best c follows that the
+    body adds its own rate, of all threads at once at its farthest points.
     """
     net = blocks.net
     touching = np.zeros(net.n_nodes)
@@ -221,6 +225,9 @@ def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     if number == 0:
         return
     turn_into(x, c.attitude, c.frame)
+    own = c.own
+    for i in range(0, own.size, 3):
+        own[i], own[i + 1], own[i + 2] = place_in_body(x, i, c.centre, c.frame)
     for one in range(number):
         add_thread(x, v, c, c.near[one], force)
 
@@ -233,16 +240,16 @@ def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     i = c.first[k]
     j = c.second[k]
     row[0] = min(kept[5 * k], 0.0)
-    a = place_in_body(x, i, c.centre, c.frame)
-    b = place_in_body(x, j, c.centre, c.frame)
-    if not may_touch(c, k, a, b):
+    own = c.own
+    a = (own[i], own[i + 1], own[i + 2])
+    b = (own[j], own[j + 1], own[j + 2])
+    m = find_spans(c, c.thick[k], a, b)
+    if m == 0:
         row[0] = 0.0
         return
     w_a = velocity_against_body(v, i, c.centre, c.spin, c.frame, a)
     w_b = velocity_against_body(v, j, c.centre, c.spin, c.frame, b)
-    c.now[3] = max(c.now[3], w_a[0] * w_a[0] + w_a[1] * w_a[1] + w_a[2] * w_a[2])
-    c.now[3] = max(c.now[3], w_b[0] * w_b[0] + w_b[1] * w_b[1] + w_b[2] * w_b[2])
-    if not touch(c, c.thick[k], a, b, w_a, w_b, sums):
+    if not touch(c, c.thick[k], a, b, w_a, w_b, m, sums):
         row[0] = 0.0
         return
     if kept[5 * k] < 0.0:
@@ -338,7 +345,8 @@ def thread_contact_potential(x: Any, c: Any) -> float:
         if c.kept[5 * k] >= 0.0:
             a = place_in_body(x, c.first[k], c.centre, c.frame)
             b = place_in_body(x, c.second[k], c.centre, c.frame)
-            if may_touch(c, k, a, b) and touch(c, c.thick[k], a, b, rest, rest, c.sums):
+            m = find_spans(c, c.thick[k], a, b)
+            if m > 0 and touch(c, c.thick[k], a, b, rest, rest, m, c.sums):
                 total += c.length[k] * c.sums[9]
     return total
 
@@ -354,7 +362,7 @@ def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
         for m in range(5):
             kept[5 * k + m] = c.after[k, m]
     last = 5 * c.length.size
-    remember_status(t, c, kept[last:])
+    remember_status(t, c.look[3] if c.look[0] > 0.0 else 0.0, c, kept[last:])
 
 
 _OWN = (add_thread, rub_with_memory, touches_at, remember_anchor, between, along)

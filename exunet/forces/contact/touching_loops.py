@@ -164,20 +164,27 @@ def order(splits: Any, m: int) -> None:
         splits[i + 1] = value
 
 
-def touch(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, sums: Any) -> bool:
-    """Integrals over where a thread touches into `sums`; False if it does not touch.
+def may_touch(c: Any, n: int, thick: float, a: Any, b: Any) -> bool:
+    """True if a thread reaches into the box along the principal axes around core n and its rounding."""
+    box = c.boxes[n]
+    for axis in range(3):
+        if max(a[axis], b[axis]) < box[axis] - thick or min(a[axis], b[axis]) > box[3 + axis] + thick:
+            return False
+    return True
 
-    c    : of a contact: `ThreadContact`
-    thick : the thread's radius [m]
-    v, w : (3) velocities of its ends against the body's points there, in its axes [m/s]
-    sums : (12,) of f n (3), of s f n (3), of f, of s f, of (f - F) p', of F p / 2, then the largest depth,
-           and where: [N/m] and so on, of a thread of length 1
+
+def find_spans(c: Any, thick: float, a: Any, b: Any) -> int:
+    """Where a thread touches each core, into c.spans, and where pieces of it begin and end, into c.splits.
+
+    c : a `ThreadContact`; thick : the thread's radius [m]. How many splits there are; 0: it does not touch.
     """
     splits = c.splits
     spans = c.spans
     m = 0
     for n in range(c.kind.size):
-        low, high = span(c, n, c.rounding[n] + thick, a, b)
+        low, high = 1.0, 0.0
+        if may_touch(c, n, thick, a, b):
+            low, high = span(c, n, c.rounding[n] + thick, a, b)
         spans[n, 0] = low
         spans[n, 1] = high
         if low < high:
@@ -186,11 +193,20 @@ def touch(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, sums: Any) -> bo
             splits[m] = low
             splits[m + 1] = high
             m = split_at_edges(c, n, a, b, low, high, splits, m + 2)
-    if m == 0:
-        return False
+    order(splits, m)
+    return m
+
+
+def touch(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, m: int, sums: Any) -> bool:
+    """Integrals over where a thread touches into `sums`, once `find_spans` has found m splits; if it does.
+
+    v, w : (3) velocities of its ends against the body's points there, in its axes [m/s]
+    sums : (12,) of f n (3), of s f n (3), of f, of s f, of (f - F) p', of F p / 2, then the largest depth,
+           and where: [N/m] and so on, of a thread of length 1
+    """
+    splits = c.splits
     for k in range(12):
         sums[k] = 0.0
-    order(splits, m)
     for k in range(m - 1):
         if splits[k + 1] - splits[k] > 1e-14:
             touch_between(c, thick, a, b, v, w, splits[k], splits[k + 1], sums)
@@ -344,5 +360,7 @@ TOUCHING = (
     opening,
     touch_at,
     touch_between,
+    may_touch,
+    find_spans,
     touch,
 )
