@@ -15,7 +15,7 @@ from exunet.forces import on_bodies, reel, reel_loops
 from exunet.system import bodies, carried, drum, ejection, exchange, from_scene
 from exunet.system.system import System
 from reference_impl import bodies as reference_bodies
-from reference_impl import fields, reels, start, state
+from reference_impl import fields, reels, start, state, tethers
 from reference_impl.anchors import Levers
 
 SNAP, ORBIT, FREE = "snap_off_centre", "librations", "free_bodies"
@@ -198,6 +198,14 @@ _of_text(
 def reference_drive(patch):
     right = reels._wish
     patch.setattr(reels, "_wish", lambda command, pull, damping: right(command, pull, 2.0 * damping))
+
+
+@planted(8, "all ends of tethers on bodies numbered before all inner nodes", REFERENCE, "two_tethers")
+def reference_ends_first(patch):
+    def wrong(woven, tied_to, pieces):
+        return np.arange(woven + len(tied_to) + (pieces - 1).sum())
+
+    patch.setattr(tethers, "_tether_by_tether", wrong)
 
 
 @planted(8, "mass of attached nodes left out of their bodies", case=SNAP)

@@ -73,6 +73,22 @@ LINE = {
 }
 
 
+def test_nodes_are_numbered_tether_by_tether(tied, scene):
+    """cases/README.md: of each tether first its ends on bodies, then its inner nodes from start to end."""
+    case = tied(LINE, OFF_CENTRE)
+    case["tethers"]["led"] = {**LINE, "start": {"node": 1}, "length": 110.0, "divisions": 2}
+    case["tethers"]["last"] = {**LINE, "length": 3.0, "divisions": 2}
+    made = scene(case)
+    chains = [[2, 4, 5, 3], [1, 7, 6], [8, 10, 9]]
+    for number, nodes in enumerate(chains):
+        pairs = made.net.element_nodes[made.net.tether == number]
+        assert pairs.tolist() == [list(pair) for pair in zip(nodes, nodes[1:], strict=False)]
+    assert sorted(made.net.anchors.node.tolist()) == [2, 3, 6, 8, 9]
+    for start, middle, end in chains[1:]:
+        np.testing.assert_allclose(made.x0[middle], 0.5 * (made.x0[start] + made.x0[end]), atol=1e-13)
+        np.testing.assert_allclose(made.v0[middle], 0.5 * (made.v0[start] + made.v0[end]), atol=1e-13)
+
+
 @pytest.mark.parametrize(
     ("options", "bound"),
     [({}, 1e-10), ({"method": "RK4", "step": 5e-4}, 1e-5), ({"method": "Verlet", "step": 2e-4}, 1e-4)],

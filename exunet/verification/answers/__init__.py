@@ -33,6 +33,7 @@ BODY_ANSWERS: tuple[tuple[str, Answer], ...] = (
     ("free_bodies", turning.free_rotation),
     ("snap_of_bodies", motions.snap),
     ("snap_off_centre", bodies.snap_off_centre),
+    ("two_tethers", bodies.snap_off_centre),
     ("braked_body", bodies.braked),
     ("whirled", bodies.whirled),
     ("librations", bodies.librations),
