@@ -28,7 +28,8 @@ def tie(case: Case, net: Net) -> Net:
     if not (case.attachments or case.tethers):
         return net
     held = [(_node(net, a.node), a.place) for a in case.attachments]
-    ends, tied_to = [], []
+    ends: list[int] = []
+    tied_to: list[int] = []
     for number, tether in enumerate(case.tethers):
         for end in (tether.start, tether.end):
             if isinstance(end, BodyPoint):

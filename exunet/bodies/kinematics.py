@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,9 +28,12 @@ Ints = NDArray[np.int64]
 GIVEN = (("impulse", 3, "N s"), ("angular_impulse", 3, "N m s"), ("work", 1, "J"))
 
 
-def given_states(name: str) -> tuple[FirstOrder, ...]:
-    """The states that keep what the guided body of this name gives."""
-    return tuple(FirstOrder(f"{name}/{quantity}", (0.0,) * size, units) for quantity, size, units in GIVEN)
+def given_states(name: str, already: Sequence[float] = (0.0,) * 7) -> tuple[FirstOrder, ...]:
+    """The states that keep what the guided body of this name gives; `already` at time 0."""
+    left = iter(already)
+    return tuple(
+        FirstOrder(f"{name}/{quantity}", tuple(islice(left, size)), units) for quantity, size, units in GIVEN
+    )
 
 
 class OnBodies(NamedTuple):

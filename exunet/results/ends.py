@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from exunet.bodies.kinematics import GIVEN
 from exunet.bodies.rigid import rotation_matrix
 from exunet.results.result import BodyStates, Result
+from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
 
@@ -76,8 +77,38 @@ def ends_of(points: Points, bodies: Sequence[AtEnds]) -> NDArray[np.void]:
     return found
 
 
+def before_throw(
+    ends: NDArray[np.void], names: Sequence[str], guided: Collection[str], story: Mapping[str, Any]
+) -> NDArray[np.void]:
+    """`ends` with the momenta and energies of the start as they were before an ejection at time 0.
+
+    names : of the bodies; guided : those whose motion is given; story : with the events of the run
+    """
+    at_start = [one for one in story.get(Ejection.heading, []) if one["time_s"] == 0.0]
+    if not at_start:
+        return ends
+    (event,), found = at_start, ends.copy()
+    net, body = found[:1, -1], found[:1, names.index(event["body"])]
+    kinetic = event["net_kinetic_energy_gained_J"]
+    gains = {
+        "momentum": np.array(event["net_momentum_gained_kg_m_s"]),
+        "angular_momentum": np.array(event["net_angular_momentum_gained_kg_m2_s"]),
+        "kinetic": kinetic,
+    }
+    for quantity, gain in gains.items():
+        net[quantity] -= gain
+    if event["body"] in guided:
+        for quantity, *_ in GIVEN:
+            body[quantity] = 0.0
+        return found
+    body["momentum"] += gains["momentum"]
+    body["angular_momentum"] += gains["angular_momentum"]
+    body["kinetic"] += event["energy_lost_J"] + kinetic
+    return found
+
+
 def ends_of_result(result: Result) -> NDArray[np.void]:
-    """Of the first and the last stored state."""
+    """Of the first and the last stored state; before an ejection at time 0."""
     if not result.bodies:
         return no_ends()
     mass = result.net.mass.copy()
@@ -92,7 +123,9 @@ def ends_of_result(result: Result) -> NDArray[np.void]:
             turning = _ends(body.attitude), _ends(body.angular_velocity)
             moving = replace(moving, attitude=turning[0], angular_velocity=turning[1])
         bodies.append(AtEnds(moving, given))
-    return ends_of(Points(mass, _ends(result.position), _ends(result.velocity)), bodies)
+    found = ends_of(Points(mass, _ends(result.position), _ends(result.velocity)), bodies)
+    guided = [name for name in result.bodies if f"{name}/{GIVEN[0][0]}" in result.states]
+    return before_throw(found, list(result.bodies), guided, result.provenance)
 
 
 def _ends(values: Floats) -> Floats:

@@ -19,6 +19,7 @@ from exunet.simulation.envelope import Envelope
 from exunet.simulation.guards import Guards, Look
 from exunet.simulation.peaks import Peaks
 from exunet.simulation.snapshot import group_of, grouped
+from exunet.system.ejection import Ejection
 from exunet.system.states import States
 from exunet.system.system import State, System
 
@@ -60,17 +61,20 @@ class Monitor:
         self._envelope = envelope
         self._guards = Guards(system, state)
         self._marks: list[float] = []
-        self._base = 0.0
+        self._base = system.lost_at_start + float(system.given_work(state.first_order))
         self._drifted = False
         self._stored_until = -math.inf
         self._push: Floats | None = None
         self.peaks = Peaks(system.net.groups)
-        self.dissipated = 0.0
+        self.dissipated = system.lost_at_start
         self.last_good = state
-        self.safe, self.safe_dissipated = state, 0.0
+        self.safe, self.safe_dissipated = state, self.dissipated
         self.events: list[dict[str, Any]] = []
         switches = system.forces.switches
         self._headings = {term.memory.name: switch.heading for term, switch in switches if term.memory}
+        if system.throw is not None:
+            self._headings[Ejection.heading] = Ejection.heading
+            self.events = [{"heading": Ejection.heading, **system.throw.event}]
         self._remember(state.memory)
 
     def _remember(self, memory: Arrays) -> None:

@@ -82,7 +82,7 @@ class Simulation:
         self._seconds = 0.0
         self._integrator = self._begin(state)
         if recorder is not None and not len(recorder):
-            recorder.store(States.of(self._start.system, state), np.zeros(1))
+            recorder.store(States.of(self._start.system, state), np.array([self._monitor.dissipated]))
         self._first = self.snapshot() if recorder is None and self.can_restart else None
 
     def _begin(self, state: State) -> Integrator:

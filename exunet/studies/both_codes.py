@@ -250,7 +250,7 @@ class BothCodes:
         start = replace(self.start, plan=plan or self.start.plan)
         books = Books(start.system, start.state, booked=booked)
         stepper = integrator(start.scene.engine, start.system, start.state, start.plan, books)
-        states, left, reels = [start.state.moving], [0.0], [self.wound_in_reference(start.state)]
+        states, left, reels = [start.state.moving], [books.dissipated], [self.wound_in_reference(start.state)]
         for until in times[1:].tolist():
             stepper.advance(until)
             if booked:

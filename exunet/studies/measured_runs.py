@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from threading import Event
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from exunet.codegen.kernel import Kernel
 from exunet.results import measures as metrics
 from exunet.results.clearance import MOST_PAIRS, Pair, gaps, pairs_of
 from exunet.results.course import REEL_STATES
-from exunet.results.ends import AtEnds, Points, ends_of, no_ends
+from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
 from exunet.results.result import BodyStates
 from exunet.simulation.monitor import Monitor
@@ -127,8 +127,11 @@ def _measured(states: States, dissipated: Floats) -> Measured:
     )
 
 
-def _ends(first: States, last: States) -> NDArray[np.void]:
-    """At the first of some states and at the last of others."""
+def _ends(first: States, last: States, story: Mapping[str, Any]) -> NDArray[np.void]:
+    """At the first of some states, before an ejection there, and at the last of others.
+
+    story : with the events of the run
+    """
     system = first.system
     if not (system.bodies or system.blocks.body):
         return no_ends()
@@ -146,8 +149,11 @@ def _ends(first: States, last: States) -> NDArray[np.void]:
         parts = (values[:, k] for values in whole)
         moved = {} if system.moves_freely[k] else _given(system, body.name, given)
         found.append(AtEnds(BodyStates(body.mass, body.inertia_in_frame, *parts), moved))
+    rigid = [body.name for body in system.bodies]
+    guided = [name for name, free in zip(rigid, system.moves_freely, strict=True) if not free]
     nodes = slice(0, system.net.n_nodes)
-    return ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found)
+    ends = ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found)
+    return before_throw(ends, [*system.blocks.body, *rigid], guided, story)
 
 
 def _given(system: System, name: str, first_order: Floats) -> dict[str, Floats]:
@@ -186,7 +192,7 @@ def _joined(
 def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> MeasuredRun:
     """Through the stored times, with guards and events, as a run."""
     first = last = States.of(start.system, start.state)
-    parts = [_measured(first, np.zeros(1))]
+    parts = [_measured(first, np.array([start.system.lost_at_start]))]
 
     def store(states: States, dissipated: Floats, *, again: bool = False) -> None:
         nonlocal last
@@ -203,7 +209,7 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
     except IntegrationFailed as failure:
         collapsed = isinstance(failure, StepsCollapsed)
         raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
-    return _joined(parts, times, _ends(first, last), monitor, right_hand_sides)
+    return _joined(parts, times, _ends(first, last, monitor.story()), monitor, right_hand_sides)
 
 
 def _from_time_to_time(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:

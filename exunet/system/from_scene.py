@@ -16,7 +16,7 @@ from exunet.net import weave
 from exunet.net.arrays import Net
 from exunet.net.tether import reels_of, with_tethers
 from exunet.system.bodies import bodies_at_start
-from exunet.system.carried import carried, net_axes, thrown
+from exunet.system.carried import booked, carried, net_axes, thrown
 from exunet.system.drum import Drum
 from exunet.system.ejection import ejecting, holding
 from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
@@ -36,7 +36,9 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     rigid = bodies_at_start(scene, net, tied, reels, faults)
     axes = net_axes(scene.initial.frame, rigid)
     packed, speed = packed_state(scene, woven)
-    position, velocity = carried(axes, rigid, net, packed, speed)
+    position, velocity, added = packed, speed, kicks(scene, woven)
+    if axes.body is not None:  # which gives the net all that it gets beside its own motion
+        (position, velocity), added = carried(axes, rigid, net, packed), speed + added
     later = scene.initial.frame.eject_at if scene.initial.frame is not None else 0.0
     if later > 0.0:
         rigid = holding(axes, rigid, net, position)
@@ -45,11 +47,12 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     kinematics, begin = rigid.kinematics, np.array(0.0)
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
     faults += along_tethers(net, reels, position, velocity)
-    recoil = None
+    throw, before, held = None, velocity, rigid
     if later == 0.0:  # inner nodes of tethers stay as they are
-        gained, rigid, recoil = thrown(axes, rigid, net, position, kicks(scene, woven))
-        velocity[: woven.n_nodes] += gained
+        gained, rigid, throw = thrown(axes, held, net, position, added)
+        velocity = np.concatenate([velocity[: woven.n_nodes] + gained, velocity[woven.n_nodes :]])
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
+    throw = booked(throw, held, rigid, net, position, (before, velocity))
     names = tuple(body.name for body in rigid.bodies)
     of_reels = (state for reel in reels for state in states_of(reel))
     states = (*rigid.given, *of_reels, *first_order_states(scene.effects))
@@ -62,7 +65,6 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     faults += [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
     constraint = kinematics.term(blocks)
     if later > 0.0:
-        added = speed + kicks(scene, woven)
         constraint = ejecting(constraint, later, axes, rigid, blocks, added)
     forces = replace(forces_of(scene.effects, blocks, faults), constraint=constraint)
     if reels:
@@ -70,7 +72,7 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)
         cable = replace(forces.cable, reels=windings)
         forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
-    system = System(blocks, forces, rigid.bodies, kinematics, recoil)
+    system = System(blocks, forces, rigid.bodies, kinematics, throw)
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
 

@@ -39,7 +39,7 @@ def _of_step(name, what, function, old, new):
 OWN_AXES, ARM = "a, b, c = in_body_axes(x, attached.quaternion[p], a, b, c)", "arm[1] * c - arm[2] * b"
 PLACED, SPIN = "v[base] + d, v[base + 1] + e, v[base + 2] + f", " + v[s + 1] * jz - v[s + 2] * jy"
 CROSS = "z[q + 2] * v[k + 2] - z[q + 3] * v[k + 1]"
-KICK, HALF = "spins[number] -= angular", "total -= 0.5 * ((half"
+KICK, HALF = "spins[number] -= back[3:]", "total -= 0.5 * ((half"
 _of_text(
     "torque_sign",
     SNAP,
@@ -127,7 +127,7 @@ _of_text(
     "bodies_launch",
     "a launch turns its chaser the wrong way",
     carried,
-    "carried",
+    "thrown",
     KICK,
     KICK.replace("-=", "+="),
     (from_scene,),

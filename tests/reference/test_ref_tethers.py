@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_nodes_are_numbered_tether_by_tether(tied, scene):
     chains = [[2, 4, 5, 3], [1, 7, 6], [8, 10, 9]]
     for number, nodes in enumerate(chains):
         pairs = made.net.element_nodes[made.net.tether == number]
-        assert pairs.tolist() == [list(pair) for pair in zip(nodes, nodes[1:], strict=False)]
+        assert pairs.tolist() == [list(pair) for pair in pairwise(nodes)]
     assert sorted(made.net.anchors.node.tolist()) == [2, 3, 6, 8, 9]
     for start, middle, end in chains[1:]:
         np.testing.assert_allclose(made.x0[middle], 0.5 * (made.x0[start] + made.x0[end]), atol=1e-13)
