@@ -31,7 +31,7 @@ class Balance:
 
 
 def momenta(case: BothCodes, motion: Trajectory, linear: Tolerance, angular: Tolerance) -> list[Balance]:
-    """Linear and angular momentum about the origin, of net and bodies together.
+    """Linear and angular momentum about the origin, of net and bodies, less what guided bodies have given.
 
     By the reference's formulas, which rung 8 compares with exunet's at random states. Their scales are the
     sums over nodes and bodies of |m v|, and of |m x v| and |J w|.
@@ -45,6 +45,8 @@ def momenta(case: BothCodes, motion: Trajectory, linear: Tolerance, angular: Tol
     scales = (float(np.linalg.norm(parts, axis=1).sum()) for parts in (shares, turning))
     total = energy.momentum(system, seen.v, bodies)
     turned = energy.angular_momentum(system, seen.x, seen.v, bodies)
+    if motion.given is not None:
+        total, turned = total - motion.given[:, :3], turned - motion.given[:, 3:]
     return [
         Balance("momentum", "N s", total, next(scales), linear),
         Balance("angular momentum", "N m s", turned, next(scales), angular),

@@ -192,6 +192,15 @@ _of_text(
     "arriving = -np.cross",
     (drum, ejection),
 )
+_of_text(
+    "guide_of_a_drum",
+    "led_winch",
+    "what a guide gives with nodes that its body's drum takes with the wrong sign",
+    exchange,
+    "_given",
+    "+= numbers",
+    "-= numbers",
+)
 
 
 @planted(8, "a drive with twice its damping", REFERENCE, "reel_force")

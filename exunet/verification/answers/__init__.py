@@ -40,4 +40,5 @@ BODY_ANSWERS: tuple[tuple[str, Answer], ...] = (
     ("reel_rate", reels.at_a_rate),
     ("reel_force", reels.with_a_force),
     ("reel_nodes", reels.exchanges),
+    ("led_winch", reels.exchanges),
 )
