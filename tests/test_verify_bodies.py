@@ -44,8 +44,8 @@ def test_states_of_a_scene_agree(name):
 def test_powers_that_cancel_are_none():
     """What the guide and the drum put in, taken off the power of all forces, leaves no round-off."""
     case, left = SCENES["led_winch"].case, []
-    for kind in ("overstretched", "coincident", "crumpled"):
-        for one in random_instants(case.start, kind, 20, np.random.default_rng(1)):
+    for kind in ("packed", "coincident", "crumpled"):
+        for one in random_instants(case.start, kind, 100, np.random.default_rng(1)):
             response = case.reference_response(one)[1]
             left.append(response.power + response.given[:, 6].sum() + response.reeling[1].sum())
             assert case.reference_motion(one)[1] == 0.0
