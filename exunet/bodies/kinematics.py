@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -68,6 +68,12 @@ class Kinematics:
 
     def __bool__(self) -> bool:
         return bool(self.guides or self.held) or len(self.point) > 0
+
+    @cached_property
+    def knots(self) -> tuple[float, ...]:
+        """Instants [s] at which guides go from one piece to the next, where their motion is less smooth."""
+        within = (guide.time[1:].tolist() for guide in self.guides)
+        return tuple(sorted({time for times in within for time in times}))
 
     def on_bodies(self, memory: Memories) -> OnBodies:
         """The points that are fixed to bodies at these memories, held ones last."""

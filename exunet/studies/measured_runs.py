@@ -203,7 +203,8 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
 
     monitor = Monitor(start.system, start.state, store=store)
     monitor.explain(start.plan)
-    through = _from_time_to_time if start.state.memory else _in_stretches
+    stops = start.state.memory or start.system.kinematics.knots
+    through = _from_time_to_time if stops else _in_stretches
     try:
         right_hand_sides = through(start, kernel, times, monitor, stop)
     except IntegrationFailed as failure:
@@ -213,7 +214,7 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
 
 
 def _from_time_to_time(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:
-    """The general way: events are looked for after each step."""
+    """The general way: events are looked for after each step, and steps end at the knots of guides."""
     loop = CompiledLoop(start.system, start.state, start.plan, monitor, kernel)
     for time in times[1:]:
         monitor.mark(time)
