@@ -31,6 +31,30 @@ def test_keeps_the_largest_and_forgets_the_later_ones():
     assert peaks.provenance() == {"time_s": 0.0, "tension_N": 3.0, "element": 1}
 
 
+def test_what_was_largest_until_a_state_to_go_back_to_is_kept() -> None:
+    """In one batch: element 0 pulls 5 N before the state that is marked, element 1 9 N after it."""
+    time, tension = np.arange(4.0), np.array([[1.0, 0.0], [5.0, 0.0], [2.0, 0.0], [0.0, 9.0]])
+    peaks = Peaks({"net": range(2)})
+    peaks.look(time, tension, [0, 2])
+    assert peaks.provenance() == {"time_s": 3.0, "tension_N": 9.0, "element": 1}
+    peaks.forget_after(2.0)
+    assert peaks.provenance() == {"time_s": 1.0, "tension_N": 5.0, "element": 0}
+    peaks.forget_after(0.0)
+    assert peaks.provenance() == {"time_s": 0.0, "tension_N": 1.0, "element": 0}
+    again = Peaks({"net": range(2)})
+    again.look(time, tension, [1, 3])  # whose last state is marked
+    again.forget_after(1.0)
+    assert again.provenance() == {"time_s": 1.0, "tension_N": 5.0, "element": 0}
+
+
+def test_of_equal_tensions_the_first_is_told() -> None:
+    """In time, then by number."""
+    peaks = Peaks({"net": range(3)})
+    peaks.look(np.arange(3.0), np.array([[0.0, 1.0, 0.0], [0.0, 4.0, 4.0], [4.0, 0.0, 0.0]]))
+    peaks.look(np.array([3.0]), np.array([[4.0, 0.0, 0.0]]))
+    assert peaks.provenance() == {"time_s": 1.0, "tension_N": 4.0, "element": 1}
+
+
 def test_each_group_has_its_own_and_comes_back_from_a_snapshot() -> None:
     """Two elements of a net and one of a tether, whose largest is the later, smaller one."""
     groups = {"net": range(2), "tether a": range(2, 3)}

@@ -250,7 +250,7 @@ class Monitor:
         """Take states that have nothing wrong with them."""
         self._guards.accept(look, -1)
         self.last_good = states.state(len(states) - 1)
-        self.peaks.look(states.time, states.tension)
+        self.peaks.look(states.time, states.tension, marked.tolist())
         del self._marks[: len(marked)]
         if len(marked) and not self._drifted:
             off = look.off[np.searchsorted(rows, marked)] > GOOD_PART
