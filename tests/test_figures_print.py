@@ -283,7 +283,7 @@ def test_history_of_the_largest_tension_and_its_mark():
     curve, mark = labelled_lines(figure(told, "largest_tension"))
     np.testing.assert_array_equal(curve.get_ydata(), STRETCHED.tension.max(axis=1))
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (0.37, 7.0)
-    assert mark.get_label() == "largest of all steps: 7 N, element 4"
+    assert mark.get_label() == "largest of all steps of this run"
     assert len(labelled_lines(figure(STRETCHED, "largest_tension"))) == 1  # older results do not tell it
 
 

@@ -14,13 +14,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from exunet.figures.known import known, words_of_runs
 from exunet.figures.lines import from_zero
 from exunet.figures.page import COLOR_BAR, Page, finish, line_scale
 from exunet.figures.panels import framed
 from exunet.figures.style import BLACK, MOST_CURVES, curve_styles
 from exunet.figures.views import best_view, broadness
+from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.measures import peak_tensions
 from exunet.results.result import Result
+from exunet.results.spread import Judged
 
 Floats = NDArray[np.float64]
 
@@ -28,15 +31,19 @@ BAR = 0.52  # inch, for a colour bar with its numbers and its label
 SLACK: dict[str, Any] = {"color": "0.45", "linestyle": ":", "linewidth": 0.9}
 
 
-def tensions(result: Result, page: Page) -> Figure | None:
+def tensions(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Largest tension of each element of the net at the stored times, on the reference net; None without."""
-    return tension_map(result, page, peak_tensions(result)) if result.net.n_net_elements else None
+    if not result.net.n_net_elements:
+        return None
+    of_net = "net_largest_tension_N" if result.net.tethers else "largest_tension_N"
+    return tension_map(result, page, peak_tensions(result), known(spread, of_net))
 
 
-def tension_map(result: Result, page: Page, peaks: Floats) -> Figure:
+def tension_map(result: Result, page: Page, peaks: Floats, largest: Judged | None = None) -> Figure:
     """Tensions (n_elements,) [N] on the reference net: the larger, the darker and the broader.
 
     Elements without tension are dotted. Tethers are left out: they have no place in that configuration.
+    largest : of all, as far as it is known
     """
     net = result.net.alone
     peaks = peaks[: net.n_elements]
@@ -47,6 +54,10 @@ def tension_map(result: Result, page: Page, peaks: Floats) -> Figure:
         entries.append(Line2D([], [], color=BLACK, linestyle="", marker="o", markersize=4, label="bullet"))
     if not peaks.all():
         entries.append(Line2D([], [], label="no tension at the stored times", **SLACK))
+    if largest is not None:
+        entries.append(
+            Line2D([], [], linestyle="", label=f"largest, {largest.runs} starts: {largest.words()}")
+        )
     above = BAR if peaks.any() else 0.05
     figure, (axes,) = framed(result, page, view, [""], "Tensions", entries, above, 120.0)
     colors = tension_colors()
@@ -66,7 +77,7 @@ def tension_map(result: Result, page: Page, peaks: Floats) -> Figure:
     return figure
 
 
-def tethers(result: Result, page: Page) -> Figure | None:
+def tethers(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Largest tension of each element of the tethers at the stored times, over the length along them.
 
     Lengths are unstretched, from the start of a tether. Of more than eight those with the largest tension.
@@ -88,6 +99,9 @@ def tethers(result: Result, page: Page) -> Figure | None:
         values = peaks[elements[tether]]
         style |= {"label": f"{tether.name}, from {start} to {end}", "markersize": 4.5}
         axes.plot(along, np.append(values, values[-1]), drawstyle="steps-post", **style)
+    for tether in shown if spread is not None else ():
+        if largest := known(spread, f"tether_{tether.name}_largest_tension_N"):
+            axes.plot([], [], " ", label=f"{tether.name}, {words_of_runs(largest)}")
     if len(order) > len(shown):
         axes.plot([], [], " ", label=f"{len(order) - len(shown)} more, of less tension")
     from_zero(axes, float(peaks[elements[order[0]]].max()))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,13 +22,14 @@ from exunet.results.course import Course
 from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.results.headline import Headline
-from exunet.results.headlines import headlines_for
+from exunet.results.headlines import headline, headlines_for
 
 Floats = NDArray[np.float64]
 
 COVERING = 32  # runs from which on the range covers most of what other starts give
 MOST_ERROR = 0.1  # of a value: with more not even its first digit is known
 FEWEST = 8  # runs of which a range is told at all
+CONVERGED = "converged"  # in the story of a spread: value and error of headlines, by key
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,12 @@ class Judged:
         last = max(self.last_digit(self.least), self.last_digit(self.largest))
         low, middle, high = (printed(each, last) for each in (self.least, self.median, self.largest))
         return f"median {middle}{unit}, {low} to {high}{unit}"
+
+    def relative_to(self, scale: float) -> Judged:
+        """The same as a part of a scale [unit]."""
+        one, numbers = self.headline, ("median", "least", "largest", "value", "error", "size")
+        parts = {name: None if (of := getattr(self, name)) is None else of / scale for name in numbers}
+        return replace(self, headline=replace(one, unit="", least=one.least / scale), **parts)
 
     def last_digit(self, value: float) -> float:
         """What the last digit of a value counts that is printed."""
@@ -149,6 +156,8 @@ class Spread:
         """What is kept of it in a file, and drawn."""
         names = ("seed", "move", "method", "tolerance", "step")
         story = {"move_m" if name == "move" else name: getattr(self, name) for name in names}
+        known = {key: [one.value, one.error] for key, one in self.judged.items() if one.predictable}
+        story[CONVERGED] = known
         return ensemble_result(self.courses, complete=True, verdict="ok", provenance=story)
 
     def words(self) -> str:
@@ -172,6 +181,20 @@ class Spread:
         return f"beyond the horizon of predictability, given as median and range ({least}): " + ", ".join(
             beyond
         )
+
+
+def judged_in(spread: EnsembleResult, key: str) -> Judged | None:
+    """A headline of a spread that is kept in a file, or of any ensemble: a range unless it tells a value.
+
+    None if no run has it.
+    """
+    values = spread.headlines.get(key, np.zeros(0))
+    values = values[~np.isnan(values)]
+    if not len(values):
+        return None
+    low, middle, high = float(values.min()), float(np.median(values)), float(values.max())
+    value, error = spread.provenance.get(CONVERGED, {}).get(key, (None, None))
+    return Judged(headline(key), len(values), middle, low, high, value, error)
 
 
 def _judge(

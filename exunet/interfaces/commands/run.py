@@ -30,11 +30,10 @@ from exunet.interfaces.commands.progress import told_progress
 from exunet.interfaces.commands.waiting import waiting
 from exunet.results.agreement import Agreement
 from exunet.results.ensemble_result import save_ensemble
-from exunet.results.reading import RESULT_FILE, STORE_FOLDER
+from exunet.results.reading import RESULT_FILE, SPREAD_FILE, STORE_FOLDER
 from exunet.results.result import Result
 from exunet.results.run_folder import (
     DESCRIPTIONS,
-    SPREAD,
     SUMMARY,
     has_result,
     has_unfinished,
@@ -227,7 +226,7 @@ def _describe(
     shown = None
     if isinstance(spread, Spread):
         shown = spread.as_ensemble()
-        save_ensemble(shown, folder / SPREAD, overwrite=True)
+        save_ensemble(shown, folder / SPREAD_FILE, overwrite=True)
     save_figures(result, folder, agreement, shown)
     story.title, story.table = summary["title"], table
 
