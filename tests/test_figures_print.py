@@ -273,6 +273,11 @@ def test_the_figure_of_tensions_says_which_they_are():
     lines = [one for one in made.axes[0].collections if isinstance(one, LineCollection)][-1]
     np.testing.assert_array_equal(np.sort(lines.get_array()), np.sort(STRETCHED.tension.max(axis=0)))
     np.testing.assert_array_equal(metrics.peak_tensions(STRETCHED), STRETCHED.tension.max(axis=0))
+    peaks = np.arange(1.0, STRETCHED.net.n_elements + 1.0)
+    run = replace(STRETCHED, provenance=STRETCHED.provenance | {"peak_tensions_N": peaks.tolist()})
+    made = figure(run, "tensions")
+    assert made.axes[-1].get_xlabel() == "largest tension of all steps [N]"
+    assert made.axes[-1].get_xlim() == (0.0, peaks[: STRETCHED.net.n_net_elements].max())
     slack = figure(replace(WHOLE, tension=0 * WHOLE.tension), "tensions")
     assert len(slack.axes) == len(made.axes) - 1  # no colour bar
 

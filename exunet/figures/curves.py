@@ -140,8 +140,8 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
         times = spread.headlines.get("time_of_largest_tension_s")
         if times is not None:
             dots: dict[str, Any] = {"color": BLACK, "markersize": 2.5, "markeredgewidth": 0.6, "zorder": 3}
-            words = words_of_runs(largest) if largest is not None else None
-            axes.plot(times, peaks, "x", label=words, **dots)
+            told = None if largest is None else words_of_runs(largest)
+            axes.plot(times, peaks, "x", label=told, **dots)
         top = max(top, float(peaks.max()))
     from_zero(axes, top)
     finish(figure, axes)

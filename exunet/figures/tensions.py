@@ -21,7 +21,7 @@ from exunet.figures.panels import framed
 from exunet.figures.style import BLACK, MOST_CURVES, curve_styles
 from exunet.figures.views import best_view, broadness
 from exunet.results.ensemble_result import EnsembleResult
-from exunet.results.measures import peak_tensions
+from exunet.results.measures import has_peaks_of_all_steps, peak_tensions
 from exunet.results.result import Result
 from exunet.results.spread import Judged
 
@@ -32,11 +32,16 @@ SLACK: dict[str, Any] = {"color": "0.45", "linestyle": ":", "linewidth": 0.9}
 
 
 def tensions(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
-    """Largest tension of each element of the net at the stored times, on the reference net; None without."""
+    """Largest tension of each element of the net, on the reference net; None without."""
     if not result.net.n_net_elements:
         return None
     of_net = "net_largest_tension_N" if result.net.tethers else "largest_tension_N"
     return tension_map(result, page, peak_tensions(result), known(spread, of_net))
+
+
+def _of(result: Result) -> str:
+    """Which steps the largest tensions are of."""
+    return "of all steps" if has_peaks_of_all_steps(result) else "at the stored times"
 
 
 def tension_map(result: Result, page: Page, peaks: Floats, largest: Judged | None = None) -> Figure:
@@ -53,7 +58,7 @@ def tension_map(result: Result, page: Page, peaks: Floats, largest: Judged | Non
     if len(net.bullet_nodes):
         entries.append(Line2D([], [], color=BLACK, linestyle="", marker="o", markersize=4, label="bullet"))
     if not peaks.all():
-        entries.append(Line2D([], [], label="no tension at the stored times", **SLACK))
+        entries.append(Line2D([], [], label=f"no tension {_of(result)}", **SLACK))
     if largest is not None:
         entries.append(
             Line2D([], [], linestyle="", label=f"largest, {largest.runs} starts: {largest.words()}")
@@ -73,12 +78,12 @@ def tension_map(result: Result, page: Page, peaks: Floats, largest: Judged | Non
         dots = net.reference_position[net.bullet_nodes][:, plane]
         ax.scatter(dots[:, 0], dots[:, 1], s=14, color=BLACK, zorder=3, linewidths=0)
     if peaks.any():
-        _colour_bar(figure, axes, ScalarMappable(Normalize(0.0, top), colors))
+        _colour_bar(figure, axes, ScalarMappable(Normalize(0.0, top), colors), _of(result))
     return figure
 
 
 def tethers(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
-    """Largest tension of each element of the tethers at the stored times, over the length along them.
+    """Largest tension of each element of the tethers, over the length along them.
 
     Lengths are unstretched, from the start of a tether. Of more than eight those with the largest tension.
     None without tethers.
@@ -91,7 +96,7 @@ def tethers(result: Result, page: Page, spread: EnsembleResult | None = None) ->
     order = sorted(elements, key=lambda tether: -float(peaks[elements[tether]].max()))
     figure, axes = page.curve_axes(result, "Tensions along the tethers")
     axes.set_xlabel("unstretched length along the tether [m]")
-    axes.set_ylabel("largest tension\nat the stored times [N]")
+    axes.set_ylabel(f"largest tension\n{_of(result)} [N]")
     shown = order[:MOST_CURVES]
     for tether, style in zip(shown, curve_styles(len(shown)), strict=True):
         along = np.append(0.0, np.cumsum(net.reference_length[elements[tether]]))
@@ -122,7 +127,7 @@ def tension_colors() -> Colormap:
     return ListedColormap(colormaps["cividis_r"](np.linspace(0.1, 1.0, 256)), "tensions")
 
 
-def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable) -> None:
+def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable, of: str) -> None:
     """A bar above the panel, as wide as it."""
     boxes = [ax.get_position() for ax in axes]
     left, right = min(box.x0 for box in boxes), max(box.x1 for box in boxes)
@@ -131,4 +136,4 @@ def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable) -> None
     bar = figure.colorbar(shown, cax=figure.add_axes(place, label=COLOR_BAR), orientation="horizontal")
     bar.ax.xaxis.set_ticks_position("top")
     bar.ax.xaxis.set_label_position("top")
-    bar.set_label("largest tension at the stored times [N]", labelpad=3)
+    bar.set_label(f"largest tension {of} [N]", labelpad=3)

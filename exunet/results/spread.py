@@ -72,7 +72,9 @@ class Judged:
     def relative_to(self, scale: float) -> Judged:
         """The same as a part of a scale [unit]."""
         one, numbers = self.headline, ("median", "least", "largest", "value", "error", "size")
-        parts = {name: None if (of := getattr(self, name)) is None else of / scale for name in numbers}
+        parts: dict[str, Any] = {
+            name: None if (of := getattr(self, name)) is None else of / scale for name in numbers
+        }
         return replace(self, headline=replace(one, unit="", least=one.least / scale), **parts)
 
     def last_digit(self, value: float) -> float:

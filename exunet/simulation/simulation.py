@@ -74,9 +74,12 @@ class Simulation:
         self._outside = Outside(self._start.system)
         self._acting = self._outside.at_start
         self._stops = Stops()
-        state, envelope = self._start.state, None if recorder is None else recorder.envelope
-        store = None if recorder is None else recorder.store
-        self._monitor = Monitor(self._start.system, state, store=store, envelope=envelope)
+        state = self._start.state
+        kept: dict[str, Any] = {}
+        if recorder is not None:
+            kept = {"store": recorder.store, "envelope": recorder.envelope}
+            kept["element_peaks"] = recorder.element_peaks
+        self._monitor = Monitor(self._start.system, state, **kept)
         self._control: Control | None = None
         self._spent = StepCounts()
         self._seconds = 0.0
