@@ -9,6 +9,7 @@ finer setting, its value is within the range too.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
@@ -42,6 +43,7 @@ class Judged:
     value, error : of the converged run, where the range is small against the printed digits; else None
     places   : (place, number of runs) of a headline that has places, the most frequent first
     size     : what its digits are counted from, if that is more than the value
+    spacing  : of the times [s] of which it is one: a range has no finer digits; 0: it is none
     """
 
     headline: Headline
@@ -53,6 +55,7 @@ class Judged:
     error: float | None = None
     places: tuple[tuple[int, int], ...] = ()
     size: float = 0.0
+    spacing: float = 0.0
 
     @property
     def predictable(self) -> bool:
@@ -65,7 +68,7 @@ class Judged:
         if self.value is not None and self.error is not None:
             (value,), error = _rounded([self])
             return f"{value}{error}{unit}"
-        last = max(self.last_digit(self.least), self.last_digit(self.largest))
+        last = max(self.last_digit(self.least), self.last_digit(self.largest), _power_above(self.spacing))
         low, middle, high = (printed(each, last) for each in (self.least, self.median, self.largest))
         return f"median {middle}{unit}, {low} to {high}{unit}"
 
@@ -80,6 +83,11 @@ class Judged:
     def last_digit(self, value: float) -> float:
         """What the last digit of a value counts that is printed."""
         return self.headline.last_digit(value, self.size)
+
+
+def _power_above(value: float) -> float:
+    """The least power of ten that is not less; 0 for 0."""
+    return 10.0 ** math.ceil(math.log10(value) - 1e-9) if value > 0.0 else 0.0
 
 
 def words_of_vector(parts: Sequence[Judged]) -> str:
@@ -167,7 +175,7 @@ class Spread:
         setting = f"tolerance {self.tolerance:.3g}" if self.tolerance else f"step {self.step:.4g} s"
         turned = ", rad and rad/s" if self.plain.turning else ""
         return (
-            f"{self.runs} starts moved by up to {self.move:g} m{turned} (seed {self.seed}), {self.method} "
+            f"{self.runs} starts moved by up to {self.move:.2g} m{turned} (seed {self.seed}), {self.method} "
             f"with {setting} in the compiled loop"
         )
 
@@ -196,7 +204,9 @@ def judged_in(spread: EnsembleResult, key: str) -> Judged | None:
         return None
     low, middle, high = float(values.min()), float(np.median(values)), float(values.max())
     value, error = spread.provenance.get(CONVERGED, {}).get(key, (None, None))
-    return Judged(headline(key), len(values), middle, low, high, value, error)
+    one = headline(key)
+    spacing = float(spread.time[1] - spread.time[0]) if one.at_a_time else 0.0
+    return Judged(one, len(values), middle, low, high, value, error, spacing=spacing)
 
 
 def _judge(
@@ -213,14 +223,15 @@ def _judge(
     size = 0.0 if one.size is None else max(one.size(course) for course in (*courses, finer))
     converged = one.value(finer)
     last = max(one.last_digit(each, size) for each in (least, largest))
-    judged = Judged(one, len(values), middle, least, largest, places=places, size=size)
+    spacing = float(finer.time[1] - finer.time[0]) if one.at_a_time else 0.0
+    judged = Judged(one, len(values), middle, least, largest, None, None, places, size, spacing)
     if converged is None or len(values) < len(courses) or largest - least > last:
         return judged
     error = max(abs(float(value) - converged) for value in (least, largest))
     if error > max(MOST_ERROR * max(abs(converged), size), one.least):  # the setting does what moves do not
         values = np.append(values, converged)
         least, middle, largest = float(values.min()), float(np.median(values)), float(values.max())
-        return Judged(one, len(values), middle, least, largest, places=places, size=size)
+        return Judged(one, len(values), middle, least, largest, None, None, places, size, spacing)
     error = _error(one, error, plain, finer, step)
     return Judged(one, len(values), middle, least, largest, converged, error, places, size)
 

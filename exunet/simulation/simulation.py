@@ -261,7 +261,7 @@ class Simulation:
             until = self._monitor.safe.time
             return Interrupted(f"interrupted; the simulation is at its last good state, t = {until:.6g} s")
         until = self._recorder.until
-        return Interrupted(f"interrupted after t = {until:.6g} s; what was computed is kept")
+        return Interrupted(f"interrupted after t = {until:.6g} s")
 
     def _to_safe_state(self) -> None:
         """After a failure: be at the last good state that was asked for, with the books of that state.
