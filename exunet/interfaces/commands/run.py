@@ -37,6 +37,7 @@ from exunet.results.run_folder import (
     SUMMARY,
     has_result,
     has_unfinished,
+    held,
     refuse_taken,
 )
 from exunet.results.segments import Segments
@@ -45,7 +46,15 @@ from exunet.results.summary import summarise, write_summary
 from exunet.results.table import rows
 from exunet.simulation.expected_cost import expected_cost
 from exunet.simulation.preparation import prepare_case
-from exunet.simulation.run import Describe, Progress, refuse_checkpoints, request_of_store, resume, run_into
+from exunet.simulation.run import (
+    Describe,
+    Progress,
+    Request,
+    refuse_checkpoints,
+    request_of_store,
+    resume,
+    run_into_held,
+)
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.studies.spread import BESIDE, spread_of
 from exunet.verification.reference_run import ReferenceRun
@@ -103,7 +112,7 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
     refuse_checkpoints(start, asked.checkpoint_every)
     wanted = asked.out or folder_of(case)
     say = silent if asked.quiet else tell
-    with opened(wanted, own=asked.out is None and not asked.overwrite) as folder:
+    with opened(wanted, own=asked.out is None and not asked.overwrite) as folder, held(folder):
         ready(folder, (RESULT_FILE, *DESCRIPTIONS))
         if not asked.overwrite:
             refuse_taken(folder)
@@ -117,16 +126,9 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
             say(f"{name:8s}{words}", 8)
 
         def simulate(progress: Progress | None, describe: Describe) -> Result:
-            return run_into(
-                folder,
-                case,
-                start,
-                progress,
-                asked.checkpoint_every,
-                describe,
-                overwrite=asked.overwrite,
-                moved_starts=None if cost.spread.refused else cost.spread.runs,
-            )
+            moved_starts = None if cost.spread.refused else cost.spread.runs
+            request = Request(case, asked.checkpoint_every, moved_starts)
+            return run_into_held(folder, request, start, progress, describe, overwrite=asked.overwrite)
 
         return _run(case, simulate, folder, asked, cost.spread, cost.run.known, start.scene)
 
