@@ -138,7 +138,8 @@ def test_a_range_brackets_its_runs() -> None:
     ("peaks", "finer", "words"),
     [
         ((100.0, 100.0), 100.0, "100.0 N"),
-        ((100.01, 100.02), 100.015, "100.0 ± 0.03 N"),  # of the unmoved start, 100.0, and of the rounding
+        ((100.01, 100.02), 100.015, "100.02 ± 0.02 N"),  # of the unmoved start, 100.0, and of the rounding
+        ((100.0, 100.0), 100.000034, "100.0000 ± 0.0001 N"),  # 3.4e-5, to no more than seven digits
         ((100.01, 100.02), 101.2, "101 ± 2 N"),  # the setting errs by 1.2
         ((100.0, 100.0), 140.0, "median 100.0 N, 100.0 to 140.0 N"),  # errs by more than a tenth
         ((100.0, 100.11), 100.0, "median 100.1 N, 100.0 to 100.1 N"),  # more than 0.1, the last digit

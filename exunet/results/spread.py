@@ -30,6 +30,7 @@ Floats = NDArray[np.float64]
 COVERING = 32  # runs from which on the range covers most of what other starts give
 MOST_ERROR = 0.1  # of a value: with more not even its first digit is known
 FEWEST = 8  # runs of which a range is told at all
+FINEST = 1e-3  # of the last digit that is printed without an error: no error shows finer ones
 CONVERGED = "converged"  # in the story of a spread: value and error of headlines, by key
 
 
@@ -99,22 +100,17 @@ def words_of_vector(parts: Sequence[Judged]) -> str:
 
 
 def _rounded(parts: Sequence[Judged]) -> tuple[list[str], str]:
-    """Values down to a common digit, and " ± " with the error of all, rounding included; "" for none."""
+    """Values down to the digit of the error of all, and " ± " with it, rounding included; "" for none."""
     values = [one.value for one in parts if one.value is not None]
     error = max(one.error for one in parts if one.error is not None)
     last = max(one.last_digit(value) for one, value in zip(parts, values, strict=True))
-    if error > 0.0:
-        last = max(last, unit_of_last_digit(error, 1))
-        error += max(abs(value - round(value / last) * last) for value in values)
-    # Differences of no more than `least` are those of round-off.
-    words = f" ± {_rounded_up(error):g}" if error > parts[0].headline.least else ""
-    return [printed(value, last) for value in values], words
-
-
-def _rounded_up(error: float) -> float:
-    """An error to one digit, not less than it is."""
-    last = unit_of_last_digit(error, 1)
-    return float(np.ceil(error / last * (1.0 - 1e-9)) * last)
+    if error <= parts[0].headline.least:  # differences of round-off
+        return [printed(value, last) for value in values], ""
+    last = max(unit_of_last_digit(error, 1), last * FINEST)
+    error += max(abs(value - round(value / last) * last) for value in values)
+    last = max(last, unit_of_last_digit(error, 1))
+    shown = math.ceil(error / last * (1.0 - 1e-9)) * last
+    return [printed(value, last) for value in values], f" ± {printed(shown, last)}"
 
 
 @dataclass(frozen=True, eq=False)
