@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -27,7 +26,7 @@ from exunet.interfaces.commands.measures import rows_on_measures
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.interfaces.commands.progress import told_progress
-from exunet.interfaces.commands.waiting import waiting
+from exunet.interfaces.commands.reference_progress import wait_for
 from exunet.results.agreement import Agreement
 from exunet.results.ensemble_result import save_ensemble
 from exunet.results.reading import RESULT_FILE, SPREAD_FILE, STORE_FOLDER
@@ -268,12 +267,9 @@ def _agreement(
     reference: ReferenceRun, result: Result, *, quiet: bool
 ) -> tuple[Agreement | None, ExunetError | None, str | None]:
     """What the reference says; or the error that it could not be asked, and the reason for the summary."""
-    words = "waiting for the reference"
-    if reference.at_work and not quiet and not sys.stderr.isatty():
-        tell(words)
     try:
-        with waiting(words, quiet=quiet):
-            return reference.agreement(result), None, None
+        wait_for(reference, float(result.time[-1]), quiet=quiet)
+        return reference.agreement(result), None, None
     except InputError as error:
         return None, UncheckedRun(f"the result is written but not checked: {error}"), str(error)
     except KeyboardInterrupt:
