@@ -271,6 +271,10 @@ _OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
 _ANY = "*"  # in place of a name
 
 
+# The four measures of deployment, in the order of the paper.
+DEPLOYMENT = ("largest_area_m2", "time_of_largest_area_s", "distance_m", "time_above_80_percent_s")
+
+
 def headline(key: str) -> Headline:
     """The headline of a key; raises KeyError if there is none."""
     for one in _ONES:

@@ -161,7 +161,7 @@ def _headline_row(one: Headline, summary: dict[str, Any], judged: Mapping[str, J
 
 
 def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, str]]:
-    """What of the run itself lies outside the ranges: its start may be special, as a symmetric one is."""
+    """What of the run itself lies outside the ranges, as some headline of most runs does."""
     found = []
     for key, judged in spread.judged.items():
         value = headlines[key]["this_run"]
@@ -169,7 +169,7 @@ def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, s
             found.append(f"{judged.headline.words} {shown(judged.headline, value)}")
     if not found:
         return []
-    return [("this run", f"outside of the range, so that its exact start is not typical: {', '.join(found)}")]
+    return [("this run", f"outside of the range: {', '.join(found)}")]
 
 
 def _where(judged: Judged) -> str:

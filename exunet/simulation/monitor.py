@@ -15,6 +15,7 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.terms import Change
 from exunet.methods.plan import Plan
 from exunet.simulation.diagnosis import COLLAPSE_ADVICE, LOAD_ADVICE, state_of_worst, step_advice
+from exunet.simulation.element_peaks import ElementPeaks
 from exunet.simulation.envelope import Envelope
 from exunet.simulation.guards import Guards, Look
 from exunet.simulation.peaks import Peaks
@@ -43,6 +44,7 @@ class Monitor:
     every    : the guards look at one state in so many, at each that is asked for by `mark`, and at the last
     store    : takes the marked states with their dissipated energy (k,) [J]
     envelope : takes the energies of all good states
+    element_peaks : takes the tensions of all good states
     """
 
     def __init__(
@@ -53,12 +55,15 @@ class Monitor:
         every: int = STATES_A_LOOK,
         store: Store | None = None,
         envelope: Envelope | None = None,
+        element_peaks: ElementPeaks | None = None,
     ) -> None:
         self._system = system
         self._plan: Plan | None = None
         self._every = every
         self._store = store
         self._envelope = envelope
+        self._element_peaks = element_peaks
+        self.asks_for_elements = element_peaks is not None
         self._guards = Guards(system, state)
         self._marks: list[float] = []
         self._base = system.lost_at_start + float(system.given_work(state.first_order))
@@ -132,6 +137,8 @@ class Monitor:
         self.peaks.forget_after(time)
         if self._envelope is not None:
             self._envelope.forget_after(time)
+        if self._element_peaks is not None:
+            self._element_peaks.forget_after(time)
 
     def arrays(self, now: float) -> dict[str, NDArray[Any]]:
         """All that the books hold at a time [s], for a snapshot."""
@@ -147,6 +154,8 @@ class Monitor:
         }
         if self._envelope is not None:
             held |= grouped("envelope", self._envelope.arrays(now))
+        if self._element_peaks is not None:
+            held |= grouped("element_peaks", self._element_peaks.arrays())
         return held
 
     def restore(self, arrays: Arrays, events: list[dict[str, Any]]) -> None:
@@ -162,6 +171,8 @@ class Monitor:
         self.events = list(events)
         if self._envelope is not None:
             self._envelope.restore(group_of("envelope", arrays))
+        if self._element_peaks is not None:
+            self._element_peaks.restore(group_of("element_peaks", arrays))
 
     def engine_failed(self, failure: Exception, *, step_cause: bool) -> RunStopped:
         """The error for an integrator that gave up, with its words and the last good state."""
@@ -173,6 +184,8 @@ class Monitor:
     def between(self, until: float, extremes: Extremes) -> None:
         if self._envelope is not None:
             self._envelope.take(until, extremes.elastic, extremes.kinetic)
+        if self._element_peaks is not None:
+            self._element_peaks.take(until, extremes.of_elements)
         self.peaks.take(extremes.largest)
 
     def changed(self, time: float, memory: str, change: Change) -> None:
@@ -251,6 +264,8 @@ class Monitor:
         self._guards.accept(look, -1)
         self.last_good = states.state(len(states) - 1)
         self.peaks.look(states.time, states.tension, marked.tolist())
+        if self._element_peaks is not None:
+            self._element_peaks.look(states.time, states.tension)
         del self._marks[: len(marked)]
         if len(marked) and not self._drifted:
             off = look.off[np.searchsorted(rows, marked)] > GOOD_PART
@@ -258,6 +273,8 @@ class Monitor:
             self._drifted = bool(off.any())
             if len(good):
                 self.safe, self.safe_dissipated = states.state(good[-1]), float(dissipated[good[-1]])
+        if self._element_peaks is not None and len(marked):
+            self._element_peaks.settle(self.safe.time, float(states.time[marked[-1]]))
         if self._store is not None and len(marked):
             self._store(states[marked], dissipated[marked])
             self._stored_until = float(states.time[marked[-1]])

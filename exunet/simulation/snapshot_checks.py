@@ -24,12 +24,16 @@ _GROWING = (
     ("monitor:peaks",),
     ("monitor:marks",),
     ("monitor:envelope:",),
+    ("monitor:element_peaks:intervals", "monitor:element_peaks:later"),
     ("stops:times", "stops:force"),
     ("stops:forces",),
 )
 
 # Limits and extremes, infinite where nothing limits and nothing was seen.
-_MAY_BE_INFINITE = ("integrator:seen/", "integrator:clock/", "monitor:envelope:")
+_MAY_BE_INFINITE = (
+    *("integrator:seen/", "integrator:clock/", "monitor:envelope:"),
+    "monitor:element_peaks:stored_until",
+)
 
 _TIMES = ("integrator:time", "integrator:clock/time")
 

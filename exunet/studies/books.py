@@ -27,6 +27,8 @@ class Books:
     breaks     : what has broken, in order of time
     """
 
+    asks_for_elements = False
+
     def __init__(self, system: System, state: State, *, booked: bool) -> None:
         self._system, self._memory, self._booked = system, dict(state.memory), booked
         begun = system.lost_at_start + float(system.given_work(state.first_order))
