@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import CaseError, Fault, InputError
+from exunet.base.errors import LARGEST, CaseError, Fault, InputError
 from exunet.bodies.body import RigidBody
 from exunet.bodies.keys import BodyKeys, PartKeys, impossible
 from exunet.bodies.mass_properties import MassDistribution, of_shape, principal, sum_of
@@ -18,6 +18,8 @@ from exunet.bodies.shapes import Shape, Solid
 
 Floats = NDArray[np.float64]
 
+RESOLVED = 1e-15  # of the largest moment, below which the least is round-off of an inertia (3, 3)
+
 
 def make_body(name: str, keys: BodyKeys, carried: Sequence[MassDistribution] = ()) -> RigidBody:
     """A body of keys that are valid, and what is fixed to it, in its frame.
@@ -25,12 +27,19 @@ def make_body(name: str, keys: BodyKeys, carried: Sequence[MassDistribution] = (
     Raises CaseError for a mesh or an inertia that is none of a body.
     """
     shape = shape_of(name, keys)
-    with np.errstate(all="ignore"):  # numbers that overflow are a fault
-        distribution = sum_of((distribution_of(name, keys, shape), *carried))
-    _refuse_overflow(name, distribution)
+    try:
+        with np.errstate(all="ignore"):  # numbers that overflow are a fault
+            distribution = sum_of((distribution_of(name, keys, shape), *carried))
+    except ArithmeticError:  # of Python's own floats
+        raise _beyond_floats(name) from None
+    numbers = distribution.mass, *distribution.centre, *distribution.inertia.ravel()
+    if not np.abs(numbers).max() <= LARGEST:
+        raise _beyond_floats(name)
     moments, axes = principal(distribution.inertia)
     if words := impossible(*moments):
         raise CaseError([Fault(f"bodies.{name}.products_of_inertia", f"{words} (principal moments)")])
+    if min(distribution.mass, moments.min()) < 1.0 / LARGEST or moments.min() < RESOLVED * moments.max():
+        raise _beyond_floats(name)
     return RigidBody(
         name,
         distribution.mass,
@@ -41,11 +50,9 @@ def make_body(name: str, keys: BodyKeys, carried: Sequence[MassDistribution] = (
     )
 
 
-def _refuse_overflow(name: str, distribution: MassDistribution) -> None:
-    numbers = distribution.mass, *distribution.centre, *distribution.inertia.ravel()
-    if not np.isfinite(numbers).all():
-        words = "its mass, centre of mass or inertia is outside the range of floating-point numbers"
-        raise CaseError([Fault(f"bodies.{name}", words, beyond_floats=True)])
+def _beyond_floats(name: str) -> CaseError:
+    words = "its mass, centre of mass or inertia is outside the range of floating-point numbers"
+    return CaseError([Fault(f"bodies.{name}", words, beyond_floats=True)])
 
 
 def shape_of(name: str, keys: BodyKeys) -> Shape | None:

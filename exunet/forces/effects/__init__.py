@@ -37,7 +37,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, create_model
 
-from exunet.base.errors import CaseError, Fault
+from exunet.base.errors import LARGEST, CaseError, Fault
 from exunet.base.faults import each, joining, within
 from exunet.base.table import Positive, Table
 from exunet.forces.blocks import Blocks, FirstOrder, PointMass
@@ -64,9 +64,6 @@ _NAMES = (
     "thrust",
 )
 EFFECTS: dict[str, ModuleType] = {name: import_module(f"{__name__}.{name}") for name in _NAMES}
-
-
-LARGEST = 1e100  # of a number in an effect's terms; products of three are still numbers
 
 
 def _pairs_schema() -> dict[str, Any]:
