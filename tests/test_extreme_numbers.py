@@ -72,7 +72,9 @@ def test_the_key_is_told(key: str, value: float) -> None:
 
 def test_a_body_whose_least_moment_is_round_off_is_refused() -> None:
     """A rod of 1e30 m and 1 m: about its axis it has 1e-60 of the other moments, round-off of the matrix."""
-    with pytest.raises(exunet.CaseError, match=r"bodies\.odd: its mass, centre of mass or inertia"):
+    with pytest.raises(
+        exunet.CaseError, match=r"bodies\.odd: its mass or least moment of inertia is round-off"
+    ):
         prepared(
             "bodies.odd={position=[0.0, 50.0, 0.0], shape='cylinder', radius=1.0, length=1e30, mass=5.0}"
         )
