@@ -20,7 +20,7 @@ from exunet.results.body_comparison import BodyDifferences
 from exunet.results.course import Course, course_of
 from exunet.results.headlines import constants_of, headlines_of
 from exunet.results.margins import Peak
-from exunet.results.measures import energy_balance, energy_scale, momentum_gained, moving_mass, stays_the_same
+from exunet.results.measures import energy_balance, energy_scale, momentum_books, moving_mass, stays_the_same
 from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates, Result
 from exunet.results.spread import Spread, description, numbers
@@ -155,8 +155,12 @@ def _body(net: Net, body: BodyStates) -> dict[str, float]:
 
 def _momentum(result: Result) -> dict[str, float]:
     """Its books, and those of the angular momentum about the origin."""
-    found = momentum_gained(result).items()
-    return {f"{name}_{'kg_m_s' if name.startswith('linear') else 'kg_m2_s'}": value for name, value in found}
+    units = {"linear": "kg_m_s", "angular": "kg_m2_s"}
+    return {
+        f"{name}_{entry}_{units[name]}": value
+        for name, book in momentum_books(result).items()
+        for entry, value in book._asdict().items()
+    }
 
 
 def _refused(reason: str | None) -> dict[str, str] | None:
