@@ -30,7 +30,8 @@ FIGURES = {
     "tensions": "largest tension of each element at the stored times, on the reference net; needs elements",
     "tethers": "largest tension at the stored times along each tether; needs tethers",
     "largest_tension": "largest tension of all elements over time; needs elements",
-    "loads": "pull of the threads on each body at the nodes that are fixed to it; needs such nodes",
+    "momentum": "change of momentum and angular momentum of each part, and impulses from outside; needs a body",
+    "loads": "force and torque of the threads on each body at the nodes that are fixed to it; needs such nodes",
     "distances": "distance of each two bodies with shapes, surface to surface, over time; needs two of them",
     "rotation": "angular velocity of rigid bodies over time, in body axes; needs a rigid body",
     "agreement": "differences between two codes over time; needs an `agreement`",
@@ -166,7 +167,7 @@ def _drawers(
     agreement: Agreement | None, spread: EnsembleResult | None
 ) -> dict[str, Callable[[Result, Page], Figure | None]]:
     """What makes each figure; it returns None for a result that has not what it shows."""
-    from exunet.figures import curves, energies, nets, tensions
+    from exunet.figures import curves, energies, momenta, nets, tensions
 
     return {
         "reference_net": nets.reference_net,
@@ -177,6 +178,7 @@ def _drawers(
         "tensions": tensions.tensions,
         "tethers": tensions.tethers,
         "largest_tension": lambda result, page: curves.largest_tension(result, page, spread),
+        "momentum": momenta.momentum,
         "loads": curves.loads_on_bodies,
         "distances": curves.distances,
         "rotation": curves.rotation,

@@ -68,13 +68,11 @@ def ends_of(
     for k, (body, given) in enumerate(bodies):
         own, spin, attitude = found[:, k], body.angular_velocity, body.attitude
         own["velocity"] = body.velocity
-        own["momentum"] = body.mass * body.velocity
-        own["angular_momentum"] = np.cross(body.position, own["momentum"])
+        own["momentum"], own["angular_momentum"] = momenta_of(body)
         own["kinetic"] = 0.5 * body.mass * np.einsum("ta,ta->t", body.velocity, body.velocity)
         if spin is not None and attitude is not None and body.inertia is not None:
             turns = spin @ body.inertia
             own["spin"], own["attitude"] = spin, attitude
-            own["angular_momentum"] += np.einsum("tab,tb->ta", rotation_matrix(attitude), turns)
             own["kinetic"] += 0.5 * np.einsum("ta,ta->t", spin, turns)
         for name, values in given.items():
             own[name] = values.reshape(own[name].shape)
@@ -83,6 +81,16 @@ def ends_of(
     net["angular_momentum"] = np.einsum("n,tna->ta", mass, np.cross(position, velocity))
     net["kinetic"] = 0.5 * np.einsum("n,tna,tna->t", mass, velocity, velocity)
     return found
+
+
+def momenta_of(body: BodyStates) -> tuple[Floats, Floats]:
+    """(t, 3) momentum of a body [kg m/s] and angular momentum about the scene's origin [kg m2/s]."""
+    linear = body.mass * np.asarray(body.velocity[:])
+    angular = np.cross(np.asarray(body.position[:]), linear)
+    if body.angular_velocity is not None and body.attitude is not None and body.inertia is not None:
+        turns = np.asarray(body.angular_velocity[:]) @ body.inertia
+        angular += np.einsum("tab,tb->ta", rotation_matrix(np.asarray(body.attitude[:])), turns)
+    return linear, angular
 
 
 def ends_of_result(result: Result) -> NDArray[np.void]:

@@ -25,7 +25,7 @@ SUMMARY = "summary.json"
 SPREAD = "spread.h5"
 FIGURES = (
     *("reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "tethers"),
-    *("largest_tension", "loads", "distances", "rotation", "agreement"),
+    *("largest_tension", "momentum", "loads", "distances", "rotation", "agreement"),
 )
 DESCRIPTIONS = (SUMMARY, SPREAD, *(f"{figure}.png" for figure in FIGURES))
 

@@ -19,6 +19,7 @@ from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
 from exunet.results.course import Course, course_of
 from exunet.results.headlines import constants_of, headlines_of
+from exunet.results.loads import loads
 from exunet.results.margins import Peak
 from exunet.results.measures import energy_balance, energy_scale, momentum_books, moving_mass, stays_the_same
 from exunet.results.passages import Overlap, Passage, overlaps, passages
@@ -61,6 +62,7 @@ def summarise(
             "balance_error": energy_balance(result),
         },
         **({"momentum": _momentum(result)} if result.bodies else {}),
+        "attachments": {name: found for name in result.bodies if (found := _attachments(result, name))},
         "headlines": numbers(spread, headlines_of(course), constant := constants_of(course)),
         "constant": constant,
         "spread": description(spread),
@@ -151,6 +153,22 @@ def _retry(story: dict[str, Any]) -> dict[str, Any]:
 def _body(net: Net, body: BodyStates) -> dict[str, float]:
     nodes = 0.0 if body.nodes is None else float(net.mass[body.nodes].sum())
     return {"mass_kg": body.mass, "mass_of_nodes_kg": nodes}
+
+
+def _attachments(result: Result, body: str) -> list[dict[str, Any]]:
+    """The largest force and torque at each node that is fixed to a body, over the stored times."""
+    of = loads(result, body)
+    torque = np.linalg.norm(of.torque, axis=-1)
+    return [
+        {
+            "node": node,
+            "largest_force_N": float(of.size[:, k].max()),
+            "largest_force_at_s": float(result.time[of.size[:, k].argmax()]),
+            "largest_torque_N_m": float(torque[:, k].max()),
+            "largest_torque_at_s": float(result.time[torque[:, k].argmax()]),
+        }
+        for k, node in enumerate(of.nodes.tolist())
+    ]
 
 
 def _momentum(result: Result) -> dict[str, float]:
