@@ -15,7 +15,8 @@ from exunet.simulation.preparation import prepare_case
 
 CASE = Path(exunet.__file__).parent / "cases" / "bodies" / "launch.toml"
 TURNING = "bodies.chaser.angular_velocity=[2.0, 4.0, 3.0]"
-STEP = 4e-4
+STEP = 4e-3  # with threads so soft that errors are far above round-off
+SOFT = [f"{cable}.youngs_modulus=1e6" for cable in ("net.cable", "net.strings", "tethers.line")]
 G = [0.3, 0.0, -2.0]
 GRAVITY = f"effects.gravity.acceleration={G}"
 RAYLEIGH = "effects.rayleigh_damping={alpha=0.1, beta=1e-5}"
@@ -26,20 +27,20 @@ FORMS = ("engine.loop=compiled", "engine.net=fused", "engine.net=connectors")
 
 def run(*overrides: str, step: float = STEP, end: float = 0.4) -> exunet.Result:
     times = (f"time.end={end}", "time.output_step=0.1", f"solver={{method='RK44', step={step}}}")
-    return exunet.run(exunet.load(CASE, [*times, *overrides]))
+    return exunet.run(exunet.load(CASE, [*times, *SOFT, *overrides]))
 
 
 def closes_by_order_4(*overrides: str) -> exunet.Result:
     """Linear momentum to round-off at any step; angular momentum by an error that halving divides by 16.
 
-    Measured at 4e-4 s and half of it: by 14 with beta T, by 20 with drag; then round-off, 5e-13 of 4 N m s.
+    Measured at steps of 4, 2 and 1 ms: 16 each time, with each effect and without any.
     """
     found = run(*overrides, step=0.5 * STEP)
     coarse, fine = momentum_books(run(*overrides)), momentum_books(found)
     for book in (coarse, fine):
-        assert book["linear"].residual < 1e-12 * book["linear"].size  # 2000 steps; measured 6e-14
-    assert fine["angular"].residual < max(coarse["angular"].residual / 8.0, 1e-12)
-    assert fine["angular"].residual < 1e-6 * fine["angular"].gained
+        assert book["linear"].residual < 1e-12 * book["linear"].size  # measured 3e-15
+    assert fine["angular"].residual == pytest.approx(coarse["angular"].residual / 16.0, rel=0.1)
+    assert fine["angular"].residual < 1e-7 * fine["angular"].gained
     return found
 
 
@@ -48,14 +49,14 @@ def test_gravity_drag_and_rayleigh_damping_together() -> None:
     found = closes_by_order_4(TURNING, GRAVITY, RAYLEIGH, DRAG)
     given = {name: np.asarray(one.values)[-1] for name, one in found.states.items()}
     mass = summarise(found)["mass_of_all_kg"]
-    np.testing.assert_allclose(given["effects/gravity/impulse"], np.array(G) * mass * 0.4, rtol=1e-12)
-    assert given["effects/air_drag/impulse"] @ [0.0, -np.sin(0.3), np.cos(0.3)] < 0.0  # against the throw
+    np.testing.assert_allclose(given["effect.gravity/impulse"], np.array(G) * mass * 0.4, rtol=1e-11)
+    assert given["effect.air_drag/impulse"] @ [0.0, -np.sin(0.3), np.cos(0.3)] < 0.0  # against the throw
     table, headlines = dict(rows(summarise(found))), summarise(found)["headlines"]
     for effect in ("gravity", "rayleigh_damping", "air_drag"):
         assert f"impulse of {effect}" in table
         assert f"angular impulse of {effect}" in table
         value = headlines[f"effect_{effect}_angular_impulse_z_N_m_s"]["this_run"]
-        assert value == pytest.approx(given[f"effects/{effect}/angular_impulse"][2], rel=1e-12)
+        assert value == pytest.approx(given[f"effect.{effect}/angular_impulse"][2], rel=1e-12)
     assert "beside the impulse of gravity and rayleigh_damping and air_drag" in table["momentum of all"]
 
 
@@ -108,4 +109,4 @@ def test_forces_on_nodes_of_a_guided_body_count() -> None:
     found = run("bodies.chaser.motion=fixed", "bodies.chaser.angular_velocity=", RAYLEIGH, step=STEP)
     books = momentum_books(found)
     assert books["linear"].residual < 1e-13 * books["linear"].size
-    assert books["angular"].residual < 1e-9 * books["angular"].gained
+    assert books["angular"].residual < 1e-6 * books["angular"].gained

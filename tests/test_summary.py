@@ -41,7 +41,8 @@ GROUPS = (
 NAMED = ("check.bodies.", *(f"{group}." for group in GROUPS))
 UNITS = ("_rad", "_s", "_m", "_m2", "_m_s", "_kg", "_N", "_J")
 WITHOUT = {  # numbers that have no unit
-    "nodes", "node", "elements", "element", "times", "balance_error", "relative_area", "energy_excess", "tolerance",
+    "nodes", "node", "elements", "element", "times", "balance_error", "relative_area", "energy_excess",
+    "tolerance",
     "steps", "rejected_steps",
     "right_hand_sides", "newton_iterations", "accuracy", "at_end", "largest", "best",
     "sensitivity", "in_both", "only_here", "only_in_reference", "runs", "seed",

@@ -24,7 +24,7 @@ from exunet.forces.terms import KernelTerm, LinearTerm, rows_of
 
 Floats = NDArray[np.float64]
 
-OUTSIDE = "effects/"  # before the name of an effect, in the names of its states
+OUTSIDE = "effect."  # before the name of an effect, in the names of its states; no body has a dot in its name
 QUANTITIES = (("impulse", "N s"), ("angular_impulse", "N m s"))
 
 
