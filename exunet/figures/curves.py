@@ -158,7 +158,7 @@ def loads_on_bodies(result: Result, page: Page) -> Figure | None:
     forces = {one: found[one[0]].size[:, one[1]] for one in drawn}
     torques = {one: np.linalg.norm(found[one[0]].torque[:, one[1]], axis=-1) for one in drawn}
     largest = sorted(drawn, key=lambda one: -float(forces[one].max(initial=0.0)))[:MOST_CURVES]
-    words = ("size of the force [N]", "size of the torque about\nthe centre of mass [N m]")
+    words = ("force [N]", "torque about the\ncentre of mass [N m]")
     for one, sizes, label in zip(axes, (forces, torques), words, strict=True):
         for place, (node, style) in enumerate(zip(largest, curve_styles(len(largest)), strict=True)):
             named = f"{node[0]}, node {node[2]}"
