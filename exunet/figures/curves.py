@@ -161,7 +161,7 @@ def loads_on_bodies(result: Result, page: Page) -> Figure | None:
     words = ("force [N]", "torque about the\ncentre of mass [N m]")
     for one, sizes, label in zip(axes, (forces, torques), words, strict=True):
         for place, (node, style) in enumerate(zip(largest, curve_styles(len(largest)), strict=True)):
-            named = f"{node[0]}, node {node[2]}"
+            named = f"{node[0]}, node {node[2]}" if one is axes[0] else None
             curve(one, result.time, sizes[node], place / len(largest), label=named, markersize=4.5, **style)
         from_zero(one, max(float(sizes[node].max(initial=0.0)) for node in largest))
         one.set_ylabel(label)

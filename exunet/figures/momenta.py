@@ -37,16 +37,18 @@ def momentum(result: Result, page: Page) -> Figure | None:
     largest = sorted(every, key=lambda name: -_share(every, name))[: MOST_CURVES - 1]
     shown = [name for name in every if name in largest]
     figure, axes = page.stacked_axes(result, "Momentum of the parts", (1.0, 1.0), 130.0)
+    rest = _LEFT if given else "all parts"
     for (kind, words, unit), one in zip(_KINDS, axes, strict=True):
         changes = {name: getattr(course, kind) for name, course in every.items()}
         along = direction(changes)
         for place, (name, style) in enumerate(zip(shown, curve_styles(len(shown)), strict=True)):
             values = changes[name] @ along
-            curve(one, result.time, values, place / len(shown), label=name, markersize=4.5, **style)
+            label = name if one is axes[0] else None  # of the legend, which is of both
+            curve(one, result.time, values, place / len(shown), label=label, markersize=4.5, **style)
         left = sum((changes[name] for name in parts), np.zeros(3))
         left = left - sum((changes[name] for name in given), np.zeros(3))
         thin: dict[str, Any] = {"color": BLACK, "linewidth": 0.7, "linestyle": ":"}
-        curve(one, result.time, left @ along, label=_LEFT if given else "all parts", **thin)
+        curve(one, result.time, left @ along, label=rest if one is axes[0] else None, **thin)
         told = ", ".join(f"{round(part, 2) + 0.0:g}".replace("-", "\N{MINUS SIGN}") for part in along)
         heading = f"{words},\nchange along ({told}) of the scene's axes"
         one.set_title(heading, loc="left", fontsize=SMALL, pad=3)
