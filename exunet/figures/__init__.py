@@ -30,7 +30,8 @@ FIGURES = {
     "tensions": "largest tension of each element over all steps, on the reference net; needs elements",
     "tethers": "largest tension over all steps along each tether; needs tethers",
     "largest_tension": "largest tension of all elements over time; needs elements",
-    "loads": "pull of the threads on each body at the nodes that are fixed to it; needs such nodes",
+    "momentum": "changes of momentum and angular momentum of all parts, impulses from outside; needs a body",
+    "loads": "forces and torques of threads on bodies at the nodes that are fixed to them; needs such nodes",
     "distances": "distance of each two bodies with shapes, surface to surface, over time; needs two of them",
     "rotation": "angular velocity of rigid bodies over time, in body axes; needs a rigid body",
     "agreement": "differences between two codes over time; needs an `agreement`",
@@ -170,7 +171,7 @@ def _drawers(
     agreement: Agreement | None, spread: EnsembleResult | None
 ) -> dict[str, Callable[[Result, Page], Figure | None]]:
     """What makes each figure; it returns None for a result that has not what it shows."""
-    from exunet.figures import curves, energies, nets, tensions
+    from exunet.figures import curves, energies, momenta, nets, tensions
 
     return {
         "reference_net": nets.reference_net,
@@ -181,6 +182,7 @@ def _drawers(
         "tensions": lambda result, page: tensions.tensions(result, page, spread),
         "tethers": lambda result, page: tensions.tethers(result, page, spread),
         "largest_tension": lambda result, page: curves.largest_tension(result, page, spread),
+        "momentum": momenta.momentum,
         "loads": curves.loads_on_bodies,
         "distances": lambda result, page: curves.distances(result, page, spread),
         "rotation": curves.rotation,

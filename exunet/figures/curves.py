@@ -149,22 +149,29 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
 
 
 def loads_on_bodies(result: Result, page: Page) -> Figure | None:
-    """Size of the pull at each node that is fixed to a body, over time; None if there is none."""
+    """Sizes of force and torque at each node that is fixed to a body, over the stored times; None if none is.
+
+    The torque is about the centre of mass of the body.
+    """
     found = {name: loads(result, name) for name, body in result.bodies.items() if body.nodes is not None}
     if not found:
         return None
-    figure, axes = curve_axes(result, page, "Pull of the threads on the bodies", "force [N]")
+    figure, axes = page.stacked_axes(result, "Loads of the threads on the bodies", (1.0, 1.0), 125.0)
     drawn = [(name, k, node) for name, of in found.items() for k, node in enumerate(of.nodes.tolist())]
-    sizes = {one: found[one[0]].size[:, one[1]] for one in drawn}
-    largest = sorted(drawn, key=lambda one: -float(sizes[one].max(initial=0.0)))[:MOST_CURVES]
-    for place, (one, style) in enumerate(zip(largest, curve_styles(len(largest)), strict=True)):
-        label = f"{one[0]}, node {one[2]}"
-        curve(axes, result.time, sizes[one], place / len(largest), label=label, markersize=4.5, **style)
+    forces = {one: found[one[0]].size[:, one[1]] for one in drawn}
+    torques = {one: np.linalg.norm(found[one[0]].torque[:, one[1]], axis=-1) for one in drawn}
+    largest = sorted(drawn, key=lambda one: -float(forces[one].max(initial=0.0)))[:MOST_CURVES]
+    words = ("force [N]", "torque about the\ncentre of mass [N m]")
+    for one, sizes, label in zip(axes, (forces, torques), words, strict=True):
+        for place, (node, style) in enumerate(zip(largest, curve_styles(len(largest)), strict=True)):
+            named = f"{node[0]}, node {node[2]}" if one is axes[0] else None
+            curve(one, result.time, sizes[node], place / len(largest), label=named, markersize=4.5, **style)
+        from_zero(one, max(float(sizes[node].max(initial=0.0)) for node in largest))
+        one.set_ylabel(label)
     if len(drawn) > len(largest):
-        axes.plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
-    top = max(float(sizes[one].max(initial=0.0)) for one in largest)
-    from_zero(axes, top)
-    finish(figure, axes)
+        axes[0].plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
+    axes[-1].set_xlabel("stored time [s]")
+    finish(figure, *axes)
     return figure
 
 

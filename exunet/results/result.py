@@ -31,8 +31,8 @@ class BodyStates:
     inertia          : (3, 3) [kg m2] about the centre of mass, in body axes; None: a point mass
     position         : (n_times, 3) [m], of the centre of mass
     velocity         : (n_times, 3) [m/s]
-    attitude         : (n_times, 4) unit quaternion (w, x, y, z) that turns body axes into inertial axes; None
-                       for a point mass
+    attitude         : (n_times, 4) unit quaternion (w, x, y, z) that turns body axes into the scene's axes;
+                       None for a point mass
     angular_velocity : (n_times, 3) [rad/s], in body axes; None for a point mass
     wireframe        : (k, 2, 3) ends of lines that show its shape, from the centre of mass, in body axes [m];
                        None: it has no shape

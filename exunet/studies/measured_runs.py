@@ -19,6 +19,7 @@ from exunet.bodies.body import in_frames
 from exunet.bodies.kinematics import GIVEN
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
+from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.results import measures as metrics
 from exunet.results.clearance import MOST_PAIRS, Pair, gaps, pairs_of
 from exunet.results.course import REEL_STATES
@@ -149,18 +150,19 @@ def _ends(first: States, last: States, story: Mapping[str, Any]) -> NDArray[np.v
         parts = (values[:, k] for values in whole)
         moved = {} if system.moves_freely[k] else _given(system, body.name, given)
         found.append(AtEnds(BodyStates(body.mass, body.inertia_in_frame, *parts), moved))
+    nodes, kept = slice(0, system.net.n_nodes), (one.name for one in system.blocks.states)
+    effects = [_given(system, OUTSIDE + name, given, len(QUANTITIES)) for name in effects_of(kept)]
+    ends = ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found, effects)
     rigid = [body.name for body in system.bodies]
     guided = [name for name, free in zip(rigid, system.moves_freely, strict=True) if not free]
-    nodes = slice(0, system.net.n_nodes)
-    ends = ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found)
     return before_throw(ends, [*system.blocks.body, *rigid], guided, story)
 
 
-def _given(system: System, name: str, first_order: Floats) -> dict[str, Floats]:
-    """(2, m) of each quantity that a body of given motion has given, from (2, n_states)."""
+def _given(system: System, name: str, first_order: Floats, number: int = len(GIVEN)) -> dict[str, Floats]:
+    """(2, m) of the first quantities that a guided body, or an effect, has given, from (2, n_states)."""
     blocks = system.blocks
     found = {}
-    for quantity, size, _ in GIVEN:
+    for quantity, size, _ in GIVEN[:number]:
         at = blocks.state(f"{name}/{quantity}") - (blocks.n_x - blocks.n_states)
         found[quantity] = first_order[:, at : at + size]
     return found

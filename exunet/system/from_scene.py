@@ -10,8 +10,16 @@ from exunet.base.errors import Fault
 from exunet.bodies.rigid import rotation_matrix
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks, Inertia, Poses
-from exunet.forces.effects import breaking_limits, first_order_states, forces_of, point_masses
+from exunet.forces.effects import (
+    breaking_limits,
+    first_order_states,
+    forces_of,
+    from_outside,
+    point_masses,
+)
+from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.reel import Winding, reel_term, states_of
+from exunet.methods.method import METHODS, Kind
 from exunet.net import weave
 from exunet.net.arrays import Net
 from exunet.net.tether import reels_of, with_tethers
@@ -55,7 +63,8 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     throw = booked(throw, held, rigid, net, position, (before, velocity))
     names = tuple(body.name for body in rigid.bodies)
     of_reels = (state for reel in reels for state in states_of(reel))
-    states = (*rigid.given, *of_reels, *first_order_states(scene.effects))
+    given = (state for effect in _with_lines(scene) for state in impulses_of(effect))
+    states = (*rigid.given, *of_reels, *first_order_states(scene.effects), *given)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
@@ -75,6 +84,13 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     system = System(blocks, forces, rigid.bodies, kinematics, throw)
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
+
+
+def _with_lines(scene: Scene) -> tuple[str, ...]:
+    """The effects whose impulses are kept: of scenes with bodies, by methods that have first-order states."""
+    method = scene.solver.method
+    implicit = method != "auto" and METHODS[method].kind == Kind.IMPLICIT
+    return from_outside(scene.effects) if scene.bodies and not implicit else ()
 
 
 def _with_strength(net: Net, scene: Scene) -> Net:

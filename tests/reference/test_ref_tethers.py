@@ -222,6 +222,15 @@ def test_bad_tethers_are_refused(tied, change, words):
     assert any(words in fault for fault in refused.value.faults), refused.value.faults
 
 
+def test_a_body_that_cannot_be_read_is_there_all_the_same(tied):
+    """Of a tether to a body whose mesh is of an unknown kind, the mesh is told, not that there is no body."""
+    mesh = {"shape": "mesh", "file": "a.glb", "unit": "m", "mass": 1.0}
+    with pytest.raises(Refused) as refused:
+        read_document(tied(ENDS, {**BODIES, "a": mesh}))
+    assert len(refused.value.faults) == 1
+    assert refused.value.faults[0].startswith("bodies.a.file: reference_impl does not know")
+
+
 def test_nodes_of_woven_nets_have_no_numbers_but_free_ends_of_strings(document):
     case = {**document("radial"), "bodies": {"a": ball(1.0)}}
     case["tethers"] = {"line": {**THREAD, "length": 9.0, "start": {"node": 2}, "end": {"body": "a"}}}
