@@ -24,6 +24,7 @@ from reference_impl.integration import (
     STEPPED,
     Diverged,
     Interrupted,
+    Progress,
     Scheme,
     Trajectory,
     integrate,
@@ -69,6 +70,9 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE.npz",
         help="of a folded net's nodes at time 0: arrays reference_position and place (n, 3) [m], in its axes",
+    )
+    parser.add_argument(
+        "--progress", action="store_true", help="print the time that is reached [s] now and then, a line each"
     )
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="replaces a value of the case"
@@ -143,6 +147,7 @@ def _run(options: argparse.Namespace) -> int:
             atol=atol,
             step=options.step,
             bodies=scene.bodies0,
+            **({"progress": _told_now_and_then()} if options.progress else {}),
         )
     except Diverged as diverged:
         i, j = system.net.element_nodes[diverged.element] if diverged.element >= 0 else (-1, -1)
@@ -158,6 +163,20 @@ def _run(options: argparse.Namespace) -> int:
     if note:
         _say(f"{note} {options.output} holds the {len(trajectory.t)} states up to t = {trajectory.t[-1]:g} s")
     return code
+
+
+def _told_now_and_then() -> Progress:
+    """Prints the time at most five times a second."""
+    told = time.monotonic()
+
+    def tell(reached: float, end: float) -> None:
+        nonlocal told
+        if time.monotonic() - told > 0.2 or reached == end:
+            told = time.monotonic()
+            sys.stdout.write(f"{reached:.17g}\n")
+            sys.stdout.flush()
+
+    return tell
 
 
 def _places(path: Path) -> tuple[Floats, Floats]:

@@ -71,8 +71,21 @@ class Poses:
     def _turn(self) -> RotationSpline:
         return RotationSpline(np.array(self.times), Rotation.from_matrix(self.attitudes))
 
+    @cached_property
+    def _latest(self) -> dict[float, Guided]:
+        """The motion at the one time that was asked for last: a right-hand side needs it several times."""
+        return {}
+
     def at(self, t: Floats) -> Guided:
         """The motion at times (...) [s]."""
+        if np.ndim(t):
+            return self._evaluated(t)
+        if (time := float(t)) not in self._latest:
+            self._latest.clear()
+            self._latest[time] = self._evaluated(t)
+        return self._latest[time]
+
+    def _evaluated(self, t: Floats) -> Guided:
         shape, flat = np.shape(t), np.ravel(t)
         attitude = self._turn(flat).as_matrix()
         own, own_rate = (self._turn(flat, order) for order in (1, 2))  # in the body's axes

@@ -35,15 +35,17 @@ def read_bodies(
 ) -> tuple[tuple[Body, ...], tuple[Attachment, ...]]:
     """Reads and closes the table `[bodies]`: the bodies, and the nodes that are points of them.
 
-    `end` [s] of the scene, if it is known; files of shapes are relative to `folder`.
+    `end` [s] of the scene, if it is known; files of shapes are relative to `folder`.  A body with faults is
+    one of no mass, so that nobody who names it is told that it is not there.
     """
     attached: list[Attachment] = []
     with np.errstate(all="ignore"):  # what leaves the range of numbers is a fault, found in `_mass`
         bodies = [
-            _body(table.table(name, required=False), name, attached, end, folder) for name in table.values
+            _body(table.table(name, required=False), name, attached, end, folder) or Body(name, 0.0)
+            for name in table.values
         ]
     table.close()
-    return tuple(body for body in bodies if body is not None), tuple(attached)
+    return tuple(bodies), tuple(attached)
 
 
 def _body(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from reference_impl.net import Net
 from reference_impl.read import read
 from reference_impl.start import initial_bodies, initial_state
 from reference_impl.system import System, assemble
+from reference_impl.throw import begun
 from reference_impl.weave import weave
 
 
@@ -63,6 +64,7 @@ def prepare(case: Case, symmetric: bool = False, assembled: bool = False) -> Sce
     """The scene of a case; the arithmetic is one of plain, `symmetric`, `assembled` (README.md)."""
     net = weave(case)
     system, (_, bodies0) = assemble(case, net, symmetric, assembled), collect(initial_bodies(case, net))
+    system = replace(system, begun=begun(case, system))
     return Scene(case, net, system, *initial_state(case, net), bodies0)
 
 

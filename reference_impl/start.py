@@ -3,7 +3,8 @@
 Packing is a homothety about the origin (`fold` has the other start); velocity and spin together are one twist
 (screw theory: Murray, Li & Sastry, A Mathematical Introduction to Robotic Manipulation, 2.4).  Both are 4 x 4
 matrices on (x, y, z, 1).  Points of bodies and tethers between them come last: they follow from what they
-hang on.  A throw is an impulse between bullets and the body that throws, so the inner nodes of tethers get no
+hang on.  A throw is what `[launch]` gives to bullets and, of a net that a body carries, all that its nodes
+get beside the motion of the body: an impulse between them and the body.  So the inner nodes of tethers get no
 part of it: they move with the ends of their tether as these were before.  A net that is ejected later moves
 with the body that holds it, and gets nothing yet.
 """
@@ -50,8 +51,7 @@ def thrown(case: Case, net: Net) -> tuple[Floats, Floats]:
     Zero for nodes of tethers.
     """
     position, velocity = _cast(case, net)
-    velocity[net.bullet_nodes] += _throw(case, net)
-    return position, velocity
+    return position, velocity + _throw(case, net)
 
 
 def net_axes(case: Case) -> Floats:
@@ -65,22 +65,55 @@ def net_axes(case: Case) -> Floats:
 
 def _start(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...]]:
     """Positions, velocities (n, 3), and the listed bodies."""
+    position, velocity, bodies, throw = _before(case, net)
+    carrier = case.start.carrier
+    if carrier is not None and carrier.eject_at:
+        return position, velocity, bodies
+    after = bodies
+    if carrier is not None:
+        number = [body.name for body in bodies].index(carrier.body)
+        given = net.mass[:, None] * throw
+        if bodies[number].drive is None and given.any():
+            thrower = _recoil(bodies[number], _on_drums(case, net, carrier.body), position, given)
+            after = (*bodies[:number], thrower, *bodies[number + 1 :])
+    velocity = velocity + throw
+    _hang(case, net, after, position, velocity)
+    return position, velocity, after
+
+
+def thrown_at_start(case: Case, net: Net) -> Floats | None:
+    """What a net gets at time 0 (n, 3) [m/s] from the body that carries it; None: nothing, or later."""
+    carrier = case.start.carrier
+    if carrier is None or carrier.eject_at:
+        return None
+    throw = _before(case, net)[3]
+    return throw if throw.any() else None
+
+
+def before_throw(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...]]:
+    """Positions [m] and velocities [m/s] (n, 3), and the listed bodies, as a throw at time 0 finds them."""
+    return _before(case, net)[:3]
+
+
+def _before(case: Case, net: Net) -> tuple[Floats, Floats, tuple[Body, ...], Floats]:
+    """Positions, velocities (n, 3) and the listed bodies before a throw, and the throw (n, 3) [m/s]."""
     position, velocity = _cast(case, net)
     throw = _throw(case, net)
     bodies = tuple(_with_nodes(body, net, number) for number, body in enumerate(case.bodies))
-    after, carrier = bodies, case.start.carrier
-    if carrier is not None:
-        if carrier.eject_at:
-            velocity, throw = np.zeros_like(velocity), np.zeros_like(throw)
-        after, throw = _carry(case, net, bodies, position, velocity, throw)
+    if case.start.carrier is not None:
+        throw = _carry(case, net, bodies, position, velocity, throw)
     _lead(net, bodies, position, velocity)
     for values in (position, velocity):
         values[net.woven :] = between(values, net.parents, net.shares)[net.woven :]
-    velocity[net.bullet_nodes] += throw
-    _lead(net, after, position, velocity)
+    _hang(case, net, bodies, position, velocity)
+    return position, velocity, bodies, throw
+
+
+def _hang(case: Case, net: Net, bodies: tuple[Body, ...], position: Floats, velocity: Floats) -> None:
+    """Puts points of bodies, and nodes on drums, where they are and as they move, in both (n, 3) arrays."""
+    _lead(net, bodies, position, velocity)
     for nodes in _wound_up(case, net):
         position[nodes], velocity[nodes] = position[nodes[0]], velocity[nodes[0]]
-    return position, velocity, after
 
 
 def _lead(net: Net, bodies: tuple[Body, ...], position: Floats, velocity: Floats) -> None:
@@ -115,39 +148,35 @@ def _cast(case: Case, net: Net) -> tuple[Floats, Floats]:
 
 
 def _throw(case: Case, net: Net) -> Floats:
-    """What `[launch]` adds to the velocities of the bullets (k, 3) [m/s]; nothing to points of bodies."""
-    throw = np.zeros((len(net.bullet_nodes), 3))
+    """What `[launch]` adds to the velocities (n, 3) [m/s], of bullets; nothing to points of bodies."""
+    throw = np.zeros_like(net.reference_position)
     if case.launch is not None:
         radial, axial = case.launch
-        throw = np.column_stack((outwards(net)[:, :2] * radial, np.full(len(throw), axial)))
-    throw[np.isin(net.bullet_nodes, net.anchors.node)] = 0.0
+        bullets = outwards(net)[:, :2] * radial
+        throw[net.bullet_nodes] = np.column_stack((bullets, np.full(len(bullets), axial)))
+    throw[net.anchors.node] = 0.0
     return throw
 
 
 def _carry(
     case: Case, net: Net, bodies: tuple[Body, ...], position: Floats, velocity: Floats, throw: Floats
-) -> tuple[tuple[Body, ...], Floats]:
+) -> Floats:
     """Takes the net from its own axes, carried by a body, to those of the scene; changes both (n, 3) arrays.
 
-    Returns the bodies, of which this one has given the bullets momentum and angular momentum, and the throw
-    (k, 3) in the scene's axes.
+    Afterwards it moves with the body.  Returns all that it gets beside, in the scene's axes (n, 3) [m/s].
     """
     carrier, nodes = case.start.carrier, slice(net.woven)
     assert carrier is not None
-    number = [body.name for body in bodies].index(carrier.body)
-    body = bodies[number]
+    (body,) = (body for body in bodies if body.name == carrier.body)
     axes, origin = net_axes(case), body.at(carrier.position)[0]
     position[nodes] = origin + position[nodes] @ axes.T
     turning = skew(body.attitude @ body.angular_velocity)
     carried = body.velocity + (position[nodes] - body.at(body.centre_of_mass)[0]) @ turning.T
-    velocity[nodes] = velocity[nodes] @ axes.T + carried
+    throw = (throw + velocity) @ axes.T
+    throw[net.anchors.node] = 0.0
+    velocity[nodes] = carried
     velocity[net.fixed_nodes] = 0.0
-    throw = throw @ axes.T
-    given = net.mass[net.bullet_nodes, None] * throw
-    after = body
-    if body.drive is None and given.any():
-        after = _recoil(body, _on_drums(case, net, body.name), position[net.bullet_nodes], given)
-    return (*bodies[:number], after, *bodies[number + 1 :]), throw
+    return np.asarray(throw)
 
 
 def _wound_up(case: Case, net: Net, name: str | None = None) -> Iterator[Ints]:

@@ -201,7 +201,7 @@ class Layout:
         return turning(whole.attitude, whole.spin, self.bodies.mobility), angular
 
     def pack(self, x: Floats, v: Floats, bodies: BodyStates | None, t: float = 0.0) -> Floats:
-        """y at t [s] with empty books."""
+        """y at t [s]; its books are empty but for a throw at time 0."""
         if bodies is None:
             return np.concatenate((np.ravel(x), np.ravel(v), (0.0,)))
         rigid = self.bodies.rigid
@@ -213,6 +213,10 @@ class Layout:
         drifting = self.bodies.free[:, None] * bodies.velocity
         spin = self.bodies.free[rigid, None] * spin
         books = np.zeros(self.reels + 7 * len(self.bodies.driven) + 1)
+        if (begun := self.system.begun) is not None and t == 0.0:
+            books[-1] = begun.left
+            row = self.reels + 7 * np.flatnonzero(self.bodies.driven == begun.body)
+            books[row[:, None] + np.arange(7)] = begun.given
         wound, held = np.empty(0), None
         if (reels := self.system.reels) is not None:
             wound, held = np.concatenate((reels.wound_up, reels.held)), reels.held

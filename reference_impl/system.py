@@ -33,6 +33,15 @@ ALONE = collect(())[0]
 
 
 @dataclass(frozen=True, eq=False)
+class Begun:
+    """Books at time 0, after a body has thrown the net."""
+
+    body: int  # which of the bodies
+    given: Floats  # (7,) impulse, angular impulse about the origin, work [N s, N m s, J]
+    left: float  # [J]
+
+
+@dataclass(frozen=True, eq=False)
 class System(Elements):
     """A net with what acts on it: eq. (10), and the arithmetic that evaluates it."""
 
@@ -42,6 +51,7 @@ class System(Elements):
     barrels: Barrels | None = None  # of launch_force
     reels: Reels | None = None
     packed: Packed | None = None  # the net, until a body ejects it
+    begun: Begun | None = None  # None: the books are empty at time 0
 
     def __post_init__(self) -> None:
         if self.symmetric and self.assembled:

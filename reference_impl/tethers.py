@@ -28,19 +28,20 @@ def tie(case: Case, net: Net) -> Net:
     if not (case.attachments or case.tethers):
         return net
     held = [(_node(net, a.node), a.place) for a in case.attachments]
-    ends, knots = [], len(net.mass)
-    for tether in case.tethers:
+    ends: list[int] = []
+    tied_to: list[int] = []
+    for number, tether in enumerate(case.tethers):
         for end in (tether.start, tether.end):
             if isinstance(end, BodyPoint):
-                held.append((knots, end))
-                knots += 1
-                ends.append(knots - 1)
+                ends.append(len(net.mass) + len(tied_to))
+                held.append((ends[-1], end))
+                tied_to.append(number)
             else:
                 ends.append(_node(net, end))
     tied = replace(net, anchors=_anchors(case, held))
     if not case.tethers:
         return tied
-    return _placed(case, _lengthened(case, tied, np.array(ends, dtype=np.intp).reshape(-1, 2), knots))
+    return _placed(case, _lengthened(case, tied, np.array(ends, dtype=np.intp).reshape(-1, 2), tied_to))
 
 
 def _node(net: Net, place: NetNode) -> int:
@@ -57,12 +58,19 @@ def _anchors(case: Case, held: list[tuple[int, BodyPoint]]) -> Anchors:
     )
 
 
-def _lengthened(case: Case, net: Net, ends: Ints, knots: int) -> Net:
-    """The net with tethers between the nodes `ends` (q, 2), of the first `knots`; not yet placed."""
+def _lengthened(case: Case, net: Net, ends: Ints, tied_to: list[int]) -> Net:
+    """The net with tethers between the nodes `ends` (q, 2); not yet placed.
+
+    These are nodes of the net, or beyond them ends on bodies: `tied_to`, the numbers of their tethers.
+    """
     pieces = np.array([tether.divisions for tether in case.tethers])
     if pieces.sum() > LARGEST_COUNT:
         raise Refused([f"tethers: more than {LARGEST_COUNT} elements"])
-    element_nodes, parents, shares = divide(knots, ends, pieces)
+    element_nodes, parents, shares = divide(len(net.mass) + len(tied_to), ends, pieces)
+    order = _tether_by_tether(len(net.mass), tied_to, pieces)
+    number = np.argsort(order)
+    element_nodes, parents, shares = number[element_nodes], number[parents[order]], shares[order]
+    net = replace(net, anchors=replace(net.anchors, node=number[net.anchors.node]))
     tether = np.repeat(np.arange(len(pieces)), pieces)
     _let_out(case, element_nodes, tether, shares)
     made = np.array([(t.cable.area, t.cable.youngs_modulus, t.cable.density) for t in case.tethers])[tether]
@@ -86,6 +94,16 @@ def _lengthened(case: Case, net: Net, ends: Ints, knots: int) -> Net:
         direction=np.concatenate((net.direction, np.zeros((len(tether), 3)))),
         tether=np.concatenate((net.tether, tether)),
     )
+
+
+def _tether_by_tether(woven: int, tied_to: list[int], pieces: Ints) -> Ints:
+    """The order of the nodes: the `woven` ones, then of each tether its ends on bodies and its inner nodes.
+
+    They come with all ends on bodies, `tied_to` the tethers of these numbers, before all inner nodes.
+    """
+    inside = np.repeat(np.arange(len(pieces)), pieces - 1)
+    owner = np.concatenate((np.full(woven, -1), np.array(tied_to, dtype=np.intp), inside))
+    return np.argsort(owner, kind="stable")
 
 
 def _let_out(case: Case, element_nodes: Ints, tether: Ints, shares: Floats) -> None:

@@ -23,4 +23,5 @@ def seen_of(
     bounds = (0, len(ends)) if bounds is None else bounds
     peaks = np.array([(0.0, np.inf, np.inf, look_above)], dtype=PEAKS)
     largest = np.array([(0.0, 0.0, -1)] * (len(bounds) - 1), dtype=LARGEST)
-    return Seen(peaks, largest, np.array(bounds), half, ends, length, stiffness, twice_time, twice_time)
+    each = np.zeros(len(ends))
+    return Seen(peaks, largest, np.array(bounds), half, ends, length, stiffness, twice_time, twice_time, each)

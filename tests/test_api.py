@@ -77,10 +77,11 @@ def test_example_push_a_bullet():
     assert script(path).main(PLANAR) == pytest.approx(0.01 / mass, rel=1e-3)
 
 
-def test_example_parameter_study():
+def test_example_parameter_study(capsys):
     (path,) = [one for one in EXAMPLES if one.stem == "parameter_study"]
     slow, fast = script(path).main(PLANAR, "0.62", (2.0, 3.0))
-    assert slow.largest_area < fast.largest_area
+    assert slow.headlines["largest_area_m2"].max() < fast.headlines["largest_area_m2"].min()
+    assert all(" to " in line and "16 runs" in line for line in capsys.readouterr().out.splitlines())
 
 
 def test_example_compare_two_results():
@@ -95,9 +96,14 @@ def test_example_compare_two_results():
 def test_example_figures_for_a_paper(tmp_path):
     (path,) = [one for one in EXAMPLES if one.stem == "figures_for_a_paper"]
     exunet.save(unfolding(square_net(cells=2, strings=True)), tmp_path / "result.h5")
+    runs = exunet.ensemble(exunet.load(PLANAR, ["time.end=0.1"]), runs=3)
+    exunet.save_ensemble(runs, tmp_path / "spread.h5")
     written = script(path).main(str(tmp_path), str(tmp_path / "figures"))
     assert {one.suffix for one in written} == {".pdf", ".svg"}
     assert all(one.stat().st_size > 5_000 for one in written)
+    svg = next(one for one in written if one.suffix == ".svg").read_text()
+    assert "3 moved starts" in svg  # as text, no outlines
+    assert "<dc:date>" not in svg
 
 
 @pytest.mark.slow

@@ -227,8 +227,8 @@ def test_balances_say_what_is_absolute_and_what_relative() -> None:
     summary = summarise(exunet.run(exunet.load(CASES / "snap.toml", short)))
     summary["energy"] = {"balance_error": 3.9e-9, "in_deformation_J": 43.5438}
     summary["momentum"] = {
-        "linear_gained_kg_m_s": 2e-12, "linear_size_kg_m_s": 400.0,
-        "angular_gained_kg_m2_s": 0.0, "angular_size_kg_m2_s": 0.0,
+        "linear_gained_kg_m_s": 2e-12, "linear_residual_kg_m_s": 2e-12, "linear_size_kg_m_s": 400.0,
+        "angular_gained_kg_m2_s": 0.0, "angular_residual_kg_m2_s": 0.0, "angular_size_kg_m2_s": 0.0,
     }  # fmt: skip
     table = dict(rows(summary))
     assert table["energy balance"] == "largest error 3.9e-09 as a part of 43.5438 J in deformation"

@@ -357,14 +357,26 @@ def test_a_refused_run_leaves_an_earlier_result_alone(tmp_path):
     assert {name: (tmp_path / name).read_bytes() for name in written(tmp_path)} == before
 
 
+def test_the_command_alone_prints_its_help_line_by_line(tmp_path):
+    done, asked = command(folder=tmp_path), command("-h", folder=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == asked.stdout
+    assert done.stderr.count("\n") > 12
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("run", PLANAR, "--checkpoint-every", "abc"), "Invalid value for '--checkpoint-every'"),
-        (("cost", PLANAR, "--budget", "-1"), "Invalid value for '--budget'"),
-        (("run", PLANAR, "--nope"), "No such option: --nope"),
-        (("compare", "a"), "Missing argument 'B'"),
-        (("rum",), "No such command 'rum'"),
+        (("run", PLANAR, "--checkpoint-every", "abc"), "--checkpoint-every: must be a number"),
+        (("ensemble", PLANAR, "-n", "many"), "--runs: must be a whole number"),
+        (("cost", PLANAR, "--budget", "-1"), "--budget: must not be negative"),
+        (("run", PLANAR, "--spread", "3"), "--spread: must be 0 for none, or from 8"),
+        (("run", PLANAR, "--nope"), "--nope: no such option"),
+        (("plot", PLANAR, "--format"), "--format: a value is missing after it"),
+        (("run", PLANAR, "--check=1"), "--check: takes no value"),
+        (("run", PLANAR, "more"), "more: more than the command takes"),
+        (("compare", "a"), "B: missing"),
+        (("rum",), "rum: no such command; did you mean run?"),
     ],
 )
 def test_a_fault_of_an_option_is_one_line(tmp_path, arguments, words):

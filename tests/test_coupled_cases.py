@@ -111,9 +111,9 @@ def test_the_energy_of_a_throw_stands_apart() -> None:
     net = net_of(SCENES["a throw"])
     both = Cosimulation(net, BodiesHost.of_ports(net), step=0.02)
     both.advance_to(0.04)
-    book, recoil = both.books.ports["chaser"], net.simulation.start.system.recoil
-    assert recoil is not None
-    least = float(recoil.impulse @ recoil.impulse) / (2.0 * 80.1)
+    book, throw = both.books.ports["chaser"], net.simulation.start.system.throw
+    assert throw is not None
+    least = float(throw.impulse @ throw.impulse) / (2.0 * 80.1)
     assert least <= book.launch < 1.5 * least
     assert abs(both.books.residual) < 1e-9
     assert "energy of throws in the host's body" in str(both.books)

@@ -11,7 +11,11 @@ from own_terms import FORMS, continue_alike
 import exunet
 from exunet.base.errors import CaseError
 from exunet.bodies.rigid import rotation_matrix
+from exunet.results.body_headlines import books_of_bodies
+from exunet.results.course import course_of
 from exunet.simulation.simulation import Simulation
+from exunet.studies.both_codes import read_both
+from exunet.verification.topology import topology
 
 CASE = Path(exunet.__file__).parent / "cases" / "bodies" / "launch.toml"
 LATER, FREE = "initial.frame.eject_at=0.2", "tethers={}"
@@ -41,7 +45,9 @@ def test_the_books_of_a_later_ejection(form: str, tied: bool) -> None:
     assert found.verdict == "ok"
     (event,) = found.provenance["ejection"]
     work = -event.pop("energy_lost_J")
-    assert event == {"time_s": 0.2, "nodes": found.net.n_net_nodes}
+    assert event["time_s"] == 0.2
+    assert event["nodes"] == found.net.n_net_nodes
+    assert event["body"] == "chaser"
     (before, after) = found.dissipated[np.searchsorted(found.time, 0.2 - 1e-12) - 1 :][:2]
     assert work == pytest.approx(before - after, abs=1e-3 * work)
     scale = float((found.net.mass[:, None] * np.linalg.norm(found.velocity, axis=-1).T).sum(axis=0).max())
@@ -95,6 +101,86 @@ def test_a_snapshot_before_and_after(form: str, cut: float, tmp_path: Path) -> N
     one, other = Simulation(case(FORMS[form])), Simulation(case(FORMS[form]))
     one.advance_to(cut)
     continue_alike(one, other, 0.28, tmp_path)
+
+
+GIVEN_TO_THE_NET = ("initial.velocity=[0.3, -0.2, 1.0]", "initial.spin=[0.5, 1.0, 2.0]")
+MOTIONS = {
+    "free": (),
+    "fixed": ("bodies.chaser={mass=80.0, inertia=[1.0, 1.0, 1.0], motion='fixed'}",),
+    "prescribed": (f"bodies.chaser={{mass=80.0, inertia=[1.0, 1.0, 1.0], motion='prescribed'{POSES}}}",),
+}
+
+
+@pytest.mark.parametrize("tied", [False, True])
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_an_ejection_at_the_start_is_the_limit_of_a_later_one(motion: str, tied: bool) -> None:
+    """At 0 and at 1e-9 s: what 1e-9 s do to a state is 1e-9 times its rates, which are below 100 a second."""
+    short = "time={end=0.3, output_times=[0.001, 0.002]}"
+    more = (*([] if tied else [FREE]), *MOTIONS[motion], *GIVEN_TO_THE_NET)
+    if motion == "free":
+        more = (*more, SHORT[2])
+    runs = []
+    for at in (0.0, 1e-9):
+        sim = Simulation(exunet.load(CASE, [short, SHORT[1], *more, f"initial.frame.eject_at={at}"]))
+        sim.advance_to(0.002)
+        runs.append(sim)
+    now, later = runs
+    for name in ("position", "velocity", "first_order"):
+        one, other = (getattr(sim.state, name) for sim in runs)
+        np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7)
+    for one, other in zip(now.state.bodies.parts(), later.state.bodies.parts(), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-7)
+    (event,), (after,) = (sim.monitor.story()["ejection"] for sim in runs)
+    assert (event.pop("time_s"), after.pop("time_s")) == (0.0, 1e-9)
+    assert event.keys() == after.keys()
+    for name in event.keys() - {"body"}:
+        np.testing.assert_allclose(event[name], after[name], rtol=1e-7, atol=1e-7)
+    assert event["energy_lost_J"] < -1.0
+    assert now.monitor.dissipated == pytest.approx(later.monitor.dissipated, rel=1e-7)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_both_codes_throw_alike_at_the_start(motion: str) -> None:
+    """Rung 1 of the ladder, with bodies; and the work that the throw has brought, to 1e-12 of it."""
+    both = read_both(CASE, [*SHORT[:2], *MOTIONS[motion], *GIVEN_TO_THE_NET])
+    assert [check.name for check in topology(both) if not check.holds] == []
+    times = np.array([0.0, 1e-3])
+    ours, theirs = both.run_exunet(times, booked=True), both.run_reference(times)
+    assert ours.dissipated is not None
+    np.testing.assert_allclose(ours.dissipated, theirs.dissipated, rtol=1e-9)
+    assert ours.dissipated[0] == pytest.approx(theirs.dissipated[0], rel=1e-12)
+    assert ours.dissipated[0] < -1.0
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_the_books_of_an_ejection_at_the_start(motion: str, tmp_path: Path) -> None:
+    """Line by line those of one at 1e-9 s: in the result, in its file, in its headlines."""
+    short = "time={end=0.02, output_step=0.01}"
+    found = []
+    for at in (0.0, 1e-9):
+        keys = [short, SHORT[1], FREE, *MOTIONS[motion], *GIVEN_TO_THE_NET, f"initial.frame.eject_at={at}"]
+        result = exunet.run(exunet.load(CASE, keys))
+        exunet.save(result, tmp_path / f"{at}.h5")
+        again = exunet.load_result(tmp_path / f"{at}.h5")
+        found.append(
+            (result, {one.name: one.value(course_of(again)) for one in books_of_bodies(course_of(again))})
+        )
+    (now, books), (later, others) = found
+    assert books.keys() == others.keys()
+    assert books["work_of_ejection"] > 1.0
+    for name, value in books.items():
+        assert (value is None) == (others[name] is None)
+        if value is not None:
+            assert value == pytest.approx(others[name], rel=1e-6, abs=1e-6), name
+    momentum = np.array([books[f"net_momentum_gained_{axis}"] for axis in "xyz"])
+    if motion == "free":
+        back = np.array([books[f"body_chaser_momentum_gained_{axis}"] for axis in "xyz"])
+        np.testing.assert_allclose(momentum + back, 0.0, atol=1e-10)
+        assert np.linalg.norm(momentum) > 1.0
+    np.testing.assert_allclose(now.dissipated[1:], later.dissipated[1:], rtol=1e-6)
+    for result in (now, later):
+        total = result.kinetic + result.elastic + result.potential + result.dissipated
+        assert np.ptp(total) < 1e-8 * result.kinetic.max()
 
 
 @pytest.mark.slow

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import command
 
@@ -34,6 +36,7 @@ from exunet.simulation.trial import Trial, try_out
 
 CASES = Path(__file__).parent.parent / "cases"
 PLANAR = CASES / "planar_deployment.toml"
+RATES = json.loads((Path(__file__).parent / "data" / "step_rates.json").read_text())
 EARLY = ("time.end=0.7", "time.output_step=0.01")  # beyond the first snaps at 0.57 s
 
 
@@ -169,7 +172,7 @@ def test_the_pace_of_equal_steps_leaves_what_is_left():
     for k in range(6):
         pace.look(2.0 * k, float(k), 100 * k)
     low, high = pace.left()
-    assert low < 10.0 < high < 2.0 * 10.0
+    assert low < 10.0 < high < 6.0 * 10.0
 
 
 def test_steps_that_concentrate_late_are_learned():
@@ -181,6 +184,22 @@ def test_steps_that_concentrate_late_are_learned():
     low, high = pace.left()
     assert low > 1.5 * 125.0
     assert low < 875.0 < high
+
+
+@pytest.mark.parametrize("case", [name for name in RATES if name != "about"])
+@pytest.mark.parametrize("part", [0.25, 0.5, 0.75])
+def test_what_is_left_of_recorded_runs_is_within_what_is_told(case: str, part: float) -> None:
+    """After a quarter of its right-hand sides and later; a right-hand side takes 0.1 ms."""
+    counts = np.array(RATES[case]["right_hand_sides"])
+    times = np.linspace(0.0, RATES[case]["end"], len(counts))
+    pace = Pace(RATES[case]["end"])
+    begun = int(np.searchsorted(counts, part * counts[-1])) + 1
+    for time, count in zip(times[:begun], counts[:begun].tolist(), strict=True):
+        pace.look(1e-4 * count, float(time), count)
+    low, high = pace.left()
+    left = 1e-4 * (counts[-1] - counts[begun - 1])
+    assert low < left < high
+    assert high < 8.0 * left
 
 
 def test_a_number_that_is_known_leaves_its_rest():
@@ -204,7 +223,7 @@ def test_looks_are_thinned_and_the_first_and_last_stay():
     pace = Pace(1e4)
     for k in range(5000):
         pace.look(float(k), float(k), k)
-    assert pace.left() == pytest.approx((5001.0 / 1.5, 5001.0 * 1.5), rel=0.02)
+    assert pace.left() == pytest.approx((5001.0 / 1.5, 5001.0 * 5.0), rel=0.02)
 
 
 def told(seconds: float) -> list[str]:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from test_figures_print import drawn, words
 
 import exunet
+from exunet.figures.ensemble import _bins
 from exunet.figures.powers import tell_power_of_ten
 from exunet.figures.style import drawing
 from exunet.results.ensemble_result import LEVELS, EnsembleResult
@@ -101,3 +102,13 @@ def test_powers_of_ten_stand_with_the_unit(largest: float, before: str, after: s
         assert not axes.yaxis.get_offset_text().get_visible() or not axes.yaxis.get_offset_text().get_text()
         numbers = [text.get_text().replace("\N{MINUS SIGN}", "-") for text in axes.get_yticklabels()]
         assert max(map(len, numbers)) <= 6
+
+
+def test_bins_hold_whole_numbers_of_the_instants_at_which_a_time_is_seen() -> None:
+    """Twelve times 5 ms apart, each as often as the others, in at most 7 bins: two in each."""
+    times = np.repeat(1.9 + 0.005 * np.arange(12), 5)
+    edges = _bins(times, 0.005)
+    counts, _ = np.histogram(times, edges)
+    assert counts.tolist() == [10] * 6
+    assert edges[0] < times.min()
+    assert len(_bins(times, 0.0)) == 7 + 1

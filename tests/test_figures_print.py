@@ -273,6 +273,11 @@ def test_the_figure_of_tensions_says_which_they_are():
     lines = [one for one in made.axes[0].collections if isinstance(one, LineCollection)][-1]
     np.testing.assert_array_equal(np.sort(lines.get_array()), np.sort(STRETCHED.tension.max(axis=0)))
     np.testing.assert_array_equal(metrics.peak_tensions(STRETCHED), STRETCHED.tension.max(axis=0))
+    peaks = np.arange(1.0, STRETCHED.net.n_elements + 1.0)
+    run = replace(STRETCHED, provenance=STRETCHED.provenance | {"peak_tensions_N": peaks.tolist()})
+    made = figure(run, "tensions")
+    assert made.axes[-1].get_xlabel() == "largest tension of all steps [N]"
+    assert made.axes[-1].get_xlim() == (0.0, peaks[: STRETCHED.net.n_net_elements].max())
     slack = figure(replace(WHOLE, tension=0 * WHOLE.tension), "tensions")
     assert len(slack.axes) == len(made.axes) - 1  # no colour bar
 
@@ -283,7 +288,7 @@ def test_history_of_the_largest_tension_and_its_mark():
     curve, mark = labelled_lines(figure(told, "largest_tension"))
     np.testing.assert_array_equal(curve.get_ydata(), STRETCHED.tension.max(axis=1))
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (0.37, 7.0)
-    assert mark.get_label() == "largest of all steps: 7 N, element 4"
+    assert mark.get_label() == "largest of all steps of this run"
     assert len(labelled_lines(figure(STRETCHED, "largest_tension"))) == 1  # older results do not tell it
 
 

@@ -22,6 +22,7 @@ from exunet.results.summary import summarise
 from exunet.results.table import rows
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import run_into, simulate
+from exunet.simulation.simulation import Simulation
 from exunet.system.states import States
 
 MASS = (
@@ -309,3 +310,33 @@ def test_faults_of_motions(keys: tuple[str, ...], key: str, words: str, tmp_path
     place = key if key.startswith("solver") else rf"bodies\.target\.{key}"
     with pytest.raises(exunet.CaseError, match=rf"{place}: .*{words}"):
         prepare_case(exunet.load(case_file(tmp_path), overrides))
+
+
+KNOT = 0.173  # [s], which no step of a run to 0.4 s by equal steps of 0.4 s / 20, 40, 80 ends at
+LED = (
+    f"bodies.target={{mass=2.0, inertia=[0.2, 0.3, 0.4], motion='prescribed', pose_times=[0.0, {KNOT}, 0.5], "
+    "pose_positions=[[0.0, 0.0, 0.0], [0.3, 0.4, -0.2], [-0.4, 0.6, 0.4]], "
+    "pose_attitudes=[[1.0, 0.0, 0.0, 0.0], [0.9, 0.3, -0.1, 0.2], [0.7, 0.1, 0.6, 0.3]]}"
+)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_steps_end_where_the_pieces_of_a_guide_meet(form: str, tmp_path: Path) -> None:
+    """Order 4 of RK44 for what a guide gives to masses that its body holds, which is their momentum.
+
+    Its rate has a kink there: steps across it would leave the order 2.
+    """
+    held = ("initial.frame={body='target', eject_at=0.45}", "time={end=0.5, output_times=[0.4]}")
+    errors = []
+    for number in (20, 40, 80):
+        keys = (LED, *held, FORMS[form], "solver.method=RK44", f"solver.step={0.4 / number}")
+        sim = Simulation(exunet.load(case_file(tmp_path), keys))
+        first = sim.state
+        sim.advance_to(0.4)
+        last = sim.state
+        mass = sim.start.system.blocks.mass[:, None]
+        change = (mass * (last.velocity - first.velocity)).sum(axis=0)
+        errors.append(np.abs(change - last.first_order[:3]).max())
+    assert errors[0] > 1e-9
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(orders > 3.7), errors

@@ -124,3 +124,13 @@ def test_the_ladder_and_what_follows_from_it() -> None:
 
 def test_a_folded_start_has_no_pilot() -> None:
     assert "nearly deployed" not in " ".join(start("initial.packing=0.79").plan.notes)
+
+
+def test_the_notes_of_a_start_name_no_other_tolerance_than_that_of_the_run() -> None:
+    """The table's, from which runs of the start begin, is not that at which they end."""
+    notes = start("initial.packing=0.95", "solver.method=auto").plan.notes
+    assert any(note.startswith("auto: ") for note in notes)
+    assert not any(", tolerance " in note for note in notes)
+    assert any(
+        ", tolerance " in note for note in start("initial.packing=0.79", "solver.method=auto").plan.notes
+    )

@@ -11,9 +11,11 @@ from small_nets import pair_of_masses
 import exunet
 from exunet.backends.protocol import Largest
 from exunet.base.errors import RunStopped
+from exunet.results.measures import peak_tensions
 from exunet.results.result import Result
 from exunet.results.summary import summarise
 from exunet.results.table import rows
+from exunet.simulation.element_peaks import ElementPeaks
 from exunet.simulation.peaks import Peaks
 from exunet.simulation.preparation import prepare, prepare_case
 from exunet.simulation.run import simulate
@@ -29,6 +31,30 @@ def test_keeps_the_largest_and_forgets_the_later_ones():
     assert peaks.provenance() == {"time_s": 2.0, "tension_N": 9.0, "element": 0}
     peaks.forget_after(1.5)
     assert peaks.provenance() == {"time_s": 0.0, "tension_N": 3.0, "element": 1}
+
+
+def test_what_was_largest_until_a_state_to_go_back_to_is_kept() -> None:
+    """In one batch: element 0 pulls 5 N before the state that is marked, element 1 9 N after it."""
+    time, tension = np.arange(4.0), np.array([[1.0, 0.0], [5.0, 0.0], [2.0, 0.0], [0.0, 9.0]])
+    peaks = Peaks({"net": range(2)})
+    peaks.look(time, tension, [0, 2])
+    assert peaks.provenance() == {"time_s": 3.0, "tension_N": 9.0, "element": 1}
+    peaks.forget_after(2.0)
+    assert peaks.provenance() == {"time_s": 1.0, "tension_N": 5.0, "element": 0}
+    peaks.forget_after(0.0)
+    assert peaks.provenance() == {"time_s": 0.0, "tension_N": 1.0, "element": 0}
+    again = Peaks({"net": range(2)})
+    again.look(time, tension, [1, 3])  # whose last state is marked
+    again.forget_after(1.0)
+    assert again.provenance() == {"time_s": 1.0, "tension_N": 5.0, "element": 0}
+
+
+def test_of_equal_tensions_the_first_is_told() -> None:
+    """In time, then by number."""
+    peaks = Peaks({"net": range(3)})
+    peaks.look(np.arange(3.0), np.array([[0.0, 1.0, 0.0], [0.0, 4.0, 4.0], [4.0, 0.0, 0.0]]))
+    peaks.look(np.array([3.0]), np.array([[4.0, 0.0, 0.0]]))
+    assert peaks.provenance() == {"time_s": 1.0, "tension_N": 4.0, "element": 1}
 
 
 def test_each_group_has_its_own_and_comes_back_from_a_snapshot() -> None:
@@ -48,6 +74,54 @@ def test_each_group_has_its_own_and_comes_back_from_a_snapshot() -> None:
     assert again.of_groups()["tether a"] == {"tension_N": 2.0, "time_s": 1.0, "element": 2}
     peaks.forget_after(0.5)
     assert peaks.of_groups()["tether a"] == {"tension_N": 1.0, "time_s": 0.0, "element": 2}
+
+
+def test_the_peak_of_each_element_goes_back_with_the_run() -> None:
+    """Stored times 0 to 4 s, safe until 1 s, stored until 3 s: a run goes back there, and nowhere else."""
+    times = np.arange(5.0)
+
+    def seen() -> ElementPeaks:
+        peaks = ElementPeaks(times, 2)
+        peaks.look(
+            np.array([0.0, 0.4, 1.0, 1.2, 2.0]), np.array([[1, 0], [5, 0], [2, 1], [3, 6], [1, 1]], float)
+        )
+        peaks.settle(1.0, 2.0)
+        peaks.take(3.0, np.array([7.0, 0.0]))
+        peaks.settle(1.0, 3.0)
+        peaks.take(4.0, np.array([0.0, 9.0]))
+        again = ElementPeaks(times, 2)
+        again.restore(peaks.arrays())
+        assert again.largest.tolist() == peaks.largest.tolist()
+        return again
+
+    assert seen().largest.tolist() == [7.0, 9.0]
+    (at_stored := seen()).forget_after(3.0)
+    assert at_stored.largest.tolist() == [7.0, 6.0]
+    (at_safe := seen()).forget_after(1.0)
+    assert at_safe.largest.tolist() == [5.0, 1.0]
+    at_safe.look(np.array([1.5, 2.0]), np.array([[0.0, 2.0], [0.0, 0.0]]))
+    at_safe.settle(1.0, 2.0)
+    at_safe.forget_after(2.0)  # the run ends there
+    assert at_safe.largest.tolist() == [5.0, 2.0]
+    at_safe.settle(2.0, 2.0)
+    at_safe.forget_after(2.0)
+    assert at_safe.largest.tolist() == [5.0, 2.0]
+
+
+@pytest.mark.parametrize("engine", ["exudyn", "compiled"])
+def test_each_element_has_its_peak_of_all_steps(engine: str) -> None:
+    """Stored at 0, 0.3 and 0.6 s, the peaks are those of the same steps with each of them stored."""
+    step, end = 2e-4, 0.6
+    settings = [f"time.end={end}", "solver={method='RK44', step=2e-4}", f"engine.loop={engine}"]
+    coarse, fine = (
+        exunet.run(exunet.load(CASES / "planar_deployment.toml", [*settings, f"time.output_step={each}"]))
+        for each in (0.3, step)
+    )
+    assert len(fine.time) == round(end / step) + 1
+    found = peak_tensions(coarse)
+    np.testing.assert_allclose(found, fine.tension.max(axis=0), rtol=1e-9, atol=1e-9)
+    assert coarse.tension.max() < 0.9 * found.max()
+    assert found.max() == coarse.provenance["largest_tension"]["tension_N"]
 
 
 def test_a_slack_net_never_pulled():

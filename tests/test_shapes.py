@@ -400,3 +400,17 @@ def test_a_satellite_of_four_solids_turns_alike_in_both_codes() -> None:
     assert np.ptp(ours.position[:, -3], axis=0).max() > 1.0  # the first arm, as long as the net, turns
     np.testing.assert_allclose(ours.position[:, of_body], theirs.position[:, of_body], rtol=0.0, atol=1e-8)
     np.testing.assert_allclose(ours.velocity[:, of_body], theirs.velocity[:, of_body], rtol=0.0, atol=1e-7)
+
+
+def test_names_that_differ_by_capital_letters_are_refused() -> None:
+    """HDF5 tells them apart, users and some file systems do not."""
+    other = "bodies.Target={shape='sphere', radius=0.1, mass=1.0, position=[0.0, 9.0, 0.0]}"
+    with pytest.raises(exunet.CaseError, match=r'bodies\.Target: differs from "target" by capital letters'):
+        exunet.load(CASE, ["bodies.target={mass=1.0, inertia=[1.0, 1.0, 1.0]}", other])
+
+
+def test_round_off_is_not_in_an_inertia() -> None:
+    """Ixy alone turns the principal axes about z: Ixz and Iyz are zero, not 1e-17."""
+    target, _ = made("mass=1", "inertia=[3, 4, 5]", "products_of_inertia=[0.3, 0, 0]")
+    assert not target.inertia_in_frame[[0, 1], 2].any()
+    assert target.inertia_in_frame[0, 1] == pytest.approx(0.3, rel=1e-14)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import command
+from matplotlib.figure import Figure
 from small_nets import thrown
 
 import exunet
@@ -24,6 +26,7 @@ from exunet.results.digits import printed
 from exunet.results.headlines import HEADLINES, constants_of, headlines_of
 from exunet.results.margins import Peak
 from exunet.results.measures import deployment_of_course
+from exunet.results.reading import SPREAD_FILE
 from exunet.results.spread import Spread
 from exunet.results.summary import summarise
 from exunet.results.table import rows
@@ -135,7 +138,8 @@ def test_a_range_brackets_its_runs() -> None:
     ("peaks", "finer", "words"),
     [
         ((100.0, 100.0), 100.0, "100.0 N"),
-        ((100.01, 100.02), 100.015, "100.0 ± 0.03 N"),  # of the unmoved start, 100.0, and of the rounding
+        ((100.01, 100.02), 100.015, "100.02 ± 0.02 N"),  # of the unmoved start, 100.0, and of the rounding
+        ((100.0, 100.0), 100.000034, "100.0000 ± 0.0001 N"),  # 3.4e-5, to no more than seven digits
         ((100.01, 100.02), 101.2, "101 ± 2 N"),  # the setting errs by 1.2
         ((100.0, 100.0), 140.0, "median 100.0 N, 100.0 to 140.0 N"),  # errs by more than a tenth
         ((100.0, 100.11), 100.0, "median 100.1 N, 100.0 to 100.1 N"),  # more than 0.1, the last digit
@@ -231,13 +235,13 @@ def test_a_run_tells_its_spread_and_keeps_it(tmp_path: Path) -> None:
     assert summary["spread"]["predictable"] is True
     assert summary["headlines"]["bullet_speed_at_end_m_s"]["value"] == pytest.approx(2.499, abs=1e-3)
     assert "8 starts moved by up to 1e-09 m (seed 0)" in done.stdout
-    assert exunet.load_ensemble(tmp_path / "here" / run_folder.SPREAD).runs == 8
+    assert exunet.load_ensemble(tmp_path / "here" / SPREAD_FILE).runs == 8
     plotted = command("plot", "here", "--out", "there", folder=tmp_path)
     assert plotted.returncode == 0, plotted.stderr
     assert (tmp_path / "here/area.png").read_bytes() == (tmp_path / "there/area.png").read_bytes()
     done = command("run", *case, "--spread", 0, folder=tmp_path)
     assert "one run of a chaotic net" in " ".join(done.stdout.split())
-    assert not (tmp_path / "here" / run_folder.SPREAD).exists()
+    assert not (tmp_path / "here" / SPREAD_FILE).exists()
     for number in (-1, 3, 100_001):
         assert command("run", *case, "--spread", number, folder=tmp_path).returncode == 2
 
@@ -313,4 +317,48 @@ def test_figures_show_the_moved_starts_as_bands() -> None:
         more = len(banded[name].axes[0].collections) - len(plain[name].axes[0].collections)
         assert (more > 0) == (name in ("area", "bullet_speeds", "energies", "largest_tension")), name
     assert tuple(FIGURES) == run_folder.FIGURES
+
+
+def labels(made: Figure) -> str:
+    """All words of its legend."""
+    return "; ".join(text.get_text() for legend in made.legends for text in legend.get_texts())
+
+
+def test_figures_name_no_number_without_its_spread(tmp_path: Path) -> None:
+    """Of 4 m2, 4 to 4.4 m2 are 1 to 1.1; 4 ± 0.01 m2 is a value, to be told with its error, 0.0025."""
+    result = exunet.run(thrown({}, end=0.4, **COMPILED))
+    measures = exunet.deployment(result)
+    assert measures is not None
+    assert measures.achievable_area == pytest.approx(4.0)
+    alone = {name: labels(one) for name, one in figures(result).items()}
+    assert "largest of this run" in alone["area"]
+    assert re.findall(r"largest[^;]*\d", alone["area"] + alone["largest_tension"] + alone["tensions"]) == []
+
+    chaotic = spread([course(90.0, 4.0), course(99.0, 4.4)]).as_ensemble()
+    exunet.save(result, tmp_path / "result.h5")
+    exunet.save_ensemble(chaotic, tmp_path / "spread.h5")
+    loaded = exunet.load_result(tmp_path)  # its figures show what stands beside it
+    told = {name: labels(one) for name, one in figures(loaded).items()}
+    tension = "median 94.50 N, 90.00 to 99.00 N"
+    assert f"2 moved starts: {tension}" in told["largest_tension"]
+    assert f"largest, 2 starts: {tension}" in told["tensions"]
+    assert "largest of this run (median 1.050, 1.000 to 1.100)" in told["area"]
+
+    known = spread([course(100.0, 4.0)] * 2, plain=course(100.0, 4.01)).as_ensemble()
+    assert known.provenance["converged"]["largest_area_m2"] == [4.0, pytest.approx(0.01)]
+    told = {name: labels(one) for name, one in figures(result, spread=known).items()}
+    assert re.search(r"largest: 1\.000 ± 0\.003 at 1\.0 ± 0\.\d s", told["area"])
+
+
+def test_only_the_result_of_a_folder_has_its_spread(tmp_path: Path) -> None:
+    """Another result that lies in the folder of a run is not what the spread beside describes."""
+    result = exunet.run(thrown({}, end=0.1, **COMPILED))
+    exunet.save_ensemble(spread([course(), course()]).as_ensemble(), tmp_path / "spread.h5")
+    for name in ("result.h5", "other.h5"):
+        exunet.save(result, tmp_path / name)
+    assert exunet.load_result(tmp_path / "result.h5").spread_file == tmp_path / "spread.h5"
+    assert exunet.load_result(tmp_path / "other.h5").spread_file is None
+
+
+def test_the_headlines_are_those_of_a_course() -> None:
     assert {one.key for one in HEADLINES} == set(headlines_of(course()))

@@ -27,12 +27,22 @@ SECTION = (
 TABLE = [
     key for row in re.findall(r"^\| (`.*?) \| ", SECTION, re.MULTILINE) for key in re.findall("`(.*?)`", row)
 ]
-GROUPS = ("bodies", "constant", "headlines", "largest_tensions", "margins", "method.items", "versions")
+GROUPS = (
+    "attachments",
+    "bodies",
+    "constant",
+    "headlines",
+    "largest_tensions",
+    "margins",
+    "method.items",
+    "versions",
+)
 # Followed by names of the user's or of the engine's choice.
 NAMED = ("check.bodies.", *(f"{group}." for group in GROUPS))
 UNITS = ("_rad", "_s", "_m", "_m2", "_m_s", "_kg", "_N", "_J")
 WITHOUT = {  # numbers that have no unit
-    "nodes", "elements", "element", "times", "balance_error", "relative_area", "energy_excess", "tolerance",
+    "nodes", "node", "elements", "element", "times", "balance_error", "relative_area", "energy_excess",
+    "tolerance",
     "steps", "rejected_steps",
     "right_hand_sides", "newton_iterations", "accuracy", "at_end", "largest", "best",
     "sensitivity", "in_both", "only_here", "only_in_reference", "runs", "seed",

@@ -215,6 +215,16 @@ def test_what_is_refused_of_a_whole_tether(keys: str, words: str, tmp_path: Path
         start(tmp_path, f"tethers.tow.{keys}")
 
 
+def test_names_that_differ_by_capital_letters_are_refused(tmp_path: Path) -> None:
+    words = r'tethers\.Tow: differs from "tow" by capital letters only'
+    with pytest.raises(exunet.CaseError, match=words):
+        start(
+            tmp_path,
+            "tethers.Tow={diameter=1e-3, density=1e3, youngs_modulus=1e9, length=9.0, "
+            "start={node=0}, end={body='right'}}",
+        )
+
+
 @pytest.mark.slow
 @pytest.mark.ci
 def test_headlines_of_tethers_and_bodies(tmp_path: Path) -> None:

@@ -191,7 +191,7 @@ def test_what_is_told_apart_is_not_said_to_be_otherwise():
     lines = lines_of(Toggled(finding(scene, "orbit"), 0.1, 2e-3, 1e-3, (apart, not_apart)))
     assert "(x 2)" in lines[0]
     assert lines[1] == "  largest area +0.5 m2, spread ± 0.1 m2"
-    assert lines[2] == "  distance +0.05 m, spread ± 0.1 m: not told apart"
+    assert lines[2] == "  distance travelled +0.05 m, spread ± 0.1 m: not told apart"
 
 
 def measured(setting: Setting, seconds: float) -> Entry:

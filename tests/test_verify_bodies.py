@@ -14,7 +14,7 @@ from exunet.verification.answers.turning import FreeRotation
 from exunet.verification.at_states import measures
 from exunet.verification.balances import changes, energies, momenta
 from exunet.verification.bodies.at_states import motions, one_step, placed
-from exunet.verification.bodies.scenes import BODY_CASES, BodyScene, body_scenes
+from exunet.verification.bodies.scenes import BODY_CASES, body_scenes
 from exunet.verification.check import Check
 from exunet.verification.growth import MOVE, ROUND_OFF, growth
 from exunet.verification.ladder import Ladder
@@ -41,42 +41,11 @@ def test_states_of_a_scene_agree(name):
     assert len(checks) > 12
 
 
-LED = """motion = "prescribed"
-pose_times = [0.0, 1.0, 3.0]
-pose_positions = [[0.0, 0.0, 0.0], [0.3, 0.2, -0.2], [-0.2, 0.3, 0.3]]
-pose_attitudes = [[1.0, 0.0, 0.0, 0.0], [0.9, 0.3, -0.1, 0.2], [0.7, 0.1, 0.5, 0.3]]
-"""
-
-
-@pytest.fixture
-def led_winch(tmp_path):
-    """The winch of reel_nodes on a body of prescribed motion, with two nodes on the drum."""
-    text = (
-        shipped(BODY_CASES)["reel_nodes"]
-        .read_text()
-        .replace("[tethers.line.reel]", "[tethers.line.reel]\npaid_out = 3.9")
-    )
-    text = text.replace("position = [6.0, 0.0, 0.0]", "position = [4.0, 0.0, 0.0]")
-    kept = "velocity = [0.0, 0.2, 0.0]\nangular_velocity = [0.3, 0.1, 0.4]\n"
-    assert kept in text
-    path = tmp_path / "led.toml"
-    path.write_text(text.replace(kept, LED))
-    return BodyScene("led", path)
-
-
-@pytest.mark.slow
-@pytest.mark.ci
-def test_states_of_a_winch_of_prescribed_motion_agree(led_winch):
-    checks = list(led_winch.at_states(2))
-    assert failing(checks) == []
-    assert len(checks) > 12
-
-
-def test_powers_that_cancel_are_none(led_winch):
+def test_powers_that_cancel_are_none():
     """What the guide and the drum put in, taken off the power of all forces, leaves no round-off."""
-    case, left = led_winch.case, []
-    for kind in ("overstretched", "coincident", "crumpled"):
-        for one in random_instants(case.start, kind, 20, np.random.default_rng(1)):
+    case, left = SCENES["led_winch"].case, []
+    for kind in ("packed", "coincident", "crumpled"):
+        for one in random_instants(case.start, kind, 100, np.random.default_rng(1)):
             response = case.reference_response(one)[1]
             left.append(response.power + response.given[:, 6].sum() + response.reeling[1].sum())
             assert case.reference_motion(one)[1] == 0.0

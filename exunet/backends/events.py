@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,9 +82,10 @@ class Events:
         return replace(change, events=({**change.events[0], "energy_lost_J": own},))
 
     def next_instant(self, after: float, until: float) -> float:
-        """The first known instant of an event later than `after`, or `until` [s]."""
-        times = (time for _, switch in self._switches for time in switch.times if after < time < until)
-        return min(times, default=until)
+        """The first known instant of an event later than `after`, or of a knot of a guide, or `until` [s]."""
+        times = (time for _, switch in self._switches for time in switch.times)
+        every = chain(times, self._system.kinematics.knots)
+        return min((time for time in every if after < time < until), default=until)
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats) -> float:
         """A step [s] that ends near what would happen next; see `Switch.step_within`."""

@@ -50,15 +50,22 @@ class Extremes(NamedTuple):
 
     elastic, kinetic : largest elastic and least kinetic energy [J]
     largest          : the largest tension of each group of elements (`Net.groups`)
+    of_elements      : (n_elements,) of each element [N], for observers that ask for it
     """
 
     elastic: float
     kinetic: float
     largest: tuple[Largest, ...]
+    of_elements: Floats
 
 
 class Observer(Protocol):
-    """Who looks at a run; an exception that it raises comes out of `Integrator.advance` unchanged."""
+    """Who looks at a run; an exception that it raises comes out of `Integrator.advance` unchanged.
+
+    asks_for_elements : it wants to know the largest tension of each element
+    """
+
+    asks_for_elements: bool
 
     def take(self, batch: Batch) -> None:
         """States of accepted steps, later than `advance` has gone there but before the end of the run."""

@@ -8,6 +8,8 @@ from typing import Any
 
 KeyPath = tuple[str | int, ...]  # of a key in a case: names of tables, indexes of items
 
+LARGEST = 1e100  # of a number that a case leads to; products of three are still floating-point numbers
+
 
 class ExunetError(Exception):
     """Base of all errors that a user can meet; `exit_code` is the command's exit status."""

@@ -43,6 +43,15 @@ def within(table: str, faults: Iterable[Fault]) -> Iterator[Fault]:
         yield replace(fault, key=f"{table}.{fault.key}" if fault.key else table, against=against)
 
 
+def told_apart(names: Iterable[str]) -> Iterator[Fault]:
+    """A fault for each name that differs from one before it by capital letters only."""
+    known: dict[str, str] = {}
+    for name in names:
+        before = known.setdefault(name.lower(), name)
+        if before != name:
+            yield Fault(name, f'differs from "{before}" by capital letters only: rename one')
+
+
 def exactly_one(keys: Table) -> Iterator[Fault]:
     """A fault for each table, this one or inside it, that has none or more than one of its choices."""
     if choices := type(keys).EXACTLY_ONE:

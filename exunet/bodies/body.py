@@ -16,6 +16,7 @@ from exunet.bodies.rigid import RigidStates, product, rotation_matrix
 from exunet.bodies.shapes import Shape
 
 Floats = NDArray[np.float64]
+ROUND_OFF = 1e-14  # of the largest moment: an element of a matrix of inertia that is smaller is 0
 ALONG = (1.0, 0.0, 0.0, 0.0)  # principal axes along those of the frame
 
 
@@ -49,10 +50,11 @@ class RigidBody:
 
     @property
     def inertia_in_frame(self) -> Floats:
-        """(3, 3) about the centre of mass, in the axes of the frame [kg m2]."""
+        """(3, 3) about the centre of mass, in the axes of the frame [kg m2]; what is round-off in it is 0."""
         if self.is_along_frame:
             return np.diag(self.inertia)
-        return np.asarray(self.rotation @ np.diag(self.inertia) @ self.rotation.T)
+        turned = self.rotation @ np.diag(self.inertia) @ self.rotation.T
+        return np.where(np.abs(turned) > ROUND_OFF * max(self.inertia), turned, 0.0)
 
     def frame_poses(self, position: Floats, attitude: Floats) -> Floats:
         """(..., 7) place of the frame's origin [m] and its attitude, of states of the body.

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each, exactly_one, shortened, within
+from exunet.base.faults import each, exactly_one, shortened, told_apart, within
 from exunet.bodies.keys import DIMENSIONS, EDGED, BodyKeys, PartKeys, Placed
 from exunet.bodies.making import part_of, solid_of
 from exunet.forces.requirements import RestOfCase
@@ -14,7 +14,8 @@ from exunet.methods.keys import SHORTEST_STEP
 
 
 def cross_checks(bodies: Mapping[str, BodyKeys], rest: RestOfCase) -> Iterator[Fault]:
-    """Every fault between keys of a body."""
+    """Every fault between keys of a body, and between names."""
+    yield from told_apart(bodies)
     for name, keys in bodies.items():
         yield from within(name, _of_body(keys, rest))
 

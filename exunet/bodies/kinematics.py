@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,10 +28,11 @@ Ints = NDArray[np.int64]
 GIVEN = (("impulse", 3, "N s"), ("angular_impulse", 3, "N m s"), ("work", 1, "J"))
 
 
-def given_states(name: str) -> tuple[FirstOrder, ...]:
-    """The states that keep what the guided body of this name gives."""
+def given_states(name: str, already: Sequence[float] = (0.0,) * 7) -> tuple[FirstOrder, ...]:
+    """The states that keep what the guided body of this name gives; `already` at time 0."""
+    left = iter(already)
     return tuple(
-        FirstOrder(f"{name}/{quantity}", (0.0,) * size, units, gives=float(quantity == "work"))
+        FirstOrder(f"{name}/{quantity}", tuple(islice(left, size)), units, gives=float(quantity == "work"))
         for quantity, size, units in GIVEN
     )
 
@@ -67,6 +69,12 @@ class Kinematics:
 
     def __bool__(self) -> bool:
         return bool(self.guides or self.held) or len(self.point) > 0
+
+    @cached_property
+    def knots(self) -> tuple[float, ...]:
+        """Instants [s] at which guides go from one piece to the next, where their motion is less smooth."""
+        within = (guide.time[1:].tolist() for guide in self.guides)
+        return tuple(sorted({time for times in within for time in times}))
 
     def on_bodies(self, memory: Memories) -> OnBodies:
         """The points that are fixed to bodies at these memories, held ones last."""

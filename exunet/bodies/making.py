@@ -9,14 +9,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import CaseError, Fault, InputError
-from exunet.bodies.body import RigidBody
+from exunet.base.errors import LARGEST, CaseError, Fault, InputError
+from exunet.bodies.body import ROUND_OFF, RigidBody
 from exunet.bodies.keys import BodyKeys, PartKeys, impossible
 from exunet.bodies.mass_properties import MassDistribution, of_shape, principal, sum_of
 from exunet.bodies.mesh import read_mesh
 from exunet.bodies.shapes import Shape, Solid
 
 Floats = NDArray[np.float64]
+
+_TOO_LARGE = "its mass, centre of mass or inertia is outside the range of floating-point numbers"
+_TOO_SMALL = (
+    "its mass or least moment of inertia is round-off beside other numbers: the mass must be "
+    f"{1.0 / LARGEST:g} kg or more, the least moment {ROUND_OFF:g} of the largest or more"
+)
 
 
 def make_body(name: str, keys: BodyKeys, carried: Sequence[MassDistribution] = ()) -> RigidBody:
@@ -25,12 +31,19 @@ def make_body(name: str, keys: BodyKeys, carried: Sequence[MassDistribution] = (
     Raises CaseError for a mesh or an inertia that is none of a body.
     """
     shape = shape_of(name, keys)
-    with np.errstate(all="ignore"):  # numbers that overflow are a fault
-        distribution = sum_of((distribution_of(name, keys, shape), *carried))
-    _refuse_overflow(name, distribution)
+    try:
+        with np.errstate(all="ignore"):  # numbers that overflow are a fault
+            distribution = sum_of((distribution_of(name, keys, shape), *carried))
+    except ArithmeticError:  # of Python's own floats
+        raise _beyond_floats(name, _TOO_LARGE) from None
+    numbers = distribution.mass, *distribution.centre, *distribution.inertia.ravel()
+    if not np.abs(numbers).max() <= LARGEST:
+        raise _beyond_floats(name, _TOO_LARGE)
     moments, axes = principal(distribution.inertia)
     if words := impossible(*moments):
         raise CaseError([Fault(f"bodies.{name}.products_of_inertia", f"{words} (principal moments)")])
+    if min(distribution.mass, moments.min()) < 1.0 / LARGEST or moments.min() < ROUND_OFF * moments.max():
+        raise _beyond_floats(name, _TOO_SMALL)
     return RigidBody(
         name,
         distribution.mass,
@@ -41,11 +54,8 @@ def make_body(name: str, keys: BodyKeys, carried: Sequence[MassDistribution] = (
     )
 
 
-def _refuse_overflow(name: str, distribution: MassDistribution) -> None:
-    numbers = distribution.mass, *distribution.centre, *distribution.inertia.ravel()
-    if not np.isfinite(numbers).all():
-        words = "its mass, centre of mass or inertia is outside the range of floating-point numbers"
-        raise CaseError([Fault(f"bodies.{name}", words, beyond_floats=True)])
+def _beyond_floats(name: str, words: str) -> CaseError:
+    return CaseError([Fault(f"bodies.{name}", words, beyond_floats=True)])
 
 
 def shape_of(name: str, keys: BodyKeys) -> Shape | None:

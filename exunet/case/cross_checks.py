@@ -73,10 +73,11 @@ _NOT_WITH_REELS = {
 
 
 def _reels(scene: Scene) -> Iterator[Fault]:
+    bodies = {name.lower() for name in scene.bodies}
     for name, keys in scene.tethers.items():
         if keys is None or keys.reel is None:
             continue
-        if name in scene.bodies:
+        if name.lower() in bodies:
             yield Fault(f"tethers.{name}", "a body has this name, and a result what either gives: rename one")
         for effect, reason in _NOT_WITH_REELS.items():
             table = getattr(scene.effects, effect)

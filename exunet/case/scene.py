@@ -64,7 +64,8 @@ class NetFrame(Placed):
         "brought to length 1",
     )
     eject_at: NonNegative = Field(
-        0.0, description="until when the body holds the packed net; then velocity, spin and [launch] act [s]"
+        0.0,
+        description="until when the body holds the packed net; then velocity, spin and [launch] act [s]",
     )
 
 

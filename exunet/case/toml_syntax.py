@@ -20,8 +20,6 @@ _ADVICE = {
     "Unclosed array": "put commas between the items and ] at the end",
     "Unclosed inline table": "put commas between the keys and } at the end, all on one line",
     "Expected ']": _HEADER,
-    "Cannot": "a key or table is given once: keep one of them",
-    "Duplicate": "a key is given once: keep one of them",
     "Unescaped": "write \\\\ for a backslash, or put the text in single quotes",
     "Invalid hex": "write \\\\ for a backslash, or put the text in single quotes",
     "Found invalid": "remove the invisible character",
@@ -61,8 +59,33 @@ def syntax_error(message: str, text: str) -> tuple[str, int | None]:
     message = message[: found.start()]
     here = text.split("\n")[line - 1].strip()
     rest = text.split("\n")[line - 1][int(found[2]) - 1 :].strip() if found[2] else ""
+    if name := _given_twice(message, here):
+        first = _line_of(name, lines[: line - 1])
+        where = f", first on line {first}" if first else ""
+        return f"{name} is given twice{where}: keep one of them", line
     advice = _advice(message, here, rest)
     return (f"{message}: {advice}" if advice else message), line
+
+
+def _given_twice(message: str, line: str) -> str:
+    """The key or [table] that a line gives again; "" if that is not what is wrong."""
+    if found := re.match(r"Duplicate inline table key '(.*)'$", message):
+        return found[1]
+    if not message.startswith("Cannot"):
+        return ""
+    header = re.match(r"\[+[^\]]*\]+", line)
+    return header[0] if header else line.partition("=")[0].strip()
+
+
+def _line_of(name: str, lines: list[str]) -> int | None:
+    """On which of the lines before, from 1, a [table] is, or a key of the table that the last one is in."""
+    for number in range(len(lines), 0, -1):
+        line = lines[number - 1].strip()
+        if line.startswith(name) if name.startswith("[") else line.partition("=")[0].strip() == name:
+            return number
+        if line.startswith("[") and not name.startswith("["):
+            return None
+    return None
 
 
 def _advice(message: str, line: str, rest: str) -> str:

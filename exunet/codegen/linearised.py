@@ -34,9 +34,10 @@ class Linearised:
         self._n = blocks.n_points
         self._law = forces.cable.law if elements else None
         self._linear = forces.linear if elements else None
-        self._kernels = forces.kernels
+        # What only counts has no room for what it counts in forces of the points alone.
+        self._kernels = tuple(term for term in forces.kernels if not term.only_states)
         self._size = blocks.net.size
-        self._pairs = _coupled(forces.kernels, self._n)
+        self._pairs = _coupled(self._kernels, self._n)
         self._groups = _groups(self._pairs, self._n)
         free = np.ones(self._n, dtype=bool)
         free[blocks.net.fixed_nodes] = False

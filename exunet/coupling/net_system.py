@@ -224,7 +224,9 @@ class NetSystem:
     def recoils(self, begin: float, end: float) -> bool:
         """True if the loads of a step from one time [s] to another have the jump of a throw from a port."""
         start = self._sim.start
-        thrown = start.system.recoil is not None and begin == start.state.time
+        throw = start.system.throw
+        thrown = throw is not None and throw.body in start.system.kinematics.ports
+        thrown = thrown and begin == start.state.time
         return thrown or any(begin < time <= end for time in self.ejections)
 
     @property
@@ -240,10 +242,10 @@ class NetSystem:
 
     def _thrown(self, port: _Port) -> Floats:
         """(7,) of what a throw at the start has given, which the first step's load has too."""
-        recoil = self._sim.start.system.recoil
-        if recoil is None or recoil.body != port.number or self.time != self._sim.start.state.time:
+        throw = self._sim.start.system.throw
+        if throw is None or throw.body != port.number or self.time != self._sim.start.state.time:
             return np.zeros(7)
-        return np.array([*recoil.impulse, *recoil.angular_impulse, recoil.work])
+        return np.array([*throw.impulse, *throw.angular_impulse, throw.work])
 
     def _refuse_jump(self, name: str, duration: float, begin: FrameState, end: FrameState) -> None:
         way = math.dist(begin.position, end.position)

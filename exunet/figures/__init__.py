@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from exunet.base.errors import InputError
 from exunet.base.files import cannot_write, replacing
 from exunet.results.agreement import Agreement
-from exunet.results.ensemble_result import EnsembleResult
+from exunet.results.ensemble_result import EnsembleResult, load_ensemble
 from exunet.results.result import Result
 
 if TYPE_CHECKING:
@@ -27,10 +27,11 @@ FIGURES = {
     "bullet_speeds": "speed of each bullet over time; needs bullets",
     "energies": "changes of the energies and the dissipated work over time; error of their balance",
     "area": "mouth area and mesh area over time; needs a mouth or mesh openings",
-    "tensions": "largest tension of each element at the stored times, on the reference net; needs elements",
-    "tethers": "largest tension at the stored times along each tether; needs tethers",
+    "tensions": "largest tension of each element over all steps, on the reference net; needs elements",
+    "tethers": "largest tension over all steps along each tether; needs tethers",
     "largest_tension": "largest tension of all elements over time; needs elements",
-    "loads": "pull of the threads on each body at the nodes that are fixed to it; needs such nodes",
+    "momentum": "changes of momentum and angular momentum of all parts, impulses from outside; needs a body",
+    "loads": "forces and torques of threads on bodies at the nodes that are fixed to them; needs such nodes",
     "distances": "distance of each two bodies with shapes, surface to surface, over time; needs two of them",
     "rotation": "angular velocity of rigid bodies over time, in body axes; needs a rigid body",
     "agreement": "differences between two codes over time; needs an `agreement`",
@@ -52,8 +53,10 @@ def figure(
 
     name      : one of `FIGURES`
     agreement : with another run, from `compare`; adds the other run's speeds to "bullet_speeds"
-    spread    : of moved starts, from `load_ensemble` or `ensemble`; adds bands, least to largest of its runs,
-                to "area", "bullet_speeds", "energies" and "largest_tension"
+    spread    : of moved starts, from `load_ensemble` or `ensemble`; None: that beside the file that the
+                result was read from, if any. It adds bands, least to largest of its runs, to "area",
+                "bullet_speeds", "energies" and "largest_tension", and the numbers: without it no figure
+                names a largest or least value, which one run of a chaotic net does not tell
     size      : (width, height) [mm], 40 to 1000, and enough for texts and legend; None: 170 mm wide (the nets
                 less), as high as it needs
     title     : with a title above it
@@ -130,6 +133,8 @@ def _drawn(
     from exunet.figures.style import drawing
 
     size = None if size is None else _checked(size)
+    if spread is None and result.spread_file is not None:
+        spread = load_ensemble(result.spread_file)
     drawers = _drawers(agreement, spread)
 
     def drawn(name: str, size: Size | None) -> Figure | None:
@@ -166,7 +171,7 @@ def _drawers(
     agreement: Agreement | None, spread: EnsembleResult | None
 ) -> dict[str, Callable[[Result, Page], Figure | None]]:
     """What makes each figure; it returns None for a result that has not what it shows."""
-    from exunet.figures import curves, energies, nets, tensions
+    from exunet.figures import curves, energies, momenta, nets, tensions
 
     return {
         "reference_net": nets.reference_net,
@@ -174,11 +179,12 @@ def _drawers(
         "bullet_speeds": lambda result, page: curves.bullet_speeds(result, page, agreement, spread),
         "energies": lambda result, page: energies.energies(result, page, spread),
         "area": lambda result, page: curves.area(result, page, spread),
-        "tensions": tensions.tensions,
-        "tethers": tensions.tethers,
+        "tensions": lambda result, page: tensions.tensions(result, page, spread),
+        "tethers": lambda result, page: tensions.tethers(result, page, spread),
         "largest_tension": lambda result, page: curves.largest_tension(result, page, spread),
+        "momentum": momenta.momentum,
         "loads": curves.loads_on_bodies,
-        "distances": curves.distances,
+        "distances": lambda result, page: curves.distances(result, page, spread),
         "rotation": curves.rotation,
         "agreement": lambda result, page: (
             None if agreement is None else curves.agreement(result, page, agreement)

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from exunet.figures.known import known, words_of_mark, words_of_runs
 from exunet.figures.lines import curve, curve_axes, from_zero, many, spread_band
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_styles, number
@@ -87,9 +88,9 @@ def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Fi
         curve(axes, result.time, values, label=label, color=BLUE, linewidth=1.8)
         top = max(top, float(values.max()))
     if spread is not None and measures is not None and "area" in spread.quantiles:
-        least, largest = (side / measures.achievable_area for side in spread.band("area"))
-        spread_band(axes, spread, (least, largest), BLUE, f"mouth, range of {spread.runs} moved starts")
-        top = max(top, float(largest.max()))
+        low, high = (side / measures.achievable_area for side in spread.band("area"))
+        spread_band(axes, spread, (low, high), BLUE, f"mouth, range of {spread.runs} moved starts")
+        top = max(top, float(high.max()))
     if meshes:
         values = over_blocks(partial(metrics.mesh_area, net), result.position) / meshes
         label = "meshes / reference configuration (folds count twice)"
@@ -104,8 +105,9 @@ def area(result: Result, page: Page, spread: EnsembleResult | None = None) -> Fi
             zorder=1,
             label=f"{metrics.NEARLY_OPEN:.0%}".replace("%", " %") + " of the achievable area",
         )
-        text = f"largest: {number(measures.relative_area)} at {number(measures.time_of_largest)} s"
-        text += " (the end)" if measures.at_end else ""
+        largest = known(spread, "largest_area_m2", measures.achievable_area)
+        when = known(spread, "time_of_largest_area_s")
+        text = words_of_mark("largest", largest, when) + (" (the end)" if measures.at_end else "")
         text = f"constant: {number(measures.relative_area)}" if measures.constant else text
         at = (measures.time_of_largest, measures.relative_area)
         axes.plot(*at, "o", color=BLACK, markersize=6, markerfacecolor="none", clip_on=False, label=text)
@@ -125,10 +127,11 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
     values = metrics.largest_tensions(result)
     curve(axes, result.time, values, label="largest at each stored time", color=BLUE, linewidth=1.2)
     top = float(values.max())
+    largest = known(spread, "largest_tension_N")
     peak = result.provenance.get("largest_tension")
     if peak and peak["element"] >= 0:
         top = max(top, peak["tension_N"])
-        words = f"largest of all steps: {number(peak['tension_N'])} N, element {peak['element']}"
+        words = "largest of all steps of this run"
         style: dict[str, Any] = {"color": RED, "markersize": 6, "markerfacecolor": "none", "clip_on": False}
         axes.plot(peak["time_s"], peak["tension_N"], "o", label=words, **style)
     if spread is not None:
@@ -137,8 +140,8 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
         times = spread.headlines.get("time_of_largest_tension_s")
         if times is not None:
             dots: dict[str, Any] = {"color": BLACK, "markersize": 2.5, "markeredgewidth": 0.6, "zorder": 3}
-            words = f"largest of all steps, {spread.runs} moved starts"
-            axes.plot(times, peaks, "x", label=words, **dots)
+            told = None if largest is None else words_of_runs(largest)
+            axes.plot(times, peaks, "x", label=told, **dots)
         top = max(top, float(peaks.max()))
     from_zero(axes, top)
     finish(figure, axes)
@@ -146,26 +149,33 @@ def largest_tension(result: Result, page: Page, spread: EnsembleResult | None = 
 
 
 def loads_on_bodies(result: Result, page: Page) -> Figure | None:
-    """Size of the pull at each node that is fixed to a body, over time; None if there is none."""
+    """Sizes of force and torque at each node that is fixed to a body, over the stored times; None if none is.
+
+    The torque is about the centre of mass of the body.
+    """
     found = {name: loads(result, name) for name, body in result.bodies.items() if body.nodes is not None}
     if not found:
         return None
-    figure, axes = curve_axes(result, page, "Pull of the threads on the bodies", "force [N]")
+    figure, axes = page.stacked_axes(result, "Loads of the threads on the bodies", (1.0, 1.0), 125.0)
     drawn = [(name, k, node) for name, of in found.items() for k, node in enumerate(of.nodes.tolist())]
-    sizes = {one: found[one[0]].size[:, one[1]] for one in drawn}
-    largest = sorted(drawn, key=lambda one: -float(sizes[one].max(initial=0.0)))[:MOST_CURVES]
-    for place, (one, style) in enumerate(zip(largest, curve_styles(len(largest)), strict=True)):
-        label = f"{one[0]}, node {one[2]}"
-        curve(axes, result.time, sizes[one], place / len(largest), label=label, markersize=4.5, **style)
+    forces = {one: found[one[0]].size[:, one[1]] for one in drawn}
+    torques = {one: np.linalg.norm(found[one[0]].torque[:, one[1]], axis=-1) for one in drawn}
+    largest = sorted(drawn, key=lambda one: -float(forces[one].max(initial=0.0)))[:MOST_CURVES]
+    words = ("force [N]", "torque about the\ncentre of mass [N m]")
+    for one, sizes, label in zip(axes, (forces, torques), words, strict=True):
+        for place, (node, style) in enumerate(zip(largest, curve_styles(len(largest)), strict=True)):
+            named = f"{node[0]}, node {node[2]}" if one is axes[0] else None
+            curve(one, result.time, sizes[node], place / len(largest), label=named, markersize=4.5, **style)
+        from_zero(one, max(float(sizes[node].max(initial=0.0)) for node in largest))
+        one.set_ylabel(label)
     if len(drawn) > len(largest):
-        axes.plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
-    top = max(float(sizes[one].max(initial=0.0)) for one in largest)
-    from_zero(axes, top)
-    finish(figure, axes)
+        axes[0].plot([], [], " ", label=f"{len(drawn) - len(largest)} more, which pull less")
+    axes[-1].set_xlabel("stored time [s]")
+    finish(figure, *axes)
     return figure
 
 
-def distances(result: Result, page: Page) -> Figure | None:
+def distances(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Distance of two bodies over time, surface to surface; None without two bodies with shapes.
 
     Of more than eight pairs those that come nearest. A circle marks the least of all.
@@ -180,12 +190,10 @@ def distances(result: Result, page: Page) -> Figure | None:
         label = " and ".join(pairs[k])
         curve(axes, result.time, found[:, k], place / len(nearest), label=label, markersize=4.5, **style)
     row = int(found[:, nearest[0]].argmin())
-    least = float(found[row, nearest[0]])
-    words = (
-        f"least: {number(least)} m at {number(result.time[row])} s"
-        if least
-        else f"overlap at {number(result.time[row])} s"
-    )
+    least, of_pair = float(found[row, nearest[0]]), f"bodies_{'+'.join(pairs[nearest[0]])}"
+    nearby = known(spread, f"{of_pair}_least_distance_m")
+    when = known(spread, f"{of_pair}_time_of_least_distance_s")
+    words = words_of_mark("least", nearby, when) if least else "overlap in this run"
     style = {"color": BLACK, "markersize": 9, "markerfacecolor": "none", "clip_on": False}
     axes.plot(result.time[row], least, "o", label=words, **style)
     if len(pairs) > len(nearest):

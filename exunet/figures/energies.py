@@ -40,7 +40,7 @@ def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -
     if np.any(result.potential != result.potential[0]):
         dotted = {"color": BLACK, "linewidth": 1.0, "linestyle": ":", "marker": "v"}
         parts["potential"] = (np.asarray(result.potential), dotted)
-    if np.any(put_in := taken - result.dissipated):
+    if np.ptp(put_in := taken - result.dissipated):
         parts["work put in"] = (put_in, {"color": GREY, "linewidth": 1.4, "linestyle": "-.", "marker": "^"})
     figure, (axes, below) = page.stacked_axes(result, "Changes of the energies", (3.0, 1.0), 115.0)
     axes.set_ylabel("energy change [J]")

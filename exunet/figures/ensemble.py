@@ -80,8 +80,8 @@ def histograms(result: EnsembleResult, page: Page) -> Figure | None:
     figure, panels = _panels(result, page, len(shown), f"Headlines of {result.runs} runs")
     for axes, (one, values) in zip(panels, shown, strict=True):
         values, label = _from_a_round_number(values, one.words, _unit(one.unit))
-        bins = int(np.clip(np.sqrt(len(values)), 5, 40))
-        axes.hist(values, bins=bins, color=BANDS[1][2], edgecolor="white", linewidth=0.3)
+        bins = _bins(values, float(result.time[1] - result.time[0]) if one.at_a_time else 0.0)
+        axes.hist(values, bins=bins.tolist(), color=BANDS[1][2], edgecolor="white", linewidth=0.3)
         axes.axvline(float(np.median(values)), color=BLACK, linewidth=1.0, label="median")
         for level in (0.05, 0.95):
             words = "5 % and 95 %" if level < 0.5 else None
@@ -95,6 +95,19 @@ def histograms(result: EnsembleResult, page: Page) -> Figure | None:
         axes.set_xlabel(_wrapped(axes.get_xlabel(), 72.0 * WIDTH / INCH / _columns(len(shown)) - 30.0))
     legend_above(figure, *panels[0].get_legend_handles_labels())
     return figure
+
+
+def _bins(values: Floats, spacing: float) -> Floats:
+    """Edges of 5 to 40 bins of equal width; of values (n,) that are multiples of a spacing about whole ones.
+
+    A bin that had one of the spacings more than its neighbour would be higher for no other reason.
+    """
+    number, low, high = int(np.clip(np.sqrt(len(values)), 5, 40)), float(values.min()), float(values.max())
+    if high - low < spacing or not spacing:
+        return np.linspace(low, high, number + 1)
+    steps = round((high - low) / spacing) + 1  # different values that there can be
+    width = math.ceil(steps / number)
+    return np.asarray(low + spacing * (width * np.arange(math.ceil(steps / width) + 1) - 0.5))
 
 
 def _from_a_round_number(values: Floats, words: str, unit: str) -> tuple[Floats, str]:

@@ -18,7 +18,7 @@ from matplotlib.textpath import TextPath
 from matplotlib.ticker import MaxNLocator
 
 from exunet.figures.powers import tell_power_of_ten
-from exunet.figures.style import SMALL, blank, drawing
+from exunet.figures.style import METADATA, SMALL, blank, drawing
 
 INCH = 25.4  # mm
 ROUND = [1, 2, 5, 10]  # steps between the numbers at an axis
@@ -176,15 +176,12 @@ def fitted(text: str, width: float, size: float) -> str:
     return shortened(text, least)
 
 
-# Without the time of writing: the same figure gives the same bytes.
-_METADATA: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
-FORMATS = tuple(_METADATA)
+FORMATS = tuple(METADATA)
 
 
 def write(figure: Figure, path: Path, kind: str) -> None:
-    """Write a figure in one of `FORMATS`, under the settings of `drawing`."""
-    with drawing():
-        figure.savefig(path, format=kind, metadata=_METADATA[kind])
+    """Write a figure in one of `FORMATS`."""
+    figure.savefig(path, format=kind)
 
 
 def shortened(text: str, width: int) -> str:

@@ -72,9 +72,23 @@ def drawing() -> Iterator[None]:
         yield
 
 
+# Without the time of writing: the same figure gives the same bytes.
+METADATA: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
+
+
+class _Drawn(Figure):
+    """A figure that is saved, by whomever, under the settings under which it was made."""
+
+    def savefig(self, fname: Any, **kwargs: Any) -> None:
+        ending = str(getattr(fname, "suffix", "") or str(fname).rpartition(".")[2]).lstrip(".")
+        kwargs.setdefault("metadata", METADATA.get(kwargs.get("format", ending).lower()))
+        with drawing():
+            super().savefig(fname, **kwargs)
+
+
 def blank(width: float, height: float) -> Figure:
     """An empty figure, sizes in inches; it belongs to nobody but its caller."""
-    return Figure(figsize=(width, height))
+    return _Drawn(figsize=(width, height))
 
 
 def number(value: float) -> str:

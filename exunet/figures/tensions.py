@@ -14,13 +14,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from exunet.figures.known import known, words_of_runs
 from exunet.figures.lines import from_zero
 from exunet.figures.page import COLOR_BAR, Page, finish, line_scale
 from exunet.figures.panels import framed
 from exunet.figures.style import BLACK, MOST_CURVES, curve_styles
 from exunet.figures.views import best_view, broadness
-from exunet.results.measures import peak_tensions
+from exunet.results.ensemble_result import EnsembleResult
+from exunet.results.measures import has_peaks_of_all_steps, peak_tensions
 from exunet.results.result import Result
+from exunet.results.spread import Judged
 
 Floats = NDArray[np.float64]
 
@@ -28,15 +31,24 @@ BAR = 0.52  # inch, for a colour bar with its numbers and its label
 SLACK: dict[str, Any] = {"color": "0.45", "linestyle": ":", "linewidth": 0.9}
 
 
-def tensions(result: Result, page: Page) -> Figure | None:
-    """Largest tension of each element of the net at the stored times, on the reference net; None without."""
-    return tension_map(result, page, peak_tensions(result)) if result.net.n_net_elements else None
+def tensions(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
+    """Largest tension of each element of the net, on the reference net; None without."""
+    if not result.net.n_net_elements:
+        return None
+    of_net = "net_largest_tension_N" if result.net.tethers else "largest_tension_N"
+    return tension_map(result, page, peak_tensions(result), known(spread, of_net))
 
 
-def tension_map(result: Result, page: Page, peaks: Floats) -> Figure:
+def _of(result: Result) -> str:
+    """Which steps the largest tensions are of."""
+    return "of all steps" if has_peaks_of_all_steps(result) else "at the stored times"
+
+
+def tension_map(result: Result, page: Page, peaks: Floats, largest: Judged | None = None) -> Figure:
     """Tensions (n_elements,) [N] on the reference net: the larger, the darker and the broader.
 
     Elements without tension are dotted. Tethers are left out: they have no place in that configuration.
+    largest : of all, as far as it is known
     """
     net = result.net.alone
     peaks = peaks[: net.n_elements]
@@ -46,7 +58,11 @@ def tension_map(result: Result, page: Page, peaks: Floats) -> Figure:
     if len(net.bullet_nodes):
         entries.append(Line2D([], [], color=BLACK, linestyle="", marker="o", markersize=4, label="bullet"))
     if not peaks.all():
-        entries.append(Line2D([], [], label="no tension at the stored times", **SLACK))
+        entries.append(Line2D([], [], label=f"no tension {_of(result)}", **SLACK))
+    if largest is not None:
+        entries.append(
+            Line2D([], [], linestyle="", label=f"largest, {largest.runs} starts: {largest.words()}")
+        )
     above = BAR if peaks.any() else 0.05
     figure, (axes,) = framed(result, page, view, [""], "Tensions", entries, above, 120.0)
     colors = tension_colors()
@@ -62,12 +78,12 @@ def tension_map(result: Result, page: Page, peaks: Floats) -> Figure:
         dots = net.reference_position[net.bullet_nodes][:, plane]
         ax.scatter(dots[:, 0], dots[:, 1], s=14, color=BLACK, zorder=3, linewidths=0)
     if peaks.any():
-        _colour_bar(figure, axes, ScalarMappable(Normalize(0.0, top), colors))
+        _colour_bar(figure, axes, ScalarMappable(Normalize(0.0, top), colors), _of(result))
     return figure
 
 
-def tethers(result: Result, page: Page) -> Figure | None:
-    """Largest tension of each element of the tethers at the stored times, over the length along them.
+def tethers(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
+    """Largest tension of each element of the tethers, over the length along them.
 
     Lengths are unstretched, from the start of a tether. Of more than eight those with the largest tension.
     None without tethers.
@@ -80,7 +96,7 @@ def tethers(result: Result, page: Page) -> Figure | None:
     order = sorted(elements, key=lambda tether: -float(peaks[elements[tether]].max()))
     figure, axes = page.curve_axes(result, "Tensions along the tethers")
     axes.set_xlabel("unstretched length along the tether [m]")
-    axes.set_ylabel("largest tension\nat the stored times [N]")
+    axes.set_ylabel(f"largest tension\n{_of(result)} [N]")
     shown = order[:MOST_CURVES]
     for tether, style in zip(shown, curve_styles(len(shown)), strict=True):
         along = np.append(0.0, np.cumsum(net.reference_length[elements[tether]]))
@@ -88,6 +104,9 @@ def tethers(result: Result, page: Page) -> Figure | None:
         values = peaks[elements[tether]]
         style |= {"label": f"{tether.name}, from {start} to {end}", "markersize": 4.5}
         axes.plot(along, np.append(values, values[-1]), drawstyle="steps-post", **style)
+    for tether in shown if spread is not None else ():
+        if largest := known(spread, f"tether_{tether.name}_largest_tension_N"):
+            axes.plot([], [], " ", label=f"{tether.name}, {words_of_runs(largest)}")
     if len(order) > len(shown):
         axes.plot([], [], " ", label=f"{len(order) - len(shown)} more, of less tension")
     from_zero(axes, float(peaks[elements[order[0]]].max()))
@@ -108,7 +127,7 @@ def tension_colors() -> Colormap:
     return ListedColormap(colormaps["cividis_r"](np.linspace(0.1, 1.0, 256)), "tensions")
 
 
-def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable) -> None:
+def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable, of: str) -> None:
     """A bar above the panel, as wide as it."""
     boxes = [ax.get_position() for ax in axes]
     left, right = min(box.x0 for box in boxes), max(box.x1 for box in boxes)
@@ -117,4 +136,4 @@ def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable) -> None
     bar = figure.colorbar(shown, cax=figure.add_axes(place, label=COLOR_BAR), orientation="horizontal")
     bar.ax.xaxis.set_ticks_position("top")
     bar.ax.xaxis.set_label_position("top")
-    bar.set_label("largest tension at the stored times [N]", labelpad=3)
+    bar.set_label(f"largest tension {of} [N]", labelpad=3)

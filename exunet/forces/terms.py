@@ -241,6 +241,7 @@ class KernelTerm:
     power      : as in `KernelCall`, of a force that takes out energy beside its potential
     remember   : as in `KernelCall`; the memory says in which field of the data its values are kept
     internal   : the potential depends only on where things are relative to each other
+    only_states : it adds no force, only rates of first-order states, and does no work
     """
 
     acts_on: str
@@ -258,18 +259,18 @@ class KernelTerm:
     power: Function | None = None
     remember: Function | None = None
     internal: bool = False
+    only_states: bool = False
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
         """One call; a force without a potential does work that is integrated."""
-        works = self.potential is None
         call = KernelCall(
             self.add,
             self.data,
             self.potential,
             self.power,
             helpers=self.helpers,
-            works=works,
+            works=self.potential is None and not self.only_states,
             remember=self.remember,
             held=self.remember is not None,
         )
@@ -288,7 +289,7 @@ class KernelTerm:
 
     @property
     def dissipates(self) -> bool:
-        return self.potential is None or self.power is not None
+        return (self.potential is None and not self.only_states) or self.power is not None
 
     @property
     def has_potential(self) -> bool:
@@ -378,12 +379,12 @@ class LinearTerm:
         if self.on_velocity is not None:
             damps = self.damping is not None
             taken = loops.velocity_product_power if damps else None
-            rows = _rows(self.on_velocity)
+            rows = rows_of(self.on_velocity)
             found.append(
                 KernelCall(loops.add_velocity_product, rows, power=taken, tells_power=damps, of_many=True)
             )
         if self.stiffness is not None:
-            found.append(KernelCall(loops.add_position_product, _rows(self.stiffness), of_many=True))
+            found.append(KernelCall(loops.add_position_product, rows_of(self.stiffness), of_many=True))
         if self.load is not None:
             load = loops.Load(np.asarray(self.load, dtype=float))
             found.append(KernelCall(loops.add_load, load, of_many=True))
@@ -421,7 +422,8 @@ class LinearTerm:
             yield self.load
 
 
-def _rows(matrix: csr_array) -> loops.SparseRows:
+def rows_of(matrix: csr_array) -> loops.SparseRows:
+    """A matrix as compiled loops take it."""
     matrix = csr_array(matrix)
     start, column = matrix.indptr.astype(loops.Index), matrix.indices.astype(loops.Index)
     return loops.SparseRows(start, column, np.asarray(matrix.data, dtype=float))

@@ -24,6 +24,7 @@ from exunet.base.version import VERSION
 from exunet.codegen.compilation import told_compilation
 from exunet.interfaces.commands.lines import HANG, folded, silent, tell, tell_faults, width_of
 from exunet.interfaces.plain_help import PlainCommand
+from exunet.interfaces.usage_faults import usage_fault
 
 CLOSED_PIPE = 141  # 128 + 13, the number of SIGPIPE
 
@@ -68,7 +69,8 @@ def _out(default: str) -> Any:
 def _spread(default: str) -> Any:
     """The option of the moved starts; default: how many there are without it."""
     words = (
-        "number of further runs, from starts moved by up to 1e-9 m, which show how far each number is known"
+        "number of further runs, from starts moved by up to 1e-9 m (more with solver.accuracy_of = "
+        '"measures"), which show how far each number is known'
     )
     return typer.Option(
         "--spread", metavar="N", callback=_enough, help=f"{words}; 0: none (default: {default})"
@@ -104,7 +106,10 @@ def main() -> None:
     except ExunetError as error:
         _leave(str(error), error.exit_code)
     except _UsageError as error:
-        _leave(" ".join(error.format_message().split()), error.exit_code)
+        if type(error).__name__ == "NoArgsIsHelpError":  # of `exunet` alone
+            typer.echo(error.ctx.get_help(), err=True)
+            sys.exit(error.exit_code)
+        _leave(usage_fault(error), error.exit_code)
     except KeyboardInterrupt:
         _leave("interrupted", 130)
     except SystemExit as done:

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, StringConstraints
 
 from exunet.base.errors import CaseError, Fault
-from exunet.base.faults import each, exactly_one, inside, within
+from exunet.base.faults import each, exactly_one, inside, told_apart, within
 from exunet.base.table import Count, Positive, Table, Vector
 from exunet.net.arrays import Floats, Net, Tether
 from exunet.net.base import MAX_ELEMENTS, Cable, within_floats
@@ -65,6 +65,7 @@ Tethers = Mapping[Name, TetherKeys]
 
 def cross_checks(tethers: Tethers, bodies: Mapping[str, object]) -> Iterator[Fault]:
     """What is wrong with tethers whose keys are valid by themselves."""
+    yield from told_apart(tethers)
     for name, keys in tethers.items():
         ends = (inside(keys, end, lambda one: _end(one, bodies)) for end in ("start", "end"))
         checks = exactly_one(keys), within_floats(keys), *ends, _two_places(keys), _reel(keys)

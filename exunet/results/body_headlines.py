@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.rigid import product, rotation_vector
+from exunet.forces.from_outside import OUTSIDE
 from exunet.results.course import Course
 from exunet.results.headline import Headline, of_vector
 
@@ -146,6 +147,37 @@ def given_by(name: str) -> tuple[Headline, ...]:
     )
 
 
+def given_from_outside(name: str) -> tuple[Headline, ...]:
+    """What an effect from outside has given to net and bodies by the end."""
+    return (
+        *of_vector(
+            f"effect_{name}_impulse",
+            f"impulse of {name}",
+            "N s",
+            lambda course: _at_end(course, _line(name), "impulse"),
+            lambda course: _size(course, NET, "momentum"),
+            remark="on all, in the scene's axes",
+            least=_LEAST,
+            of_book=True,
+        ),
+        *of_vector(
+            f"effect_{name}_angular_impulse",
+            f"angular impulse of {name}",
+            "N m s",
+            lambda course: _at_end(course, _line(name), "angular_impulse"),
+            lambda course: _size(course, NET, "angular_momentum"),
+            remark="on all, about the scene's origin",
+            least=_LEAST,
+            of_book=True,
+        ),
+    )
+
+
+def _line(effect: str) -> str:
+    """The name of an effect among those of bodies, of which one may have the same name."""
+    return f"{OUTSIDE}{effect}"
+
+
 def _elastic(course: Course) -> float | None:
     return float(course.elastic[-1] - course.elastic[0])
 
@@ -204,12 +236,14 @@ def books_of_bodies(course: Course) -> tuple[Headline, ...]:
     found: list[Headline] = []
     for name in course.body_names:
         found += given_by(name) if name in course.guided else gained_by(name)
+    for name in course.outside:
+        found += given_from_outside(name)
     return (*found, *OF_A_SCENE)
 
 
 def _of(course: Course, name: str, quantity: str) -> Floats | None:
     """(2, ...) of a body, or the net, at the start and at the end."""
-    names = (*course.body_names, NET)
+    names = (*course.body_names, *map(_line, course.outside), NET)
     if name not in names or not course.ends.shape[1]:
         return None
     return np.asarray(course.ends[quantity][:, names.index(name)])
@@ -261,3 +295,4 @@ def _turned(course: Course, name: str) -> float | None:
 
 Made = Callable[[str], tuple[Headline, ...]]
 OF_A_BODY: tuple[Made, ...] = (motion_of, gained_by, given_by)
+OF_AN_EFFECT: tuple[Made, ...] = (given_from_outside,)

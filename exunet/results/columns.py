@@ -113,10 +113,15 @@ _STATES: dict[str, tuple[str, str, str, str]] = {
     "tension": ("net/tension", "e", "N", "axial force in each element, zero when slack"),
     "kinetic": ("energy/kinetic", "", "J", "kinetic energy"),
     "elastic": ("energy/elastic", "", "J", "elastic energy of the cables"),
-    "potential": ("energy/potential", "", "J", "potential energy of constant loads"),
+    "potential": (
+        "energy/potential",
+        "",
+        "J",
+        "potential energy of loads, fields, the springs of a launch and outlets of reels",
+    ),
     "dissipated": ("energy/dissipated", "", "J", "energy taken out since the start, less what is put in"),
     "momentum": ("momentum/linear", "3", "kg m/s", "linear momentum"),
-    "angular_momentum": ("momentum/angular", "3", "kg m2/s", "angular momentum about the origin"),
+    "angular_momentum": ("momentum/angular", "3", "kg m2/s", "angular momentum about the scene's origin"),
     "largest_elastic": (
         "energy/largest_elastic",
         "",
@@ -139,7 +144,7 @@ _BODY: dict[str, tuple[int, str, str]] = {
     "velocity": (3, "m/s", "velocity of the centre of mass"),
 }
 _RIGID: dict[str, tuple[int, str, str]] = {
-    "attitude": (4, "1", "unit quaternion (w, x, y, z) that turns body axes into inertial axes"),
+    "attitude": (4, "1", "unit quaternion (w, x, y, z) that turns body axes into the scene's axes"),
     "angular_velocity": (3, "rad/s", "angular velocity in body axes"),
 }
 
@@ -164,9 +169,18 @@ def declare(n_nodes: int, n_elements: int, bodies: Mapping[str, BodyConstants]) 
 STATES = "states/"  # first-order states of terms stand there, by the name of term and quantity
 
 
+KEPT = {  # by their quantities
+    "impulse": "impulse given to all else since the start, in the scene's axes",
+    "angular_impulse": "angular impulse given to all else since the start, about the scene's origin",
+    "work": "work done since the start",
+    "wound_up": "length that is wound up",
+}
+
+
 def state_column(name: str, size: int, units: str) -> Column:
     """The column of first-order states of a term; name: "term/quantity"."""
-    return Column(STATES + name, (size,), units, "first-order states of a force")
+    words = KEPT.get(name.rpartition("/")[2], "first-order states of a force")
+    return Column(STATES + name, (size,), units, words)
 
 
 def body_path(name: str, quantity: str) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import GIVEN
+from exunet.forces.from_outside import effects_of
 from exunet.results.areas import achievable_area
 from exunet.results.clearance import MOST_PAIRS, Pair, gaps_of, pairs_of, shapes_of
 from exunet.results.ends import ends_of_result, no_ends
@@ -66,8 +67,9 @@ class Course:
     peaks           : the largest of all steps of each group of `Net.groups`
     body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
     turning, guided : the bodies that have an attitude; those whose motion is given
-    ends            : (2, n_bodies + 1) records `END` at the start and at the end, of bodies and net; (2, 0)
-                      without bodies
+    outside         : effects whose impulse is kept
+    ends            : (2, n_bodies + n_outside + 1) records `END` at the start and at the end, of bodies, of
+                      these effects and of the net; (2, 0) without bodies
     ejection        : work of the ejection of the net until the end [J]; None: there is none in the scene
     tether_names    : of all tethers
     reel_names, reel : (t, n_reels, 2) length of the tether that is wound up [m], work of the drum on it [J]
@@ -91,6 +93,7 @@ class Course:
     body_centre: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
     turning: tuple[str, ...] = ()
     guided: tuple[str, ...] = ()
+    outside: tuple[str, ...] = ()
     ends: NDArray[np.void] = field(default_factory=no_ends)
     ejection: float | None = None
     tether_names: tuple[str, ...] = ()
@@ -149,6 +152,7 @@ def course_of(result: Result) -> Course:
         body_centre=_centres(result),
         turning=tuple(name for name, body in result.bodies.items() if body.attitude is not None),
         guided=tuple(name for name in result.bodies if f"{name}/{GIVEN[0][0]}" in result.states),
+        outside=effects_of(result.states),
         ends=ends_of_result(result),
         ejection=work_of_ejection(result.provenance),
         tether_names=tuple(result.net.tether_elements),

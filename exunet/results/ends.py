@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import GIVEN
 from exunet.bodies.rigid import rotation_matrix
+from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.results.result import BodyStates, Result
+from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
 
@@ -21,7 +23,7 @@ Floats = NDArray[np.float64]
 # kinetic                    : [J]
 # velocity, attitude, spin   : of a body's centre of mass [m/s], quaternion, in body axes [rad/s]
 # impulse, angular_impulse, work : that a body of given motion has given to all else [N s], about the scene's
-#                              origin [N m s], [J]
+#                              origin [N m s], [J]; the first two also of an effect from outside
 END = np.dtype(
     [("momentum", "f8", (3,)), ("angular_momentum", "f8", (3,)), ("kinetic", "f8", ())]
     + [("velocity", "f8", (3,)), ("attitude", "f8", (4,)), ("spin", "f8", (3,))]
@@ -53,19 +55,25 @@ def no_ends() -> NDArray[np.void]:
     return np.zeros((2, 0), dtype=END)
 
 
-def ends_of(points: Points, bodies: Sequence[AtEnds]) -> NDArray[np.void]:
-    """(2, n_bodies + 1) records `END`: of each body, and last of the points, which are the net."""
-    found = np.zeros((2, len(bodies) + 1), dtype=END)
+def ends_of(
+    points: Points, bodies: Sequence[AtEnds], effects: Sequence[Mapping[str, Floats]] = ()
+) -> NDArray[np.void]:
+    """(2, n_bodies + n_effects + 1) records `END`: of each body, each effect, and last the net (the points).
+
+    effects : (2, 3) of each of its quantities by name (`exunet.forces.from_outside.QUANTITIES`)
+    """
+    found = np.zeros((2, len(bodies) + len(effects) + 1), dtype=END)
+    for k, effect in enumerate(effects, start=len(bodies)):
+        for name, impulses in effect.items():
+            found[name][:, k] = impulses
     for k, (body, given) in enumerate(bodies):
         own, spin, attitude = found[:, k], body.angular_velocity, body.attitude
         own["velocity"] = body.velocity
-        own["momentum"] = body.mass * body.velocity
-        own["angular_momentum"] = np.cross(body.position, own["momentum"])
+        own["momentum"], own["angular_momentum"] = momenta_of(body)
         own["kinetic"] = 0.5 * body.mass * np.einsum("ta,ta->t", body.velocity, body.velocity)
         if spin is not None and attitude is not None and body.inertia is not None:
             turns = spin @ body.inertia
             own["spin"], own["attitude"] = spin, attitude
-            own["angular_momentum"] += np.einsum("tab,tb->ta", rotation_matrix(attitude), turns)
             own["kinetic"] += 0.5 * np.einsum("ta,ta->t", spin, turns)
         for name, values in given.items():
             own[name] = values.reshape(own[name].shape)
@@ -76,8 +84,48 @@ def ends_of(points: Points, bodies: Sequence[AtEnds]) -> NDArray[np.void]:
     return found
 
 
+def before_throw(
+    ends: NDArray[np.void], names: Sequence[str], guided: Collection[str], story: Mapping[str, Any]
+) -> NDArray[np.void]:
+    """`ends` with the momenta and energies of the start as they were before an ejection at time 0.
+
+    names : of the bodies; guided : those whose motion is given; story : with the events of the run
+    """
+    at_start = [one for one in story.get(Ejection.heading, []) if one["time_s"] == 0.0]
+    if not at_start:
+        return ends
+    (event,), found = at_start, ends.copy()
+    net, body = found[:1, -1], found[:1, names.index(event["body"])]
+    kinetic = event["net_kinetic_energy_gained_J"]
+    gains = {
+        "momentum": np.array(event["net_momentum_gained_kg_m_s"]),
+        "angular_momentum": np.array(event["net_angular_momentum_gained_kg_m2_s"]),
+        "kinetic": kinetic,
+    }
+    for quantity, gain in gains.items():
+        net[quantity] -= gain
+    if event["body"] in guided:
+        for quantity, *_ in GIVEN:
+            body[quantity] = 0.0
+        return found
+    body["momentum"] += gains["momentum"]
+    body["angular_momentum"] += gains["angular_momentum"]
+    body["kinetic"] += event["energy_lost_J"] + kinetic
+    return found
+
+
+def momenta_of(body: BodyStates) -> tuple[Floats, Floats]:
+    """(t, 3) momentum of a body [kg m/s] and angular momentum about the scene's origin [kg m2/s]."""
+    linear = body.mass * np.asarray(body.velocity[:])
+    angular = np.cross(np.asarray(body.position[:]), linear)
+    if body.angular_velocity is not None and body.attitude is not None and body.inertia is not None:
+        turns = np.asarray(body.angular_velocity[:]) @ body.inertia
+        angular += np.einsum("tab,tb->ta", rotation_matrix(np.asarray(body.attitude[:])), turns)
+    return linear, angular
+
+
 def ends_of_result(result: Result) -> NDArray[np.void]:
-    """Of the first and the last stored state."""
+    """Of the first and the last stored state; before an ejection at time 0."""
     if not result.bodies:
         return no_ends()
     mass = result.net.mass.copy()
@@ -92,7 +140,13 @@ def ends_of_result(result: Result) -> NDArray[np.void]:
             turning = _ends(body.attitude), _ends(body.angular_velocity)
             moving = replace(moving, attitude=turning[0], angular_velocity=turning[1])
         bodies.append(AtEnds(moving, given))
-    return ends_of(Points(mass, _ends(result.position), _ends(result.velocity)), bodies)
+    effects = [
+        {name: _ends(result.states[f"{OUTSIDE}{effect}/{name}"].values) for name, _ in QUANTITIES}
+        for effect in effects_of(result.states)
+    ]
+    found = ends_of(Points(mass, _ends(result.position), _ends(result.velocity)), bodies, effects)
+    guided = [name for name in result.bodies if f"{name}/{GIVEN[0][0]}" in result.states]
+    return before_throw(found, list(result.bodies), guided, result.provenance)
 
 
 def _ends(values: Floats) -> Floats:

@@ -17,7 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.net.arrays import NET, TETHER
-from exunet.results.body_headlines import OF_A_BODY, OF_A_SCENE, books_of_bodies, headlines_of_bodies
+from exunet.results.body_headlines import (
+    OF_A_BODY,
+    OF_A_SCENE,
+    OF_AN_EFFECT,
+    books_of_bodies,
+    headlines_of_bodies,
+)
 from exunet.results.course import REEL_STATES, Course
 from exunet.results.headline import Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
@@ -263,12 +269,17 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
 _ONES = (*HEADLINES, *_OF_THE_NET, of_margin(THREADS), of_margin(STRINGS), *OF_A_SCENE)
 _OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
     *OF_A_BODY,
+    *OF_AN_EFFECT,
     of_tether,
     lambda name: (of_margin(TETHER + name),),
     of_reel,
     _of_pair_both,
 )
 _ANY = "*"  # in place of a name
+
+
+# The four measures of deployment, in the order of the paper.
+DEPLOYMENT = ("largest_area_m2", "time_of_largest_area_s", "distance_m", "time_above_80_percent_s")
 
 
 def headline(key: str) -> Headline:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.forces.from_outside import OUTSIDE, effects_of
 from exunet.net.arrays import Net
 from exunet.results.areas import achievable_area as achievable_area
 from exunet.results.areas import mesh_area as mesh_area
@@ -127,14 +128,25 @@ def stays_the_same(values: Floats) -> bool:
 
 
 def peak_tensions(result: Result) -> Floats:
-    """Largest tension of each element at the stored times: (n_elements,) [N].
+    """Largest tension of each element: (n_elements,) [N].
 
-    Peaks between two stored times are not in it; snaps may be shorter than that.
+    Of all steps of a run; of a result that does not tell them (see `has_peaks_of_all_steps`) of the stored
+    times, between which a snap may be higher.
     """
+    if has_peaks_of_all_steps(result):
+        return np.array(result.provenance[_PEAKS])
     peaks = np.zeros(result.net.n_elements)
     for block in blocks(result.tension):
         np.maximum(peaks, block.max(axis=0), out=peaks)
     return peaks
+
+
+_PEAKS = "peak_tensions_N"
+
+
+def has_peaks_of_all_steps(result: Result) -> bool:
+    """True of runs but for unfinished ones and those of older versions."""
+    return _PEAKS in result.provenance
 
 
 def largest_tensions(result: Result) -> Floats:
@@ -203,29 +215,71 @@ def work_of_ejection(story: Mapping[str, Any]) -> float | None:
     return float(ejected(np.array([np.inf]), story)[0]) if story.get(Ejection.heading) else None
 
 
-def momentum_gained(result: Result) -> dict[str, float]:
-    """Largest change of momentum and angular momentum about the origin since the start, and their size.
+class MomentumBook(NamedTuple):
+    """Of the linear momentum [kg m/s], or of the angular momentum about the scene's origin [kg m2/s].
 
-    What bodies that are fixed or prescribed have given is taken off: what is left is the impulse of forces
-    from outside, such as gravity and drag, or error. The momentum's size is the largest sqrt(2 K M), which it
-    cannot exceed, M all mass; the angular momentum's that of its largest value.
+    gained   : largest change since the start, less what bodies of given motion have given: the impulse of
+               forces from outside, or error
+    residual : largest of this less the impulses that the run has kept of effects: error, or what has no line,
+               such as forces of a script and nodes that net.fixed holds
+    size     : of which errors are parts: the largest sum over nodes and bodies of |m v|, or of |m x x v| and
+               |J w|, which is not zero where the parts cancel
     """
+
+    gained: float
+    residual: float
+    size: float
+
+
+def momentum_books(result: Result) -> dict[str, MomentumBook]:
+    """The book of the "linear" and that of the "angular" momentum, at the stored times."""
     found = {}
-    mass = moving_mass(result)
+    sizes = momentum_sizes(result)
     for name, given, values in (
         ("linear", "impulse", result.momentum),
         ("angular", "angular_impulse", result.angular_momentum),
     ):
         values = np.asarray(values[:], dtype=float)
-        size = float(np.linalg.norm(values, axis=1).max())
-        states = (result.states.get(f"{body}/{given}") for body in result.bodies)
-        taken = [np.asarray(one.values[:]) for one in states if one is not None]
-        left = values - np.sum(taken, axis=0) if taken else values
-        found[f"{name}_gained"] = float(np.linalg.norm(left - left[0], axis=1).max())
-        found[f"{name}_size"] = size
-    fastest = float(np.sqrt(2.0 * np.max(np.asarray(result.kinetic[:])) * mass))
-    found["linear_size"] = max(found["linear_size"], fastest)
+        left = values - _given(result, result.bodies, given)
+        rest = left - _given(result, [OUTSIDE + one for one in effects_of(result.states)], given)
+        gained, residual = (float(np.linalg.norm(one - one[0], axis=1).max()) for one in (left, rest))
+        found[name] = MomentumBook(gained, residual, sizes[name])
     return found
+
+
+def _given(result: Result, names: Iterable[str], quantity: str) -> Floats:
+    """(t, 3) of all that have given some."""
+    states = (result.states.get(f"{name}/{quantity}") for name in names)
+    return sum((np.asarray(one.values[:]) for one in states if one is not None), np.zeros(3))
+
+
+def momentum_sizes(result: Result) -> dict[str, float]:
+    """Of the linear and the angular momentum; see `MomentumBook`. Bodies of given motion have none."""
+    mass = result.net.mass.copy()
+    linear, angular = np.zeros(len(result.time)), np.zeros(len(result.time))
+    for name, body in result.bodies.items():
+        if body.nodes is not None:
+            mass[body.nodes] = 0.0  # which the body has
+        if f"{name}/impulse" in result.states:
+            continue
+        places = (np.asarray(part[:])[:, None] for part in (body.position, body.velocity))
+        for total, shares in zip((linear, angular), shares_of(np.array([body.mass]), *places), strict=True):
+            total += shares
+        if body.inertia is not None and body.angular_velocity is not None:
+            angular += np.linalg.norm(np.asarray(body.angular_velocity[:]) @ body.inertia, axis=1)
+    first = 0
+    for position, velocity in zip(blocks(result.position), blocks(result.velocity), strict=True):
+        rows = slice(first, first + len(position))
+        for total, shares in zip((linear, angular), shares_of(mass, position, velocity), strict=True):
+            total[rows] += shares
+        first += len(position)
+    return {"linear": float(linear.max()), "angular": float(angular.max())}
+
+
+def shares_of(mass: Floats, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
+    """(t,) sums of |m v| and of |m x x v| over points of masses (n,), (t, n, 3) [m], [m/s]."""
+    moments = np.cross(position, velocity)
+    return np.linalg.norm(velocity, axis=-1) @ mass, np.linalg.norm(moments, axis=-1) @ mass
 
 
 def moving_mass(result: Result) -> float:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 RESULT_FILE = "result.h5"
+SPREAD_FILE = "spread.h5"  # beside it: what moved starts gave, which describes it
 STORE_FOLDER = "unfinished"  # beside it, during the run
 
 
@@ -44,6 +45,7 @@ def load_result(path: str | Path) -> Result:
     """The Result kept in a file that `save` wrote, or in the folder of a run; the same values, bit for bit.
 
     A folder is read for its result.h5, or else for the states of an unfinished run (see `open_unfinished`).
+    A spread.h5 beside a result.h5 is its `spread_file`, which figures show.
     Large arrays stay in the file, see `Result`. Raises InputError, one line, if there is no such file or it
     is not a whole result file of a known format.
     """
@@ -64,7 +66,9 @@ def load_result(path: str | Path) -> Result:
         finally:
             if not open_rows:
                 file.close()
-        return result
+        spread = path.with_name(SPREAD_FILE)
+        its_own = path.name == RESULT_FILE and spread.is_file()
+        return replace(result, spread_file=spread) if its_own else result
 
 
 def open_unfinished(folder: str | Path) -> Result:

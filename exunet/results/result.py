@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -30,8 +31,8 @@ class BodyStates:
     inertia          : (3, 3) [kg m2] about the centre of mass, in body axes; None: a point mass
     position         : (n_times, 3) [m], of the centre of mass
     velocity         : (n_times, 3) [m/s]
-    attitude         : (n_times, 4) unit quaternion (w, x, y, z) that turns body axes into inertial axes; None
-                       for a point mass
+    attitude         : (n_times, 4) unit quaternion (w, x, y, z) that turns body axes into the scene's axes;
+                       None for a point mass
     angular_velocity : (n_times, 3) [rad/s], in body axes; None for a point mass
     wireframe        : (k, 2, 3) ends of lines that show its shape, from the centre of mass, in body axes [m];
                        None: it has no shape
@@ -92,6 +93,7 @@ class Result:
     least_kinetic    : (n_times,) [J], the same for the least kinetic energy
     bodies           : the bodies beside the net, by name
     states           : first-order states of forces, by "term/quantity"
+    spread_file      : of a result that was read: what moved starts gave, beside its file; None: nothing
     """
 
     net: Net
@@ -113,6 +115,7 @@ class Result:
     least_kinetic: Floats | None = None
     bodies: Mapping[str, BodyStates] = field(default_factory=dict)
     states: Mapping[str, TermStates] = field(default_factory=dict)
+    spread_file: Path | None = None
 
     def to_frame(self) -> DataFrame:
         """Quantities over time as a pandas table: one row for each stored time, units in brackets.

@@ -17,17 +17,16 @@ from shlex import quote
 
 from exunet.base.errors import InputError
 from exunet.base.files import cannot_write
-from exunet.results.reading import RESULT_FILE, STORE_FOLDER
+from exunet.results.reading import RESULT_FILE, SPREAD_FILE, STORE_FOLDER
 from exunet.results.segments import is_store
 
 # What stands beside a result and describes it: it goes when the result is replaced.
 SUMMARY = "summary.json"
-SPREAD = "spread.h5"
 FIGURES = (
     *("reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "tethers"),
-    *("largest_tension", "loads", "distances", "rotation", "agreement"),
+    *("largest_tension", "momentum", "loads", "distances", "rotation", "agreement"),
 )
-DESCRIPTIONS = (SUMMARY, SPREAD, *(f"{figure}.png" for figure in FIGURES))
+DESCRIPTIONS = (SUMMARY, SPREAD_FILE, *(f"{figure}.png" for figure in FIGURES))
 
 _LISTED = 3  # names in a message
 

@@ -9,9 +9,10 @@ finer setting, its value is within the range too.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,13 +23,15 @@ from exunet.results.course import Course
 from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.results.headline import Headline
-from exunet.results.headlines import headlines_for
+from exunet.results.headlines import headline, headlines_for
 
 Floats = NDArray[np.float64]
 
 COVERING = 32  # runs from which on the range covers most of what other starts give
 MOST_ERROR = 0.1  # of a value: with more not even its first digit is known
 FEWEST = 8  # runs of which a range is told at all
+FINEST = 1e-3  # of the last digit that is printed without an error: no error shows finer ones
+CONVERGED = "converged"  # in the story of a spread: value and error of headlines, by key
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,7 @@ class Judged:
     value, error : of the converged run, where the range is small against the printed digits; else None
     places   : (place, number of runs) of a headline that has places, the most frequent first
     size     : what its digits are counted from, if that is more than the value
+    spacing  : of the times [s] of which it is one: a range has no finer digits; 0: it is none
     """
 
     headline: Headline
@@ -52,6 +56,7 @@ class Judged:
     error: float | None = None
     places: tuple[tuple[int, int], ...] = ()
     size: float = 0.0
+    spacing: float = 0.0
 
     @property
     def predictable(self) -> bool:
@@ -64,13 +69,26 @@ class Judged:
         if self.value is not None and self.error is not None:
             (value,), error = _rounded([self])
             return f"{value}{error}{unit}"
-        last = max(self.last_digit(self.least), self.last_digit(self.largest))
+        last = max(self.last_digit(self.least), self.last_digit(self.largest), _power_above(self.spacing))
         low, middle, high = (printed(each, last) for each in (self.least, self.median, self.largest))
         return f"median {middle}{unit}, {low} to {high}{unit}"
+
+    def relative_to(self, scale: float) -> Judged:
+        """The same as a part of a scale [unit]."""
+        one, numbers = self.headline, ("median", "least", "largest", "value", "error", "size")
+        parts: dict[str, Any] = {
+            name: None if (of := getattr(self, name)) is None else of / scale for name in numbers
+        }
+        return replace(self, headline=replace(one, unit="", least=one.least / scale), **parts)
 
     def last_digit(self, value: float) -> float:
         """What the last digit of a value counts that is printed."""
         return self.headline.last_digit(value, self.size)
+
+
+def _power_above(value: float) -> float:
+    """The least power of ten that is not less; 0 for 0."""
+    return 10.0 ** math.ceil(math.log10(value) - 1e-9) if value > 0.0 else 0.0
 
 
 def words_of_vector(parts: Sequence[Judged]) -> str:
@@ -82,22 +100,17 @@ def words_of_vector(parts: Sequence[Judged]) -> str:
 
 
 def _rounded(parts: Sequence[Judged]) -> tuple[list[str], str]:
-    """Values down to a common digit, and " ± " with the error of all, rounding included; "" for none."""
+    """Values down to the digit of the error of all, and " ± " with it, rounding included; "" for none."""
     values = [one.value for one in parts if one.value is not None]
     error = max(one.error for one in parts if one.error is not None)
     last = max(one.last_digit(value) for one, value in zip(parts, values, strict=True))
-    if error > 0.0:
-        last = max(last, unit_of_last_digit(error, 1))
-        error += max(abs(value - round(value / last) * last) for value in values)
-    # Differences of no more than `least` are those of round-off.
-    words = f" ± {_rounded_up(error):g}" if error > parts[0].headline.least else ""
-    return [printed(value, last) for value in values], words
-
-
-def _rounded_up(error: float) -> float:
-    """An error to one digit, not less than it is."""
-    last = unit_of_last_digit(error, 1)
-    return float(np.ceil(error / last * (1.0 - 1e-9)) * last)
+    if error <= parts[0].headline.least:  # differences of round-off
+        return [printed(value, last) for value in values], ""
+    last = max(unit_of_last_digit(error, 1), last * FINEST)
+    error += max(abs(value - round(value / last) * last) for value in values)
+    last = max(last, unit_of_last_digit(error, 1))
+    shown = math.ceil(error / last * (1.0 - 1e-9)) * last
+    return [printed(value, last) for value in values], f" ± {printed(shown, last)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +162,8 @@ class Spread:
         """What is kept of it in a file, and drawn."""
         names = ("seed", "move", "method", "tolerance", "step")
         story = {"move_m" if name == "move" else name: getattr(self, name) for name in names}
+        known = {key: [one.value, one.error] for key, one in self.judged.items() if one.predictable}
+        story[CONVERGED] = known
         return ensemble_result(self.courses, complete=True, verdict="ok", provenance=story)
 
     def words(self) -> str:
@@ -156,7 +171,7 @@ class Spread:
         setting = f"tolerance {self.tolerance:.3g}" if self.tolerance else f"step {self.step:.4g} s"
         turned = ", rad and rad/s" if self.plain.turning else ""
         return (
-            f"{self.runs} starts moved by up to {self.move:g} m{turned} (seed {self.seed}), {self.method} "
+            f"{self.runs} starts moved by up to {self.move:.2g} m{turned} (seed {self.seed}), {self.method} "
             f"with {setting} in the compiled loop"
         )
 
@@ -174,6 +189,22 @@ class Spread:
         )
 
 
+def judged_in(spread: EnsembleResult, key: str) -> Judged | None:
+    """A headline of a spread that is kept in a file, or of any ensemble: a range unless it tells a value.
+
+    None if no run has it.
+    """
+    values = spread.headlines.get(key, np.zeros(0))
+    values = values[~np.isnan(values)]
+    if not len(values):
+        return None
+    low, middle, high = float(values.min()), float(np.median(values)), float(values.max())
+    value, error = spread.provenance.get(CONVERGED, {}).get(key, (None, None))
+    one = headline(key)
+    spacing = float(spread.time[1] - spread.time[0]) if one.at_a_time else 0.0
+    return Judged(one, len(values), middle, low, high, value, error, spacing=spacing)
+
+
 def _judge(
     one: Headline, courses: Sequence[Course], plain: Course, finer: Course, step: float
 ) -> Judged | None:
@@ -188,14 +219,15 @@ def _judge(
     size = 0.0 if one.size is None else max(one.size(course) for course in (*courses, finer))
     converged = one.value(finer)
     last = max(one.last_digit(each, size) for each in (least, largest))
-    judged = Judged(one, len(values), middle, least, largest, places=places, size=size)
+    spacing = float(finer.time[1] - finer.time[0]) if one.at_a_time else 0.0
+    judged = Judged(one, len(values), middle, least, largest, None, None, places, size, spacing)
     if converged is None or len(values) < len(courses) or largest - least > last:
         return judged
     error = max(abs(float(value) - converged) for value in (least, largest))
     if error > max(MOST_ERROR * max(abs(converged), size), one.least):  # the setting does what moves do not
         values = np.append(values, converged)
         least, middle, largest = float(values.min()), float(np.median(values)), float(values.max())
-        return Judged(one, len(values), middle, least, largest, places=places, size=size)
+        return Judged(one, len(values), middle, least, largest, None, None, places, size, spacing)
     error = _error(one, error, plain, finer, step)
     return Judged(one, len(values), middle, least, largest, converged, error, places, size)
 

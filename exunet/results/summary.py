@@ -19,8 +19,9 @@ from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
 from exunet.results.course import Course, course_of
 from exunet.results.headlines import constants_of, headlines_of
+from exunet.results.loads import loads
 from exunet.results.margins import Peak
-from exunet.results.measures import energy_balance, energy_scale, momentum_gained, moving_mass, stays_the_same
+from exunet.results.measures import energy_balance, energy_scale, momentum_books, moving_mass, stays_the_same
 from exunet.results.passages import Overlap, Passage, overlaps, passages
 from exunet.results.result import BodyStates, Result
 from exunet.results.spread import Spread, description, numbers
@@ -61,6 +62,7 @@ def summarise(
             "balance_error": energy_balance(result),
         },
         **({"momentum": _momentum(result)} if result.bodies else {}),
+        "attachments": {name: found for name in result.bodies if (found := _attachments(result, name))},
         "headlines": numbers(spread, headlines_of(course), constant := constants_of(course)),
         "constant": constant,
         "spread": description(spread),
@@ -153,10 +155,30 @@ def _body(net: Net, body: BodyStates) -> dict[str, float]:
     return {"mass_kg": body.mass, "mass_of_nodes_kg": nodes}
 
 
+def _attachments(result: Result, body: str) -> list[dict[str, Any]]:
+    """The largest force and torque at each node that is fixed to a body, over the stored times."""
+    of = loads(result, body)
+    torque = np.linalg.norm(of.torque, axis=-1)
+    return [
+        {
+            "node": node,
+            "largest_force_N": float(of.size[:, k].max()),
+            "largest_force_at_s": float(result.time[of.size[:, k].argmax()]),
+            "largest_torque_N_m": float(torque[:, k].max()),
+            "largest_torque_at_s": float(result.time[torque[:, k].argmax()]),
+        }
+        for k, node in enumerate(of.nodes.tolist())
+    ]
+
+
 def _momentum(result: Result) -> dict[str, float]:
     """Its books, and those of the angular momentum about the origin."""
-    found = momentum_gained(result).items()
-    return {f"{name}_{'kg_m_s' if name.startswith('linear') else 'kg_m2_s'}": value for name, value in found}
+    units = {"linear": "kg_m_s", "angular": "kg_m2_s"}
+    return {
+        f"{name}_{entry}_{units[name]}": value
+        for name, book in momentum_books(result).items()
+        for entry, value in book._asdict().items()
+    }
 
 
 def _refused(reason: str | None) -> dict[str, str] | None:

@@ -58,10 +58,14 @@ def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("angular momentum of all", "angular", "kg m2/s", "about the scene's origin"),
     ):
         key = unit.replace("/", "_").replace(" ", "_")
-        gained, size = books[f"{kind}_gained_{key}"], books[f"{kind}_size_{key}"]
-        part = f", {_short(gained / size)} as a part of its size {size:.4g} {unit}" if size else ""
-        why = f"by forces from outside, or error{_besides(summary)}"
-        found.append((name, f"changes by at most {_short(gained)} {unit}{part} ({where}; {why})"))
+        gained, left, size = (books[f"{kind}_{one}_{key}"] for one in ("gained", "residual", "size"))
+        part = f", {_short(left / size)} as a part of its size {size:.4g} {unit}" if size else ""
+        lines = [one for one in summary["effects"] if f"effect_{one}_impulse_x_N_s" in summary["headlines"]]
+        words = f"changes by at most {_short(gained)} {unit}"
+        if lines:
+            words += f", by no more than {_short(left)} {unit} beside the impulse of {' and '.join(lines)}"
+        why = "error" if lines else "by forces from outside, or error"
+        found.append((name, f"{words}{part} ({where}; {why}{_besides(summary)})"))
     return found
 
 
@@ -161,7 +165,7 @@ def _headline_row(one: Headline, summary: dict[str, Any], judged: Mapping[str, J
 
 
 def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, str]]:
-    """What of the run itself lies outside the ranges: its start may be special, as a symmetric one is."""
+    """What of the run itself lies outside the ranges, as some headline of most runs does."""
     found = []
     for key, judged in spread.judged.items():
         value = headlines[key]["this_run"]
@@ -169,7 +173,7 @@ def _outside_row(headlines: dict[str, Any], spread: Spread) -> list[tuple[str, s
             found.append(f"{judged.headline.words} {shown(judged.headline, value)}")
     if not found:
         return []
-    return [("this run", f"outside of the range, so that its exact start is not typical: {', '.join(found)}")]
+    return [("this run", f"outside of the range: {', '.join(found)}")]
 
 
 def _where(judged: Judged) -> str:

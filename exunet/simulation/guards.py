@@ -93,7 +93,8 @@ class Guards:
     def __init__(self, system: System, start: State) -> None:
         now = States.of(system, start)
         self._scale = EnergyScale(now)
-        self._start, self._bodies = (float(part[0]) for part in _apart(now))
+        mechanical, self._bodies = (float(part[0]) for part in _apart(now))
+        self._start = mechanical + system.lost_at_start
         self._gained = np.zeros(2)
         net = system.net
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element

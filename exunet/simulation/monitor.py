@@ -16,10 +16,12 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.terms import Change
 from exunet.methods.plan import Plan
 from exunet.simulation.diagnosis import COLLAPSE_ADVICE, LOAD_ADVICE, state_of_worst, step_advice
+from exunet.simulation.element_peaks import ElementPeaks
 from exunet.simulation.envelope import Envelope
 from exunet.simulation.guards import Guards, Look
 from exunet.simulation.peaks import Peaks
 from exunet.simulation.snapshot import group_of, grouped
+from exunet.system.ejection import Ejection
 from exunet.system.states import States
 from exunet.system.system import State, System
 
@@ -43,6 +45,7 @@ class Monitor:
     every    : the guards look at one state in so many, at each that is asked for by `mark`, and at the last
     store    : takes the marked states with their dissipated energy (k,) [J]
     envelope : takes the energies of all good states
+    element_peaks : takes the tensions of all good states
     """
 
     def __init__(
@@ -53,15 +56,18 @@ class Monitor:
         every: int = STATES_A_LOOK,
         store: Store | None = None,
         envelope: Envelope | None = None,
+        element_peaks: ElementPeaks | None = None,
     ) -> None:
         self._system = system
         self._plan: Plan | None = None
         self._every = every
         self._store = store
         self._envelope = envelope
+        self._element_peaks = element_peaks
+        self.asks_for_elements = element_peaks is not None
         self._guards = Guards(system, state)
         self._marks: list[float] = []
-        self._base = 0.0
+        self._base = system.lost_at_start + float(system.given_work(state.first_order))
         self._drifted = False
         self._stored_until = -math.inf
         self._push: Floats | None = None
@@ -69,12 +75,15 @@ class Monitor:
         memories = (term.memory for term in system.forces.memories)
         self._keeps = {one.name: one for one in memories if one is not None and one.kept_in}
         self.peaks = Peaks(system.net.groups)
-        self.dissipated = 0.0
+        self.dissipated = system.lost_at_start
         self.last_good = state
-        self.safe, self.safe_dissipated = state, 0.0
+        self.safe, self.safe_dissipated = state, self.dissipated
         self.events: list[dict[str, Any]] = []
         switches = system.forces.switches
         self._headings = {term.memory.name: switch.heading for term, switch in switches if term.memory}
+        if system.throw is not None:
+            self._headings[Ejection.heading] = Ejection.heading
+            self.events = [{"heading": Ejection.heading, **system.throw.event}]
         self._remember(state.memory)
 
     def _remember(self, memory: Arrays) -> None:
@@ -132,6 +141,8 @@ class Monitor:
         self.peaks.forget_after(time)
         if self._envelope is not None:
             self._envelope.forget_after(time)
+        if self._element_peaks is not None:
+            self._element_peaks.forget_after(time)
 
     def arrays(self, now: float) -> dict[str, NDArray[Any]]:
         """All that the books hold at a time [s], for a snapshot."""
@@ -148,6 +159,8 @@ class Monitor:
         }
         if self._envelope is not None:
             held |= grouped("envelope", self._envelope.arrays(now))
+        if self._element_peaks is not None:
+            held |= grouped("element_peaks", self._element_peaks.arrays())
         return held
 
     def _kept_rows(self) -> dict[str, NDArray[Any]]:
@@ -176,6 +189,8 @@ class Monitor:
         self.events = list(events)
         if self._envelope is not None:
             self._envelope.restore(group_of("envelope", arrays))
+        if self._element_peaks is not None:
+            self._element_peaks.restore(group_of("element_peaks", arrays))
 
     def engine_failed(self, failure: Exception, *, step_cause: bool) -> RunStopped:
         """The error for an integrator that gave up, with its words and the last good state."""
@@ -187,6 +202,8 @@ class Monitor:
     def between(self, until: float, extremes: Extremes) -> None:
         if self._envelope is not None:
             self._envelope.take(until, extremes.elastic, extremes.kinetic)
+        if self._element_peaks is not None:
+            self._element_peaks.take(until, extremes.of_elements)
         self.peaks.take(extremes.largest)
 
     def remembered(self, time: float, memory: Arrays) -> None:
@@ -273,7 +290,9 @@ class Monitor:
         """Take states that have nothing wrong with them."""
         self._guards.accept(look, -1)
         self.last_good = states.state(len(states) - 1)
-        self.peaks.look(states.time, states.tension)
+        self.peaks.look(states.time, states.tension, marked.tolist())
+        if self._element_peaks is not None:
+            self._element_peaks.look(states.time, states.tension)
         del self._marks[: len(marked)]
         if len(marked) and not self._drifted:
             off = look.off[np.searchsorted(rows, marked)] > GOOD_PART
@@ -282,6 +301,8 @@ class Monitor:
             if len(good):
                 self.safe, self.safe_dissipated = states.state(good[-1]), float(dissipated[good[-1]])
                 self._put_memory_into_safe()
+        if self._element_peaks is not None and len(marked):
+            self._element_peaks.settle(self.safe.time, float(states.time[marked[-1]]))
         if self._store is not None and len(marked):
             self._store(states[marked], dissipated[marked])
             self._stored_until = float(states.time[marked[-1]])

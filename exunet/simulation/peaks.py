@@ -14,24 +14,33 @@ Floats = NDArray[np.float64]
 
 
 class Peaks:
-    """Keeps each new largest tension, so that a run which goes back in time can forget the later ones.
+    """Keeps the largest tensions in the order in which they were found, each above those before it.
 
-    groups : of elements, by name, of each of which the largest is kept
+    A run that goes back to a state forgets those that were found after it. So one is kept of the states after
+    each to which a run may go back, until the next, if it is above all before: the first of the largest, and
+    of elements that have it in the same state the one of the lowest number.
+
+    groups : of elements, by name, of each of which such largest are kept
     """
 
     def __init__(self, groups: Mapping[str, range]) -> None:
         self._groups = dict(groups)
         self._found = [[Largest(0.0, 0.0, -1)] for _ in self._groups]
 
-    def look(self, time: Floats, tension: Floats) -> None:
-        """Take tensions (k, n_elements) [N] at times (k,) [s], in order."""
+    def look(self, time: Floats, tension: Floats, marked: Iterable[int] = ()) -> None:
+        """Take tensions (k, n_elements) [N] at times (k,) [s], in order.
+
+        marked : rows of the states to which a run may go back, in order
+        """
         for found, group in zip(self._found, self._groups.values(), strict=True):
             own = tension[:, group.start : group.stop]
-            largest = own.max(axis=1, initial=0.0)
-            state = int(np.argmax(largest))
-            if largest[state] > found[-1].tension:
-                element = group.start + int(np.argmax(own[state]))
-                found.append(Largest(float(largest[state]), float(time[state]), element))
+            largest, begin = own.max(axis=1, initial=0.0), 0
+            for end in dict.fromkeys((*(row + 1 for row in marked), len(time))):
+                state = begin + int(np.argmax(largest[begin:end]))
+                if largest[state] > found[-1].tension:
+                    element = group.start + int(np.argmax(own[state]))
+                    found.append(Largest(float(largest[state]), float(time[state]), element))
+                begin = end
 
     def take(self, largest: Iterable[Largest]) -> None:
         """Take the largest tension of each group, of steps that nobody else looks at."""

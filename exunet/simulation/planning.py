@@ -76,7 +76,9 @@ def _chosen(scene: Scene, system: System, state: State) -> Plan:
     if solver.tolerance is not None:
         method, why = Method.DOPRI5, "for a given tolerance"
     plan = _adaptive(method, scene, system, state)
-    notes = [f"auto: {method}, tolerance {plan.tolerance:.2g} ({why})"]
+    settled_later = _is_measured_on_the_start(scene, system) and solver.tolerance is None
+    tolerance = "" if settled_later else f", tolerance {plan.tolerance:.2g}"
+    notes = [f"auto: {method}{tolerance} ({why})"]
     rate, frequency = largest_damping_rate(system), largest_frequency(system)
     if rate > STIFF * frequency:
         steps = scene.time.end / stable_step(Method.RK44, frequency, rate)

@@ -22,6 +22,7 @@ from exunet.results.columns import STATES, BodyConstants, Column, body_path, dec
 from exunet.results.from_rows import result_of_rows
 from exunet.results.result import Result
 from exunet.results.store import MemoryStore, RowStore
+from exunet.simulation.element_peaks import ElementPeaks
 from exunet.simulation.envelope import Envelope
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
@@ -65,6 +66,7 @@ class Recorder:
 
     times    : (n,) of the states to be stored [s]
     envelope : takes the energies of all steps
+    element_peaks : takes their tensions
     story    : provenance so far, JSON-like
     """
 
@@ -72,6 +74,7 @@ class Recorder:
         self._start = start
         self.times = stored_times(start.scene.time)
         self.envelope = Envelope(self.times)
+        self.element_peaks = ElementPeaks(self.times, start.net.n_elements)
         self.rows: RowStore = MemoryStore(columns_of(start.system)) if store is None else store
         self.story: dict[str, Any] = dict(provenance) | first_story(start)
         self._waiting: list[tuple[States, Floats]] = []
@@ -194,6 +197,7 @@ class Recorder:
         self.story["largest_tension"] = monitor.peaks.provenance()
         if self._start.net.tethers:
             self.story["largest_tensions"] = monitor.peaks.of_groups()
+        self.story["peak_tensions_N"] = self.element_peaks.largest.tolist()
         self.story["energy_scale_J"] = monitor.energy_scale
         self.story |= monitor.story()
         return verdict, self.story

@@ -170,16 +170,29 @@ def run_into(
     an earlier result; the words say where), and InputError if files cannot be written, if another run has
     the folder, or if without `overwrite` there is a result or an unfinished run in it.
     """
-    import h5py  # noqa: F401 - so that a missing h5py shows before the run, not after it
-
     start, folder = prepare_case(case) if start is None else start, Path(folder)
+    request = Request(case, checkpoint_every, moved_starts)
     refuse_checkpoints(start, checkpoint_every)
     with held(folder):
-        if not overwrite:
-            refuse_taken(folder)
-        put_unfinished_aside(folder)
-        request = Request(case, checkpoint_every, moved_starts)
-        return _into(folder, *_begun(folder, request, start), progress, describe)
+        return run_into_held(folder, request, start, progress, describe, overwrite=overwrite)
+
+
+def run_into_held(
+    folder: Path,
+    request: Request,
+    start: Start,
+    progress: Progress | None = None,
+    describe: Describe | None = None,
+    *,
+    overwrite: bool = False,
+) -> Result:
+    """As `run_into`, of a folder that the caller holds (see `exunet.results.run_folder.held`)."""
+    import h5py  # noqa: F401 - so that a missing h5py shows before the run, not after it
+
+    if not overwrite:
+        refuse_taken(folder)
+    put_unfinished_aside(folder)
+    return _into(folder, *_begun(folder, request, start), progress, describe)
 
 
 def resume(folder: str | Path, progress: Progress | None = None, describe: Describe | None = None) -> Result:

@@ -74,15 +74,18 @@ class Simulation:
         self._outside = Outside(self._start.system)
         self._acting = self._outside.at_start
         self._stops = Stops()
-        state, envelope = self._start.state, None if recorder is None else recorder.envelope
-        store = None if recorder is None else recorder.store
-        self._monitor = Monitor(self._start.system, state, store=store, envelope=envelope)
+        state = self._start.state
+        kept: dict[str, Any] = {}
+        if recorder is not None:
+            kept = {"store": recorder.store, "envelope": recorder.envelope}
+            kept["element_peaks"] = recorder.element_peaks
+        self._monitor = Monitor(self._start.system, state, **kept)
         self._control: Control | None = None
         self._spent = StepCounts()
         self._seconds = 0.0
         self._integrator = self._begin(state)
         if recorder is not None and not len(recorder):
-            recorder.store(States.of(self._start.system, state), np.zeros(1))
+            recorder.store(States.of(self._start.system, state), np.array([self._monitor.dissipated]))
         self._first = self.snapshot() if recorder is None and self.can_restart else None
 
     def _begin(self, state: State) -> Integrator:
@@ -258,7 +261,7 @@ class Simulation:
             until = self._monitor.safe.time
             return Interrupted(f"interrupted; the simulation is at its last good state, t = {until:.6g} s")
         until = self._recorder.until
-        return Interrupted(f"interrupted after t = {until:.6g} s; what was computed is kept")
+        return Interrupted(f"interrupted after t = {until:.6g} s")
 
     def _to_safe_state(self) -> None:
         """After a failure: be at the last good state that was asked for, with the books of that state.

@@ -25,12 +25,16 @@ _GROWING = (
     ("monitor:marks",),
     ("monitor:envelope:",),
     ("monitor:kept_at:",),
+    ("monitor:element_peaks:intervals", "monitor:element_peaks:later"),
     ("stops:times", "stops:force"),
     ("stops:forces",),
 )
 
 # Limits and extremes, infinite where nothing limits and nothing was seen.
-_MAY_BE_INFINITE = ("integrator:seen/", "integrator:clock/", "monitor:envelope:")
+_MAY_BE_INFINITE = (
+    *("integrator:seen/", "integrator:clock/", "monitor:envelope:"),
+    "monitor:element_peaks:stored_until",
+)
 
 _TIMES = ("integrator:time", "integrator:clock/time")
 

@@ -22,18 +22,22 @@ class Books:
     """An observer (see `exunet.backends.protocol.Observer`).
 
     booked     : False if only what breaks is told
-    dissipated : energy [J] that has left the system until the last state that was handed over
+    dissipated : energy [J] that has left the system until the last state that was handed over, and what
+                 guided bodies and reels have given to it
     breaks     : what has broken, in order of time
     """
 
+    asks_for_elements = False
+
     def __init__(self, system: System, state: State, *, booked: bool) -> None:
         self._system, self._memory, self._booked = system, dict(state.memory), booked
-        self.dissipated = 0.0
+        begun = system.lost_at_start + float(system.given_work(state.first_order))
+        self.dissipated = self._begun = begun
         self.breaks: list[Break] = []
 
     def take(self, batch: Batch) -> None:
         if batch.taken is not None:
-            self.dissipated = float(batch.taken[-1])
+            self.dissipated = self._begun + float(batch.taken[-1])
         elif self._booked:
             states = States(self._system, *batch[:4], self._memory, batch.first_order)
             self.dissipated += float(states.work_taken().sum())

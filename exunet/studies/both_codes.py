@@ -22,6 +22,7 @@ from exunet.backends.exudyn.build import build
 from exunet.backends.exudyn.probe import Probe
 from exunet.base.errors import InputError
 from exunet.bodies.body import in_frames
+from exunet.bodies.kinematics import GIVEN
 from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.case.casefile import Case, load
 from exunet.case.fault_location import located_faults
@@ -250,7 +251,7 @@ class BothCodes:
         start = replace(self.start, plan=plan or self.start.plan)
         books = Books(start.system, start.state, booked=booked)
         stepper = integrator(start.scene.engine, start.system, start.state, start.plan, books)
-        states, left, reels = [start.state.moving], [0.0], [self.wound_in_reference(start.state)]
+        states, left, reels = [start.state.moving], [books.dissipated], [self.wound_in_reference(start.state)]
         for until in times[1:].tolist():
             stepper.advance(until)
             if booked:
@@ -272,7 +273,8 @@ class BothCodes:
             *(np.array([getattr(one, name) for one in reels]) for name in ("wound_up", "held", "work"))
         )
         steps, breaks = stepper.counts.steps, tuple(books.breaks)
-        return Trajectory(np.asarray(times), *arms, seen, steps, wound, energy, breaks)
+        given = self._given(first_order)
+        return Trajectory(np.asarray(times), *arms, seen, steps, wound, energy, breaks, given)
 
     def run_reference(self, times: Floats, **how: Any) -> Trajectory:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.integration."""
@@ -281,7 +283,19 @@ class BothCodes:
         arms = with_arms(self.points_of(found), self.rigid_of(seen), self.size)
         ours = np.argsort(self.reference_elements)  # exunet's element of each of the reference's
         breaks = tuple(Break(int(ours[one.element]), one.time) for one in found.breaks)
-        return Trajectory(found.t, *arms, seen, found.n_steps, found.reels, found.dissipated, breaks)
+        given = np.concatenate([found.given.impulse, found.given.angular_impulse], axis=-1).sum(axis=1)
+        return Trajectory(found.t, *arms, seen, found.n_steps, found.reels, found.dissipated, breaks, given)
+
+    def _given(self, first_order: Floats) -> Floats:
+        """(t, 6) impulses and angular impulses of all guided bodies, from states (t, n_states)."""
+        system = self.start.system
+        first = system.blocks.n_x - system.blocks.n_states
+        found = np.zeros((len(first_order), 6))
+        for body, free in zip(system.bodies, system.moves_freely, strict=True):
+            if not free:
+                at = system.blocks.state(f"{body.name}/{GIVEN[0][0]}") - first
+                found += first_order[:, at : at + 6]
+        return found
 
     def rigid_of(self, seen: Theirs | reference.Trajectory) -> tuple[Floats, Floats, Floats, Floats]:
         """Of the rigid bodies, in exunet's order: what `reference.BodyStates` has of each.

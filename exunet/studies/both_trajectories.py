@@ -48,6 +48,8 @@ class Trajectory:
     dissipated : (t,) energy that has left the system since the start [J], less what bodies whose motion is
                  given, and reels, have put in; None: it was not booked
     breaks     : elements that broke, in order of time
+    given      : (t, 6) impulse [N s] and angular impulse about the origin [N m s] that bodies whose motion is
+                 given have given to all else; None: it was not asked for
     """
 
     time: Floats
@@ -58,6 +60,7 @@ class Trajectory:
     reels: reference.Wound
     dissipated: Floats | None = None
     breaks: tuple[Break, ...] = ()
+    given: Floats | None = None
 
 
 def with_arms(

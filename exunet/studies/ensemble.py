@@ -20,6 +20,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import WIDTH, kept_before
 from exunet.codegen.kernel import Kernel
+from exunet.forces.from_outside import effects_of
 from exunet.methods.method import COMPILED_METHODS
 from exunet.results.clearance import Pair
 from exunet.results.course import Course
@@ -57,7 +58,8 @@ class Ensemble(Measured):
     gap           : (runs, t, n_pairs) distance of two bodies, surface to surface [m]
     loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
                      strength is known, and in which element
-    ends          : (runs, 2, n_bodies + 1) records `exunet.results.ends.END` at the start and at the end
+    ends          : (runs, 2, n_bodies + n_outside + 1) records `exunet.results.ends.END` at the start and
+                     at the end
     ejection      : (runs,) work of the ejection of the net [J]; zeros unless the scene `ejects` it
     peaks         : (runs, n_groups, 3) largest tension of all steps of each group of elements [N], when [s],
                     and in which element
@@ -67,6 +69,7 @@ class Ensemble(Measured):
     peak_names    : of these groups (`Net.groups`)
     body_names, tether_names, reel_names : of those bodies and tethers
     turning, guided : the bodies that have an attitude; those whose motion is given
+    outside       : effects whose impulse is kept
     pairs         : of bodies with shapes, their names
     groups        : of elements whose strength is known; None: of none
     """
@@ -84,6 +87,7 @@ class Ensemble(Measured):
     ejects: bool = False
     turning: tuple[str, ...] = ()
     guided: tuple[str, ...] = ()
+    outside: tuple[str, ...] = ()
     tether_names: tuple[str, ...] = ()
     reel_names: tuple[str, ...] = ()
     pairs: tuple[Pair, ...] = ()
@@ -113,6 +117,7 @@ class Ensemble(Measured):
             body_centre=self.body_centre[run],
             turning=self.turning,
             guided=self.guided,
+            outside=self.outside,
             ends=self.ends[run],
             ejection=float(self.ejection[run]) if self.ejects else None,
             tether_names=self.tether_names,
@@ -277,9 +282,11 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
         **columns,
         peak_names=tuple(start.net.groups),
         body_names=(*blocks.body, *blocks.rigid),
-        ejects=any(switch.heading == Ejection.heading for _, switch in start.system.forces.switches),
+        ejects=start.system.throw is not None
+        or any(switch.heading == Ejection.heading for _, switch in start.system.forces.switches),
         turning=blocks.rigid,
         guided=tuple(name for name, moves in zip(blocks.rigid, free, strict=True) if not moves),
+        outside=effects_of(one.name for one in blocks.states),
         tether_names=tuple(start.net.tether_elements),
         reel_names=tuple(winding.name for winding in start.system.forces.cable.reels),
         pairs=tuple(shown_pairs(start.system)),

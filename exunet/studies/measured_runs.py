@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from threading import Event
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,11 @@ from exunet.bodies.body import in_frames
 from exunet.bodies.kinematics import GIVEN
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
+from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.results import measures as metrics
 from exunet.results.clearance import MOST_PAIRS, Pair, gaps, pairs_of
 from exunet.results.course import REEL_STATES
-from exunet.results.ends import AtEnds, Points, ends_of, no_ends
+from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
 from exunet.results.result import BodyStates
 from exunet.simulation.monitor import Monitor
@@ -127,8 +128,11 @@ def _measured(states: States, dissipated: Floats) -> Measured:
     )
 
 
-def _ends(first: States, last: States) -> NDArray[np.void]:
-    """At the first of some states and at the last of others."""
+def _ends(first: States, last: States, story: Mapping[str, Any]) -> NDArray[np.void]:
+    """At the first of some states, before an ejection there, and at the last of others.
+
+    story : with the events of the run
+    """
     system = first.system
     if not (system.bodies or system.blocks.body):
         return no_ends()
@@ -146,15 +150,19 @@ def _ends(first: States, last: States) -> NDArray[np.void]:
         parts = (values[:, k] for values in whole)
         moved = {} if system.moves_freely[k] else _given(system, body.name, given)
         found.append(AtEnds(BodyStates(body.mass, body.inertia_in_frame, *parts), moved))
-    nodes = slice(0, system.net.n_nodes)
-    return ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found)
+    nodes, kept = slice(0, system.net.n_nodes), (one.name for one in system.blocks.states)
+    effects = [_given(system, OUTSIDE + name, given, len(QUANTITIES)) for name in effects_of(kept)]
+    ends = ends_of(Points(system.mass[nodes], position[:, nodes], velocity[:, nodes]), found, effects)
+    rigid = [body.name for body in system.bodies]
+    guided = [name for name, free in zip(rigid, system.moves_freely, strict=True) if not free]
+    return before_throw(ends, [*system.blocks.body, *rigid], guided, story)
 
 
-def _given(system: System, name: str, first_order: Floats) -> dict[str, Floats]:
-    """(2, m) of each quantity that a body of given motion has given, from (2, n_states)."""
+def _given(system: System, name: str, first_order: Floats, number: int = len(GIVEN)) -> dict[str, Floats]:
+    """(2, m) of the first quantities that a guided body, or an effect, has given, from (2, n_states)."""
     blocks = system.blocks
     found = {}
-    for quantity, size, _ in GIVEN:
+    for quantity, size, _ in GIVEN[:number]:
         at = blocks.state(f"{name}/{quantity}") - (blocks.n_x - blocks.n_states)
         found[quantity] = first_order[:, at : at + size]
     return found
@@ -186,7 +194,7 @@ def _joined(
 def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> MeasuredRun:
     """Through the stored times, with guards and events, as a run."""
     first = last = States.of(start.system, start.state)
-    parts = [_measured(first, np.zeros(1))]
+    parts = [_measured(first, np.array([start.system.lost_at_start]))]
 
     def store(states: States, dissipated: Floats, *, again: bool = False) -> None:
         nonlocal last
@@ -197,17 +205,18 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
 
     monitor = Monitor(start.system, start.state, store=store)
     monitor.explain(start.plan)
-    through = _from_time_to_time if start.state.memory else _in_stretches
+    stops = start.state.memory or start.system.kinematics.knots
+    through = _from_time_to_time if stops else _in_stretches
     try:
         right_hand_sides = through(start, kernel, times, monitor, stop)
     except IntegrationFailed as failure:
         collapsed = isinstance(failure, StepsCollapsed)
         raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
-    return _joined(parts, times, _ends(first, last), monitor, right_hand_sides)
+    return _joined(parts, times, _ends(first, last, monitor.story()), monitor, right_hand_sides)
 
 
 def _from_time_to_time(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:
-    """The general way: events are looked for after each step."""
+    """The general way: events are looked for after each step, and steps end at the knots of guides."""
     loop = CompiledLoop(start.system, start.state, start.plan, monitor, kernel)
     for time in times[1:]:
         monitor.mark(time)

@@ -14,7 +14,7 @@ from exunet.forces.held import Held
 from exunet.forces.terms import Change, Constraint, Memories, Memory
 from exunet.net.arrays import Net
 from exunet.system.bodies import BodiesAtStart
-from exunet.system.carried import NetAxes
+from exunet.system.carried import NetAxes, gained_by_net
 from exunet.system.exchange import exchanged
 from exunet.system.system import Layout
 
@@ -100,7 +100,7 @@ class Ejection:
         """Momentum and angular momentum stay; what all energy changes by is the work of the ejection."""
         layout, nodes = Layout(self.blocks), self.held.points
         moving = layout.unpack(x.copy(), v.copy()).completed(self.kinematics, time, every)
-        turn = rotation_matrix(moving.bodies.attitude[self.held.body])
+        turn, before = rotation_matrix(moving.bodies.attitude[self.held.body]), moving.velocity.copy()
         thrown = moving.velocity[nodes] + self.added @ turn.T
         after = np.zeros(1)
         points = moving.position[nodes], -self.held.mass[:, None] * thrown
@@ -109,4 +109,10 @@ class Ejection:
         moved.velocity[nodes] = thrown
         moved = moved.completed(self.kinematics, time, both[1])
         x, v = layout.pack(moved)
-        return Change(after, None, ({"time_s": time, "nodes": len(nodes)},), x=x, v=v)
+        every_node = slice(self.blocks.net.n_nodes)
+        net = (
+            values[every_node] for values in (self.blocks.own_mass, moved.position, before, moved.velocity)
+        )
+        body = self.blocks.rigid[self.held.body]
+        event = {"time_s": time, "nodes": len(nodes), "body": body, **gained_by_net(*net)}
+        return Change(after, None, (event,), x=x, v=v)

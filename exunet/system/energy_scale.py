@@ -84,7 +84,7 @@ class EnergyScale:
         outer = tuple(term for term in system.forces.kernels if not term.internal)
         self._outer = replace(system.forces, kernels=outer)
         self._given = bool(system.kinematics.guides or system.forces.cable.reels)
-        self._free = free_parts(system)
+        self._free, self._before = free_parts(system), system.lost_at_start
         self._rest = start.flat[0][0]
         kinetic = energy.kinetic(system.mass, start.velocity[0]) + start.kinetic_of_bodies[0] @ system.driven
         self._common = self._of_centres(start)
@@ -115,10 +115,11 @@ class EnergyScale:
     def gained(self, states: States, dissipated: Floats) -> Floats:
         """(2, k) energy [J] that potentials and forces have added to that scale since the start, and in all.
 
-        dissipated : (k,) energy taken out until these states [J]
+        dissipated : (k,) energy taken out until these states [J], by a throw at time 0 too, before this start
         """
         if not (self._forces.has_potential or self._forces.dissipates or self._given):
             return np.zeros((2, len(states)))
+        dissipated = dissipated - self._before
         kinetic, common = self._of_centres(states)
         common_change = common - self._common[1]
         change = states.potential - self._potential

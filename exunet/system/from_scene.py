@@ -12,14 +12,23 @@ from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks, Inertia, Poses
 from exunet.forces.cores import Surface
-from exunet.forces.effects import breaking_limits, first_order_states, forces_of, point_masses, touched_bodies
+from exunet.forces.effects import (
+    breaking_limits,
+    first_order_states,
+    forces_of,
+    from_outside,
+    point_masses,
+    touched_bodies,
+)
+from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.reel import Winding, reel_term, states_of
+from exunet.methods.method import METHODS, Kind
 from exunet.net import weave
 from exunet.net.arrays import Net
 from exunet.net.reel import Reel
 from exunet.net.tether import reels_of, with_tethers
 from exunet.system.bodies import BodiesAtStart, bodies_at_start
-from exunet.system.carried import carried, net_axes, thrown
+from exunet.system.carried import booked, carried, net_axes, thrown
 from exunet.system.drum import Drum
 from exunet.system.ejection import ejecting, holding
 from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
@@ -39,7 +48,9 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     rigid = bodies_at_start(scene, net, tied, reels, faults)
     axes = net_axes(scene.initial.frame, rigid)
     packed, speed = packed_state(scene, woven)
-    position, velocity = carried(axes, rigid, net, packed, speed)
+    position, velocity, added = packed, speed, kicks(scene, woven)
+    if axes.body is not None:  # which gives the net all that it gets beside its own motion
+        (position, velocity), added = carried(axes, rigid, net, packed), speed + added
     later = scene.initial.frame.eject_at if scene.initial.frame is not None else 0.0
     if later > 0.0:
         rigid = holding(axes, rigid, net, position)
@@ -48,14 +59,16 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     kinematics, begin = rigid.kinematics, np.array(0.0)
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
     faults += along_tethers(net, reels, position, velocity)
-    recoil = None
+    throw, before, held = None, velocity, rigid
     if later == 0.0:  # inner nodes of tethers stay as they are
-        gained, rigid, recoil = thrown(axes, rigid, net, position, kicks(scene, woven))
-        velocity[: woven.n_nodes] += gained
+        gained, rigid, throw = thrown(axes, held, net, position, added)
+        velocity = np.concatenate([velocity[: woven.n_nodes] + gained, velocity[woven.n_nodes :]])
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
+    throw = booked(throw, held, rigid, net, position, (before, velocity))
     names = tuple(body.name for body in rigid.bodies)
     of_reels = (state for reel in reels for state in states_of(reel))
-    states = (*rigid.given, *of_reels, *first_order_states(scene.effects))
+    given = (state for effect in _with_lines(scene) for state in impulses_of(effect))
+    states = (*rigid.given, *of_reels, *first_order_states(scene.effects), *given)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
@@ -68,7 +81,6 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     faults += [Fault(f"bodies.{name}", words) for name in scene.bodies if name in blocks.body]
     constraint = kinematics.term(blocks)
     if later > 0.0:
-        added = speed + kicks(scene, woven)
         constraint = ejecting(constraint, later, axes, rigid, blocks, added)
     forces = replace(forces_of(scene.effects, blocks, faults), constraint=constraint)
     if reels:
@@ -76,7 +88,7 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)
         cable = replace(forces.cable, reels=windings)
         forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
-    system = System(blocks, forces, rigid.bodies, kinematics, recoil)
+    system = System(blocks, forces, rigid.bodies, kinematics, throw)
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
 
@@ -92,6 +104,13 @@ def _surfaces(scene: Scene, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> di
         if surface is not None:
             found[body.name] = surface
     return found
+
+
+def _with_lines(scene: Scene) -> tuple[str, ...]:
+    """The effects whose impulses are kept: of scenes with bodies, by methods that have first-order states."""
+    method = scene.solver.method
+    implicit = method != "auto" and METHODS[method].kind == Kind.IMPLICIT
+    return from_outside(scene.effects) if scene.bodies and not implicit else ()
 
 
 def _with_strength(net: Net, scene: Scene) -> Net:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import CaseError, Fault
+from exunet.base.errors import LARGEST, CaseError, Fault
 from exunet.bodies import rigid
 from exunet.bodies.kinematics import given_states
 from exunet.case.scene import Engine, Scene
@@ -31,25 +31,32 @@ MOST_STEPS = 1e10  # of a run; at a microsecond each, three hours for the smalle
 
 
 def overflow_faults(system: System, start: State) -> list[Fault]:
-    """What of a start is outside the range of floating-point numbers, block by block."""
+    """What of a start is beyond `LARGEST`, so that products of it may overflow, block by block."""
     blocks, moving = system.blocks, start.bodies
     with np.errstate(all="ignore"):
         found = [
             ("initial", "kinetic energy at the start", energy.kinetic(system.mass, start.velocity)),
             ("initial.packing", "elastic energy at the start", energy.elastic(system.forces, start.position)),
+            ("net", "mass of a node", blocks.mass[: system.net.n_nodes]),
             ("net", "inverse of a node's mass", 1.0 / blocks.mass[: system.net.n_nodes]),
             ("net", "cube of an element's length", system.net.reference_length**3),
         ]
         found += [
-            ("effects", f"inverse of the mass of {one}", 1.0 / blocks.mass[k])
+            ("effects", f"{what} of {one}", value)
             for one, k in blocks.body.items()
+            for what, value in (
+                ("mass", blocks.mass[k]),
+                ("inverse of the mass", 1.0 / blocks.mass[k]),
+            )
         ]
         for k, body in enumerate(system.bodies):
             alone, name = moving.of_body(k), f"bodies.{body.name}"
             mass, inertia = np.array([body.mass]), np.array([body.inertia])
             spin = alone.angular_velocity
             found += [
+                (f"{name}.mass", "mass", mass),
                 (f"{name}.mass", "inverse of the mass", 1.0 / mass),
+                (f"{name}.inertia", "inertia", inertia),
                 (f"{name}.inertia", "inverse of the inertia", 1.0 / inertia),
                 (name, "kinetic energy at the start", rigid.kinetic(mass, inertia, alone)),
                 (name, "angular momentum at the start", rigid.angular_momentum(mass, inertia, alone)),
@@ -62,7 +69,7 @@ def overflow_faults(system: System, start: State) -> list[Fault]:
             beyond_floats=True,
         )
         for where, name, values in found
-        if not np.isfinite(values).all()
+        if not np.abs(values).max(initial=0.0) <= LARGEST
     ]
 
 

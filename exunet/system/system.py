@@ -17,7 +17,7 @@ from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.terms import Input, Memories
 from exunet.forces.total import Forces
 from exunet.net.arrays import Net
-from exunet.system.carried import Recoil
+from exunet.system.carried import Throw
 
 Floats = NDArray[np.float64]
 _OF_BODIES = ("position", "velocity", "attitude", "angular_velocity")
@@ -31,14 +31,14 @@ class System:
     forces : every term that acts on them
     bodies : the rigid bodies, in the order of `blocks.rigid`: free ones, then those that guides move
     kinematics : what of it has no equations of motion; the constraint among the forces states the same
-    recoil : of a throw at time 0 from a port; None: there is none
+    throw  : the ejection of a net at time 0; None: there is none
     """
 
     blocks: Blocks
     forces: Forces
     bodies: tuple[RigidBody, ...] = ()
     kinematics: Kinematics = field(default_factory=Kinematics)
-    recoil: Recoil | None = None
+    throw: Throw | None = None
 
     @property
     def net(self) -> Net:
@@ -114,6 +114,11 @@ class System:
         """Points that nothing moves but their support: fixed nodes, those on bodies that guides move."""
         guided = self.kinematics.point[~self.moves_freely[self.kinematics.body]]
         return np.concatenate([self.net.fixed_nodes, guided])
+
+    @property
+    def lost_at_start(self) -> float:
+        """Energy [J] that has left with what happens at time 0; negative: a throw has brought it."""
+        return 0.0 if self.throw is None else -self.throw.brought
 
     def given_work(self, first_order: Floats) -> Floats:
         """(...,) energy [J] that was given from outside, less what was taken, by states (..., n).

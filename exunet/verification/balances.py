@@ -19,7 +19,7 @@ class Balance:
     """A quantity that stays what it is.
 
     values  : (t, 1) or (t, 3)
-    scale   : what its changes are parts of: the sum of the parts' shares at the start
+    scale   : what its changes are parts of: the largest sum of the parts' shares
     allowed : of the change
     """
 
@@ -31,20 +31,24 @@ class Balance:
 
 
 def momenta(case: BothCodes, motion: Trajectory, linear: Tolerance, angular: Tolerance) -> list[Balance]:
-    """Linear and angular momentum about the origin, of net and bodies together.
+    """Linear and angular momentum about the origin, of net and bodies, less what guided bodies have given.
 
     By the reference's formulas, which rung 8 compares with exunet's at random states. Their scales are the
-    sums over nodes and bodies of |m v|, and of |m x v| and |J w|.
+    largest sums over nodes and bodies of |m v|, and of |m x x v| and |J w|, as in the books of a run
+    (`exunet.results.measures.MomentumBook`).
     """
     system, seen = case.theirs.system, motion.seen
     (x, v), bodies = seen.particles, seen.bodies
     mass = np.append(system.net.own_mass, system.bodies.free * system.bodies.mass)
-    shares = mass[:, None] * v[0]
-    spin = np.einsum("bij,bj->bi", system.bodies.inertia, bodies.angular_velocity[0])
-    turning = np.concatenate([np.cross(x[0], shares), spin])
-    scales = (float(np.linalg.norm(parts, axis=1).sum()) for parts in (shares, turning))
+    shares = mass[:, None] * v
+    free = system.bodies.free[:, None, None] * system.bodies.inertia
+    spin = np.einsum("bij,tbj->tbi", free, bodies.angular_velocity)
+    turning = np.concatenate([np.cross(x, shares), spin], axis=1)
+    scales = (float(np.linalg.norm(parts, axis=2).sum(axis=1).max()) for parts in (shares, turning))
     total = energy.momentum(system, seen.v, bodies)
     turned = energy.angular_momentum(system, seen.x, seen.v, bodies)
+    if motion.given is not None:
+        total, turned = total - motion.given[:, :3], turned - motion.given[:, 3:]
     return [
         Balance("momentum", "N s", total, next(scales), linear),
         Balance("angular momentum", "N m s", turned, next(scales), angular),

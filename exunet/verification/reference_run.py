@@ -7,6 +7,9 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
+import time as clock
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -31,7 +34,7 @@ def end_with_parent():
     os._exit(1)
 threading.Thread(target=end_with_parent, daemon=True).start()
 import numpy, reference_impl
-given = list(zip(sys.argv[4::2], sys.argv[5::2]))
+given = list(zip(sys.argv[5::2], sys.argv[6::2]))
 overrides = dict(reference_impl.parse_override(value) for option, value in given if option == "--set")
 try:
     case = reference_impl.read(sys.argv[1], overrides)
@@ -49,16 +52,19 @@ class ReferenceRun:
     """The reference on one case, started at once so that it runs beside the engine.
 
     resolved : the scene of the case once its effects are chosen, where the case leaves that to exunet
+    looks    : wall time since it began [s] and simulated time [s], of the reference's own reports
 
     A context manager: leaving it ends the process and removes its files. The reference is never imported.
     """
 
     def __init__(self, case: Case, resolved: Scene | None = None) -> None:
         self._words = ""
+        self.looks: list[tuple[float, float]] = [(0.0, 0.0)]
         self._folder = tempfile.TemporaryDirectory(prefix="exunet-check-")
         self._output = Path(self._folder.name) / "reference.npz"
         # -P: what lies in the working directory must not stand in for a module.
         command = [sys.executable, "-P", "-c", _CHILD, str(case.path.absolute()), "-o", str(self._output)]
+        command += ["--progress"]
         if places := places_of_fold(resolved or case.scene):
             path = Path(self._folder.name) / "places.npz"
             np.savez(path, reference_position=places[0], place=places[1])
@@ -94,9 +100,17 @@ class ReferenceRun:
         assert self._process.stdout is not None
         assert self._process.stderr is not None
         if self._process.stdout.readline():
+            threading.Thread(target=self._listen, args=(clock.monotonic(),), daemon=True).start()
             return ""
         self._words = self._process.stderr.read()
         return _brief(self._words)
+
+    def _listen(self, begun: float) -> None:
+        """Take the reports until it ends; a full pipe would stop it."""
+        assert self._process.stdout is not None
+        with suppress(OSError, ValueError):  # closed, when the run is left
+            for line in self._process.stdout:
+                self.looks.append((clock.monotonic() - begun, float(line)))
 
     @property
     def at_work(self) -> bool:

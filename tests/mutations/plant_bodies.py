@@ -15,7 +15,7 @@ from exunet.forces import on_bodies, reel, reel_loops
 from exunet.system import bodies, carried, drum, ejection, exchange, from_scene
 from exunet.system.system import System
 from reference_impl import bodies as reference_bodies
-from reference_impl import fields, reels, start, state
+from reference_impl import fields, reels, start, state, tethers
 from reference_impl.anchors import Levers
 
 SNAP, ORBIT, FREE = "snap_off_centre", "librations", "free_bodies"
@@ -39,7 +39,7 @@ def _of_step(name, what, function, old, new):
 OWN_AXES, ARM = "a, b, c = in_body_axes(x, attached.quaternion[p], a, b, c)", "arm[1] * c - arm[2] * b"
 PLACED, SPIN = "v[base] + d, v[base + 1] + e, v[base + 2] + f", " + v[s + 1] * jz - v[s + 2] * jy"
 CROSS = "z[q + 2] * v[k + 2] - z[q + 3] * v[k + 1]"
-KICK, HALF = "spins[number] -= angular", "total -= 0.5 * ((half"
+KICK, HALF = "spins[number] -= back[3:]", "total -= 0.5 * ((half"
 _of_text(
     "torque_sign",
     SNAP,
@@ -127,7 +127,7 @@ _of_text(
     "bodies_launch",
     "a launch turns its chaser the wrong way",
     carried,
-    "carried",
+    "thrown",
     KICK,
     KICK.replace("-=", "+="),
     (from_scene,),
@@ -192,12 +192,29 @@ _of_text(
     "arriving = -np.cross",
     (drum, ejection),
 )
+_of_text(
+    "guide_of_a_drum",
+    "led_winch",
+    "what a guide gives with nodes that its body's drum takes with the wrong sign",
+    exchange,
+    "_given",
+    "+= numbers",
+    "-= numbers",
+)
 
 
 @planted(8, "a drive with twice its damping", REFERENCE, "reel_force")
 def reference_drive(patch):
     right = reels._wish
     patch.setattr(reels, "_wish", lambda command, pull, damping: right(command, pull, 2.0 * damping))
+
+
+@planted(8, "all ends of tethers on bodies numbered before all inner nodes", REFERENCE, "two_tethers")
+def reference_ends_first(patch):
+    def wrong(woven, tied_to, pieces):
+        return np.arange(woven + len(tied_to) + (pieces - 1).sum())
+
+    patch.setattr(tethers, "_tether_by_tether", wrong)
 
 
 @planted(8, "mass of attached nodes left out of their bodies", case=SNAP)

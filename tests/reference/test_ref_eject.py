@@ -509,6 +509,36 @@ def test_explicit_nets_have_velocities_of_their_nodes(explicit, scene):
     assert run.v[2] == pytest.approx(np.array([*velocities, [0.5, 1.0, 0.0]]), abs=1e-12)
 
 
+STEADY = {**BODY, "motion": "prescribed"}
+
+
+@pytest.mark.parametrize("body", [BODY, FIXED, STEADY], ids=["free", "fixed", "steady"])
+@pytest.mark.parametrize("tied", [False, True])
+def test_an_ejection_at_the_start_is_the_limit_of_a_later_one(held, scene, body, tied):
+    """At 0 and at 1e-9 s, motion and books: what 1e-9 s do is 1e-9 times rates of at most 1e3 a second."""
+    case = held(PUSH, body)
+    if tied:
+        case["tethers"] = {
+            "line": {**LINE, "length": 4.0, "start": {"body": "chief"}, "end": {"bullet": 1}},
+        }
+    runs = []
+    for at in (0.0, 1e-9):
+        made = scene(case, {"initial.frame.eject_at": at})
+        run = made.integrate([0.0, 1e-3, 2e-3], **FINE)
+        books = energy.books(made.system, run)
+        given = run.given.impulse, run.given.angular_impulse, run.given.work
+        moving = run.x, run.v, run.bodies.velocity, run.bodies.angular_velocity
+        runs.append([values[1:] for values in (*moving, run.dissipated, *given)])
+        assert np.abs(books.total - books.total[0]).max() < 1e-9
+        assert (
+            np.abs(books.momentum - given[0].sum(axis=1) - books.momentum[0] + given[0][0].sum(axis=0)).max()
+            < 1e-10
+        )
+    for now, later in zip(*runs, strict=True):
+        assert now == pytest.approx(later, rel=1e-6, abs=1e-6)
+    assert runs[0][4][0] < -1.0
+
+
 # what is read, and what is refused
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -71,6 +72,22 @@ LINE = {
     "start": {"body": "a", "point": [0.1, 0.3, 0.2]},
     "end": {"body": "b", "point": [-0.3, 0.2, 0.4]},
 }
+
+
+def test_nodes_are_numbered_tether_by_tether(tied, scene):
+    """cases/README.md: of each tether first its ends on bodies, then its inner nodes from start to end."""
+    case = tied(LINE, OFF_CENTRE)
+    case["tethers"]["led"] = {**LINE, "start": {"node": 1}, "length": 110.0, "divisions": 2}
+    case["tethers"]["last"] = {**LINE, "length": 3.0, "divisions": 2}
+    made = scene(case)
+    chains = [[2, 4, 5, 3], [1, 7, 6], [8, 10, 9]]
+    for number, nodes in enumerate(chains):
+        pairs = made.net.element_nodes[made.net.tether == number]
+        assert pairs.tolist() == [list(pair) for pair in pairwise(nodes)]
+    assert sorted(made.net.anchors.node.tolist()) == [2, 3, 6, 8, 9]
+    for start, middle, end in chains[1:]:
+        np.testing.assert_allclose(made.x0[middle], 0.5 * (made.x0[start] + made.x0[end]), atol=1e-13)
+        np.testing.assert_allclose(made.v0[middle], 0.5 * (made.v0[start] + made.v0[end]), atol=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -203,6 +220,15 @@ def test_bad_tethers_are_refused(tied, change, words):
     with pytest.raises(Refused) as refused:
         prepare(read_document(tied(tether, BODIES)))
     assert any(words in fault for fault in refused.value.faults), refused.value.faults
+
+
+def test_a_body_that_cannot_be_read_is_there_all_the_same(tied):
+    """Of a tether to a body whose mesh is of an unknown kind, the mesh is told, not that there is no body."""
+    mesh = {"shape": "mesh", "file": "a.glb", "unit": "m", "mass": 1.0}
+    with pytest.raises(Refused) as refused:
+        read_document(tied(ENDS, {**BODIES, "a": mesh}))
+    assert len(refused.value.faults) == 1
+    assert refused.value.faults[0].startswith("bodies.a.file: reference_impl does not know")
 
 
 def test_nodes_of_woven_nets_have_no_numbers_but_free_ends_of_strings(document):

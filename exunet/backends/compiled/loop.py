@@ -80,8 +80,7 @@ class CompiledIntegration:
 
     def look_at_tensions(self) -> None:
         """Look for the largest tensions in the steps to come, each of them."""
-        # An outlet that does not turn is looked at here too; its energy is not among that of the elements.
-        self._peaks["look_above"][0] = -1.0 if self._system.forces.cable.reels else 0.0
+        self._peaks["look_above"][0] = 0.0
 
     @property
     def largest_tensions(self) -> tuple[Largest, ...]:
@@ -148,6 +147,9 @@ class CompiledLoop(CompiledIntegration):
         self._events = Events(system, state.memory, observer)
         self._peaks["keep_above"][0] = least_energy_beyond(system)
         self.look_at_tensions()
+        # An outlet that does not turn is looked at here too; its energy is not among that of the elements.
+        if observer.asks_for_elements or system.forces.cable.reels:
+            self._peaks["look_above"][0] = -1.0
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
         self._hold()
@@ -213,6 +215,7 @@ class CompiledLoop(CompiledIntegration):
     def advance(self, until: float) -> None:
         peaks = self._peaks
         peaks["elastic"][0], peaks["kinetic"][0] = 0.0, np.inf
+        self._seen.of_elements[:] = 0.0
         with postponed() as check_interrupt:
             while self.time < until:
                 before = self._motion.c.copy() if self._pushed else None
@@ -225,7 +228,8 @@ class CompiledLoop(CompiledIntegration):
                     self._kept.taken[self._row - 1] = self._motion.taken[0]
                 self._look_for_events()
         largest = float(peaks["elastic"][0]) + self._asleep
-        extremes = Extremes(largest, float(peaks["kinetic"][0]), self.largest_tensions)
+        kinetic, of_elements = float(peaks["kinetic"][0]), self._seen.of_elements
+        extremes = Extremes(largest, kinetic, self.largest_tensions, of_elements)
         self._observer.between(until, extremes)
         if self._kept_in_kernel:
             kept = {name: values.copy() for name, values in self._kept_in_kernel.items()}

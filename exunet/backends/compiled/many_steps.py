@@ -116,6 +116,8 @@ def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
                 viscous = viscous or seen.twice_time[e] > 0.0
                 pull = (excess + seen.twice_time[e] * along) * math.sqrt(square) / (2.0 * length**3)
                 tension = seen.stiffness[e] * pull
+                if tension > seen.of_elements[e]:
+                    seen.of_elements[e] = tension
                 if tension > largest:
                     largest = tension
                     element = e

@@ -117,6 +117,7 @@ class Seen(NamedTuple):
     ends             : (n_elements, 2) nodes of the elements
     length, stiffness, twice_time : (n_elements,) natural lengths [m], axial stiffnesses [N], 2 tau [s]
     jumps            : (n_elements,) 2 tau [s] of those whose jumps of the force are looked for; else 0
+    of_elements      : (n_elements,) largest tension of each [N], of the steps whose tensions are looked at
     """
 
     peaks: NDArray[np.void]
@@ -128,6 +129,7 @@ class Seen(NamedTuple):
     stiffness: Floats
     twice_time: Floats
     jumps: Floats
+    of_elements: Floats
 
 
 class SeenOfRuns(NamedTuple):
@@ -245,7 +247,8 @@ def seen_nothing(system: System) -> Seen:
     half = system.layout.half_mass(system)
     ends = system.net.element_nodes.copy()
     lengths, stiffness = law.natural_length.copy(), law.stiffness.copy()
-    return Seen(peaks, largest, bounds, half, ends, lengths, stiffness, twice, twice.copy())
+    each = np.zeros(system.net.n_elements)
+    return Seen(peaks, largest, bounds, half, ends, lengths, stiffness, twice, twice.copy(), each)
 
 
 def told_largest(records: NDArray[np.void]) -> tuple[Largest, ...]:

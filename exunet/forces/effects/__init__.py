@@ -19,6 +19,8 @@ An effect's module has
   `cross_checks(keys, rest) -> Iterator[Fault]` (`exunet.base.errors.Fault`; rest is an
   `exunet.forces.requirements.RestOfCase`);
 - if it would act on rigid bodies too, but only does on the net, `ON_THE_NET_ALONE = True`, which runs tell;
+- if nothing outside of the scene gets what it gives, `internal(keys)`, which then is True: it has no line in
+  the books of momentum;
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
 - if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`;
 - if it has first-order states, `first_order_states(keys) -> tuple[FirstOrder, ...]`.
@@ -37,10 +39,11 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, create_model
 
-from exunet.base.errors import CaseError, Fault
+from exunet.base.errors import LARGEST, CaseError, Fault
 from exunet.base.faults import each, joining, within
 from exunet.base.table import Positive, Table
 from exunet.forces.blocks import Blocks, FirstOrder, PointMass
+from exunet.forces.from_outside import counted, effects_of
 from exunet.forces.requirements import RestOfCase, declared, excluded, required, zero_keys
 from exunet.forces.terms import largest_number
 from exunet.forces.total import Contribution, Forces
@@ -65,9 +68,6 @@ _NAMES = (
     "thrust",
 )
 EFFECTS: dict[str, ModuleType] = {name: import_module(f"{__name__}.{name}") for name in _NAMES}
-
-
-LARGEST = 1e100  # of a number in an effect's terms; products of three are still numbers
 
 
 def _pairs_schema() -> dict[str, Any]:
@@ -161,6 +161,12 @@ def touched_bodies(effects: Table) -> frozenset[str]:
     return frozenset() if on is None else frozenset((*on.threads, *on.bullets))
 
 
+def from_outside(effects: Table) -> tuple[str, ...]:
+    """Names of the effects that give the scene momentum, or angular momentum."""
+    on = switched_on(effects).items()
+    return tuple(name for name, keys in on if not getattr(EFFECTS[name], "internal", lambda _: False)(keys))
+
+
 def breaking_limits(effects: Table, net: Net) -> Floats | None:
     """(n_elements,) axial force at which each element breaks [N]; None if none does."""
     on = switched_on(effects)
@@ -174,12 +180,15 @@ def breaking_limits(effects: Table, net: Net) -> Floats | None:
 def forces_of(effects: Table, blocks: Blocks, faults: list[Fault]) -> Forces:
     """The cable elements and the terms of all effects that are on.
 
+    Those with states for what they give (`exunet.forces.from_outside`) keep it there.
     faults : takes those of effects whose numbers cannot be computed with; these have no terms
     """
     terms: list[Contribution] = []
+    kept = effects_of(one.name for one in blocks.states)
     for name, keys in switched_on(effects).items():
         with joining(faults):
-            terms += terms_of(name, keys, blocks)
+            own = terms_of(name, keys, blocks)
+            terms += counted(name, own, blocks) if name in kept else own
     return Forces.of(blocks.net, terms)
 
 

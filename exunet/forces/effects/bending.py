@@ -69,6 +69,11 @@ def springs(keys: Keys, net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return nodes, weight, keys.modulus * inertia / length.mean(axis=1)
 
 
+def internal(keys: Keys) -> bool:
+    """Its forces are pulls along elements, or springs whose forces and moments cancel."""
+    return True
+
+
 def terms(keys: Keys, blocks: Blocks) -> tuple[LinearTerm, ...]:
     """The constant stiffness of all springs; nothing if no thread runs on or the modulus is zero."""
     nodes, weight, constant = springs(keys, blocks.net)

@@ -42,6 +42,11 @@ class Keys(Table):
     )
 
 
+def internal(keys: Keys) -> bool:
+    """Its forces are pulls along elements, or springs whose forces and moments cancel."""
+    return True
+
+
 def terms(keys: Keys, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The limit of every element."""
     everywhere = np.ones(blocks.net.n_elements)

@@ -250,6 +250,11 @@ def first_order_states(keys: Keys) -> tuple[FirstOrder, ...]:
     return tuple(FirstOrder(f"contact/{name}", (0.0,), "J", gives=-1.0) for name in ("damping", "friction"))
 
 
+def internal(keys: Keys) -> bool:
+    """Threads and bodies push each other at one point."""
+    return True
+
+
 def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """A term for each body that threads touch, and for each that bullets touch."""
     found = []

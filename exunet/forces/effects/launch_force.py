@@ -103,6 +103,11 @@ def point_masses(keys: Keys) -> tuple[PointMass, ...]:
     return () if keys.chaser_mass is None else (PointMass("chaser", keys.chaser_mass),)
 
 
+def internal(keys: Keys) -> bool:
+    """True of barrels on a body; the forces on bullets and a point mass are not on one line."""
+    return keys.body is not None
+
+
 def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One conservative term over the bullets and the chaser; the stroke counts from the start."""
     return _from_point(keys, blocks) if keys.body is None else _from_body(keys, blocks, keys.body)

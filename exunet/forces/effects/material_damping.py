@@ -23,6 +23,11 @@ class Keys(Table):
     relaxation_time: NonNegative = Field(description="tau, viscosity over Young's modulus [s]")
 
 
+def internal(keys: Keys) -> bool:
+    """Its forces are pulls along elements, or springs whose forces and moments cancel."""
+    return True
+
+
 def terms(keys: Keys, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The same relaxation time for every element; nothing if it is zero."""
     if keys.relaxation_time == 0.0:

@@ -39,6 +39,11 @@ class Keys(Table):
         return 0.5 * (self.stretch**2 - 1.0)
 
 
+def internal(keys: Keys) -> bool:
+    """Its forces are pulls along elements, or springs whose forces and moments cancel."""
+    return True
+
+
 def terms(keys: Keys, blocks: Blocks) -> tuple[ElementLaw, ...]:
     """The same free strain for every element; nothing if it is zero."""
     if keys.stretch == 1.0:

@@ -14,11 +14,14 @@ from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS
 from exunet.interfaces.commands.printing import console
-from exunet.studies.ablation import STARTS, SURE, Change, ProgressOfRuns, Toggled, ablate
+from exunet.results.headlines import DEPLOYMENT, headline
+from exunet.studies.ablation import FOUR, STARTS, SURE, Change, ProgressOfRuns, Toggled, ablate
 from exunet.studies.neighbours import MOVE
 from exunet.system.effect_survey import ASKED, Finding, survey
 
-UNITS = {"largest_area": "m2", "time_of_largest": "s", "distance": "m", "time_open": "s"}
+# What is told of a change in a measure of deployment: the headline of its name.
+_HEADLINES = dict(zip(FOUR, DEPLOYMENT, strict=True))
+_NOTHING = 1e-12  # of a change, in its unit: round-off
 
 
 def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
@@ -122,10 +125,10 @@ def lines_of(one: Toggled) -> list[str]:
 
 
 def _change(change: Change) -> str:
-    unit = UNITS[change.name]
-    words = f"{change.name.replace('_', ' ')} {change.value:+.2g} {unit}"
+    one = headline(_HEADLINES[change.name])
+    value, spread = (0.0 if abs(each) < _NOTHING else each for each in (change.value, change.spread))
     apart = "" if change.told_apart else ": not told apart"
-    return f"{words}, spread ± {change.spread:.1g} {unit}{apart}"
+    return f"{one.words} {value:+.2g} {one.unit}, spread ± {spread:.1g} {one.unit}{apart}"
 
 
 @contextmanager

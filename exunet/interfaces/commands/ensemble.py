@@ -176,5 +176,6 @@ def _elements(found: EnsembleResult) -> list[tuple[str, str]]:
     if not len(elements):
         return []
     order = np.argsort(-counts, kind="stable")[:5]
-    words = ", ".join(f"{elements[k]} in {counts[k] / found.runs:.0%}" for k in order)
-    return [("elements", f"largest tension in {words} of the runs")]
+    words = ", ".join(f"{elements[k]} in {counts[k]}" for k in order)
+    more = f", others in {found.runs - counts[order].sum()}" if len(elements) > len(order) else ""
+    return [("elements", f"largest tension in element {words}{more} of {found.runs} runs")]

@@ -21,7 +21,7 @@ from exunet.simulation.expected_cost import (
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import Trial, is_compiled, try_out
 from exunet.studies.ensemble import way_of
-from exunet.studies.spread import BESIDE, FINER_RUN, MOVE, NO_NUMBA, runs_within
+from exunet.studies.spread import BESIDE, FINER_RUN, MOVE, NO_NUMBA, move_of, runs_within
 
 LONG = 10.0  # [s] from which on a run says what would be cheaper
 _BUDGET = 1.0  # [s] of a trial
@@ -35,12 +35,14 @@ class ExpectedSpread:
     """How many moved starts a run is followed by, and what they are expected to take.
 
     runs     : their number
+    move     : by up to which each coordinate of a start is moved [m]
     seconds  : wall time on all cores [s]
     compiles : their forces are to be compiled first, which takes some seconds more
     refused  : why there are none; "" if there are some, or none was asked for
     """
 
     runs: int
+    move: float = MOVE
     seconds: float = 0.0
     compiles: bool = False
     refused: str = ""
@@ -57,7 +59,8 @@ class ExpectedSpread:
         if not self.runs:
             return "none asked for: the numbers will be those of one run"
         more = ", and some seconds to compile the scene's forces, once" if self.compiles else ""
-        which = f"{self.runs} runs from starts moved by up to {MOVE:g} m and {BESIDE} from the start itself"
+        moved = f"{self.runs} runs from starts moved by up to {self.move:.2g} m"
+        which = f"{moved} and {BESIDE} from the start itself"
         return f"{which}, after the run, about {duration(self.seconds)}{more}"
 
 
@@ -115,7 +118,8 @@ def not_counted(*, check: bool, error: bool) -> list[tuple[str, str]]:
     """
     found = []
     if check:
-        words = "not in this time: the reference runs beside, often many times as long"
+        words = "not in this time: the reference runs beside, often many times as long; how far it is "
+        words += "and what is left is told while the run waits for it"
         found.append(("check", words))
     if error:
         found.append(("error", "not in this time: two more runs, at least one of them longer"))
@@ -135,7 +139,7 @@ def expected_spread(
     runs = runs_within(run.seconds, each, cores) if asked is None else asked
     gain, compiles = way_of(start, runs + 1)
     seconds = each * (-(-(runs + 1) // cores) / gain + FINER_RUN)
-    return ExpectedSpread(runs, seconds, compiles)
+    return ExpectedSpread(runs, move_of(start), seconds, compiles)
 
 
 def refuse_beyond(cost: Expected, start: Start, folder: Path) -> None:

@@ -7,9 +7,8 @@ from pathlib import Path
 from exunet.base.errors import InputError
 from exunet.figures import FIGURES, save_figures
 from exunet.interfaces.commands.folders import opened
-from exunet.results.ensemble_result import load_ensemble
 from exunet.results.reading import RESULT_FILE, load_result
-from exunet.results.run_folder import SPREAD, refuse_replacing
+from exunet.results.run_folder import refuse_replacing
 
 
 def plot(
@@ -28,13 +27,12 @@ def plot(
     own = path if path.is_dir() else path.parent
     folder, sides = out or own, None if size is None else _sides(size)
     result = load_result(path)
-    spread = load_ensemble(own / SPREAD) if (own / SPREAD).is_file() else None
     # In the folder of a run the figures show its result.h5; beside another file they may show anything.
     its_own = (path.is_dir() or path.name == RESULT_FILE) and folder.resolve() == own.resolve()
     if not (its_own or overwrite):
         refuse_replacing(folder, [f"{name}.{kind}" for name in FIGURES])
     with opened(folder, own=False):
-        return save_figures(result, folder, spread=spread, format=kind, size=sides, title=title)
+        return save_figures(result, folder, format=kind, size=sides, title=title)
 
 
 def _sides(text: str) -> tuple[float, float]:

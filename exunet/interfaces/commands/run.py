@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -27,17 +26,17 @@ from exunet.interfaces.commands.measures import rows_on_measures
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.interfaces.commands.progress import told_progress
-from exunet.interfaces.commands.waiting import waiting
+from exunet.interfaces.commands.reference_progress import wait_for
 from exunet.results.agreement import Agreement
 from exunet.results.ensemble_result import save_ensemble
-from exunet.results.reading import RESULT_FILE, STORE_FOLDER
+from exunet.results.reading import RESULT_FILE, SPREAD_FILE, STORE_FOLDER
 from exunet.results.result import Result
 from exunet.results.run_folder import (
     DESCRIPTIONS,
-    SPREAD,
     SUMMARY,
     has_result,
     has_unfinished,
+    held,
     refuse_taken,
 )
 from exunet.results.segments import Segments
@@ -46,7 +45,15 @@ from exunet.results.summary import summarise, write_summary
 from exunet.results.table import rows
 from exunet.simulation.expected_cost import expected_cost
 from exunet.simulation.preparation import prepare_case
-from exunet.simulation.run import Describe, Progress, refuse_checkpoints, request_of_store, resume, run_into
+from exunet.simulation.run import (
+    Describe,
+    Progress,
+    Request,
+    refuse_checkpoints,
+    request_of_store,
+    resume,
+    run_into_held,
+)
 from exunet.studies.error_estimate import ErrorEstimate, estimate_error
 from exunet.studies.spread import BESIDE, spread_of
 from exunet.verification.reference_run import ReferenceRun
@@ -104,7 +111,7 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
     refuse_checkpoints(start, asked.checkpoint_every)
     wanted = asked.out or folder_of(case)
     say = silent if asked.quiet else tell
-    with opened(wanted, own=asked.out is None and not asked.overwrite) as folder:
+    with opened(wanted, own=asked.out is None and not asked.overwrite) as folder, held(folder):
         ready(folder, (RESULT_FILE, *DESCRIPTIONS))
         if not asked.overwrite:
             refuse_taken(folder)
@@ -118,16 +125,9 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
             say(f"{name:8s}{words}", 8)
 
         def simulate(progress: Progress | None, describe: Describe) -> Result:
-            return run_into(
-                folder,
-                case,
-                start,
-                progress,
-                asked.checkpoint_every,
-                describe,
-                overwrite=asked.overwrite,
-                moved_starts=None if cost.spread.refused else cost.spread.runs,
-            )
+            moved_starts = None if cost.spread.refused else cost.spread.runs
+            request = Request(case, asked.checkpoint_every, moved_starts)
+            return run_into_held(folder, request, start, progress, describe, overwrite=asked.overwrite)
 
         return _run(case, simulate, folder, asked, cost.spread, cost.run.known, start.scene)
 
@@ -227,7 +227,7 @@ def _describe(
     shown = None
     if isinstance(spread, Spread):
         shown = spread.as_ensemble()
-        save_ensemble(shown, folder / SPREAD, overwrite=True)
+        save_ensemble(shown, folder / SPREAD_FILE, overwrite=True)
     save_figures(result, folder, agreement, shown)
     story.title, story.table = summary["title"], table
 
@@ -267,12 +267,9 @@ def _agreement(
     reference: ReferenceRun, result: Result, *, quiet: bool
 ) -> tuple[Agreement | None, ExunetError | None, str | None]:
     """What the reference says; or the error that it could not be asked, and the reason for the summary."""
-    words = "waiting for the reference"
-    if reference.at_work and not quiet and not sys.stderr.isatty():
-        tell(words)
     try:
-        with waiting(words, quiet=quiet):
-            return reference.agreement(result), None, None
+        wait_for(reference, float(result.time[-1]), quiet=quiet)
+        return reference.agreement(result), None, None
     except InputError as error:
         return None, UncheckedRun(f"the result is written but not checked: {error}"), str(error)
     except KeyboardInterrupt:

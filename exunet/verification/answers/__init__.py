@@ -33,10 +33,12 @@ BODY_ANSWERS: tuple[tuple[str, Answer], ...] = (
     ("free_bodies", turning.free_rotation),
     ("snap_of_bodies", motions.snap),
     ("snap_off_centre", bodies.snap_off_centre),
+    ("two_tethers", bodies.snap_off_centre),
     ("braked_body", bodies.braked),
     ("whirled", bodies.whirled),
     ("librations", bodies.librations),
     ("reel_rate", reels.at_a_rate),
     ("reel_force", reels.with_a_force),
     ("reel_nodes", reels.exchanges),
+    ("led_winch", reels.exchanges),
 )

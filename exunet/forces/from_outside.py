@@ -1,0 +1,180 @@
+"""Impulse and angular impulse about the scene's origin that effects from outside give, as first-order states.
+
+Each effect's forces f_k on points at x_k, and its forces and torques c_b on bodies at x_b, have the resultant
+sum f and the moment sum x_k x f_k + sum (x_b x f_b + c_b) about the origin. Their integrals over time are
+states of the system, so that every method integrates them with its own order: linear momentum, less impulses,
+then stays to round-off, which every method keeps of a sum of states; angular momentum to its order.
+
+Matrices and loads are summed over all effects where they act; here those of one effect are multiplied once
+more. Other forces are what they add to the sum of all: that sum after them, less that before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.loops import Index
+from exunet.forces.rotation_loops import in_scene_axes
+from exunet.forces.terms import KernelTerm, LinearTerm, rows_of
+
+Floats = NDArray[np.float64]
+
+OUTSIDE = "effect."  # before the name of an effect, in the names of its states; no body has a dot in its name
+QUANTITIES = (("impulse", "N s"), ("angular_impulse", "N m s"))
+
+
+def states_of(effect: str) -> tuple[FirstOrder, ...]:
+    """Impulse and angular impulse about the origin that an effect has given since the start."""
+    return tuple(FirstOrder(f"{OUTSIDE}{effect}/{name}", (0.0,) * 3, units) for name, units in QUANTITIES)
+
+
+def effects_of(states: Iterable[str]) -> tuple[str, ...]:
+    """The effects that have such states, by the names of all states."""
+    ending = f"/{QUANTITIES[0][0]}"
+    return tuple(
+        name[len(OUTSIDE) : -len(ending)]
+        for name in states
+        if name.startswith(OUTSIDE) and name.endswith(ending)
+    )
+
+
+class CountedRows(NamedTuple):
+    """A sparse matrix by rows, as `exunet.forces.loops.SparseRows`; rate : where the rates begin in force."""
+
+    start: NDArray[Index]
+    column: NDArray[Index]
+    value: Floats
+    rate: int
+
+
+class CountedLoad(NamedTuple):
+    """value : (3 n_points,) [N]; rate : where the rates begin in force."""
+
+    value: Floats
+    rate: int
+
+
+class Mark(NamedTuple):
+    """Where forces are summed: what stands in force so far.
+
+    particles : number of points and bodies, whose places come first in x
+    bodies    : number of bodies
+    rate      : where the rates of the effect begin in force
+    sign      : 1.0 after its forces, -1.0 before them
+    """
+
+    particles: int
+    bodies: int
+    rate: int
+    sign: float
+
+
+def counted(effect: str, terms: Iterable[Any], blocks: Blocks) -> Iterator[Any]:
+    """The terms of an effect, and those that keep what it gives; its states must be among the blocks'."""
+    rate = blocks.rate(f"{OUTSIDE}{effect}/{QUANTITIES[0][0]}")
+    kernels = []
+    for term in terms:
+        if isinstance(term, LinearTerm):
+            yield term
+            yield from _of_linear(term, rate)
+        elif isinstance(term, KernelTerm):
+            kernels.append(term)
+        else:
+            yield term
+    if kernels:
+        yield _mark(blocks, rate, -1.0)
+        yield from kernels
+        yield _mark(blocks, rate, 1.0)
+
+
+def _of_linear(term: LinearTerm, rate: int) -> Iterator[KernelTerm]:
+    for matrix, count in (
+        (term.on_velocity, count_velocity_product),
+        (term.stiffness, count_position_product),
+    ):
+        if matrix is not None:
+            yield KernelTerm("states", count, CountedRows(*rows_of(matrix), rate), only_states=True)
+    if term.load is not None:
+        load = np.asarray(term.load, dtype=float)
+        yield KernelTerm("states", count_load, CountedLoad(load, rate), only_states=True)
+
+
+def _mark(blocks: Blocks, rate: int, sign: float) -> KernelTerm:
+    data = Mark(blocks.centres // 3, len(blocks.rigid), rate, sign)
+    return KernelTerm("states", add_mark, data, helpers=(in_scene_axes,), only_states=True)
+
+
+def count_velocity_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
+    """Resultant and moment of -D v."""
+    start, column, value, rate = rows
+    for first in range(0, start.size - 1, 3):
+        a, b, c = 0.0, 0.0, 0.0
+        for k in range(start[first], start[first + 1]):
+            a -= value[k] * v[column[k]]
+        for k in range(start[first + 1], start[first + 2]):
+            b -= value[k] * v[column[k]]
+        for k in range(start[first + 2], start[first + 3]):
+            c -= value[k] * v[column[k]]
+        force[rate] += a
+        force[rate + 1] += b
+        force[rate + 2] += c
+        force[rate + 3] += x[first + 1] * c - x[first + 2] * b
+        force[rate + 4] += x[first + 2] * a - x[first] * c
+        force[rate + 5] += x[first] * b - x[first + 1] * a
+
+
+def count_position_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
+    """Resultant and moment of -K x."""
+    start, column, value, rate = rows
+    for first in range(0, start.size - 1, 3):
+        a, b, c = 0.0, 0.0, 0.0
+        for k in range(start[first], start[first + 1]):
+            a -= value[k] * x[column[k]]
+        for k in range(start[first + 1], start[first + 2]):
+            b -= value[k] * x[column[k]]
+        for k in range(start[first + 2], start[first + 3]):
+            c -= value[k] * x[column[k]]
+        force[rate] += a
+        force[rate + 1] += b
+        force[rate + 2] += c
+        force[rate + 3] += x[first + 1] * c - x[first + 2] * b
+        force[rate + 4] += x[first + 2] * a - x[first] * c
+        force[rate + 5] += x[first] * b - x[first + 1] * a
+
+
+def count_load(t: float, x: Any, v: Any, load: Any, force: Any) -> None:
+    """Resultant and moment of a constant force."""
+    value, rate = load
+    for first in range(0, value.size, 3):
+        a, b, c = value[first], value[first + 1], value[first + 2]
+        force[rate] += a
+        force[rate + 1] += b
+        force[rate + 2] += c
+        force[rate + 3] += x[first + 1] * c - x[first + 2] * b
+        force[rate + 4] += x[first + 2] * a - x[first] * c
+        force[rate + 5] += x[first] * b - x[first + 1] * a
+
+
+def add_mark(t: float, x: Any, v: Any, mark: Any, force: Any) -> None:
+    """Resultant and moment of all that stands in force, times the sign."""
+    particles, bodies, rate, sign = mark
+    for k in range(particles):
+        first = 3 * k
+        a, b, c = sign * force[first], sign * force[first + 1], sign * force[first + 2]
+        force[rate] += a
+        force[rate + 1] += b
+        force[rate + 2] += c
+        force[rate + 3] += x[first + 1] * c - x[first + 2] * b
+        force[rate + 4] += x[first + 2] * a - x[first] * c
+        force[rate + 5] += x[first] * b - x[first + 1] * a
+    for k in range(bodies):
+        torque = 3 * (particles + k)
+        a, b, c = in_scene_axes(x, 3 * particles + 4 * k, force[torque], force[torque + 1], force[torque + 2])
+        force[rate + 3] += sign * a
+        force[rate + 4] += sign * b
+        force[rate + 5] += sign * c
