@@ -38,6 +38,8 @@ STRONG: dict[str, dict[str, Any]] = {
                  "bullet_area": 0.01},
     "bending": {"modulus": 1e9},
     "breaking": {"strain": 0.02},
+    "contact": {"threads": ["ball"], "law": "linear", "stiffness": 1e3, "damping": 0.1, "friction": 0.3,
+                "friction_law": "sticking"},
     "j2": {"mean_motion": 0.5, "inclination": 1.0, "argument_of_latitude": 0.5, **AXES},
     "launch_force": {"kind": "gas", "force": 30.0, "stroke": 0.1, "spread_angle": 0.8, "chaser_mass": 3.0,
                      "dead_length": 0.2, "exponent": 1.4},
@@ -49,6 +51,10 @@ STRONG: dict[str, dict[str, Any]] = {
     "thrust": {"bullets": [0, 3], "time": [0.05, 0.1, 0.22],
                "force": [[0.0, 0.0, 20.0], [5.0, 0.0, 10.0], [0.0, -8.0, 0.0]]},
 }  # fmt: skip
+
+
+BALL = {"shape": "sphere", "radius": 0.5, "mass": 10.0, "position": [0.0, 0.0, 2.0]}
+OF_BODIES = {"contact"}  # without a body there is nothing to touch; see tests/contact
 
 
 def case(on: tuple[str, ...] = (), **more: Any) -> dict[str, Any]:
@@ -74,7 +80,7 @@ def start_with(*on: str, **more: Any) -> Start:
 def subset(seed: int) -> tuple[str, ...]:
     """Effects drawn at random; of those that contradict each other or miss one, the first is left out."""
     draw = random.Random(seed)
-    names = draw.sample(sorted(EFFECTS), draw.randint(2, 7))
+    names = draw.sample(sorted(set(EFFECTS) - OF_BODIES), draw.randint(2, 7))
     if "j2" in names and "orbit" not in names:
         names.append("orbit")
     while True:
@@ -91,7 +97,7 @@ def subset(seed: int) -> tuple[str, ...]:
 
 def test_the_draws_reach_every_effect() -> None:
     drawn = {name for seed in range(30) for name in subset(seed)}
-    assert drawn == set(EFFECTS)
+    assert drawn == set(EFFECTS) - OF_BODIES
     assert set(STRONG) == set(EFFECTS)
 
 
@@ -133,6 +139,7 @@ LEAVES = {
     "air_drag": ({"kernels"}, {"add_cross_flow", "add_bullet_drag"}),
     "bending": ({"stiffness"}, {"add_position_product"}),
     "breaking": ({"breaking_strain", "memory", "switch"}, set()),
+    "contact": ({"kernels", "memory"}, {"add_thread_contact", "add_thread"}),
     "j2": (
         {"gyroscopic", "kernels", "stiffness"},
         {"add_velocity_product", "add_two_body", "add_position_product"},
@@ -164,7 +171,8 @@ def filled(forces: Forces) -> set[str]:
 def test_an_absent_effect_leaves_nothing(name: str) -> None:
     """With every other effect's terms as without any: only its own appear when it is on."""
     on = ("orbit", "j2") if name == "j2" else (name,)
-    bare, with_it = start_with(), start_with(*on)
+    more = {"bodies": {"ball": BALL}} if name in OF_BODIES else {}
+    bare, with_it = start_with(**more), start_with(*on, **more)
     fields, functions = LEAVES[name]
     assert filled(bare.system.forces) == set()
     assert filled(with_it.system.forces) == fields
@@ -176,7 +184,7 @@ def test_an_absent_effect_leaves_nothing(name: str) -> None:
     base = {line for line in plain.splitlines() if line.startswith("def add_")}
     assert {line.split("(")[0] for line in own - base} == {f"def {function}" for function in functions}
     # Twice the same bare net: the same text, so the same machine code.
-    assert source_of(start_with()) == plain
+    assert source_of(start_with(**more)) == plain
     items = model(start_with(engine={"net": "connectors"})).items()
     assert set(items) == {"MassPoint", "ObjectConnectorSpringDamper"}
     assert items["MassPoint"] == bare.net.n_nodes

@@ -8,7 +8,7 @@ import json
 import random
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -159,10 +159,10 @@ def with_tables(topology: str, on: Callable[[str], bool]) -> str:
     return "\n".join(lines)
 
 
-def switched(topology: str, on: Callable[[str], bool], path: Path) -> Any:
-    """The scene of the template with the optional tables that `on` names."""
+def switched(topology: str, on: Callable[[str], bool], path: Path, changes: Sequence[str] = ()) -> Any:
+    """The scene of the template with the optional tables that `on` names, and overrides."""
     path.write_text(with_tables(topology, on))
-    return load(path).scene
+    return load(path, changes).scene
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
@@ -187,8 +187,13 @@ def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str,
 def test_the_template_with_an_effect_on_is_a_valid_case(effect: str, tmp_path: Path) -> None:
     needed = ["effects.orbit"] if effect == "j2" else []
     needed += ["net.strings", "net.bullets"] if needs_bullets(EFFECTS[effect]) else []
+    changes = ()
+    if effect == "contact":  # of a body with a surface
+        needed.append("bodies.chaser")
+        changes = ('bodies.chaser.shape="sphere"', "bodies.chaser.radius=0.1")
+        changes += ("bodies.chaser.position=[0.0,0.0,-5.0]",)
     scene = switched(
-        "square", lambda name: name in (f"effects.{effect}", *needed), tmp_path / "template.toml"
+        "square", lambda name: name in (f"effects.{effect}", *needed), tmp_path / "template.toml", changes
     )
     assert getattr(scene.effects, effect) is not None
 

@@ -38,6 +38,11 @@ _CHOSEN = (
     "inertia",
     "node",
     "chaser_mass",
+    "threads",
+    "stiffness",
+    "restitution",
+    "impact_speed",
+    "friction_law",
 )
 _OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have
 _BODY, _TETHER = "chaser", "tow"  # names of these in the template

@@ -71,9 +71,9 @@ class Keys(Table):
         }
     )
 
-    threads: Names = Field((), description="names of the bodies that threads touch", examples=[["target"]])
+    threads: Names = Field((), description="names of the bodies that threads touch", examples=[["chaser"]])
     bullets: Names = Field(
-        (), description="names of the bodies that bullets touch, as spheres", examples=[["target"]]
+        (), description="names of the bodies that bullets touch, as spheres", examples=[["chaser"]]
     )
     bullet_radius: Positive | None = Field(
         None, description="of the bullets [m]; for bullets", examples=[0.02]
