@@ -17,6 +17,7 @@ from reference_impl.arrays import Floats, Ints
 from reference_impl.barrels import Barrels, aimed
 from reference_impl.bodies import Bodies, collect
 from reference_impl.case import Case
+from reference_impl.contacts import Contacts, pairs
 from reference_impl.effects.areas import diameter, exposed
 from reference_impl.effects.bending import Hinges, hinges
 from reference_impl.effects.breaking import limits
@@ -42,6 +43,7 @@ class System(Elements):
     barrels: Barrels | None = None  # of launch_force
     reels: Reels | None = None
     packed: Packed | None = None  # the net, until a body ejects it
+    contacts: Contacts | None = None
 
     def __post_init__(self) -> None:
         if self.symmetric and self.assembled:
@@ -181,6 +183,5 @@ def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = Fa
     bodies, states = collect(initial_bodies(case, net))
     barrels, reels = aimed(case, net, bodies, states), reeled(case, net)
     held = packed(case, net, bodies)
-    return System(
-        net, case.effects, symmetric, assembled, bodies, barrels, reels if len(reels) else None, held
-    )
+    moving = (bodies, barrels, reels if len(reels) else None, held, pairs(case, net, bodies))
+    return System(net, case.effects, symmetric, assembled, *moving)
