@@ -20,9 +20,12 @@ from reference_impl.effects.areas import diameter
 from reference_impl.effects.contact import Contact
 from reference_impl.net import Net
 from reference_impl.quadrature import integrals, split
-from reference_impl.rounded import Part, deepest, depth, part, touching
+from reference_impl.rounded import Depth, Part, deepest, depth, part, touching
 
-_MEASURE = np.array([6] * 8 + [8, 9], dtype=np.intp)  # of the ten integrals along a thread
+# Of the integrals along a thread (force on it and on its end j, N, its moment, stored, damped) what tells
+# their size: the elastic force with all that damping could add, and its power.
+_MEASURE = np.array([10] * 8 + [8, 11, 10, 11], dtype=np.intp)
+_ROUND_OFF = 4.0 * np.finfo(float).eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,29 +133,37 @@ class Contacts:
         along, change = x[group.j] - x0, w[group.j] - w0
         pieces = touching(group.parts, group.radius, x0, along)
 
-        def look(line: Ints, s: Floats) -> tuple[Floats, Floats, Floats]:
+        def look(line: Ints, s: Floats) -> tuple[Depth, Floats]:
             place = x0[line, None] + s[..., None] * along[line, None]
             moving = w0[line, None] + s[..., None] * change[line, None]
-            here = depth(group.parts, group.radius[line, None], place, moving)
-            return here.p, here.rate, here.outwards
+            return depth(group.parts, group.radius[line, None], place, moving), moving
 
         if a:
             fast = np.maximum(dot(w0, w0), dot(w[group.j], w[group.j]))
             steep = len(group.parts) ** 0.25  # above the norm of the shares of the parts
             may = (a * steep) ** 2 * fast[pieces.line] > 1.0
             if np.any(may):
-                divided = split(lambda line, s: 1.0 + a * look(line, s)[1], pieces.some(may))
+                divided = split(lambda line, s: 1.0 + a * look(line, s)[0].rate, pieces.some(may))
                 pieces = pieces.some(~may).joined(divided)
 
         def density(line: Ints, s: Floats) -> Floats:
-            p, rate, outwards = look(line, s)
+            here, moving = look(line, s)
+            p, rate = here.p, here.rate
             elastic = group.push(p)
             force = elastic * self._factor(rate)
-            on = force[..., None] * outwards
-            each = (force, s * force, group.stored(p), (force - elastic) * rate)
+            on = force[..., None] * here.outwards
+            speed = np.sqrt(dot(moving, moving))
+            most = elastic * (1.0 + a * speed)
+            each = (force, s * force, group.stored(p), (force - elastic) * rate, most, most * speed)
             return np.concatenate((on, s[..., None] * on, np.stack(each, axis=-1)), axis=-1)
 
-        total = group.length[:, None] * integrals(density, pieces, len(rows), _MEASURE)
+        # p is a difference of lengths, whose round-off is not small where p is
+        lengths = np.sqrt(dot(x0, x0)) + np.sqrt(dot(along, along)) + group.radius
+        middle = look(pieces.line, 0.5 * (pieces.begin + pieces.end)[:, None])[0].p[:, 0]
+        deep = np.full(len(rows), np.finfo(float).tiny)
+        np.maximum.at(deep, pieces.line, middle)
+        blur = _ROUND_OFF * lengths / deep
+        total = group.length[:, None] * integrals(density, pieces, len(rows), _MEASURE, blur)
         on_j, normal = total[:, 3:6], total[:, 6]
         on = total[:, :3]
         place = total[:, 7] / np.where(normal > 0.0, normal, np.inf)

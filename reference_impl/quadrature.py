@@ -1,7 +1,7 @@
 """Integrals along many pieces at once, by Gauss and Legendre's rule on ever shorter halves.
 
-A piece is done when the rule on its two halves agrees with that on the whole within _ALIKE of its line's sum;
-what the halves are wrong by then is about the square of that, as the rule converges geometrically.
+A piece is done when the rule on its two halves agrees with that on the whole within _ALIKE of a measure of
+its line; what the halves are wrong by then is about the square of that, as the rule converges geometrically.
 """
 
 from __future__ import annotations
@@ -15,15 +15,16 @@ from reference_impl.rounded import Pieces
 
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(12)
 _ALIKE = 1e-11
-_HALVINGS = 40
+_HALVINGS = 30
 
 Density = Callable[[Ints, Floats], Floats]
 
 
-def integrals(density: Density, pieces: Pieces, lines: int, measure: Ints) -> Floats:
+def integrals(density: Density, pieces: Pieces, lines: int, measure: Ints, blur: Floats) -> Floats:
     """Integrals (lines, c) of density(line (q,), s (q, g)) -> (q, g, c) over the pieces of each line.
 
     measure (c,): which of the c components, none of them negative, tells how large an integral can be.
+    blur (lines,): round-off of the density, over its measure times the greatest of it.
     """
 
     def rule(line: Ints, begin: Floats, end: Floats) -> Floats:
@@ -35,14 +36,14 @@ def integrals(density: Density, pieces: Pieces, lines: int, measure: Ints) -> Fl
     total, size = np.zeros((2, lines, len(measure)))
     whole = rule(line, begin, end)
     np.add.at(size, line, whole)
-    size = size[:, measure]
+    wrong = np.maximum(_ALIKE, blur)[:, None] * size[:, measure]
     for _ in range(_HALVINGS):
         if not len(line):
             break
         middle = 0.5 * (begin + end)
         halves = rule(line, begin, middle), rule(line, middle, end)
         both = halves[0] + halves[1]
-        rest = np.any(np.abs(both - whole) > _ALIKE * size[line], axis=1)
+        rest = np.any(np.abs(both - whole) > wrong[line], axis=1)
         np.add.at(total, line[~rest], both[~rest])
         line = np.tile(line[rest], 2)
         begin, end = (
