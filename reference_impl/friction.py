@@ -12,11 +12,11 @@ of the length R = mu N/k_t and is dragged along:
 
     z' = W - lambda e,  |z| = R:   e' = (W - (e.W) e)/R,   lambda = e.W - R',   W = w_t + theta w_t'
 
-(plasticity with the circle as its yield surface; Simo & Hughes, Computational Inelasticity, ch. 2).  e is one
-more unknown, and s_m is s_c.  It sticks again when lambda falls to zero; then b is where z says.  As R goes to
-zero, e follows W at once; its delay R/|W| is lengthened by DELAY, so that steps need not vanish too.  w_t' and
-R' are differences along the motion, at three instants after the present one, because before it the line may
-not have touched.
+(plasticity with the circle as its yield surface; Simo & Hughes, Computational Inelasticity, ch. 2).  e is
+one more unknown, and s_m is s_c.  It sticks again when lambda falls to zero; then b is where z says.  As R
+goes to zero, e follows W at once; its delay R/|W| is lengthened by DELAY, so that steps need not vanish too.
+w_t' and R' are differences along the motion, at three instants after the present one, because before it the
+line may not have touched.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ ORDER = 8  # of the norm that joins the depths of parts
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A core: half-widths (3,) [m] along its axes, the columns of (3, 3), about a centre (3,) [m]; rounding."""
+    """A core: half-widths (3,) [m] along its axes, the columns of (3, 3), about a centre (3,) [m]."""
 
     half: Floats
     axes: Floats
@@ -104,7 +104,10 @@ class Depth:
 
 
 def depth(parts: tuple[Part, ...], radius: Floats, place: Floats, w: Floats) -> Depth:
-    """p at places (..., 3) [m] of threads or bullets of radii (...) [m] that pass the body with w (..., 3)."""
+    """p at places (..., 3) [m] of threads or bullets of radii (...) [m], which pass the body with w (..., 3).
+
+    Inside a core no direction leads out: there is a depth, but no force.
+    """
     depths, normals = [], []
     for core in parts:
         beyond = core.beyond(place)

@@ -107,7 +107,7 @@ class Deepest:
 
     depth: float  # [m], 0 where nothing touches
     over: float  # depth over what is allowed
-    what: str  # such as "element 3 is 0.1 m deep in the body target, of 0.05 m allowed"
+    what: str  # such as "element 3 is deeper in the body target than 0.05 m"
     element: int  # -1 of a bullet
 
 
@@ -124,10 +124,7 @@ def deepest(seen: list[View]) -> Deepest:
         k = int(np.argmax(over))
         if over[k] > worst.over:
             number = int(group.number[k])
-            what = (
-                f"{group.what} {number} is {deep[k]:.6g} m deep in the body {group.name},"
-                f" of at most {group.allowed[k]:.6g} m"
-            )
+            what = f"{group.what} {number} is deeper in the body {group.name} than {group.allowed[k]:.6g} m"
             worst = Deepest(0.0, float(over[k]), what, number if group.threads else -1)
     return Deepest(most, worst.over, worst.what, worst.element)
 
