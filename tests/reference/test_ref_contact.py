@@ -117,7 +117,7 @@ def test_a_bullet_leaves_with_the_restitution(bullets, scene, e, stiffness, shap
 
 
 def test_time_of_a_hertzian_bounce(bullets, scene):
-    """2 p/v times the integral of 1/sqrt(1 - x^(5/2)) from 0 to 1, p the greatest depth (5 m v^2/(4 K))^(2/5).
+    """2 p/v times the integral of 1/sqrt(1 - x^(5/2)) from 0 to 1, p the depth (5 m v^2/(4 K))^(2/5).
 
     The integral is sqrt(pi) G(2/5) 2/5/G(9/10), so that t = 2.943 p/v (Landau & Lifshitz, Theory of
     Elasticity, section 9).
