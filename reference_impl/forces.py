@@ -147,7 +147,8 @@ def acceleration(
     `bodies` (b, ...) is needed where a body acts on the net (launch_force, points of bodies); these points
     are where it says, with their accelerations, and so is a net that a body holds at t.  Elements that are
     not `intact` (m,) carry no load.  `reels` (R,) is needed where there are any.  Bullets that are `gone`
-    (k,) are not pushed by launch_force.  Raises ValueError without the bodies or reels that it needs.
+    (k,) are not pushed by launch_force.  Friction that sticks has nothing to remember here.  Raises
+    ValueError without the bodies or reels that it needs.
     """
     n, levers, rigid = len(system.net.mass), system.levers, system.bodies.rigid
     if bodies is None:

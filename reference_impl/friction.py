@@ -170,7 +170,7 @@ def drag(
     along = across(m, e[group.first + found.row])
     sliding = -_over(limit[:, None] * along, _size(along))
     force = np.select(
-        [(kind == law)[:, None] for law in (HELD, SLIDING, REMEMBERED)], [spring, sliding, capped], 0.0
+        [(kind == each)[:, None] for each in (HELD, SLIDING, REMEMBERED)], [spring, sliding, capped], 0.0
     )
     force = np.where(found.normal[:, None] > 0.0, force, 0.0)
     s = np.where(kind == SLIDING, s, np.where(kind == APART, 0.0, these.memory.s))
