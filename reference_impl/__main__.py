@@ -24,6 +24,7 @@ from reference_impl.integration import (
     STEPPED,
     Diverged,
     Interrupted,
+    Pierced,
     Progress,
     Scheme,
     Trajectory,
@@ -149,6 +150,9 @@ def _run(options: argparse.Namespace) -> int:
             bodies=scene.bodies0,
             **({"progress": _told_now_and_then()} if options.progress else {}),
         )
+    except Pierced as pierced:
+        trajectory, code = pierced.trajectory, DIVERGED
+        note = f"{pierced}. {_harder(system, options)}"
     except Diverged as diverged:
         i, j = system.net.element_nodes[diverged.element] if diverged.element >= 0 else (-1, -1)
         trajectory, code = diverged.trajectory, DIVERGED
@@ -211,6 +215,16 @@ def _advice(system: System, options: argparse.Namespace) -> str:
     if options.method in STEPPED:
         return f"Try --step {1.0 / max(greatest_frequency(system), 1e-300):.2g} or less."
     return "Try smaller --rtol and --atol, and look for a light node or a stiff element there."
+
+
+def _harder(system: System, options: argparse.Namespace) -> str:
+    """What to do about contact that is too soft."""
+    contact = system.effects.contact
+    assert contact is not None
+    keys = ("modulus",) if contact.law == "hertz" else ("stiffness", "bullet_stiffness")
+    given = [f"effects.contact.{key}" for key in keys if getattr(contact, key) is not None]
+    shorter = f", or --step {options.step / 10.0:.2g}" if options.method in STEPPED else ""
+    return f"Try a greater {' and '.join(given)}, or a larger edge_radius of that body{shorter}."
 
 
 if __name__ == "__main__":

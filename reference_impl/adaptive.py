@@ -14,8 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import DOP853, RK45
+from scipy.optimize import brentq
 
-from reference_impl.arrays import Floats
+from reference_impl.arrays import Floats, Ints
+from reference_impl.events import INSTANT
+from reference_impl.friction import Memory
 from reference_impl.mode import Mode
 from reference_impl.run import Breakdown, Run
 
@@ -68,8 +71,8 @@ class _Stages:
 
     def finish(self, h: float, arrival: float, y: Floats) -> None:
         """Ends the run's step of h [s] in y, just attempted, or at the first event in it."""
-        run = self.run
-        if not run.watch.any:
+        run, grip = self.run, self.run.mode.memory
+        if not (run.watch.any or grip is not None):
             run.arrive(arrival, y)
             return
         repeated = False
@@ -79,17 +82,56 @@ class _Stages:
             repeated = True
             return self.attempt(tau, run.t + tau)
 
-        event = run.watch.landing((run.y, y), self.rates[[0, -1]], h, run.mode, attempt)
-        if event is None:
-            run.arrive(arrival, self.attempt(h, arrival) if repeated else y)
-            return
-        run.arrive(run.t + event.after, event.y)
-        run.settle(run.watch.due(run.y, run.mode, event.margin))
-        self.stale = True
+        event = None
+        if run.watch.any:
+            event = run.watch.landing((run.y, y), self.rates[[0, -1]], h, run.mode, attempt)
+        if event is not None:
+            y = event.y
+        elif repeated:
+            y = self.attempt(h, arrival)
+        if grip is not None:
+            span, repeated = h if event is None else event.after, False
+            after = self._grip_changes(y, span, grip, attempt)
+            if after is not None:
+                event, y, arrival = None, attempt(after), run.t + after
+            elif repeated:
+                y = attempt(span) if event is not None else self.attempt(h, arrival)
+        run.arrive(arrival if event is None else run.t + event.after, y)
+        if event is not None:
+            run.settle(run.watch.due(run.y, run.mode, event.margin))
+            self.stale = True
+        if grip is not None:
+            self.stale = run.change_grip(self.rates[-1]) or self.stale
 
-    def scaled_error(self, h: float, scale: Floats) -> Floats:
-        """Estimated error of the step over `scale` of the first components of y."""
-        return np.asarray(h * (_combine(self.pair.error, self.rates)[: len(scale)] / scale))
+    def _grip_changes(
+        self, y: Floats, span: float, memory: Memory, attempt: Callable[[float], Floats]
+    ) -> float | None:
+        """When, in a step of `span` [s] that was just attempted and ends in y, something begins to touch,
+        to stick or to slide, from the step's beginning [s]; None: not in it."""
+        adhesion = self.run.adhesion
+        before = adhesion.margins(self.run.y, self.rates[0], memory)
+        after = adhesion.margins(y, self.rates[-1], memory)
+        coming = (before < 0.0) & (after >= 0.0)
+        if not np.any(coming):
+            return None
+
+        def greatest(tau: float) -> float:
+            if tau == 0.0:
+                return float(np.max(before[coming]))
+            there = attempt(tau)
+            return float(np.max(adhesion.margins(there, self.rates[-1], memory)[coming]))
+
+        root = float(brentq(_finite(greatest), 0.0, span, xtol=INSTANT))
+        return min(root * (1.0 + 4.0 * np.finfo(float).eps) + INSTANT, span)
+
+    def scaled_error(self, h: float, scale: Floats, part: slice | Ints) -> Floats:
+        """Estimated error of the step over `scale` of a part of the components of y."""
+        return np.asarray(h * (_combine(self.pair.error, self.rates)[part] / scale))
+
+
+def _finite(margin: Callable[[float], float]) -> Callable[[float], float]:
+    """A margin whose root can be sought where it is infinite elsewhere."""
+    return lambda tau: min(max(margin(tau), -1e9), 1e9)
 
 
 class Dop853:
@@ -102,13 +144,14 @@ class Dop853:
 
     Under material_damping the control includes W [J].  A cable that contracts so fast that it would push has
     no force but still dissipates: nodes fly freely, no error of x or v shortens the step, and that of W would
-    be anything.
+    be anything.  So it is where damping would hold back what leaves a body.
     """
 
     def __init__(self, run: Run, rtol: float, atol: float, times: Floats) -> None:
         self.run, self.rtol, self.atol = run, max(rtol, 100.0 * np.finfo(float).eps), atol
         self.stages = _Stages(run, _pair(DOP853, DOP853.E5))
-        self.controlled = run.y.size if run.system.effects.relaxation_time else run.layout.controlled
+        contact = run.system.effects.contact
+        self.books = bool(run.system.effects.relaxation_time or (contact is not None and contact.damping))
         self.h = self._first_step(float(times[-1] - times[0]))
 
     def _rms(self, ratio: Floats) -> float:
@@ -151,13 +194,16 @@ class Dop853:
         """Takes one step of at most h, to `arrival` if h itself will do; returns the step to try next [s]."""
         run, stages, most = self.run, self.stages, 10.0
         stages.begin()
+        part = run.controlled(self.books)
+        if h > (bound := run.longest_step(stages.rates[0])):
+            h, arrival = bound, run.t + bound
         while True:
             if not abs(h) > 10.0 * math.ulp(run.t):
                 raise Breakdown(f"the step collapsed to {h:.3g} s")
             y = stages.attempt(h, arrival)
-            largest = np.maximum(np.abs(run.y), np.abs(y))[: self.controlled]
+            largest = np.maximum(np.abs(run.y), np.abs(y))[part]
             scale = self.atol + self.rtol * largest
-            error = self._rms(stages.scaled_error(h, scale))
+            error = self._rms(stages.scaled_error(h, scale, part))
             if error < 1.0:
                 break
             run.n_rejected += 1
@@ -210,16 +256,17 @@ class Ode45:
         run, stages, failed = self.run, self.stages, False
         stages.begin()
         shortest = 16.0 * math.ulp(run.t)
-        h = min(self.longest, max(shortest, self.h))
+        h = min(self.longest, run.longest_step(stages.rates[0]), max(shortest, self.h))
+        part = run.controlled(False)
         while True:
             last = 1.1 * h >= self.end - run.t and not failed
             if last:
                 h = self.end - run.t
             arrival = self.end if last else run.t + h
             y = stages.attempt(h, arrival)
-            larger = np.maximum(np.abs(run.y), np.abs(y))[: run.layout.controlled]
+            larger = np.maximum(np.abs(run.y), np.abs(y))[part]
             scale = np.maximum(larger, self.threshold)
-            error = float(np.max(np.abs(stages.scaled_error(h, scale))))
+            error = float(np.max(np.abs(stages.scaled_error(h, scale, part))))
             if error <= self.rtol:
                 break
             run.n_rejected += 1

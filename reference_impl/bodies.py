@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from reference_impl.arrays import Floats, Ints, cross
+from reference_impl.blocks import Block
 from reference_impl.drive import Drive, Guided, Poses, Steady
 from reference_impl.turns import skew
 
@@ -39,6 +40,8 @@ class Body:
     attitude: Floats = field(default_factory=lambda: np.eye(3))  # R (3, 3): columns are the body's axes
     angular_velocity: Floats = field(default_factory=_zeros)  # (3,) [rad/s] in the body's axes
     drive: Drive | None = None  # its motion, where that is given
+    blocks: tuple[Block, ...] = ()  # its surface, in its frame
+    edge_radius: float = 0.0  # [m]
 
     def at(self, point: Floats) -> tuple[Floats, Floats]:
         """Place [m] and velocity [m/s] (3,) in the scene of a point (3,) [m] of the body's frame."""

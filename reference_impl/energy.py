@@ -6,12 +6,13 @@ straight thread, springs and gas of a launch for a bullet that has left its barr
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from reference_impl import fields
+from reference_impl import fields, touch
 from reference_impl.arrays import Bools, Floats
 from reference_impl.bodies import BodyStates
 from reference_impl.effects.orbit import orbital_potential
@@ -57,6 +58,8 @@ def potential(
     system: System, x: Floats, bodies: BodyStates | None = None, gone: Bools | None = None
 ) -> Floats:
     """Potential (...) [J] of gravity, orbit, j2, sunlight, bending and launch_force, fixed nodes included.
+
+    Without that of `contact`, which depends on what bodies hold.
 
     With that of the `bodies`, if given.  Of bullets that are `gone` (..., k) launch_force holds none; without
     it the way of each decides.
@@ -136,6 +139,8 @@ class Stored(Protocol):
     """What a run has stored (`run.Trajectory`)."""
 
     @property
+    def t(self) -> Floats: ...
+    @property
     def x(self) -> Floats: ...
     @property
     def v(self) -> Floats: ...
@@ -158,6 +163,30 @@ def lengths(system: System, wound: Wound) -> Floats | None:
     return system.reels.lengths(system.net, wound.wound_up, wound.held)
 
 
+def contact(system: System, run: Stored) -> Floats:
+    """Energy (nt,) [J] stored where threads and bullets press on bodies."""
+    contacts = system.contacts
+    if contacts is None:
+        return np.zeros(len(run.x))
+    return np.array([touch.stored(contacts, seen) for seen in _views(system, run)])
+
+
+def depth(system: System, run: Stored) -> Floats:
+    """The greatest depth (nt,) [m] of threads and bullets in bodies, 0 where nothing touches."""
+    if system.contacts is None:
+        return np.zeros(len(run.x))
+    return np.array([touch.deepest(seen).depth for seen in _views(system, run)])
+
+
+def _views(system: System, run: Stored) -> Iterator[list[touch.View]]:
+    """What may touch at each time."""
+    for k in range(len(run.x)):
+        bodies = BodyStates(*(getattr(run.bodies, key)[k] for key in run.bodies.__dataclass_fields__))
+        held = None if system.reels is None else run.reels.held[k]
+        packed = system.packs(float(run.t[k]))
+        yield touch.view_of_states(system, run.x[k], run.v[k], bodies, held, packed)
+
+
 def books(system: System, run: Stored) -> Books:
     """The books of a run, bodies, reels and broken elements included."""
     bodies = run.bodies
@@ -166,7 +195,7 @@ def books(system: System, run: Stored) -> Books:
     return Books(
         kinetic(system, run.v, bodies),
         elastic(system, run.x, intact),
-        potential(system, run.x, bodies, run.gone) + outlets,
+        potential(system, run.x, bodies, run.gone) + outlets + contact(system, run),
         run.dissipated,
         momentum(system, run.v, bodies),
         angular_momentum(system, run.x, run.v, bodies),

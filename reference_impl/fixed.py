@@ -31,7 +31,7 @@ class Fixed(ABC):
         whole = math.ceil((end - begin) / self.step * (1.0 - 1e-12))
         for k in range(1, whole + 1):
             self.take(end if k == whole else begin + k * self.step)
-            if any((run.break_exceeded(), run.reels_exceeded(), run.bullets_gone())):
+            if any((run.break_exceeded(), run.reels_exceeded(), run.bullets_gone(), run.remember())):
                 self.renew(end)
         return run.y, run.mode
 

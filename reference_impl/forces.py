@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from reference_impl import fields, held, mirror
+from reference_impl import fields, held, mirror, touch
 from reference_impl.anchors import Levers
 from reference_impl.arrays import Bools, Floats, cross, dot
 from reference_impl.barrels import reaction
@@ -60,6 +60,7 @@ class Whole:
     wound_up: Floats | None = None  # s (..., R) [m] of the reels
     held: Floats | None = None  # k (..., R)
     packed: Floats | None = None  # (..., 1) 1 while a body holds the net, then 0; None: the time decides
+    bristles: Floats | None = None  # (..., P, 3) directions of friction's bristles that slide; None: none
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +72,7 @@ class Response:
     power: float  # [W]
     given: Floats  # (d, 7) by driven bodies: force [N], torque about the origin [N m], power [W]
     reeling: Floats  # (2, R) of reels: ds/dt [m/s], power on their tethers [W]
+    rubbing: Floats  # (2,) [W] taken where bodies are touched, by damping and by friction
 
 
 def gather(system: System, element_force: Floats) -> Floats:
@@ -145,7 +147,8 @@ def acceleration(
     `bodies` (b, ...) is needed where a body acts on the net (launch_force, points of bodies); these points
     are where it says, with their accelerations, and so is a net that a body holds at t.  Elements that are
     not `intact` (m,) carry no load.  `reels` (R,) is needed where there are any.  Bullets that are `gone`
-    (k,) are not pushed by launch_force.  Raises ValueError without the bodies or reels that it needs.
+    (k,) are not pushed by launch_force.  Friction that sticks has nothing to remember here.  Raises
+    ValueError without the bodies or reels that it needs.
     """
     n, levers, rigid = len(system.net.mass), system.levers, system.bodies.rigid
     if bodies is None:
@@ -153,6 +156,8 @@ def acceleration(
             raise ValueError("launch_force acts between bullets and chaser: give the states of the bodies")
         if len(levers):
             raise ValueError("nodes are points of bodies: give the states of the bodies")
+        if system.contacts is not None:
+            raise ValueError("threads or bullets touch bodies: give the states of the bodies")
         if system.packs(t):
             raise ValueError("a body holds the net: give the states of the bodies")
         return motion(system, t, x, v, Mode(intact))[0][:n]
@@ -223,6 +228,11 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
         beside[system.barrels.body] = back / system.bodies.mass[system.barrels.body]
         if system.barrels.rigid is not None:
             torque[system.barrels.rigid] = turn
+    packed = system.packs(t) if whole.packed is None else bool(np.any(whole.packed))
+    pressed = _touched(system, whole, mode, packed)
+    for body, force in pressed.on_nodes:
+        _press(system, whole, body, force, push, beside, torque)
+    power += float(np.sum(pressed.taken))
     result = system.compliance_of_inertia * push
     if effects.orbit is not None:
         orbital = orbital_acceleration(effects.orbit, nodes, speeds)
@@ -231,7 +241,7 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
         result += np.where(system.compliance_of_inertia > 0.0, orbital, 0.0)
     torque, taken = _on_bodies(system, whole, push, beside, torque)
     given = _given(system, whole, push, thrown)
-    packed = system.packs(t) if whole.packed is None else bool(np.any(whole.packed))
+    _give_where_touched(system, whole, pressed.on_nodes, given)
     if packed or outlets is not None:
         carried = held.load(system, whole.held, packed)
         _bear(system, t, whole, carried, result, beside, torque, given)
@@ -239,9 +249,54 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
     if outlets is not None:
         power -= float(np.sum(outlets.power))
     reeling = np.empty((2, 0)) if outlets is None else np.stack((outlets.rate, outlets.power))
-    return Response(
-        np.concatenate((result, beside)) if len(beside) else np.asarray(result), torque, power, given, reeling
-    )
+    accelerations = np.concatenate((result, beside)) if len(beside) else np.asarray(result)
+    return Response(accelerations, torque, power, given, reeling, pressed.taken)
+
+
+def _touched(system: System, whole: Whole, mode: Mode, packed: bool) -> touch.Touched:
+    """The forces where bodies are touched."""
+    contacts = system.contacts
+    if contacts is None:
+        return touch.Touched([], np.zeros(2))
+    e = np.zeros((contacts.pairs, 3)) if whole.bristles is None else whole.bristles
+    return touch.touched(contacts, seen(system, whole, packed), whole.attitude, mode.memory, e)
+
+
+def seen(system: System, whole: Whole, packed: bool) -> list[touch.View]:
+    """What may touch bodies, as these see it."""
+    w = turning(whole.attitude, whole.spin, system.bodies.mobility)
+    return touch.views(system, whole.x, whole.v, whole.attitude, w, whole.held, packed)
+
+
+def _press(
+    system: System, whole: Whole, body: int, force: Floats, push: Floats, beside: Floats, torque: Floats
+) -> None:
+    """Adds forces (n, 3) [N] from a rigid body to those on the nodes, and their opposite to what moves it."""
+    n, number = len(push), system.bodies.rigid[body]
+    push += force
+    beside[number] -= force.sum(axis=0) / system.bodies.mass[number]
+    torque[body] -= cross(whole.x[:n] - whole.x[n + number], force).sum(axis=0)
+
+
+def _give_where_touched(
+    system: System, whole: Whole, on_nodes: list[tuple[int, Floats]], given: Floats
+) -> None:
+    """Adds to what driven bodies give (d, 7) the forces (n, 3) [N] from them on the nodes.
+
+    The power is that at the places of the nodes as these move with the body: a line shares its forces among
+    its ends so that sums, moments and powers of a rigid motion are the same.
+    """
+    n = len(system.net.mass)
+    for body, force in on_nodes:
+        number = system.bodies.rigid[body]
+        row = np.flatnonzero(system.bodies.driven == number)
+        if not len(row):
+            continue
+        w = turning(whole.attitude, whole.spin, system.bodies.mobility)[body]
+        moving = whole.v[n + number] + cross(w, whole.x[:n] - whole.x[n + number])
+        given[row[0], :3] += force.sum(axis=0)
+        given[row[0], 3:6] += cross(whole.x[:n], force).sum(axis=0)
+        given[row[0], 6] += np.vdot(force, moving)
 
 
 def _outlets(system: System, t: float, whole: Whole, mode: Mode) -> Outlets | None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from reference_impl import energy
+from reference_impl import energy, touch
 from reference_impl.anchors import Levers
 from reference_impl.arrays import Floats, Ints, cross
 from reference_impl.bodies import turning
@@ -117,4 +117,8 @@ def _energy(layout: Layout, y: Floats) -> float:
     x, v = whole.x[: layout.nodes], whole.v[: layout.nodes]
     inside, outlets = energy.at_outlets(system, x, layout.wound(y))
     kept = energy.elastic(system, x, inside) + energy.potential(system, x, bodies) + outlets
+    if system.contacts is not None:
+        wound, packed = layout.wound(y), bool(np.any(layout.packed(y)))
+        seen = touch.view_of_states(system, x, v, bodies, wound.held if system.reels else None, packed)
+        kept = kept + touch.stored(system.contacts, seen)
     return float(energy.kinetic(system, v, bodies) + kept)

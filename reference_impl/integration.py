@@ -20,7 +20,7 @@ from reference_impl.drive import Poses
 from reference_impl.fixed import Classical, Fixed, Verlet
 from reference_impl.implicit import EnergyMomentum, unsupported
 from reference_impl.mode import Mode
-from reference_impl.run import Breakdown, Diverged, Interrupted, Run, Trajectory
+from reference_impl.run import Breakdown, Diverged, Interrupted, Pierced, Run, Trajectory
 from reference_impl.state import layout
 from reference_impl.system import System
 
@@ -47,6 +47,7 @@ __all__ = [
     "TOLERANCES",
     "Diverged",
     "Interrupted",
+    "Pierced",
     "Progress",
     "Scheme",
     "Trajectory",
@@ -128,7 +129,7 @@ def integrate(
             run.store(run.t, run.y, run.mode)
             _follow(run, scheme, times, progress)
     except Breakdown as error:
-        raise run.diverged(str(error)) from None
+        raise run.diverged(error) from None
     except KeyboardInterrupt:
         raise Interrupted(run.trajectory()) from None
     return run.trajectory()
@@ -158,6 +159,8 @@ def _follow(run: Run, scheme: Scheme, times: Floats, progress: Progress | None) 
             run.enter_segment()
             if knot == ejection:
                 run.eject()
+                if scheme.method in PAIRS:
+                    run.begin_to_touch()
                 if knot < end:
                     stepper = scheme.stepper(run, np.concatenate(([knot], times[times > knot])))
             stepper.renew(knots[0] if knots else end)

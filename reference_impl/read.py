@@ -282,6 +282,7 @@ def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
     if thrown and not bullets:
         faults.append("launch: needs net.bullets")
     faults += _chaser_faults(case)
+    faults += _contact_faults(case)
     return faults + _carrier_faults(case) + tie_faults(case, bullets)
 
 
@@ -299,6 +300,31 @@ def _carrier_faults(case: Case) -> list[str]:
         faults.append(f"{key}: must be before time.end, {case.times[-1]:.10g}, not {carrier.eject_at:.10g}")
     if isinstance(case.shape, Explicit) and case.shape.fixed:
         faults.append(f"{key}: body {carrier.body} cannot hold nodes that net.fixed holds still")
+    return faults
+
+
+_ROUNDED = ("box", "sphere")  # the shapes that can be touched
+
+
+def _contact_faults(case: Case) -> list[str]:
+    """Faults between contact and the bodies that it names."""
+    contact, faults, bodies = case.effects.contact, [], {body.name: body for body in case.bodies}
+    if contact is None:
+        return []
+    for key, names in (("threads", contact.threads), ("bullets", contact.bullets)):
+        faults += [f"effects.contact.{key}: there is no body {name}" for name in names if name not in bodies]
+    for name in dict.fromkeys((*contact.threads, *contact.bullets)):
+        if name not in bodies:
+            continue
+        kinds = [block.kind for block in bodies[name].blocks]
+        if not kinds:
+            faults.append(f"bodies.{name}: has no shape that effects.contact could touch; give it one")
+        for kind in dict.fromkeys(kinds):
+            if kind not in _ROUNDED:
+                known = " and ".join(_ROUNDED)
+                faults.append(refusal(f"effects.contact with a {kind}, bodies.{name}", f"it knows {known}"))
+        if "box" in kinds and not bodies[name].edge_radius:
+            faults.append(f"bodies.{name}.edge_radius: must be above 0 for effects.contact")
     return faults
 
 

@@ -56,7 +56,7 @@ def _body(
     _check_name(table, name)
     if not table:
         return None
-    solid, shaped = _material(table, folder)
+    solid, shaped, rounding = _material(table, folder)
     made = _mass(table, solid, shaped)
     attitude = read_attitude(table)
     position, velocity, spin = (
@@ -70,7 +70,9 @@ def _body(
     if len(table.faults) > before or made is None or attitude is None:
         return None
     turning = attitude.T @ spin if of_scene else np.array(spin)
-    body = Body(name, *made, np.array(position), np.array(velocity), attitude, turning)
+    start = (np.array(position), np.array(velocity), attitude, turning)
+    blocks = () if solid is None else solid.blocks
+    body = Body(name, *made, *start, blocks=blocks, edge_radius=rounding)
     return body if motion == "free" else driven(body, poses)
 
 
@@ -134,8 +136,11 @@ def _quaternions(value: Any) -> tuple[Floats, ...]:
     return tuple(rotation(row) for row in rows)
 
 
-def _material(table: Table, folder: Path) -> tuple[Solid | None, bool]:
-    """The solid of `shape` or `parts`, None if there is none or it is faulty; whether the keys are there."""
+def _material(table: Table, folder: Path) -> tuple[Solid | None, bool, float]:
+    """The solid of `shape` or `parts`, None if there is none or it is faulty; whether the keys are there.
+
+    And the rounding of its edges [m].
+    """
     kinds = [key for key in ("shape", "parts") if key in table.values]
     solid = None
     if len(kinds) == 2:
@@ -145,13 +150,13 @@ def _material(table: Table, folder: Path) -> tuple[Solid | None, bool]:
         solid = _mesh(table, folder) if table.values["shape"] == "mesh" else _shape(table, "mesh")
     elif kinds:
         solid = _parts(table.table("parts", required=False))
-    rounding = table.get("edge_radius", number(0.0), None)  # for contact: nothing here touches
+    rounding = table.get("edge_radius", number(0.0), None)
     if "edge_radius" in table.values and not kinds:
         table.faults.append(f"{table.name('edge_radius')}: needs {_a_shape(table)}")
     elif rounding is not None and solid is not None and rounding > _HALF * solid.extent:
         at_most = f"at most half of the smallest dimension, {0.5 * solid.extent:.10g}"
         table.faults.append(f"{table.name('edge_radius')}: must be {at_most}, not {rounding:.10g}")
-    return solid, bool(kinds)
+    return solid, bool(kinds), rounding or 0.0
 
 
 def _mesh(table: Table, folder: Path) -> Solid | None:

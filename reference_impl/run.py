@@ -7,16 +7,20 @@ from functools import cached_property
 
 import numpy as np
 
-from reference_impl.arrays import Bools, Floats
+from reference_impl import touch
+from reference_impl.arrays import Bools, Floats, Ints
 from reference_impl.bodies import BodyStates, orthonormal
+from reference_impl.contacts import gaps
 from reference_impl.effects.launch_force import LaunchForce
 from reference_impl.elements import strain
 from reference_impl.events import Break, Watch
-from reference_impl.forces import response, ways
+from reference_impl.forces import response, seen, ways
+from reference_impl.friction import SLIDING, nothing, remembered
 from reference_impl.handover import eject, hand_over
 from reference_impl.mode import Mode
 from reference_impl.reels import Wound
 from reference_impl.state import Given, Layout, layout
+from reference_impl.stick import Adhesion
 from reference_impl.system import System
 
 
@@ -39,6 +43,7 @@ class Trajectory:
     given: Given  # (nt, b, ...) by bodies whose motion is given
     reels: Wound  # (nt, R)
     gone: Bools  # (nt, k) bullets that have left their barrels in a body for good
+    rubbing: Floats  # (nt, 2) [J] taken where bodies are touched, by damping and by friction
 
 
 class Diverged(ArithmeticError):
@@ -51,6 +56,14 @@ class Diverged(ArithmeticError):
         self.time, self.element, self.strain, self.trajectory = time, element, strain, trajectory
 
 
+class Pierced(Diverged):
+    """A thread or bullet is deeper in a body than contact allows; `element` is -1 of a bullet."""
+
+    def __init__(self, time: float, worst: touch.Deepest, trajectory: Trajectory) -> None:
+        ArithmeticError.__init__(self, f"{worst.what}, at t = {time:.9g} s")
+        self.time, self.element, self.strain, self.trajectory = time, worst.element, 0.0, trajectory
+
+
 class Interrupted(KeyboardInterrupt):
     """Stopped from the keyboard; `trajectory` is what was stored."""
 
@@ -61,6 +74,14 @@ class Interrupted(KeyboardInterrupt):
 
 class Breakdown(Exception):
     """No step can be taken from the present state."""
+
+
+class TooDeep(Breakdown):
+    """Something is deeper in a body than contact allows."""
+
+    def __init__(self, worst: touch.Deepest) -> None:
+        super().__init__(worst.what)
+        self.worst = worst
 
 
 @dataclass
@@ -106,6 +127,94 @@ class Run:
         self.mode = Mode(intact, pushed, gone)
         self.enter_segment()
         self.break_exceeded()
+        self.check_depth()
+        if (contacts := self.system.contacts) is not None and contacts.law.sticks:
+            self.mode = replace(self.mode, memory=nothing(contacts.pairs))
+            if located:
+                self.begin_to_touch()
+
+    @cached_property
+    def adhesion(self) -> Adhesion:
+        """Of friction that remembers."""
+        assert self.system.contacts is not None
+        return Adhesion(self.layout, self.system.contacts)
+
+    def begin_to_touch(self) -> None:
+        """Remembers what touches; twice, because what then sticks or slides changes how it goes on."""
+        if self.mode.memory is not None:
+            for _ in range(2):
+                self.change_grip(self.rate(self.t, self.y))
+
+    def change_grip(self, rate: Floats) -> bool:
+        """What is due to stick, to slide or to be forgotten in the state of this rate; whether any was."""
+        assert self.mode.memory is not None
+        self.y, memory, changed = self.adhesion.settle(self.y, rate, self.mode.memory)
+        self.mode = replace(self.mode, memory=memory)
+        return changed
+
+    def remember(self) -> bool:
+        """The memory of friction at the end of a step of given length; whether it is another one."""
+        contacts, memory = self.system.contacts, self.mode.memory
+        if contacts is None or memory is None:
+            return False
+        found = [
+            (view.group, contacts.press(view.group, view.x, view.w, view.rows), view.x, view.w)
+            for view in self.adhesion.views(self.y)
+        ]
+        after = remembered(contacts, memory, found)
+        self.mode = replace(self.mode, memory=after)
+        return not (np.array_equal(after.law, memory.law) and np.array_equal(after.b, memory.b))
+
+    def check_depth(self) -> None:
+        """Stops where a thread or bullet is deeper in a body than contact allows."""
+        if self.system.contacts is None:
+            return
+        whole, packed = self.layout.whole(self.y), bool(np.any(self.layout.packed(self.y)))
+        worst = touch.deepest(seen(self.system, whole, packed))
+        if worst.over > touch.TOO_DEEP:
+            raise TooDeep(worst)
+
+    def controlled(self, books: bool) -> slice | Ints:
+        """What of y adaptive methods keep accurate: its motion, and W if the `books` are to be too.
+
+        Of the bristles those that slide.
+        """
+        end = self.layout.controlled
+        if self.system.contacts is None:
+            return slice(None) if books else slice(end)
+        last = np.full(int(books), len(self.y) - 1)
+        return np.concatenate((np.arange(end), self.sliding(), last))
+
+    def longest_step(self, rate: Floats) -> float:
+        """How long a step from here may be [s] that passes over no contact; `rate` is dy/dt.
+
+        What is a gap away from a ball round a body may come as far as that, and not deeper than a quarter
+        of what is allowed, at its speed and acceleration.
+        """
+        if self.system.contacts is None:
+            return np.inf
+        whole, packed = self.layout.whole(self.y), bool(np.any(self.layout.packed(self.y)))
+        acceleration, longest = self.layout.accelerations(self.y, rate), np.inf
+        for view in seen(self.system, whole, packed):
+            lines, n = view.group.some(view.rows), self.layout.nodes
+            if not len(lines.i):
+                continue
+            body = acceleration[n + self.system.bodies.rigid[lines.body]]
+            size = np.linalg.norm(acceleration[:n] - body, axis=1)
+            speed = np.linalg.norm(view.w, axis=1)
+            way = np.maximum(gaps(lines, view.x), 0.25 * lines.allowed)
+            v, a = np.maximum(speed[lines.i], speed[lines.j]), np.maximum(size[lines.i], size[lines.j])
+            # way = v h + a h^2/2, without cancellation
+            slow = v + np.sqrt(v * v + 2.0 * a * way)
+            longest = min(longest, float(np.min(2.0 * way / np.where(slow > 0.0, slow, 1e-300))))
+        return longest
+
+    def sliding(self) -> Ints:
+        """Where in y the directions of the bristles that slide are."""
+        if self.mode.memory is None or self.layout.bristled == self.layout.controlled:
+            return np.empty(0, dtype=np.intp)
+        pairs = np.flatnonzero(self.mode.memory.law == SLIDING)
+        return np.asarray(self.layout.controlled + (3 * pairs[:, None] + np.arange(3)).ravel())
 
     def enter_segment(self) -> bool:
         """Takes the segment of thrust and the commands that hold at t; whether there is any thrust."""
@@ -120,7 +229,11 @@ class Run:
         """dy/dt, eqs. (15), (16), the turning of bodies, and the power that leaves."""
         self.n_rhs += 1
         whole = self.layout.whole(y)
-        return self.layout.rate(y, whole, response(self.system, t, whole, self.mode))
+        rate = self.layout.rate(y, whole, response(self.system, t, whole, self.mode))
+        if self.mode.memory is not None:
+            bristles = slice(self.layout.controlled, self.layout.bristled)
+            rate[bristles] = self.adhesion.turning(y, rate, self.mode.memory)
+        return rate
 
     def arrive(self, t: float, y: Floats) -> None:
         """Ends a step at t in y, which must be finite; attitudes are made orthonormal."""
@@ -131,6 +244,7 @@ class Run:
             y[2 * self.half : self.layout.turned] = orthonormal(self.layout.held(y).attitude).ravel()
         self.t, self.y = t, y
         self.n_steps += 1
+        self.check_depth()
 
     def settle(self, reached: np.ndarray) -> None:
         """Enters the mode after events; the elastic energy of what breaks leaves the system."""
@@ -212,9 +326,14 @@ class Run:
             self.layout.given(y),
             self.layout.wound(y),
             np.array(gone, dtype=bool).reshape(len(y), k),
+            self.layout.rubbing(y) if self.system.contacts is not None else np.zeros((len(y), 2)),
         )
 
-    def diverged(self, why: str) -> Diverged:
+    def diverged(self, error: Breakdown) -> Diverged:
+        """The run's end for want of a step."""
+        if isinstance(error, TooDeep):
+            return Pierced(self.t, error.worst, self.trajectory())
+        why = str(error)
         with np.errstate(over="ignore"):
             e11 = strain(self.system, self.layout.positions(self.y)[: self.layout.nodes])
         worst = int(np.argmax(e11)) if e11.size else -1

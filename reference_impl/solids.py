@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from reference_impl.arrays import Floats
+from reference_impl.blocks import Block
 from reference_impl.turns import skew
 
 _SIGNS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
@@ -33,10 +34,12 @@ class Solid:
     place: Floats  # (q, 3) [m]
     volume: Floats  # (q,) [m3] that each point stands for
     extent: float  # the least of its widths along x, y and z [m]
+    blocks: tuple[Block, ...]  # its surface
 
     def moved(self, attitude: Floats, position: Floats) -> Solid:
         """Turned by a rotation (3, 3), then shifted by (3,) [m]; the extent stays that of its own axes."""
-        return Solid(self.place @ attitude.T + position, self.volume, self.extent)
+        blocks = tuple(block.moved(attitude, position) for block in self.blocks)
+        return replace(self, place=self.place @ attitude.T + position, blocks=blocks)
 
 
 def union(solids: list[Solid]) -> Solid:
@@ -45,6 +48,7 @@ def union(solids: list[Solid]) -> Solid:
         np.concatenate([solid.place for solid in solids]),
         np.concatenate([solid.volume for solid in solids]),
         min(solid.extent for solid in solids),
+        tuple(block for solid in solids for block in solid.blocks),
     )
 
 
@@ -70,19 +74,19 @@ def box(size: tuple[float, ...]) -> Solid:
     """Edges along x, y, z (3,) [m]."""
     x, y, z = size
     half = np.array([x / 2.0, y / 2.0])
-    return Solid(
-        *_segment(_SQUARE, -z / 2.0, z / 2.0, lambda z: np.broadcast_to(half, (len(z), 2))), min(size)
-    )
+    points = _segment(_SQUARE, -z / 2.0, z / 2.0, lambda z: np.broadcast_to(half, (len(z), 2)))
+    return Solid(*points, min(size), (Block("box", 0.5 * np.array(size)),))
 
 
 def cylinder(radius: float, length: float) -> Solid:
     """Along z [m]."""
-    return frustum((radius, radius), length)
+    return replace(frustum((radius, radius), length), blocks=(Block("cylinder"),))
 
 
 def sphere(radius: float) -> Solid:
     """Of a radius [m]."""
-    return Solid(*_segment(_DISC, -radius, radius, _ball(radius, 0.0)), 2.0 * radius)
+    points = _segment(_DISC, -radius, radius, _ball(radius, 0.0))
+    return Solid(*points, 2.0 * radius, (Block("sphere", np.full(3, radius)),))
 
 
 def capsule(radius: float, length: float) -> Solid:
@@ -95,14 +99,16 @@ def capsule(radius: float, length: float) -> Solid:
         _segment(_DISC, top, top + radius, _ball(radius, top)),
     )
     places, volumes = zip(*pieces, strict=True)
-    return Solid(np.concatenate(places), np.concatenate(volumes), 2.0 * radius)
+    return Solid(np.concatenate(places), np.concatenate(volumes), 2.0 * radius, (Block("capsule"),))
 
 
 def frustum(radii: tuple[float, ...], length: float) -> Solid:
     """Along z [m], radii (2,) [m] at its lower and upper end."""
     ends = (-length / 2.0, length / 2.0)
     extent = min(2.0 * max(radii), length)
-    return Solid(*_segment(_DISC, *ends, lambda z: _round(np.interp(z, ends, radii))), extent)
+    return Solid(
+        *_segment(_DISC, *ends, lambda z: _round(np.interp(z, ends, radii))), extent, (Block("frustum"),)
+    )
 
 
 def _segment(

@@ -6,13 +6,15 @@ rotation matrices and angular momenta of the r rigid bodies (`bodies`); W: the e
 Where motions are given, time and what these d bodies gave stand before W: impulse, angular impulse, work.
 Of the R reels the lengths wound up and the numbers of nodes on the drums stand after the time, their work
 before what bodies gave.  Where a body ejects the net, 1 while it is packed, then 0, stands before that work.
+Where bodies are touched, the directions of friction's bristles (`friction`) and then what damping and
+friction have taken stand before that.
 Nodes that are points of bodies or held by them, and driven bodies, have rows that rest; `Layout.whole` puts
 in what they do.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,7 +48,7 @@ class Given:
 class Layout:
     """Where the parts of y are: size 6 N + 12 r + 3 R + 1, and 7 d + 1 more with d > 0 driven bodies.
 
-    One more with a net that a body ejects.
+    One more with a net that a body ejects; with contact 3 P + 2 more, or 2 where friction has no memory.
     """
 
     system: System
@@ -93,11 +95,30 @@ class Layout:
     @property
     def freed(self) -> int:
         """Where it ends whether a net is packed, and the work of reels begins."""
-        return self.controlled + int(self.system.packed is not None)
+        return self.rubbed + int(self.system.packed is not None)
+
+    @property
+    def bristled(self) -> int:
+        """Where the directions of bristles end, which begin after what is controlled."""
+        contacts = self.system.contacts
+        return self.controlled + (0 if contacts is None else 3 * contacts.bristles)
+
+    @property
+    def rubbed(self) -> int:
+        """Where ends what has been taken by damping and friction where bodies are touched."""
+        return self.bristled + (0 if self.system.contacts is None else 2)
+
+    def bristles(self, y: Floats) -> Floats:
+        """Directions (..., P, 3) of bristles that slide, in the axes of the bodies; P = 0 without."""
+        return y[..., self.controlled : self.bristled].reshape(*y.shape[:-1], -1, 3)
+
+    def rubbing(self, y: Floats) -> Floats:
+        """What damping and friction have taken where bodies are touched (..., 2) [J]; (..., 0) without."""
+        return y[..., self.bristled : self.rubbed]
 
     def packed(self, y: Floats) -> Floats:
         """Whether a body still holds the packed net in the states y, (..., 1) of 1 or 0; (..., 0) without."""
-        return y[..., self.controlled : self.freed]
+        return y[..., self.rubbed : self.freed]
 
     def wound(self, y: Floats) -> Wound:
         """The reels in the states y."""
@@ -125,6 +146,11 @@ class Layout:
 
     def whole(self, y: Floats) -> Whole:
         """x, v (..., N, 3), R (..., r, 3, 3) and h (..., r, 3) of all particles and rigid bodies."""
+        whole = self._led(y)
+        return replace(whole, bristles=self.bristles(y)) if self.bristled > self.controlled else whole
+
+    def _led(self, y: Floats) -> Whole:
+        """With the places and velocities of what bodies lead."""
         held, levers = self._driven(y, self.held(y)), self.system.levers
         if not len(levers) and self.system.packed is None:
             return held  # nor are there reels, whose drums are points of bodies
@@ -220,10 +246,11 @@ class Layout:
         wound, held = np.empty(0), None
         if (reels := self.system.reels) is not None:
             wound, held = np.concatenate((reels.wound_up, reels.held)), reels.held
-        packed = np.full(self.freed - self.controlled, float(self.system.packs(t)))
+        packed = np.full(self.freed - self.rubbed, float(self.system.packs(t)))
+        rubbed = np.zeros(self.rubbed - self.controlled)
         moving[load(self.system, held, self.system.packs(t)).node] = 0.0
         clock = np.full(self.clocks, t)
-        parts = (x, bodies.position, moving, drifting, attitude, spin, clock, wound, packed, books)
+        parts = (x, bodies.position, moving, drifting, attitude, spin, clock, wound, rubbed, packed, books)
         return np.concatenate([np.ravel(part) for part in parts])
 
     def rate(self, y: Floats, whole: Whole, response: Response) -> Floats:
@@ -238,7 +265,10 @@ class Layout:
             parts.append(np.ones(1))
         if self.reels:
             parts += [response.reeling[0], np.zeros(self.reels)]
-        parts += [np.zeros(self.freed - self.controlled), response.reeling[1]]
+        parts.append(np.zeros(self.bristled - self.controlled))
+        if self.rubbed > self.bristled:
+            parts.append(response.rubbing)
+        parts += [np.zeros(self.freed - self.rubbed), response.reeling[1]]
         if self.clocks:
             parts.append(response.given.ravel())
         return np.concatenate((*parts, (response.power,)))

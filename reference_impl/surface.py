@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from reference_impl.arrays import Floats, Ints
+from reference_impl.blocks import Block
 from reference_impl.solids import Solid
 
 _TOWARDS = 1.0 / math.sqrt(5.0)  # part of the way from the centroid to a corner
@@ -35,7 +36,7 @@ def enclosed(corner: Floats) -> Solid:
     middle = ends.mean(axis=1, keepdims=True)
     place = apex + middle + _TOWARDS * (ends - middle)
     weight = np.repeat(math.copysign(0.25, total) * volume, 4)
-    return Solid(place.reshape(-1, 3), weight, float(np.min(np.ptp(points, axis=0))))
+    return Solid(place.reshape(-1, 3), weight, float(np.min(np.ptp(points, axis=0))), (Block("mesh"),))
 
 
 def _check_closed(faces: Ints) -> None:

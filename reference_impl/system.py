@@ -17,6 +17,7 @@ from reference_impl.arrays import Floats, Ints
 from reference_impl.barrels import Barrels, aimed
 from reference_impl.bodies import Bodies, collect
 from reference_impl.case import Case
+from reference_impl.contacts import Contacts, pairs
 from reference_impl.effects.areas import diameter, exposed
 from reference_impl.effects.bending import Hinges, hinges
 from reference_impl.effects.breaking import limits
@@ -52,6 +53,7 @@ class System(Elements):
     reels: Reels | None = None
     packed: Packed | None = None  # the net, until a body ejects it
     begun: Begun | None = None  # None: the books are empty at time 0
+    contacts: Contacts | None = None
 
     def __post_init__(self) -> None:
         if self.symmetric and self.assembled:
@@ -191,6 +193,5 @@ def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = Fa
     bodies, states = collect(initial_bodies(case, net))
     barrels, reels = aimed(case, net, bodies, states), reeled(case, net)
     held = packed(case, net, bodies)
-    return System(
-        net, case.effects, symmetric, assembled, bodies, barrels, reels if len(reels) else None, held
-    )
+    moving = (bodies, barrels, reels if len(reels) else None, held, pairs(case, net, bodies))
+    return System(net, case.effects, symmetric, assembled, *moving)

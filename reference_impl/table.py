@@ -78,6 +78,16 @@ def text(value: Any) -> str:
     return value
 
 
+def texts(value: Any) -> tuple[str, ...]:
+    """Reads a list of one-line strings, each once."""
+    if not isinstance(value, list):
+        raise ValueError("must be a list of texts")
+    found = tuple(text(v) for v in value)
+    if len(set(found)) < len(found):
+        raise ValueError("must name each once")
+    return found
+
+
 def one_of_names(*known: str) -> Callable[[Any], str]:
     """Reads one of these names."""
 

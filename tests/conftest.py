@@ -45,6 +45,10 @@ COMPILES_ITS_OWN = (
 # Variants that take seconds each, or compile kernels that no other quick test needs; a quicker one of the
 # same test stays among the quick tests.
 TAKES_SECONDS = (
+    "reference/test_ref_contact.py::test_a_bullet_leaves_with_the_restitution[0.9",
+    "reference/test_ref_contact.py::test_a_bullet_leaves_with_the_restitution[0.2",
+    "reference/test_ref_contact.py::test_what_a_free_box_gets[regularised",
+    "reference/test_ref_contact.py::test_what_a_driven_body_gives[fixed",
     "reference/test_ref_launch_body.py::test_a_bullet_that_has_left_is_not_pushed_again[",
     "reference/test_ref_launch_force.py::test_books_close_and_momentum_counts_the_chaser[RK4",
     "reference/test_ref_launch_force.py::test_bullets_that_come_back_are_pushed_again[RK4",

@@ -10,6 +10,7 @@ from reference_impl.arrays import Vector
 from reference_impl.effects.air_drag import AirDrag, read_air_drag
 from reference_impl.effects.bending import Bending, read_bending
 from reference_impl.effects.breaking import Breaking, read_breaking
+from reference_impl.effects.contact import Contact, read_contact
 from reference_impl.effects.earth import EARTH_RADIUS
 from reference_impl.effects.frame import Frame
 from reference_impl.effects.j2 import J2, read_j2
@@ -52,6 +53,7 @@ class Effects:
     thermal_strain: ThermalStrain | None = None
     launch_force: LaunchForce | None = None
     thrust: Thrust | None = None
+    contact: Contact | None = None
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,7 @@ _READERS: dict[str, Callable[[Table, Surroundings], Any]] = {
     "thermal_strain": lambda table, around: read_thermal_strain(table),
     "launch_force": lambda table, around: read_launch_force(table, around.bullets != 0),
     "thrust": lambda table, around: read_thrust(table, around.bullets),
+    "contact": lambda table, around: read_contact(table, around.bullets != 0),
 }
 
 

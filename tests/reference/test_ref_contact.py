@@ -1,0 +1,583 @@
+"""Contact in reference_impl: bounces, sliding and sticking, threads on faces and edges, books, refusals."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import gamma
+
+from reference_impl import Refused, acceleration, energy, read_document
+from reference_impl.__main__ import main
+from reference_impl.effects.contact import braking
+from reference_impl.integration import Pierced
+
+G = 9.81
+PLATE = {
+    "mass": 1.0,
+    "shape": "box",
+    "size": [4.0, 4.0, 0.2],
+    "edge_radius": 0.05,
+    "motion": "fixed",
+    "position": [0.0, 0.0, -0.1],
+}
+BALL = {"mass": 1.0, "shape": "sphere", "radius": 0.1, "motion": "fixed"}
+SMOOTH = {"bullets": ["target"], "bullet_radius": 0.02, "friction": 0.0}
+LINEAR = {**SMOOTH, "law": "linear", "bullet_stiffness": 1e4, "damping": 0.0}
+HERTZ = {**SMOOTH, "law": "hertz", "modulus": 1e7, "damping": 0.0}
+STICKING = {**LINEAR, "friction": 0.3, "friction_law": "sticking"}
+REGULARISED = {**LINEAR, "friction": 0.3, "friction_law": "regularised", "slip_speed": 0.01}
+QUICK = {"rtol": 1e-8, "atol": 1e-10}
+AT_REST = {"method": "RK4", "step": 1.0}  # for the start alone
+
+
+@pytest.fixture(scope="module")
+def bullets():
+    """bullets(body, contact, height, velocity, **effects): four bullets of 0.5 kg on a net that stays slack.
+
+    They start 0.5 m apart in z = 0, on cables that are 1 m long and next to massless; the body is lowered by
+    the height.
+    """
+
+    def make(body, contact, height, velocity=(0.0, 0.0, -1.0), **effects):
+        x, y, z = body.get("position", [0.0, 0.0, 0.0])
+        return {
+            "format": 1,
+            "title": "bullets",
+            "time": {"end": 1.0, "output_step": 0.1},
+            "net": {
+                "topology": "square",
+                "size": 1.0,
+                "mesh": 1.0,
+                "cable": {"diameter": 1e-3, "density": 1e-3, "youngs_modulus": 1e3},
+                "bullets": {"mass": 0.5},
+            },
+            "initial": {"packing": 0.5, "velocity": list(velocity)},
+            "bodies": {"target": {**body, "position": [x, y, z - height]}},
+            "effects": {"contact": dict(contact), **effects},
+        }
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def thread(explicit):
+    """thread(places, body, contact, velocities): one element of 1 m between two nodes of 0.1 kg, slack."""
+
+    def make(places, body, contact=None, velocities=None):
+        initial = {"node_positions": places}
+        if velocities is not None:
+            initial["node_velocities"] = velocities
+        case = explicit([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0, 1]], initial, node_masses=[0.1, 0.1])
+        law = {"threads": ["target"], "law": "linear", "stiffness": 1e4, "damping": 0.0, "friction": 0.0}
+        case["bodies"] = {"target": body}
+        contact = {**law, **(contact or {})}
+        case["effects"] = {"contact": {key: value for key, value in contact.items() if value is not None}}
+        return case
+
+    return make
+
+
+def forces(made, x=None, v=None):
+    """Forces (n, 3) [N] on the nodes."""
+    x, v = (made.x0 if x is None else x), (made.v0 if v is None else v)
+    return made.net.mass[:, None] * acceleration(made.system, 0.0, x, v, made.bodies0)
+
+
+@pytest.mark.parametrize("e", [1.0, 1.0 - 1e-9, 0.9, 0.5, 0.2])
+def test_damping_of_a_restitution(e):
+    """d (1 + e) = ln((1 + d)/(1 - e d)): the equation itself; near e = 1 its series, d = 3 (1 - e)/2."""
+    d = braking(e)
+    if e > 0.99:
+        assert d == pytest.approx(1.5 * (1.0 - e), rel=1e-6)
+    else:
+        assert d > 0.0
+        assert math.log((1.0 + d) / (1.0 - e * d)) == pytest.approx(d * (1.0 + e), rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("e", "stiffness", "shape"),
+    [(0.9, 1e4, "box"), (0.5, 1e5, "box"), (0.5, 1e7, "ball"), (0.2, 1e6, "ball")],
+)
+def test_a_bullet_leaves_with_the_restitution(bullets, scene, e, stiffness, shape):
+    """v0 in, e v0 out, whatever stiffness and exponent: the case format says so."""
+    body, height = (PLATE, 0.03) if shape == "box" else ({**BALL, "position": [0.25, 0.25, 0.0]}, 0.13)
+    law = {**LINEAR, "bullet_stiffness": stiffness} if shape == "box" else {**HERTZ, "modulus": stiffness}
+    del law["damping"]
+    made = scene(bullets(body, {**law, "restitution": e, "impact_speed": 1.0}, height))
+    run = made.integrate([0.0, 0.1], **QUICK)
+    hit = made.net.numbered_bullets[2]  # upper right
+    assert run.v[-1, hit] == pytest.approx([0.0, 0.0, e], abs=1e-6)
+    lost = (4 if shape == "box" else 1) * 0.25 * (1.0 - e**2)
+    assert run.rubbing[-1] == pytest.approx([lost, 0.0], abs=1e-6)
+
+
+def test_time_of_a_hertzian_bounce(bullets, scene):
+    """2 p/v times the integral of 1/sqrt(1 - x^(5/2)) from 0 to 1, p the depth (5 m v^2/(4 K))^(2/5).
+
+    The integral is sqrt(pi) G(2/5) 2/5/G(9/10), so that t = 2.943 p/v (Landau & Lifshitz, Theory of
+    Elasticity, section 9).
+    """
+    made = scene(bullets(PLATE, HERTZ, 0.02))
+    (m,) = set(made.net.mass)
+    factor = 4.0 / 3.0 * 1e7 * math.sqrt(0.02)
+    greatest = (5.0 * m / (4.0 * factor)) ** 0.4
+    integral = math.sqrt(math.pi) * gamma(0.4) * 0.4 / gamma(0.9)
+    assert 2.0 * integral == pytest.approx(2.943, abs=5e-4)
+    time = 2.0 * greatest * integral
+    run = made.integrate([0.0, 0.5 * time, time], **QUICK)
+    assert energy.depth(made.system, run) == pytest.approx([0.0, greatest, 0.0], abs=1e-8)
+    assert run.v[-1, 0] == pytest.approx([0.0, 0.0, 1.0], abs=1e-7)
+    assert energy.contact(made.system, run)[1] == pytest.approx(4 * 0.5 * m, rel=1e-7)
+
+
+FREE = {
+    "mass": 2.0,
+    "shape": "box",
+    "size": [0.5, 0.6, 0.4],
+    "edge_radius": 0.05,
+    "position": [0.1, 0.15, -0.2],
+    "velocity": [0.1, 0.0, 0.2],
+    "angular_velocity": [0.5, -0.3, 0.4],
+    "centre_of_mass": [0.02, -0.01, 0.03],
+    "inertia": [0.1, 0.12, 0.09],
+    "products_of_inertia": [0.01, -0.005, 0.0],
+}
+
+
+SLOW = (pytest.mark.slow, pytest.mark.ci)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [LINEAR, REGULARISED, pytest.param(STICKING, marks=SLOW)],
+    ids=["smooth", "regularised", "sticking"],
+)
+def test_what_a_free_box_gets(bullets, scene, unbalanced, law):
+    """A bullet that hits off centre: momentum, angular momentum and energy of both are kept."""
+    case = bullets(FREE, {**law, "damping": 0.5}, 0.03, (0.4, 0.2, -1.0))
+    made = scene(case)
+    run = made.integrate([0.0, 0.03, 0.1], **QUICK)
+    books = energy.books(made.system, run)
+    assert np.linalg.norm(run.bodies.velocity[-1, 0] - FREE["velocity"]) > 0.05
+    assert np.abs(books.momentum - books.momentum[0]).max() < 1e-13
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-10
+    assert unbalanced(made, run) < 1e-7
+    assert books.dissipated == pytest.approx(run.rubbing.sum(axis=1), abs=1e-12)
+    assert run.rubbing[-1, 0] > 0.01
+    assert (run.rubbing[-1, 1] > 1e-3) == (law is not LINEAR)
+
+
+@pytest.mark.parametrize("motion", ["fixed", "prescribed"])
+def test_what_a_driven_body_gives(bullets, scene, unbalanced, motion):
+    """Momentum less impulse, angular momentum less angular impulse, energy less work are kept."""
+    still = {key: value for key, value in FREE.items() if key not in ("velocity", "angular_velocity")}
+    body = {**(FREE if motion == "prescribed" else still), "motion": motion}
+    made = scene(bullets(body, REGULARISED, 0.03, (0.4, 0.2, -1.0)))
+    run = made.integrate([0.0, 0.1])
+    books = energy.books(made.system, run)
+    assert unbalanced(made, run) < 1e-8
+    for kept, given in (("momentum", "impulse"), ("angular_momentum", "angular_impulse")):
+        rest = getattr(books, kept) - getattr(run.given, given)[:, 0]
+        assert np.abs(rest - rest[0]).max() < 1e-9
+    assert np.linalg.norm(run.given.impulse[-1, 0]) > 0.1
+    assert (abs(run.given.work[-1, 0]) > 1e-3) == (motion == "prescribed")
+
+
+def resting(bullets, law, angle, speed=0.0, stiffness=500.0):
+    """Bullets on a plate tilted by an angle about y, pressed in by their weight, sliding down at a speed."""
+    down = np.array([math.cos(angle), 0.0, -math.sin(angle)])
+    depth = 0.5 * G * math.cos(angle) / stiffness
+    body = {**PLATE, "position": [0.0, 0.0, 0.0], "axis": [0.0, 1.0, 0.0], "angle": angle}
+    case = bullets(body, {**law, "bullet_stiffness": stiffness}, 0.0, (speed, 0.0, 0.0))
+    case["initial"]["frame"] = {"body": "target", "position": [0.0, 0.0, 0.1 + 0.02 - depth]}
+    case["effects"]["gravity"] = {"acceleration": [0.0, 0.0, -G]}
+    return case, down
+
+
+def test_the_way_to_a_stop(bullets, scene):
+    """v^2/(2 mu g) while it slides, w = theta mu g left as it sticks; then the spring of mu m g/k_t lets go.
+
+    It comes to rest at v^2/(2 mu g) - R + theta^2 mu g/2, R = mu m g/k_t: sliding ends where w + theta w'
+    = 0, at v^2/(2 mu g) - theta^2 mu g/2, with u = R - theta^2 mu g, which then goes to 0.
+    """
+    law = {**STICKING, "tangential_damping": 0.6, "damping": 1.0}
+    case, _ = resting(bullets, law, 0.0, 1.0)
+    made = scene(case)
+    run = made.integrate([0.0, 0.2, 2.0], rtol=1e-8, atol=1e-11)
+    slip, limit = 0.3 * G, 0.3 * 0.5 * G / 250.0
+    theta = 2.0 * 0.6 * math.sqrt(0.5 / 250.0)
+    way = run.x[:, 0, 0] - run.x[0, 0, 0]
+    assert run.v[1, 0, 0] - run.v[0, 0, 0] < 0.0
+    assert way[2] == pytest.approx(1.0 / (2.0 * slip) - limit + theta**2 * slip / 2.0, abs=1e-6)
+    assert run.v[2, 0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+    assert run.rubbing[2, 1] == pytest.approx(4 * 0.25, rel=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_it_sticks_below_the_friction_angle(bullets, scene):
+    """tan = 0.8 mu: it comes to rest m g sin/k_t below its start, and stays for ten seconds.
+
+    From rest the critically damped spring and its dashpot pull up to 1 + exp(-2) = 1.135 times m g sin, at
+    t = 2/omega, which is below 1/0.8.
+    """
+    angle = math.atan(0.24)
+    case, down = resting(bullets, {**STICKING, "tangential_damping": 1.0, "damping": 1.0}, angle)
+    case["time"]["end"] = 10.0
+    made = scene(case)
+    run = made.integrate([0.0, 4.0, 10.0], rtol=1e-7, atol=1e-10)
+    sunk = (run.x - run.x[0])[:, 0]
+    assert sunk[1] == pytest.approx(0.5 * G * math.sin(angle) / 250.0 * down, abs=1e-8)
+    assert np.abs(sunk[2] - sunk[1]).max() < 1e-9
+
+
+@pytest.mark.parametrize("options", [{"rtol": 1e-8, "atol": 1e-11}, {"method": "RK4", "step": 2e-3}])
+def test_it_slides_above_the_friction_angle(bullets, scene, options):
+    """With g (sin - mu cos), tan = 1.5 mu."""
+    angle = math.atan(0.45)
+    case, down = resting(bullets, STICKING, angle, 0.5)
+    made = scene(case)
+    run = made.integrate([0.0, 0.1, 0.3], **options)
+    gained = (run.v[2, 0] - run.v[1, 0]) / 0.2
+    assert gained == pytest.approx(G * (math.sin(angle) - 0.3 * math.cos(angle)) * down, abs=1e-6)
+
+
+def test_creep_of_the_regularised_law(bullets, scene):
+    """mu N w/sqrt(w^2 + v_s^2) = m g sin: w = v_s tan/sqrt(mu^2 - tan^2).
+
+    Deviations fall as exp(-t mu g cos v_s^2/(w^2 + v_s^2)^(3/2)), 23 1/s here.
+    """
+    angle = math.atan(0.27)
+    case, down = resting(bullets, REGULARISED, angle)
+    made = scene(case)
+    run = made.integrate([0.0, 0.95, 1.0], rtol=1e-8, atol=1e-11)
+    w = 0.01 * 0.27 / math.sqrt(0.3**2 - 0.27**2)
+    assert run.v[2, 0] == pytest.approx(w * down, abs=1e-7)
+    power = 4 * 0.5 * G * math.sin(angle) * w
+    assert run.rubbing[2, 1] - run.rubbing[1, 1] == pytest.approx(0.05 * power, rel=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+@pytest.mark.parametrize("method", ["RK4", "Verlet"])
+def test_equal_steps_tend_to_the_law_of_adaptive_ones(bullets, scene, method):
+    """A bullet that is turned aside as it slides: the error of the memory at ends of steps is of order 1."""
+    case, _ = resting(bullets, {**STICKING, "damping": 1.0}, 0.0, 1.0)
+    case["effects"]["gravity"]["acceleration"] = [0.0, 2.0, -G]
+    made = scene(case)
+    limit = made.integrate([0.0, 0.5], rtol=1e-9, atol=1e-12).x[-1, 0]
+    apart = [
+        np.linalg.norm(made.integrate([0.0, 0.5], method=method, step=h).x[-1, 0] - limit)
+        for h in (2e-3, 1e-3, 5e-4)
+    ]
+    assert apart[0] > 1.6 * apart[1] > 2.56 * apart[2]
+    assert apart[2] < 1e-3
+
+
+FLAT = {**PLATE, "size": [4.0, 4.0, 0.4], "position": [0.0, 0.0, -0.2]}
+RADIUS = 0.001  # of the thread, half of the diameter that all nets of these tests have
+
+
+def test_a_thread_flat_on_a_face(thread, scene):
+    """p linear along the thread: forces K L (p_i/3 + p_j/6) and K L (p_i/6 + p_j/3), energy K L (..)/6."""
+    p = np.array([0.004, 0.01])
+    places = [[-0.4, 0.0, RADIUS - p[0]], [0.5, 0.1, RADIUS - p[1]]]
+    made = scene(thread(places, FLAT))
+    expected = 1e4 * np.array([p[0] / 3.0 + p[1] / 6.0, p[0] / 6.0 + p[1] / 3.0])
+    assert forces(made)[:, 2] == pytest.approx(expected, rel=1e-11)
+    assert np.abs(forces(made)[:, :2]).max() < 1e-10
+    run = made.integrate([0.0], **AT_REST)
+    stored = 1e4 * (p[0] ** 2 + p[0] * p[1] + p[1] ** 2) / 6.0
+    assert energy.contact(made.system, run)[0] == pytest.approx(stored, rel=1e-11)
+    assert energy.depth(made.system, run)[0] == pytest.approx(0.01, rel=1e-12)
+
+
+def test_a_thread_under_hertz(thread, scene):
+    """K = pi/4 E* (Johnson, Contact Mechanics, 4.2, as the case format has it)."""
+    places = [[-0.4, 0.0, RADIUS - 0.004], [0.5, 0.0, RADIUS - 0.004]]
+    made = scene(thread(places, FLAT, {"law": "hertz", "modulus": 1e5, "stiffness": None}))
+    assert forces(made)[:, 2] == pytest.approx(0.5 * math.pi / 4.0 * 1e5 * 0.004, rel=1e-11)
+
+
+def by_quad(case, x, v, damping=0.0):
+    """Forces on both nodes by SciPy's quadrature, with a distance from a rounded box written here."""
+    body = case["bodies"]["target"]
+    rho, half = body["edge_radius"], 0.5 * np.array(body["size"])
+    core, middle = half - rho, np.array(body["position"])
+
+    def density(s, part, component):
+        place, w = (1.0 - s) * x[0] + s * x[1] - middle, (1.0 - s) * v[0] + s * v[1]
+        away = np.sign(place) * np.maximum(np.abs(place) - core, 0.0)
+        distance = math.sqrt(float(away @ away))
+        p = rho + RADIUS - distance
+        if p <= 0.0:
+            return 0.0
+        n = away / distance
+        weight = s if part else 1.0 - s
+        return weight * 1e4 * p * max(1.0 - damping * float(n @ w), 0.0) * n[component]
+
+    places = np.linspace(0.0, 1.0, 201)  # so that no kink is far from the end of an interval
+
+    def whole(part, component):
+        return sum(
+            quad(density, a, b, (part, component), epsabs=1e-13, epsrel=1e-12)[0]
+            for a, b in pairwise(places.tolist())
+        )
+
+    return np.array([[whole(part, c) for c in range(3)] for part in (0, 1)])
+
+
+def test_a_thread_across_an_edge(thread, scene):
+    """From a face round the edge to the next one, with damping that ends on part of the way."""
+    places = np.array([[1.75, -0.1, 0.012], [2.03, 0.2, -0.05]])
+    speeds = np.array([[0.0, 0.1, 1.5], [-0.6, 0.3, -1.0]])
+    case = thread(places.tolist(), FLAT, {"damping": 1.0}, speeds.tolist())
+    made = scene(case)
+    expected = by_quad(case, places, speeds, 1.0)
+    assert np.abs(expected).max() > 1.0
+    found = forces(made)
+    assert np.abs(found[:, [0, 2]]).min() > 0.01
+    assert found == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("way", [[1.0, 0.0, -0.3], [0.2, 0.7, 0.0]])
+def test_forces_are_continuous_over_an_edge_and_a_corner(thread, scene, way):
+    """Along a way of 0.3 m no step of 1e-7 m changes the forces by more than K L times ten such steps."""
+    places = np.array([[1.8, 1.7, 0.02], [2.0, 1.99, -0.04]])
+    made = scene(thread(places.tolist(), FLAT))
+    for t in np.linspace(-0.15, 0.15, 61):
+        near = [forces(made, made.x0 + (t + dt) * np.array(way)) for dt in (0.0, 1e-7)]
+        assert np.abs(near[1] - near[0]).max() < 10.0 * 1e4 * 1e-7
+
+
+def test_forces_are_continuous_where_a_thread_becomes_parallel_to_a_face(thread, scene):
+    """Tilted by 1e-3 to 1e-17 and not at all: forces as of the linear depth, to round-off."""
+    made = scene(thread([[-0.45, 0.0, -0.004], [0.45, 0.0, -0.004]], FLAT))
+    for tilt in (1e-3, 1e-6, 1e-9, 1e-13, 1e-15, 1e-17, 0.0, -1e-9):
+        x = made.x0 + np.array([[0.0, 0.0, tilt], [0.0, 0.0, -tilt]])
+        p = RADIUS - x[:, 2]
+        expected = 1e4 * np.array([p[0] / 3.0 + p[1] / 6.0, p[0] / 6.0 + p[1] / 3.0])
+        assert forces(made, x)[:, 2] == pytest.approx(expected, rel=1e-11)
+
+
+COMPOUND = {
+    "mass": 1.0,
+    "edge_radius": 0.05,
+    "motion": "fixed",
+    "parts": {
+        "box": {"shape": "box", "size": [0.6, 0.4, 0.3]},
+        "ball": {"shape": "sphere", "radius": 0.2, "position": [0.25, 0.05, 0.1]},
+    },
+}
+
+
+def test_forces_of_a_compound_are_the_slope_of_its_energy(thread, scene):
+    """-dU/dx by central differences; the thread lies in the hollow between both parts."""
+    made = scene(thread([[0.0, 0.02, 0.155], [0.2, 0.1, 0.28]], COMPOUND))
+    found = forces(made)
+    assert np.abs(found).max() > 10.0
+    for node, axis in np.ndindex(2, 3):
+        stored = []
+        for side in (-1.0, 1.0):
+            x = made.x0.copy()
+            x[node, axis] += side * 1e-6
+            run = made.integrate([0.0], x0=x, **AT_REST)
+            stored.append(energy.contact(made.system, run)[0])
+        assert found[node, axis] == pytest.approx(-(stored[1] - stored[0]) / 2e-6, abs=1e-6)
+
+
+def test_two_parts_at_one_place_are_one_with_a_deeper_depth(thread, scene):
+    """(2 p^8)^(1/8) = 2^(1/8) p, and a force of 2^(1/4) times that of one: 2 F (p_a/p)^7."""
+    places = [[-0.1, 0.0, 0.1 + RADIUS - 0.01], [0.1, 0.0, 0.1 + RADIUS - 0.01]]
+    ball = {"shape": "sphere", "radius": 0.1}
+    one = scene(thread(places, {**COMPOUND, "parts": {"a": ball}}))
+    two = scene(thread(places, {**COMPOUND, "parts": {"a": ball, "b": ball}}))
+    assert forces(two) == pytest.approx(2.0**0.25 * forces(one), rel=1e-11, abs=1e-12)
+
+
+@pytest.mark.parametrize("friction", ["regularised", pytest.param("sticking", marks=SLOW)])
+def test_a_thread_thrown_over_a_free_box(explicit, scene, unbalanced, friction):
+    """Momenta to round-off, energy to the accuracy of the method, as four elements hit, slide and stick."""
+    nodes = [[0.25 * i, 0.0, 0.0] for i in range(5)]
+    places = [[0.225 * i - 0.3, 0.05 * math.sin(i), 0.25 + 0.02 * math.cos(2 * i)] for i in range(5)]
+    start = {"node_positions": places, "velocity": [0.1, 0.3, -1.0]}
+    case = explicit(nodes, [[i, i + 1] for i in range(4)], start, node_masses=[0.1] * 5)
+    case["net"]["cable"] = {"diameter": 0.004, "density": 1000.0, "youngs_modulus": 1e7}
+    case["bodies"] = {
+        "target": {
+            "mass": 2.0,
+            "shape": "box",
+            "size": [0.5, 0.4, 0.3],
+            "edge_radius": 0.04,
+            "angular_velocity": [0.5, -1.0, 0.3],
+            "attitude": [1.0, 0.1, 0.2, -0.1],
+        }
+    }
+    law = {"threads": ["target"], "law": "linear", "stiffness": 5e4, "restitution": 0.5, "impact_speed": 1.0}
+    slip = {"slip_speed": 0.01} if friction == "regularised" else {}
+    case["effects"] = {"contact": {**law, "friction": 0.3, "friction_law": friction, **slip}}
+    made = scene(case)
+    run = made.integrate([0.0, 0.03, 0.06], rtol=1e-7, atol=1e-9)
+    books = energy.books(made.system, run)
+    assert np.abs(books.momentum - books.momentum[0]).max() < 1e-13
+    assert np.abs(books.angular_momentum - books.angular_momentum[0]).max() < 1e-8
+    assert unbalanced(made, run) < 1e-5
+    assert run.rubbing[-1].min() > 1e-4
+    assert energy.depth(made.system, run).max() > 1e-4
+
+
+def test_what_ends_in_a_node_of_the_body_does_not_touch_it(thread, scene):
+    places = [[0.0, 0.0, 0.0], [0.5, 0.0, -0.004]]
+    case = thread(places, FLAT)
+    assert np.abs(forces(scene(case))).max() > 1.0
+    case["bodies"]["target"] = {**FLAT, "attachments": {"a": {"node": 0, "point": [0.0, 0.0, 0.2]}}}
+    assert np.abs(forces(scene(case))).max() == 0.0
+
+
+@pytest.mark.parametrize("law", [LINEAR, STICKING], ids=["smooth", "sticking"])
+@pytest.mark.parametrize("options", [QUICK, {"method": "RK4", "step": 1e-3}], ids=["DOP853", "RK4"])
+def test_a_packed_net_touches_nothing_until_it_is_ejected(bullets, scene, unbalanced, law, options):
+    """5 mm deep in the plate that holds them: k p^2/2 each is there from the ejection on, put in by it."""
+    case = bullets({**PLATE, "position": [0.0, 0.0, 0.0]}, law, 0.0, (0.1, 0.0, 0.0))
+    case["initial"]["frame"] = {
+        "body": "target",
+        "position": [0.0, 0.0, 0.1 + 0.02 - 0.005],
+        "eject_at": 0.01,
+    }
+    made = scene(case)
+    run = made.integrate([0.0, 0.009, 0.01, 0.06], **options)
+    stored = 4 * 0.5 * 1e4 * 0.005**2
+    assert energy.contact(made.system, run) == pytest.approx([0.0, 0.0, stored, 0.0], rel=1e-9, abs=1e-12)
+    assert np.array_equal(run.x[1], run.x[0])
+    assert run.v[3, 0, 2] == pytest.approx(math.sqrt(2.0 * stored / 2.0), rel=1e-3)  # each of 0.5 kg
+    assert unbalanced(made, run) < 1e-3
+
+
+DEEP = [[-0.4, 0.0, -0.06], [0.5, 0.0, -0.06]]
+
+
+def test_a_start_that_is_too_deep_is_refused(thread, scene):
+    """At most the edge_radius, 0.05 m, beside the radius; half of the half-thickness, 0.1 m, is more."""
+    with pytest.raises(Refused, match=r"at the start element 0 is deeper in the body target than 0\.051 m"):
+        scene(thread(DEEP, FLAT))
+    scene(thread([[-0.4, 0.0, -0.0499], [0.5, 0.0, -0.0499]], FLAT))
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "RK4", "step": 5e-3}, {"method": "Verlet", "step": 5e-3}])
+def test_a_run_that_goes_too_deep_is_stopped(bullets, scene, options):
+    """v sqrt(m/k) = 1 m is far more than r + 0.05 m; a step does not pass over that either."""
+    made = scene(bullets(PLATE, {**LINEAR, "bullet_stiffness": 0.5}, 0.5))
+    with pytest.raises(Pierced, match=r"bullet 0 is deeper in the body target than 0\.07 m, at t ="):
+        made.integrate([0.0, 1.0], **options)
+
+
+def test_the_command_says_so(thread, tmp_path, capsys):
+    case = thread([[-0.4, 0.0, 0.03], [0.5, 0.0, 0.03]], FLAT, velocities=[[0.0, 0.0, -20.0]] * 2)
+    lines = ["format = 1", 'title = "deep"', "[time]", "end = 1.0", "output_step = 0.5"]
+    for name in ("net", "initial", "bodies.target", "effects.contact"):
+        table = case
+        for key in name.split("."):
+            table = table[key]
+        inner = {key: value for key, value in table.items() if not isinstance(value, dict)}
+        lines += [f"[{name}]", *(f"{key} = {value!r}" for key, value in inner.items())]
+    lines += ["[net.cable]", *(f"{key} = {value!r}" for key, value in case["net"]["cable"].items())]
+    text = "\n".join(lines).replace("'", '"')
+    assert tomllib.loads(text)["effects"] == case["effects"]
+    (tmp_path / "case.toml").write_text(text)
+    assert main([str(tmp_path / "case.toml"), "-o", str(tmp_path / "out.npz")]) == 3
+    said = capsys.readouterr().err
+    assert "element 0 is deeper in the body target than 0.051 m, at t =" in said
+    assert "Try a greater effects.contact.stiffness, or a larger edge_radius" in said
+    with np.load(tmp_path / "out.npz") as file:
+        assert not file["complete"]
+        assert [file[f"contact_{key}"].shape for key in ("damping", "friction", "depth")] == [(1,)] * 3
+
+
+def test_em_refuses_it(bullets, scene):
+    made = scene(bullets(PLATE, LINEAR, 0.03))
+    with pytest.raises(ValueError, match=r"EM must do without effects\.contact"):
+        made.integrate([0.0, 0.1], method="EM", step=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (
+            {"bullets": None, "bullet_radius": None, "bullet_stiffness": None},
+            "effects.contact: name bodies in effects.contact.threads or",
+        ),
+        ({"bullets": ["none"]}, "effects.contact.bullets: there is no body none"),
+        ({"bullets": ["target", "target"]}, "effects.contact.bullets: must name each once"),
+        ({"threads": ["none"], "stiffness": 1.0}, "effects.contact.threads: there is no body none"),
+        ({"threads": ["target"]}, "effects.contact.stiffness: missing"),
+        (
+            {"stiffness": 1.0},
+            "effects.contact.stiffness: leave it out, it is only where threads touch bodies",
+        ),
+        ({"bullet_radius": None}, "effects.contact.bullet_radius: missing"),
+        ({"bullet_radius": 0.0}, "effects.contact.bullet_radius: must be greater than 0"),
+        ({"law": "soft"}, "effects.contact.law: must be one of linear, hertz"),
+        ({"modulus": 1.0}, "effects.contact.modulus: leave it out"),
+        ({"damping": None}, "effects.contact: give either effects.contact.restitution and"),
+        (
+            {"restitution": 0.5, "impact_speed": 1.0},
+            "effects.contact: give either effects.contact.restitution",
+        ),
+        ({"damping": None, "restitution": 0.5}, "effects.contact.impact_speed: missing"),
+        (
+            {"damping": None, "restitution": 0.0, "impact_speed": 1.0},
+            "effects.contact.restitution: must be greater",
+        ),
+        ({"friction": None}, "effects.contact.friction: missing"),
+        ({"friction": 0.1}, "effects.contact.friction_law: missing"),
+        ({"friction": 0.1, "friction_law": "regularised"}, "effects.contact.slip_speed: missing"),
+        (
+            {"friction": 0.1, "friction_law": "sticking", "slip_speed": 1.0},
+            "effects.contact.slip_speed: leave it out",
+        ),
+        (
+            {"friction": 0.1, "friction_law": "sticking", "tangential_ratio": 2.0},
+            "effects.contact.tangential_ratio: must be at most 1",
+        ),
+        ({"tangential_damping": 1.0}, "effects.contact.tangential_damping: leave it out"),
+        ({"gap": 1.0}, "reference_impl does not know effects.contact.gap"),
+    ],
+)
+def test_bad_input_is_refused(bullets, change, fault):
+    law = {key: value for key, value in {**LINEAR, **change}.items() if value is not None}
+    with pytest.raises(Refused) as refused:
+        read_document(bullets(PLATE, law, 0.03))
+    (found,) = refused.value.faults
+    assert found.startswith(fault)
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        ({**PLATE, "edge_radius": 0.0}, "bodies.target.edge_radius: must be above 0 for effects.contact"),
+        (
+            {"mass": 1.0, "shape": "cylinder", "radius": 0.1, "length": 0.1, "motion": "fixed"},
+            "reference_impl does not know effects.contact with a cylinder, bodies.target: it knows box",
+        ),
+        (
+            {"mass": 1.0, "inertia": [1.0, 1.0, 1.0], "motion": "fixed"},
+            "bodies.target: has no shape that effects.contact could touch",
+        ),
+    ],
+)
+def test_bodies_that_cannot_be_touched_are_refused(bullets, body, fault):
+    with pytest.raises(Refused) as refused:
+        read_document(bullets(body, LINEAR, 0.03))
+    (found,) = refused.value.faults
+    assert found.startswith(fault)
+
+
+def test_bullets_are_needed(thread):
+    law = {"bullets": ["target"], "bullet_radius": 0.01, "bullet_stiffness": 1.0}
+    with pytest.raises(Refused, match=r"effects\.contact\.bullets: needs net\.bullets"):
+        read_document(thread(DEEP, FLAT, law))
