@@ -52,8 +52,8 @@ class System(Elements):
     barrels: Barrels | None = None  # of launch_force
     reels: Reels | None = None
     packed: Packed | None = None  # the net, until a body ejects it
-    begun: Begun | None = None  # None: the books are empty at time 0
     contacts: Contacts | None = None
+    begun: Begun | None = None  # None: the books are empty at time 0
 
     def __post_init__(self) -> None:
         if self.symmetric and self.assembled:
