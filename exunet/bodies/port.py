@@ -25,6 +25,7 @@ Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 _ZERO = (0.0, 0.0, 0.0)
+_SIZES = (3, 3, 4, 3)  # of the parts of a frame's state
 
 
 class FrameState(NamedTuple):
@@ -47,15 +48,19 @@ class FrameState(NamedTuple):
 
         whose : for the words of the error
         """
-        if type(state) is cls and math.isfinite(sum(map(sum, state))) and len(state[2]) == 4:
-            w, x, y, z = state.attitude
-            if abs(w * w + x * x + y * y + z * z - 1.0) < 1e-14:
-                return state
         try:
+            if (
+                type(state) is cls
+                and tuple(map(len, state)) == _SIZES
+                and math.isfinite(sum(map(sum, state)))
+            ):
+                w, x, y, z = state.attitude
+                if abs(w * w + x * x + y * y + z * z - 1.0) < 1e-14:
+                    return state
             parts = [tuple(map(float, np.asarray(part, dtype=float).tolist())) for part in state]
         except (TypeError, ValueError):
             parts = []
-        if [len(part) for part in parts] != [3, 3, 4, 3]:
+        if tuple(map(len, parts)) != _SIZES:
             raise InputError(
                 f"{whose}: a frame has position (3), velocity (3), attitude (4) and angular velocity (3), "
                 f"got {state!r}"

@@ -72,9 +72,7 @@ class Cosimulation:
         self.longest = longest_step(net, STABLE if number == 1 else CONTRACTING)
         self.books = Books.of(net.ports)
         if self._step > self.longest:
-            self.books.cut = (
-                f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, the longest stable"
-            )
+            self.books.cut = f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, the longest for the ports' masses, stiffnesses and turns"
         self._step = min(self._step, self.longest)
         self._next = self._step
         self._predictor, self._undo = Predictor(), Undo(net)

@@ -219,6 +219,8 @@ class NetSystem:
         return self._ports[port]
 
     def _told(self, frames: Mapping[str, FrameState]) -> dict[str, FrameState]:
+        if not isinstance(frames, Mapping):
+            raise InputError(f"step: the states of the ports by name, got {frames!r}")
         if missing := [name for name in self._ports if name not in frames]:
             raise InputError(f"step: no state is given for port {', '.join(missing)}")
         for name in frames:
