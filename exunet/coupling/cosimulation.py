@@ -72,7 +72,10 @@ class Cosimulation:
         self.longest = longest_step(net, STABLE if number == 1 else CONTRACTING)
         self.books = Books.of(net.ports)
         if self._step > self.longest:
-            self.books.cut = f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, the longest for the ports' masses, stiffnesses and turns"
+            self.books.cut = (
+                f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, the longest for the ports' "
+                "masses, stiffnesses and turns"
+            )
         self._step = min(self._step, self.longest)
         self._next = self._step
         self._predictor, self._undo = Predictor(), Undo(net)
@@ -102,8 +105,8 @@ class Cosimulation:
     def _refuse_other_times(self) -> None:
         if not abs(self._host.time - self._net.time) <= _SAME_TIME * self._step:
             raise InputError(
-                f"Cosimulation: the host is at t = {self._host.time:.9g} s, the net at {self._net.time:.9g} s: "
-                "restore both to one time, and make a new Cosimulation"
+                f"Cosimulation: the host is at t = {self._host.time:.9g} s, the net at "
+                f"{self._net.time:.9g} s: restore both to one time, and make a new Cosimulation"
             )
 
     def _stops(self, end: float) -> list[float]:
@@ -204,7 +207,7 @@ class Cosimulation:
     def _read(
         self, before: Mapping[str, FrameState], times: tuple[float, float], *, recoils: bool
     ) -> dict[str, FrameState]:
-        """Where the host's bodies are at the end of a step between two times [s]; refuses what no body does."""
+        """Where the host's bodies are at the end of a step between two times [s], unless no body can be."""
         told, net = self._host.frames(), self._net
         found = {}
         for name in net.ports:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from itertools import count
 from typing import Any, NamedTuple
 from weakref import WeakSet
@@ -140,7 +141,8 @@ class ExudynCoupling:
         """
         if not self._attached:
             return
-        self._book_what_ended()
+        with suppress(InputError):  # the markers or the loads are not there any more
+            self._book_what_ended()
         self._attached, self._open = False, None
         _coupled.discard(self._net)
         for loads in self._loads.values():

@@ -49,8 +49,8 @@ def weights_of(integration: Any) -> Weights | None:
     name, alpha = integration.solverType.name, integration.generalizedAlpha
     if name == "ExplicitEuler":
         raise InputError(
-            "couple: ExplicitEuler moves the bodies by the velocities before the force: the coupling would gain "
-            "energy at any step. Use a Runge-Kutta method, VelocityVerlet or an implicit method"
+            "couple: ExplicitEuler moves the bodies by the velocities before the force: the coupling would "
+            "gain energy at any step. Use a Runge-Kutta method, VelocityVerlet or an implicit method"
         )
     if name == "GeneralizedAlpha" and not alpha.useNewmark:
         radius = float(alpha.spectralRadius)

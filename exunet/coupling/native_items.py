@@ -59,8 +59,9 @@ def add_to(
 
     The step, the accuracy and the check of the result are the user's: exunet's guards do not look at it.
     Raises CaseError for a case that cannot be simulated, InputError for ports that are missing or unknown,
-    for objects that are no rigid bodies or do not start where the ports do, and for what has no items of Exudyn: effects other than gravity, linear orbits and dampings, events (such
-    as breaks, reels and ejections), and bodies of prescribed motion.
+    for objects that are no rigid bodies or do not start where the ports do, and for what has no items of
+    Exudyn: effects other than gravity, linear orbits and dampings, events (such as breaks, reels and
+    ejections), and bodies of prescribed motion.
     """
     if not hasattr(mbs, "systemData"):
         raise InputError(f"add_to: mbs: a system of Exudyn, got {type(mbs).__name__}")

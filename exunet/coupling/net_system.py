@@ -276,7 +276,8 @@ class NetSystem:
                 else f"attitude changes by {angle:.3g} rad, at {turning:.3g} rad/s at most"
             )
             raise InputError(
-                f"{who} jumps: {step} its {words}. Tell the state at the end of the step, or restore a snapshot"
+                f"{who} jumps: {step} its {words}. Tell the state at the end of the step, or restore a "
+                "snapshot"
             )
         turn = max(angle, both * (stop - start))
         if turn > LARGEST_TURN * (1.0 + 1e-6):

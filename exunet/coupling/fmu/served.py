@@ -122,7 +122,7 @@ class Served:
     """What a worker does for one instance.
 
     folder : "resources" of the FMU
-    Values are (n,) of all variables, in their order. Raises InputError, CaseError, RunStopped and StepDiscarded.
+    Values are (n,) of all variables, in their order. Raises InputError, CaseError, RunStopped, StepDiscarded.
     """
 
     def __init__(self, folder: Path) -> None:
