@@ -213,6 +213,49 @@ def test_loads_and_markers_may_be_deleted_but_for_the_coupling_s_own(scene: Scen
     coupling.detach()
 
 
+@pytest.mark.parametrize("iterations", [1, 20])
+def test_an_explicit_host_is_set_back(scene: Scene, iterations: int) -> None:
+    """Of second order, with momentum at any step; what is repeated repeats to the last bit."""
+    whole, errors = scene.in_one(END), []
+    known, before = whole.state.bodies.position[1], momenta(exunet.Simulation(scene.whole))[0]
+    for step in (8e-3, 4e-3):
+        own, net = Host(scene), NetSystem(scene.net)
+        host = exunet.ExudynHost(own.mbs, {"second": own.marker}, step=1e-3)
+        both = exunet.Cosimulation(net, host, step=step, iterations=iterations)
+        both.advance_to(END)
+        momentum = momenta(net.simulation)[0] + own.body.mass * own.of_centre(VELOCITY)
+        assert np.abs(momentum - before).max() < 1e-12 * 1.8
+        errors.append(np.linalg.norm(own.of_centre(exu.OutputVariableType.Position) - known))
+    assert errors[0] / errors[1] > 0.8 * 4.0, errors
+    assert errors[1] < 2e-5  # m, of a way of 0.15 m
+    assert (both.books.repeated > 0) == (iterations > 1)
+    loads, here = net.step(END + 4e-3, {"second": net.frame("second").after(4e-3)}), host.snapshot()
+    ends = []
+    for _ in range(2):
+        host.restore(here)
+        assert host.time == END
+        host.step(END + 4e-3, loads)
+        ends.append(host.frames()["second"])
+    assert ends[0] == ends[1]
+
+
+def test_hosts_that_cannot_be_set_back_are_refused(scene: Scene) -> None:
+    own = Host(scene)
+    for arguments, words in (
+        (
+            {"method": "VelocityVerlet"},
+            "VelocityVerlet' cannot be set back to the last bit: ExplicitMidpoint",
+        ),
+        ({"method": "GeneralizedAlpha"}, "any other with exunet.couple, which repeats no steps"),
+        ({"step": 0.0}, r"step must be positive and finite, got 0\.0"),
+    ):
+        with pytest.raises(InputError, match=words):
+            exunet.ExudynHost(own.mbs, {"second": own.marker}, **({"step": 1e-3} | arguments))
+    with pytest.raises(InputError, match="ExudynHost: port second: there is no marker 99"):
+        exunet.ExudynHost(own.mbs, {"second": 99}, step=1e-3)
+    assert own.mbs.systemData.NumberOfLoads() == 0
+
+
 def test_a_flexible_body_at_the_mean_frame_of_its_nodes(tmp_path: Path) -> None:
     """Four masses on springs in an ObjectGenericODE2: what the net gives is what they get."""
     net, _ = spring(tmp_path)

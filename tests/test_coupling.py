@@ -11,6 +11,7 @@ from coupled import CHAIN, LUMP, SECOND, Scene, energy_of, momenta, spring
 
 import exunet
 from exunet import Cosimulation, FrameState, InputError, NetSystem, Snapshot
+from exunet.bodies.rigid import rotation_matrix
 from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
 from exunet.coupling.undo import Undo
 
@@ -117,6 +118,55 @@ def test_no_more_than_a_radian_in_a_step(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"port second turns too far: .* by 6\.3 rad"):
         net.step(0.07, {"second": frame.after(0.07)})  # which looks like a small turn back
     assert net.time == 0.0
+
+
+def test_a_host_that_is_another_net(tmp_path: Path) -> None:
+    """The second body with a cable of its own, to a mass of 1 kg; in one system it has both cables.
+
+    It does not turn at the start, so that its velocity is that of its frame with any nodes on it.
+    """
+    still = "bodies.second.angular_velocity=[0.0, 0.0, 0.0]"
+    state = NetSystem(Scene(tmp_path).net).frame("second")
+    turn, place = rotation_matrix(np.array(state.attitude)), np.array(state.position)
+    ends = [(place + turn @ point).tolist() for point in ([-0.1, 0.1, 0.2], [0.3, 0.0, 0.0])]
+    far = np.add(ends[1], [0.0, 1.02, 0.0]).tolist()  # stretched by 2 %
+    cable = (tmp_path / "whole.toml").read_text()
+    second = "attachments.y = { point = [0.3, 0.0, 0.0], node = %d }\n"
+    whole = cable.replace(
+        "[2.0, 0.0, 0.0]]\nnet.el", "[2.0, 0.0, 0.0], [5.0, 0.0, 0.0], [5.0, 1.0, 0.0]]\nnet.el"
+    )
+    whole = whole.replace("[2.0, 0.0, 0.0]]\ninitial.node_v", f"{ends[0]}, {ends[1]}, {far}]\ninitial.node_v")
+    whole = whole.replace(
+        "[0.0, 0.0, 0.0]]\nnet.top", "[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]\nnet.top"
+    )
+    whole = whole.replace("[1, 2]]", "[1, 2], [3, 4]]").replace("0.5, 0.1]", "0.5, 0.1, 0.2, 1.0]")
+    (tmp_path / "both.toml").write_text(whole + second % 3)
+    alone = [
+        still,
+        f"initial.node_positions=[{ends[0]}, {ends[1]}, {far}]",
+        "initial.node_velocities=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]",
+        "net.nodes=[[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [5.0, 1.0, 0.0]]",
+        "net.elements=[[1, 2]]",
+        f"net.node_masses=[{0.1 + LUMP}, 0.2, 1.0]",
+        "bodies.first=",
+        "bodies.second.attachments={x={point=[-0.1, 0.1, 0.2], node=0}, y={point=[0.3, 0.0, 0.0], node=1}}",
+    ]
+    known = exunet.Simulation(tmp_path / "both.toml", [still])
+    before = momenta(known)[0]
+    known.advance_to(END)
+    errors = []
+    for step in (8e-3, 4e-3):
+        net, host = (
+            NetSystem(tmp_path / "net.toml", [still]),
+            exunet.BodiesHost(tmp_path / "whole.toml", alone),
+        )
+        Cosimulation(net, host, step=step, iterations=20).advance_to(END)
+        now = momenta(net.simulation)[0] + momenta(host.simulation)[0]
+        assert np.abs(now - before).max() < 1e-12 * 1.8
+        errors.append(
+            np.linalg.norm(host.simulation.state.bodies.position[0] - known.state.bodies.position[1])
+        )
+    assert errors[0] / errors[1] > 0.8 * 4.0, errors
 
 
 class Faulty:

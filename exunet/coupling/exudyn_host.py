@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from itertools import count
 from typing import Any, NamedTuple
 from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.loading import exudyn, exudyn_items
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState, quaternion_of_matrix
+from exunet.bodies.port import FrameState
 from exunet.coupling.agreement import refuse_apart
 from exunet.coupling.books import Books, work_on_host
 from exunet.coupling.handover import Handover, weights_of
+from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.prediction import STABLE, WEIGHING, Predictor, longest_step
 from exunet.coupling.undo import Undo
-from exunet.simulation.arguments import whole_number
 
 Floats = NDArray[np.float64]
 
@@ -75,7 +72,6 @@ class _Open(NamedTuple):
     before: dict[str, FrameState]
 
 
-_numbers = count(1)
 _coupled: WeakSet[NetSystem] = WeakSet()  # nets that are in a coupling in force
 
 
@@ -83,23 +79,22 @@ class ExudynCoupling:
     """What `couple` gives: a coupling in force until `detach`."""
 
     def __init__(self, mbs: Any, net: NetSystem, ports: Mapping[str, int], longest: float | None) -> None:
-        self._mbs, self._net, self._engine = mbs, net, exudyn(quiet=False)
-        self._own_number = next(_numbers)
+        self._mbs, self._net = mbs, net
         if not net.ports:
             raise InputError('couple: the net has no port: give a body of its case motion = "port"')
         if net in _coupled:
             raise InputError("couple: the net is in a coupling already: detach that one first")
-        markers = {name: self._marker(name, number) for name, number in ports.items()}
+        if unknown := [name for name in ports if name not in net.ports]:
+            raise InputError(f"couple: there is no port {unknown[0]!r}: {', '.join(net.ports)}")
         if missing := [name for name in net.ports if name not in ports]:
             raise InputError(f"couple: no marker is given for port {', '.join(missing)}")
+        self._ports = MarkedPorts("couple", mbs, {name: ports[name] for name in net.ports})
         self._longest = None if longest is None else _positive(longest)
         self._largest = {bound: longest_step(net, bound) for bound in (STABLE, WEIGHING)}
         mbs.Assemble()
-        for name in net.ports:
-            start = self._read(name, markers[name], self._engine.ConfigurationType.Initial)
+        for name, start in self._ports.at_start().items():
             refuse_apart("couple", name, net.frame(name), start, net.simulation.start.net.size)
-        self._loads = {name: self._add_loads(name, markers[name]) for name in net.ports}
-        mbs.Assemble()
+        self._ports.add_loads()
         self._earlier = self._earlier_function()
         self._function = self._before_step
         mbs.SetPreStepUserFunction(self._function)
@@ -145,79 +140,13 @@ class ExudynCoupling:
             self._book_what_ended()
         self._attached, self._open = False, None
         _coupled.discard(self._net)
-        for loads in self._loads.values():
-            for load in loads:
-                number = int(self._mbs.GetLoadNumber(load))
-                if number >= 0:
-                    self._mbs.SetLoadParameter(number, "loadVector", [0.0, 0.0, 0.0])
+        self._ports.let_go()
         if self._earlier_function() == self._function:
             self._mbs.SetPreStepUserFunction(self._earlier or 0)
-
-    def _marker(self, name: str, given: int) -> int:
-        if name not in self._net.ports:
-            raise InputError(f"couple: there is no port {name!r}: {', '.join(self._net.ports)}")
-        number = whole_number(given)
-        count = self._mbs.systemData.NumberOfMarkers()
-        if number is None or not 0 <= number < count:
-            raise InputError(f"couple: port {name}: there is no marker {given!r}: the system has {count}")
-        kind = str(self._mbs.GetMarker(number)["markerType"])
-        if "Rigid" not in kind:
-            raise InputError(
-                f"couple: port {name}: marker {number} ({kind}) has no attitude: use a marker of a rigid "
-                "frame such as MarkerBodyRigid"
-            )
-        return number
-
-    def _add_loads(self, port: str, marker: int) -> tuple[str, str]:
-        """The names of a force and a torque: other loads may be deleted, which changes their numbers."""
-        items = exudyn_items()
-        force, torque = (f"exunet {self._own_number}: {what} of {port}" for what in ("force", "torque"))
-        nothing = [0.0, 0.0, 0.0]
-        self._mbs.AddLoad(items.LoadForceVector(name=force, markerNumber=marker, loadVector=nothing))
-        self._mbs.AddLoad(items.LoadTorqueVector(name=torque, markerNumber=marker, loadVector=nothing))
-        return force, torque
-
-    def _load_numbers(self, port: str) -> tuple[int, int]:
-        """Of the force and the torque now."""
-        force, torque = (int(self._mbs.GetLoadNumber(name)) for name in self._loads[port])
-        if force < 0 or torque < 0:
-            raise InputError(
-                f"couple: port {port}: a load that the coupling has added was deleted: it cannot go on. "
-                "Use detach() to end a coupling"
-            )
-        return force, torque
-
-    def _markers_now(self) -> dict[str, int]:
-        """Other markers may be deleted too; the loads know the numbers of theirs."""
-        numbers = {name: self._load_numbers(name)[0] for name in self._net.ports}
-        return {name: int(self._mbs.GetLoadParameter(n, "markerNumber")) for name, n in numbers.items()}
 
     def _earlier_function(self) -> Callable[[Any, float], bool] | None:
         found = self._mbs.GetPreStepUserFunction()
         return found["function"] if isinstance(found, dict) else None
-
-    def _read(self, name: str, marker: int, configuration: Any = None) -> FrameState:
-        """Where the marker of a port is, and how it moves."""
-        what = self._engine.OutputVariableType
-        now = self._engine.ConfigurationType.Current if configuration is None else configuration
-        try:
-            output = [
-                self._mbs.GetMarkerOutput(marker, one, now)
-                for one in (what.Position, what.Velocity, what.RotationMatrix, what.AngularVelocityLocal)
-            ]
-        except Exception as error:
-            raise InputError(
-                f"couple: port {name}: marker {marker} cannot be read: {_first_line(error)}"
-            ) from error
-        place, speed, turn, spin = (np.asarray(one, dtype=float).ravel().tolist() for one in output)
-        if not math.isfinite(sum(place) + sum(speed) + sum(turn) + sum(spin)):
-            raise InputError(
-                f"couple: port {name}: marker {marker} contains NaN or infinity: the host diverged"
-            )
-        return FrameState(tuple(place), tuple(speed), quaternion_of_matrix(turn), tuple(spin))
-
-    def _read_all(self) -> dict[str, FrameState]:
-        return {name: self._read(name, marker) for name, marker in self._markers_now().items()}
 
     def _host_time(self) -> float:
         return float(self._mbs.systemData.GetTime())
@@ -228,7 +157,7 @@ class ExudynCoupling:
             return False
         if not self._attached:
             return True
-        now = self._read_all()
+        now = self._ports.now()
         if until <= self._net.time:
             self._take_back(until)
         elif self._open is not None:
@@ -239,10 +168,7 @@ class ExudynCoupling:
         loads = self._undo.step(until, self._predictor.told(begin, until, now))
         mean = np.concatenate([part for name in net.ports for part in loads[name][-2:]])
         handed = self._handover.handed(mean, until - begin, jumps=net.recoils(begin, until))
-        for name, six in zip(net.ports, handed.reshape(-1, 6), strict=True):
-            force, torque = self._load_numbers(name)
-            mbs.SetLoadParameter(force, "loadVector", six[:3])
-            mbs.SetLoadParameter(torque, "loadVector", six[3:])
+        self._ports.let_act(handed.reshape(-1, 6))
         self._open = _Open(loads, handed, now)
         return True
 
@@ -288,7 +214,7 @@ class ExudynCoupling:
     def _book_what_ended(self) -> None:
         """Book the last step if the host has ended it: in an earlier pre-step function, after the run."""
         if self._open is not None and self._host_time() >= self._net.time - 1e-12:
-            self._book(self._read_all())
+            self._book(self._ports.now())
 
     def _book(self, now: dict[str, FrameState]) -> None:
         """Take the step that has ended into the books; it has led to `now`."""
@@ -316,7 +242,3 @@ def _positive(longest: object) -> float:
     if isinstance(longest, int | float) and longest > 0.0:
         return float(longest)
     raise InputError(f"couple: longest must be positive, got {longest!r}")
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
