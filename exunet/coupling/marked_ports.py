@@ -88,8 +88,8 @@ class MarkedPorts:
         kind = str(self._mbs.GetMarker(number)["markerType"])
         if "Rigid" not in kind:
             raise InputError(
-                f"{self._who}: port {name}: marker {number} ({kind}) has no attitude: use a marker of a rigid "
-                "frame such as MarkerBodyRigid"
+                f"{self._who}: port {name}: marker {number} ({kind}) has no attitude: use a marker of a "
+                "rigid frame such as MarkerBodyRigid"
             )
         return number
 
