@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from exunet.coupling.books import Books as Books
     from exunet.coupling.cosimulation import Cosimulation as Cosimulation
     from exunet.coupling.exudyn_host import couple as couple
+    from exunet.coupling.exudyn_stepped import ExudynHost as ExudynHost
     from exunet.coupling.fmu.export import export_fmu as export_fmu
     from exunet.coupling.host import BodiesHost as BodiesHost
     from exunet.coupling.native_items import NativeItems as NativeItems
@@ -91,6 +92,7 @@ API = {
         "couple": "exunet.coupling.exudyn_host",
         "Cosimulation": "exunet.coupling.cosimulation",
         "BodiesHost": "exunet.coupling.host",
+        "ExudynHost": "exunet.coupling.exudyn_stepped",
         "Books": "exunet.coupling.books",
         "add_to": "exunet.coupling.native_items",
         "NativeItems": "exunet.coupling.native_items",

@@ -77,3 +77,27 @@ def momenta(sim: Simulation) -> tuple[np.ndarray, np.ndarray, float]:
 
     now = States.of(sim.start.system, sim.state)
     return now.momentum[0], now.angular_momentum[0], sim.energy.kinetic + sim.energy.elastic
+
+
+def spring(folder: Path) -> tuple[NetSystem, BodiesHost]:
+    """A body of 0.05 kg in the middle of two cables of 1 m that are stretched by 1 %, and its host."""
+    body = (
+        '[bodies.b]\nmotion = "port"\nmass = 0.05\ninertia = [1.0, 1.0, 1.0]\nposition = [1.01, 0.0, 0.0]\n'
+    )
+    body += "velocity = [0.01, 0.0, 0.0]\nattachments.x = { point = [0.0, 0.0, 0.0], node = 1 }\n"
+    head = 'format = 1\ntitle = "A spring"\ntime = { end = 9.0, output_step = 1.0 }\n'
+    head += 'solver = { method = "DOPRI5", tolerance = 1e-11 }\nengine.loop = "compiled"\n'
+    head += 'initial.packing = 1.0\nnet.topology = "explicit"\n'
+    head += "net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e6 }\n"
+    file = folder / "spring.toml"
+    ends = "net.nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]\nnet.fixed = [0, 2]\n"
+    ends += "net.elements = [[0, 1], [1, 2]]\nnet.node_masses = [0.0, 1e-3, 0.0]\n"
+    start = "initial.node_positions = [[0.0, 0.0, 0.0], [1.01, 0.0, 0.0], [2.02, 0.0, 0.0]]\n"
+    file.write_text(head + ends + start + body)
+    net = NetSystem(file)
+    return net, BodiesHost.of_ports(net)
+
+
+def energy_of(net: NetSystem, host: BodiesHost | None = None) -> float:
+    """Of what moves freely, and of the net [J]."""
+    return momenta(net.simulation)[2] + (momenta(host.simulation)[2] if host is not None else 0.0)

@@ -152,7 +152,8 @@ static int get(fmu it, unsigned reference, double *value)
     }
 }
 
-static int turn(fmu it, unsigned reference, int on)
+/* One variable, and so many values: FMI 3 tells both. */
+static int turn(fmu it, unsigned reference, int on, size_t values)
 {
     if (version == 2) {
         int (*call)(fmu, references, size_t, const int *) = function("SetBoolean");
@@ -160,7 +161,7 @@ static int turn(fmu it, unsigned reference, int on)
     } else {
         int (*call)(fmu, references, size_t, const bool *, size_t) = function("SetBoolean");
         bool value = on;
-        return call(it, &reference, 1, &value, 1);
+        return call(it, &reference, 1, &value, values);
     }
 }
 
@@ -289,7 +290,9 @@ int main(int number, char **given)
         } else if (sscanf(line, "set %d %u %lf", &i, &reference, &a) == 3)
             printf("%d\n", set(instances[i], reference, a));
         else if (sscanf(line, "turn %d %u %d", &i, &reference, &on) == 3)
-            printf("%d\n", turn(instances[i], reference, on));
+            printf("%d\n", turn(instances[i], reference, on, 1));
+        else if (sscanf(line, "miscount %d %u %d", &i, &reference, &many) == 3)
+            printf("%d\n", turn(instances[i], reference, 1, many));
         else if (sscanf(line, "get %d %u", &i, &reference) == 2) {
             int status = get(instances[i], reference, &a);
             printf("%d %a\n", status, a);

@@ -103,3 +103,5 @@ def test_what_cannot_be_set_back_is_refused() -> None:
     for wrong in (object(), Brake(0.0), Brake(float("nan"))):
         with pytest.raises(exunet.ExunetError, match="a controller has a period above 0 s"):
             without.attach(wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="a period of 1e-300 s is below 1e-09 s"):
+        without.attach(Brake(1e-300))

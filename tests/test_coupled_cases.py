@@ -106,6 +106,26 @@ def test_a_net_heavier_than_the_body_that_holds_it_is_refused() -> None:
         Cosimulation(net, BodiesHost.of_ports(net), step=0.01)
 
 
+def test_a_later_throw_does_not_go_on_as_an_acceleration() -> None:
+    """In the step after it the port is told to go on as the host's body does, at 1e-3 of the jump at most.
+
+    The body of the scene is free of forces then, so that only round-off is left.
+    """
+    scene = SCENES["a later ejection of a packed net"]
+    net = net_of(scene)
+    host = BodiesHost.of_ports(net)
+    both = Cosimulation(net, host, step=scene.step)
+    both.advance_to(0.19)
+    before = np.array(host.frames()[scene.port].velocity)
+    both.advance_to(0.2)
+    jump = np.linalg.norm(host.frames()[scene.port].velocity - before)
+    assert jump > 1e-3  # m/s
+    for until in (0.22, 0.24):
+        both.advance_to(until)
+        off = np.subtract(net.frame(scene.port).velocity, host.frames()[scene.port].velocity)
+        assert np.linalg.norm(off) < 1e-3 * jump
+
+
 def test_the_energy_of_a_throw_stands_apart() -> None:
     """J^2 / 2m and the rotation's share, of a chaser of 80 kg that four bullets of 0.2 kg leave at 3 m/s."""
     net = net_of(SCENES["a throw"])

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from coupled import LUMP, Scene, momenta
+from coupled import CHAIN, LUMP, SECOND, Scene, energy_of, momenta, spring
 
 import exunet
 from exunet import Cosimulation, FrameState, InputError, NetSystem, Snapshot
+from exunet.bodies.rigid import rotation_matrix
 from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
 from exunet.coupling.undo import Undo
 
@@ -68,6 +70,167 @@ def test_momentum_is_kept_at_any_step(scene: Scene, iterations: int) -> None:
         drift.append(worst)
     assert drift[1] < drift[0] / 3.0  # at least of the order log 3 / log 4 = 0.8; measured 2
     assert drift[0] < 1e-2 * np.abs(before[1]).max()
+
+
+@pytest.mark.parametrize("iterations", [1, 20])
+@pytest.mark.parametrize("spin", [20.0, 90.0])  # rad/s
+def test_the_books_tell_the_drift_of_a_body_that_spins(tmp_path: Path, iterations: int, spin: float) -> None:
+    """About an axis that moves: torque by the rotation vector would be wrong by a factor of 10 and more."""
+    net = spinning(tmp_path, spin)
+    host = exunet.BodiesHost.of_ports(net)
+    start, both = energy_of(net, host), Cosimulation(net, host, step=0.5 / spin, iterations=iterations)
+    both.advance_to(0.2)
+    drift = energy_of(net, host) - start
+    assert abs(drift) > 1e-5  # J, far above round-off of the 1.6 kJ that there are
+    assert both.books.residual == pytest.approx(drift, rel=0.05)
+
+
+def spinning(folder: Path, spin: float) -> NetSystem:
+    """The second body, its frame in its centre and axes, turns about z [rad/s]."""
+    text = (CHAIN + SECOND).replace("products_of_inertia = [0.05, 0.02, 0.01]\n", "")
+    text = text.replace("centre_of_mass = [0.1, 0.2, 0.3]\n", "").replace(
+        "mass = 3.0", 'mass = 3.0\nmotion = "port"'
+    )
+    file = folder / "spinning.toml"
+    file.write_text(text.replace("= [0.1, 2.0, 0.0]", f"= [0.0, 0.0, {spin}]"))
+    return NetSystem(file)
+
+
+def test_no_more_than_a_radian_in_a_step(tmp_path: Path) -> None:
+    """Cut by `Cosimulation`, which is then near to one system; refused where the host chooses the step."""
+    net = spinning(tmp_path, 90.0)
+    assert longest_step(net, STABLE) == pytest.approx(1.0 / 90.0, rel=1e-3)
+    host = exunet.BodiesHost.of_ports(net)
+    both = Cosimulation(net, host, step=0.05)
+    assert "macro steps of 0.05 s cut to 0.01111 s" in str(both.books)
+    both.advance_to(0.2)
+    assert 90.0 * both.books.longest < 1.0
+    text = (tmp_path / "spinning.toml").read_text().replace('motion = "port"\n', "")
+    (tmp_path / "whole.toml").write_text(text)
+    whole = exunet.Simulation(tmp_path / "whole.toml")
+    whole.advance_to(0.2)
+    off = host.simulation.state.bodies.position[0] - whole.state.bodies.position[1]
+    assert np.linalg.norm(off) < 1e-4  # m, of a way of 0.1 m
+    net.reset()
+    frame = net.frame("second")
+    with pytest.raises(InputError, match=r"port second turns too far: .* by 1\.8 rad, at 90 rad/s"):
+        net.step(0.02, {"second": frame.after(0.02)})
+    with pytest.raises(InputError, match=r"port second turns too far: .* by 6\.3 rad"):
+        net.step(0.07, {"second": frame.after(0.07)})  # which looks like a small turn back
+    assert net.time == 0.0
+
+
+def test_a_host_that_is_another_net(tmp_path: Path) -> None:
+    """The second body with a cable of its own, to a mass of 1 kg; in one system it has both cables.
+
+    It does not turn at the start, so that its velocity is that of its frame with any nodes on it.
+    """
+    still = "bodies.second.angular_velocity=[0.0, 0.0, 0.0]"
+    state = NetSystem(Scene(tmp_path).net).frame("second")
+    turn, place = rotation_matrix(np.array(state.attitude)), np.array(state.position)
+    ends = [(place + turn @ point).tolist() for point in ([-0.1, 0.1, 0.2], [0.3, 0.0, 0.0])]
+    far = np.add(ends[1], [0.0, 1.02, 0.0]).tolist()  # stretched by 2 %
+    cable = (tmp_path / "whole.toml").read_text()
+    second = "attachments.y = { point = [0.3, 0.0, 0.0], node = %d }\n"
+    whole = cable.replace(
+        "[2.0, 0.0, 0.0]]\nnet.el", "[2.0, 0.0, 0.0], [5.0, 0.0, 0.0], [5.0, 1.0, 0.0]]\nnet.el"
+    )
+    whole = whole.replace("[2.0, 0.0, 0.0]]\ninitial.node_v", f"{ends[0]}, {ends[1]}, {far}]\ninitial.node_v")
+    whole = whole.replace(
+        "[0.0, 0.0, 0.0]]\nnet.top", "[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]\nnet.top"
+    )
+    whole = whole.replace("[1, 2]]", "[1, 2], [3, 4]]").replace("0.5, 0.1]", "0.5, 0.1, 0.2, 1.0]")
+    (tmp_path / "both.toml").write_text(whole + second % 3)
+    alone = [
+        still,
+        f"initial.node_positions=[{ends[0]}, {ends[1]}, {far}]",
+        "initial.node_velocities=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]",
+        "net.nodes=[[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [5.0, 1.0, 0.0]]",
+        "net.elements=[[1, 2]]",
+        f"net.node_masses=[{0.1 + LUMP}, 0.2, 1.0]",
+        "bodies.first=",
+        "bodies.second.attachments={x={point=[-0.1, 0.1, 0.2], node=0}, y={point=[0.3, 0.0, 0.0], node=1}}",
+    ]
+    known = exunet.Simulation(tmp_path / "both.toml", [still])
+    before = momenta(known)[0]
+    known.advance_to(END)
+    errors = []
+    for step in (8e-3, 4e-3):
+        net, host = (
+            NetSystem(tmp_path / "net.toml", [still]),
+            exunet.BodiesHost(tmp_path / "whole.toml", alone),
+        )
+        Cosimulation(net, host, step=step, iterations=20).advance_to(END)
+        now = momenta(net.simulation)[0] + momenta(host.simulation)[0]
+        assert np.abs(now - before).max() < 1e-12 * 1.8
+        errors.append(
+            np.linalg.norm(host.simulation.state.bodies.position[0] - known.state.bodies.position[1])
+        )
+    assert errors[0] / errors[1] > 0.8 * 4.0, errors
+
+
+class Faulty:
+    """A host that fails once, in the third call of `step`, in some way."""
+
+    def __init__(self, host: exunet.BodiesHost, how: str) -> None:
+        self._host, self._how, self._calls = host, how, 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._host, name)
+
+    def step(self, until: float, loads: dict[str, Any]) -> None:
+        self._calls += 1
+        if self._calls == 3 and self._how == "raises":
+            raise RuntimeError("the host has failed")
+        self._host.step(until, loads)
+
+    def frames(self) -> dict[str, FrameState]:
+        found = self._host.frames()
+        if self._calls != 3 or self._how == "raises":
+            return found
+        wrong = (np.nan, 0.0, 0.0) if self._how == "tells NaN" else (9.0, 0.0, 0.0)
+        return {name: state._replace(position=wrong) for name, state in found.items()}
+
+
+@pytest.mark.parametrize("iterations", [1, 20])
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("raises", "the host has failed"),
+        ("tells NaN", "host's body at port second at t = .*: position contains NaN or infinity"),
+        ("jumps", "host's body at port second jumps: in the step from .* its position changes by"),
+    ],
+)
+def test_a_host_that_fails_once(scene: Scene, iterations: int, how: str, words: str) -> None:
+    """Nothing of the step is booked; both are where they were, or the coupling does not go on."""
+    net, host = scene.both()
+    before = momenta(net.simulation)[0] + momenta(host.simulation)[0]
+    both = Cosimulation(net, Faulty(host, how), step=0.01, iterations=iterations)
+    with pytest.raises((RuntimeError, InputError), match=words):
+        both.advance_to(0.1)
+    assert net.time == pytest.approx(0.01 * both.books.steps)
+    assert np.isfinite(both.books.residual)
+    if how != "raises" and iterations == 1:  # the host went on, and cannot be set back
+        with pytest.raises(InputError, match=r"the host is at t = 0\.03 s, the net at 0\.02 s: restore both"):
+            both.advance_to(0.2)
+        return
+    assert host.time == net.time
+    both.advance_to(0.2)
+    now = momenta(net.simulation)[0] + momenta(host.simulation)[0]
+    assert np.abs(now - before).max() < 1e-12 * 1.8
+
+
+def test_a_step_that_is_refused_changes_none_of_several_ports(tmp_path: Path) -> None:
+    text = (CHAIN + SECOND).replace("mass = 3.0", 'mass = 3.0\nmotion = "port"')
+    (tmp_path / "two.toml").write_text(text.replace("mass = 2.0", 'mass = 2.0\nmotion = "port"'))
+    net = NetSystem(tmp_path / "two.toml")
+    net.step(0.01, {name: net.frame(name).after(0.01) for name in net.ports})
+    here = net.snapshot().as_bytes()
+    told = {name: net.frame(name).after(0.01) for name in net.ports}
+    told["second"] = told["second"]._replace(position=(9.0, 9.0, 9.0))
+    with pytest.raises(InputError, match="port second jumps"):
+        net.step(0.02, told)
+    assert net.snapshot().as_bytes() == here
 
 
 @pytest.mark.parametrize("iterations", [1, 20])
@@ -150,6 +313,10 @@ def test_what_a_host_may_not_do(scene: Scene) -> None:
     for frames, words in (
         ({}, "no state is given for port second"),
         ({"second": frame, "third": frame}, "there is no port 'third'"),
+        (None, "the states of the ports by name, got None"),
+        ({"second": FrameState((1.0, 2.0))}, r"a frame has position \(3\), velocity \(3\)"),  # type: ignore
+        ({"second": FrameState("abc")}, r"a frame has position \(3\), velocity \(3\)"),  # type: ignore
+        ({"second": FrameState(None)}, r"a frame has position \(3\), velocity \(3\)"),  # type: ignore
         ({"second": bad}, "port second: velocity contains NaN or infinity"),
         (
             {"second": frame._replace(attitude=(1.0, 1.0, 0.0, 0.0))},
@@ -194,6 +361,8 @@ def test_a_port_is_not_run_without_a_host(scene: Scene) -> None:
     host.step(0.01, {})
     with pytest.raises(InputError, match=r"the host is at t = 0\.01 s, the net at 0 s"):
         Cosimulation(net, host, step=0.01)
+    with pytest.raises(InputError, match="Cosimulation: the net has no port"):
+        Cosimulation(NetSystem(scene.whole), exunet.BodiesHost(scene.whole), step=0.01)
     for arguments, words in (
         ({"step": 0.0}, "step must be"),
         ({"step": 1e-3, "iterations": 0}, "iterations"),
@@ -213,6 +382,7 @@ def test_the_largest_stable_macro_step(scene: Scene, tmp_path: Path) -> None:
     assert grown(tmp_path, 1.15 * known) > 0.0
     net, host = spring(tmp_path)
     both = Cosimulation(net, host, step=1.0)
+    assert f"macro steps of 1 s cut to {known:.4g} s" in str(both.books)
     assert both.longest == longest_step(net, STABLE)
     both.advance_to(10 * both.longest)
     assert both.books.longest <= both.longest * (1.0 + 1e-9)
@@ -228,26 +398,3 @@ def grown(folder: Path, step: float) -> float:
         host.step((k + 1) * step, loads)
         predictor.keep(k * step, now)
     return energy_of(net, host) - begin
-
-
-def spring(folder: Path) -> tuple[NetSystem, exunet.BodiesHost]:
-    """A body of 0.05 kg in the middle of two cables of 1 m that are stretched by 1 %, and its host."""
-    body = (
-        '[bodies.b]\nmotion = "port"\nmass = 0.05\ninertia = [1.0, 1.0, 1.0]\nposition = [1.01, 0.0, 0.0]\n'
-    )
-    body += "velocity = [0.01, 0.0, 0.0]\nattachments.x = { point = [0.0, 0.0, 0.0], node = 1 }\n"
-    head = 'format = 1\ntitle = "A spring"\ntime = { end = 9.0, output_step = 1.0 }\n'
-    head += 'solver = { method = "DOPRI5", tolerance = 1e-11 }\nengine.loop = "compiled"\n'
-    head += 'initial.packing = 1.0\nnet.topology = "explicit"\n'
-    head += "net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e6 }\n"
-    file = folder / "spring.toml"
-    ends = "net.nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]\nnet.fixed = [0, 2]\n"
-    ends += "net.elements = [[0, 1], [1, 2]]\nnet.node_masses = [0.0, 1e-3, 0.0]\n"
-    start = "initial.node_positions = [[0.0, 0.0, 0.0], [1.01, 0.0, 0.0], [2.02, 0.0, 0.0]]\n"
-    file.write_text(head + ends + start + body)
-    net = NetSystem(file)
-    return net, exunet.BodiesHost.of_ports(net)
-
-
-def energy_of(net: NetSystem, host: exunet.BodiesHost) -> float:
-    return momenta(net.simulation)[2] + momenta(host.simulation)[2]

@@ -61,6 +61,10 @@ def test_it_needs_gymnasium(monkeypatch):
         ({"observations": ["position/6"]}, r"no 'position/6': .* nodes \(0 to 5\)"),
         ({"observations": ["attitude/3"]}, "attitude/ and angular_velocity/ with chaser, target"),
         ({"observations": ["tension/tow"]}, "tension/ with net, tether tow"),
+        ({"actions": None}, "actions: bounds by the name of each input, got None"),
+        ({"actions": ["wrench/chaser"]}, "actions: bounds by the name of each input"),
+        ({"observations": "time"}, "observations: a list of names, got 'time'"),
+        ({"period": 1e-20}, "period: 1e-09 s or more, got 1e-20"),
         ({"period": 0.0}, "period: a finite number above 0, got 0.0"),
         ({"end": np.nan}, "end: a finite number above 0"),
         ({"moved": -1.0}, "moved: a finite number, 0 or more"),
@@ -172,6 +176,8 @@ def test_an_episode_can_be_set_back_by_a_snapshot_and_end_early():
             assert reward == seen[0] + MOST[0]  # cut to the bounds
             steps += 1
         assert not truncated
+        with pytest.raises(InputError, match=r"the episode is over at t = .* s: call reset"):
+            environment.step(np.zeros(6))
         ends.append((steps, *seen))
     assert ends[0] == ends[1]
 
@@ -187,5 +193,7 @@ def test_a_step_that_a_guard_stops_truncates_the_episode():
     assert not terminated
     assert np.isfinite(seen).all()
     assert seen[0] == environment.simulation.time < 0.1
+    with pytest.raises(InputError, match="the episode is over"):
+        environment.step(np.zeros(6))
     assert environment.reset()[0][0] == 0.0
     assert environment.step(np.zeros(6))[0][0] == 0.1

@@ -16,7 +16,9 @@ import pytest
 from fmu_hosts import THROWN, CHost, Unpacked, built_host, resident, workers_of, written
 
 import exunet
+from exunet.base.blob import pack_arrays
 from exunet.base.version import VERSION
+from exunet.coupling.fmu.served import FORMAT, KIND, Served
 
 CASES = Path(__file__).parent.parent / "cases"
 PATIENCE = 60.0  # [s] for a process to end
@@ -254,6 +256,12 @@ def test_states_that_do_not_belong_here_are_refused(
     changed[-1] ^= 1
     (tmp_path / "changed").write_bytes(changed)
     (tmp_path / "empty").write_bytes(b"")
+    host.do("new", 1)
+    initialise(host, 1)
+    assert "is of another instance: serialise it there" in host.fails("back", 1, 0)
+    host.do("load", 0, 1, tmp_path / "state")  # the instance that has it goes on
+    host.do("drop", 0, 1)
+    host.do("free", 1)
     for name, words in (
         ("short", "damaged or cut short"),
         ("changed", "the checksum of net does not match"),
@@ -366,6 +374,7 @@ def test_a_killed_worker_is_an_error_and_no_crash(host: CHost) -> None:
         (("get", 0, 9999), "no variable with the value reference 9999"),
         (("turn", 0, "case.launch.speed", 1), "case.launch.speed is a number, and no boolean"),
         (("step", 0, 0.0, STEP), "doStep: the FMU is not initialised"),
+        (("terminate", 0), "not initialised, or was terminated: there is nothing to terminate"),
         (("exit", 0), "the initialisation mode cannot be left: it was not entered"),
         (("enter", 0, 1.0), "the start time must be 0, got 1 s"),
     ],
@@ -387,6 +396,7 @@ def test_calls_that_make_no_sense_stop_the_instance(
         (0.03, 0.0, "the communication step must be positive, got 0 s"),
         (0.03, -STEP, "the communication step must be positive, got -0.01 s"),
         (0.03, "nan", "are no finite times"),
+        (0.03, 1e-18, "a communication step of 1e-18 s is lost in the round-off of the time, 0.03 s"),
     ],
 )
 def test_steps_that_do_not_follow_are_told(host: CHost, begin: float, length: float, words: str) -> None:
@@ -398,6 +408,14 @@ def test_steps_that_do_not_follow_are_told(host: CHost, begin: float, length: fl
     host.do("back", 0, 0)
     host.do("step", 0, 0.03, STEP)
     host.do("drop", 0, 0)
+
+
+def test_a_state_without_a_part_is_damaged(unpacked: dict[int, Unpacked]) -> None:
+    served = Served(unpacked[3].folder / "resources")
+    header, values = {"token": served.content.token, "overrides": []}, np.zeros(2)
+    for arrays in ({"values": values}, {"values": values, "net": np.zeros(0, dtype=np.uint8)}):
+        with pytest.raises(exunet.InputError, match="the FMU state is damaged: it has not what a state has"):
+            served.unpack(pack_arrays(KIND, FORMAT, header, arrays), 2)
 
 
 def test_a_value_that_the_case_refuses_is_told_with_its_key(host: CHost) -> None:

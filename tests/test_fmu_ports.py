@@ -10,7 +10,7 @@ import pytest
 from fmu_hosts import PORT, CHost, Unpacked, built_host, written
 
 import exunet
-from exunet.coupling.prediction import Predictor
+from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
 
 pytestmark = [pytest.mark.slow, pytest.mark.ci]  # they compile a kernel
 
@@ -176,6 +176,42 @@ def test_faults_of_the_host_are_told_by_the_name_of_the_port(host: CHost) -> Non
     host.do("step", 0, 0.05, STEP)
     assert host.all_outputs() == expected
     host.do("drop", 0, 0)
+
+
+def test_as_many_booleans_as_variables(host: CHost) -> None:
+    """FMI 3 tells both numbers."""
+    if host.fmu.fmi == 3:
+        words = host.fails("miscount", 0, host.fmu.references["ports.inputs_at_end"], 2)
+        assert "fmi3SetBoolean: 1 variables have 2 values" in words
+
+
+@pytest.mark.parametrize("at_end", [False, True])
+def test_a_step_beyond_the_longest_is_discarded(host: CHost, net: exunet.NetSystem, at_end: bool) -> None:
+    """Unless the parameter says otherwise; a shorter one goes on from there."""
+    net.reset()
+    longest = longest_step(net, CONTRACTING if at_end else STABLE)
+    start = net.frame("chaser")
+    for allowed in (0.0, 2.0 * longest):
+        host.do("reset", 0)
+        host.do("enter", 0, 0.0)
+        host.do("turn", 0, host.fmu.references["ports.inputs_at_end"], int(at_end))
+        host.set("ports.longest_step", allowed)
+        host.do("exit", 0)
+        tell(host, start.after(1.05 * longest) if at_end else start)
+        status, last = host.ask("step", 0, 0.0, 1.05 * longest)
+        if allowed:
+            assert status == 0
+            continue
+        assert (status, last) == (2, 0.0)
+        assert "is longer than the largest stable one for the ports" in " ".join(host.told)
+        tell(host, start.after(0.95 * longest) if at_end else start)
+        host.do("step", 0, 0.0, 0.95 * longest)
+    host.do("reset", 0)
+    host.do("enter", 0, 0.0)
+    host.set("ports.longest_step", 1e-3)
+    host.do("exit", 0)
+    assert host.ask("step", 0, 0.0, 2e-3)[0] == 2
+    assert "is longer than ports.longest_step, 0.001 s" in " ".join(host.told)
 
 
 def test_states_repeat_to_the_last_bit_while_the_tether_pulls(host: CHost, tmp_path: Path) -> None:

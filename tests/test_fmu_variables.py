@@ -7,6 +7,7 @@ import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from commands import command
 from fmu_hosts import PORT, THROWN, written
@@ -95,6 +96,19 @@ def test_a_number_a_vector_and_a_command_of_a_reel_become_overrides() -> None:
     assert after.tethers["tow"].length == 18.5
     assert after.tethers["tow"].youngs_modulus == 0.5 * before.tethers["tow"].youngs_modulus
     assert after.net.cable.youngs_modulus == 0.5 * before.net.cable.youngs_modulus
+
+
+@pytest.mark.parametrize("name", ["cut.toml", "star.toml"])
+def test_the_stiffness_factor_reaches_every_thread(name: str) -> None:
+    """Border and strings too."""
+    path = CASES / "nets" / name
+    parameters = Parameters(exunet.load(path).scene)
+    values = [0.5 if one.name == "stiffness_factor" else one.start for one in parameters.variables]
+    before, after = (
+        exunet.prepare(exunet.load(path, overrides).scene).net.youngs_modulus
+        for overrides in ([], parameters.overrides(values))
+    )
+    np.testing.assert_allclose(after, 0.5 * before, rtol=1e-15)
 
 
 def test_ports_start_by_their_inputs_not_by_parameters(tmp_path: Path) -> None:

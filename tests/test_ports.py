@@ -12,9 +12,17 @@ import exunet
 from exunet import FrameState, InputError
 from exunet.bodies.body import RigidBody
 from exunet.bodies.guide import Guide
-from exunet.bodies.port import FrameOf, Piece, PrincipalState, mean_place, piece_between
+from exunet.bodies.port import (
+    FrameOf,
+    Piece,
+    PrincipalState,
+    difference,
+    mean_place,
+    piece_between,
+    turning_between,
+)
 from exunet.bodies.rigid import rotation_matrix
-from exunet.coupling.in_transit import of_method
+from exunet.coupling.handover import Handover, Weights
 from exunet.interfaces.commands.check import describe
 
 Floats = np.ndarray
@@ -83,21 +91,46 @@ def test_a_frame_goes_on() -> None:
 
 
 def test_momentum_in_transit_of_the_generalised_alpha_method() -> None:
-    """With spectral radius 1 the method is the trapezoidal rule but for its algorithmic acceleration.
+    """Of spectral radius 1: (a + b) / 2 = (F + E) / 2 and the mean of a and b, as the module writes it.
 
-    By hand, m = f = g = 1/2, forces 1, 0: a = 1, 0; shown 1/2, 1/2: in transit 1/2, then nothing.
+    By hand, m = f = g = 1/2, forces 1, 0 handed over for the same: a = 1, 0; applied 1/2, 1/2: in transit
+    1/2, then nothing. Of the trapezoidal rule half of the last impulse is in transit, of RK44 nothing.
     """
-    alpha = of_method("GeneralizedAlpha", 1, spectral_radius=1.0, newmark=False)
+    alpha = Handover(np.zeros(1), Weights(0.5, 0.5, 0.5))
     for force, known in ((1.0, 0.5), (0.0, 0.0)):
-        alpha.take(np.array([force]), 1.0)
-        assert alpha.impulse[0] == pytest.approx(known, abs=1e-15)
-    rule = of_method("TrapezoidalIndex2", 1, spectral_radius=0.9, newmark=True)
+        mean = np.array([force])
+        assert alpha.take(mean, mean, 1.0, jumps=False) == pytest.approx([0.5], abs=1e-15)
+        assert alpha.in_transit[0] == pytest.approx(known, abs=1e-15)
+    rule = Handover(np.zeros(1), Weights())
     for force in (3.0, 1.0):
-        rule.take(np.array([force]), 0.1)
-        assert rule.impulse[0] == pytest.approx(0.05 * force)  # half of the last impulse
-    whole = of_method("RK44", 2, spectral_radius=0.9, newmark=False)
-    whole.take(np.array([1.0, 2.0]), 0.1)
-    assert not whole.impulse.any()
+        mean = np.array([force])
+        rule.take(mean, mean, 0.1, jumps=False)
+        assert rule.in_transit[0] == pytest.approx(0.05 * force)
+    whole, mean = Handover(np.zeros(2)), np.array([1.0, 2.0])
+    assert (whole.handed(mean, 0.1, jumps=False) == mean).all()
+    assert (whole.take(mean, mean, 0.1, jumps=False) == mean).all()
+    assert not whole.in_transit.any()
+
+
+def test_the_angular_velocity_sums_up_to_what_turning_gives() -> None:
+    """Against 400 parts of the same motion, by the guide of `Piece`; Simpson's rule: order 5 in a step."""
+    random = np.random.default_rng(8)
+    begin = some_state(random)
+    errors, of_vector = [], []
+    for duration in (0.4, 0.2):
+        end = begin.after(duration, (0.0, 0.0, 0.0), (1.0, -2.0, 0.5))
+        piece = piece_between(0.0, duration, PrincipalState(*begin), PrincipalState(*end))
+        parts = [part[None] for part in (piece.position, piece.attitude, piece.turning)]
+        times = (np.arange(400) + 0.5) * duration / 400
+        along = Guide(np.zeros(1), *parts, np.zeros(3)).at(times)
+        known = np.zeros(3)
+        for attitude, spin in zip(along.attitude, along.angular_velocity, strict=True):
+            known += duration / 400 * rotation_matrix(attitude) @ spin
+        errors.append(np.linalg.norm(turning_between(duration, begin, end) - known))
+        turn = rotation_matrix(np.array(begin.attitude)) @ difference(begin.attitude, end.attitude)
+        of_vector.append(np.linalg.norm(turn - known))
+    assert errors[0] > 20.0 * errors[1]
+    assert of_vector[1] > 10.0 * errors[1]
 
 
 def test_what_a_case_with_a_port_says(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 _ZERO = (0.0, 0.0, 0.0)
+_SIZES = (3, 3, 4, 3)  # of the parts of a frame's state
 
 
 class FrameState(NamedTuple):
@@ -47,15 +48,19 @@ class FrameState(NamedTuple):
 
         whose : for the words of the error
         """
-        if type(state) is cls and math.isfinite(sum(map(sum, state))) and len(state[2]) == 4:
-            w, x, y, z = state.attitude
-            if abs(w * w + x * x + y * y + z * z - 1.0) < 1e-14:
-                return state
         try:
+            if (
+                type(state) is cls
+                and tuple(map(len, state)) == _SIZES
+                and math.isfinite(sum(map(sum, state)))
+            ):
+                w, x, y, z = state.attitude
+                if abs(w * w + x * x + y * y + z * z - 1.0) < 1e-14:
+                    return state
             parts = [tuple(map(float, np.asarray(part, dtype=float).tolist())) for part in state]
         except (TypeError, ValueError):
             parts = []
-        if [len(part) for part in parts] != [3, 3, 4, 3]:
+        if tuple(map(len, parts)) != _SIZES:
             raise InputError(
                 f"{whose}: a frame has position (3), velocity (3), attitude (4) and angular velocity (3), "
                 f"got {state!r}"
@@ -205,6 +210,28 @@ def mean_place(duration: float, begin: FrameState, end: FrameState) -> Vector:
     )
 
 
+def turning_between(duration: float, begin: FrameState, end: FrameState) -> Vector:
+    """(3,) integral of the angular velocity over a step, in the scene's axes [rad].
+
+    It is no rotation vector where the axis moves. By Simpson's rule, with the middle of the motion of
+    `piece_between`.
+    """
+    angle = difference(begin.attitude, end.attitude)
+    last, over = _rate_of(angle, end.angular_velocity), 1.0 / duration
+    first = begin.angular_velocity
+    middle, rate = [0.0] * 3, [0.0] * 3
+    for k in range(3):
+        middle[k] = 0.5 * angle[k] + 0.125 * duration * (first[k] - last[k])
+        rate[k] = 1.5 * angle[k] * over - 0.25 * (first[k] + last[k])
+    half = (middle[0], middle[1], middle[2])
+    spin = _spin_of(half, (rate[0], rate[1], rate[2]))
+    a, b, c = turned(begin.attitude, first)
+    d, e, f = turned(times(begin.attitude, quaternion_of(half)), spin)
+    x, y, z = turned(end.attitude, end.angular_velocity)
+    part = duration / 6.0
+    return (part * (a + 4.0 * d + x), part * (b + 4.0 * e + y), part * (c + 4.0 * f + z))
+
+
 def times(one: Quaternion, other: Quaternion) -> Quaternion:
     """Quaternion product: turning by `other`, then by `one`."""
     a, b, c, d = one
@@ -282,4 +309,22 @@ def _rate_of(angle: Vector, spin: Vector) -> Vector:
         a + 0.5 * d + twice * (j * f - k * e),
         b + 0.5 * e + twice * (k * d - i * f),
         c + 0.5 * f + twice * (i * e - j * d),
+    )
+
+
+def _spin_of(angle: Vector, rate: Vector) -> Vector:
+    """J(phi) phi' = phi' - (1 - cos a) / a^2 phi x phi' + (a - sin a) / a^3 phi x (phi x phi') [rad/s]."""
+    i, j, k = angle
+    a, b, c = rate
+    d, e, f = j * c - k * b, k * a - i * c, i * b - j * a
+    square = i * i + j * j + k * k
+    size = math.sqrt(square)
+    # where the differences lose digits, two terms of their series are exact
+    near = size < 1e-2
+    once = 0.5 - square / 24.0 if near else (1.0 - math.cos(size)) / square
+    twice = 1.0 / 6.0 - square / 120.0 if near else (size - math.sin(size)) / (square * size)
+    return (
+        a - once * d + twice * (j * f - k * e),
+        b - once * e + twice * (k * d - i * f),
+        c - once * f + twice * (i * e - j * d),
     )

@@ -8,19 +8,24 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.port import FrameState, difference, turned
+from exunet.bodies.port import FrameState, turning_between
 from exunet.coupling.net_system import PortLoad
 
 Floats = NDArray[np.float64]
 
 
-def work_on_host(load: PortLoad, before: FrameState, after: FrameState) -> float:
-    """Work [J] of a port's mean force and torque on the host's body, which went from one state to another."""
-    turn = turned(before.attitude, difference(before.attitude, after.attitude))
+def work_on_host(
+    force: Floats, torque: Floats, duration: float, before: FrameState, after: FrameState
+) -> float:
+    """Work [J] of a constant force and torque on the host's body over a step [s] from one state to another.
+
+    force, torque : (3,) at and about the origin of the port's frame [N], [N m], in the scene's axes
+    """
+    turning = turning_between(duration, before, after)
     (a, b, c), (d, e, f) = before.position, after.position
-    x, y, z = load.force.tolist()
-    i, j, k = load.torque.tolist()
-    return x * (d - a) + y * (e - b) + z * (f - c) + i * turn[0] + j * turn[1] + k * turn[2]
+    x, y, z = force.tolist()
+    i, j, k = torque.tolist()
+    return x * (d - a) + y * (e - b) + z * (f - c) + i * turning[0] + j * turning[1] + k * turning[2]
 
 
 @dataclass
@@ -44,12 +49,13 @@ class PortBook:
     passed: float = 0.0
     launch: float = 0.0
 
-    def add(self, load: PortLoad, before: FrameState, after: FrameState, *, recoils: bool) -> float:
+    def add(self, load: PortLoad, work: float, *, recoils: bool) -> float:
         """Take a step into the book; returns its residual [J].
 
-        recoils : the jump of a throw is in the load; the launcher brings the energy
+        work    : [J] on the host's body, of the force that its method has applied
+        recoils : the jump of a throw is in that; the launcher brings the energy
         """
-        error = work_on_host(load, before, after) - load.work
+        error = work - load.work
         if recoils:
             self.launch, error = self.launch + error, 0.0
         self.impulse = self.impulse + load.impulse
@@ -67,6 +73,7 @@ class Books:
 
     steps, repeated   : macro steps that count, and those that were taken again
     shortest, longest : of them [s]
+    cut               : what became of macro steps that were asked for; empty if they are as asked
     """
 
     ports: Mapping[str, PortBook]
@@ -74,29 +81,19 @@ class Books:
     repeated: int = 0
     shortest: float = np.inf
     longest: float = 0.0
+    cut: str = ""
 
     @classmethod
     def of(cls, names: tuple[str, ...]) -> Books:
         """Empty ones."""
         return cls({name: PortBook() for name in names})
 
-    def add(
-        self,
-        loads: Mapping[str, PortLoad],
-        before: Mapping[str, FrameState],
-        after: Mapping[str, FrameState],
-        *,
-        recoils: bool,
-    ) -> float:
-        """Take a step into the books; returns the energy [J] that the coupling added in it."""
+    def add(self, loads: Mapping[str, PortLoad], works: Mapping[str, float], *, recoils: bool) -> float:
+        """Take a step into the books, see `PortBook.add`; returns the energy [J] that the coupling added."""
         step = next(load.end - load.begin for load in loads.values())
         self.steps += 1
         self.shortest, self.longest = min(self.shortest, step), max(self.longest, step)
-        parts = (
-            self.ports[name].add(load, before[name], after[name], recoils=recoils)
-            for name, load in loads.items()
-        )
-        return sum(parts)
+        return sum(self.ports[name].add(load, works[name], recoils=recoils) for name, load in loads.items())
 
     @property
     def residual(self) -> float:
@@ -110,6 +107,7 @@ class Books:
             if self.steps
             else "no macro step yet"
         ]
+        rows += [self.cut] if self.cut else []
         for name, port in self.ports.items():
             rows += [
                 f"port {name}: impulse {_vector(port.impulse)} N s, angular impulse about the scene's origin "

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
 
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState
+from exunet.bodies.port import FrameState, difference, turned
 from exunet.coupling.agreement import apart, refuse_apart
 from exunet.coupling.books import Books, work_on_host
 from exunet.coupling.host import Host
-from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.coupling.net_system import LARGEST_TURN, NetSystem, PortLoad
 from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
+from exunet.coupling.undo import Undo
 from exunet.simulation.arguments import finite_number, whole_number
+from exunet.simulation.snapshot import Snapshot
 
 _SHORTEST = 1e-3  # of the step asked for: a macro step below it means that no step will do
 _RECOIL = 1e-6  # of a macro step, over which a throw at the start recoils
+_OF_TURN = 0.9  # of the largest turn in a step, since the body may come to turn faster in it
+_SAME_TIME = 1e-9  # of the step asked for, by which the times of net and host may differ
 _SAFETY, _MOST_GROWTH, _MOST_SHRINK = 0.9, 2.0, 0.2
 
 
@@ -27,7 +34,8 @@ class Cosimulation:
         print(both.books)
 
     step       : macro step [s]; the longest one where the step follows the energy. Steps beyond the largest
-                 stable one (`longest`) are cut in equal parts
+                 stable one (`longest`) are cut in equal parts, which the books tell, and steps in which a
+                 port would turn by more than 1 rad too
     iterations : 1: each step once, while the ports move as `exunet.coupling.prediction` says. More: at most
                  so often, until the host ends where the net was told. Both are of second order with hosts
                  that take the impulses whole
@@ -36,6 +44,9 @@ class Cosimulation:
                  told to where the host ended, which the next step makes good. The macro step follows it.
                  None: equal steps
     Raises InputError for arguments that make no sense, and if ports and the host's bodies start apart.
+
+    A host that fails, or tells states that are none, leaves the books and the net as they were before the
+    step, and itself too where steps are repeated. Where it has gone on alone, `advance_to` refuses to go on.
     """
 
     def __init__(
@@ -56,14 +67,20 @@ class Cosimulation:
         if number is None or number < 1:
             raise InputError(f"Cosimulation: iterations: a number of 1 or more, got {iterations!r}")
         self._iterations = number
+        if not net.ports:
+            raise InputError('Cosimulation: the net has no port: give a body of its case motion = "port"')
         self.longest = longest_step(net, STABLE if number == 1 else CONTRACTING)
+        self.books = Books.of(net.ports)
+        if self._step > self.longest:
+            self.books.cut = (
+                f"macro steps of {self._step:.4g} s cut to {self.longest:.4g} s, the longest for the ports' "
+                "masses, stiffnesses and turns"
+            )
         self._step = min(self._step, self.longest)
         self._next = self._step
-        self._predictor = Predictor()
-        self.books = Books.of(net.ports)
-        if host.time != net.time:
-            raise InputError(f"Cosimulation: the host is at t = {host.time:g} s, the net at {net.time:g} s")
-        self._refuse_apart()
+        self._predictor, self._undo = Predictor(), Undo(net)
+        self._refuse_other_times()
+        self._found = self._refuse_apart()
 
     @property
     def time(self) -> float:
@@ -81,8 +98,16 @@ class Cosimulation:
             raise InputError(
                 f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
             )
+        self._refuse_other_times()
         for stop in self._stops(end):
             self._stretch_to(stop)
+
+    def _refuse_other_times(self) -> None:
+        if not abs(self._host.time - self._net.time) <= _SAME_TIME * self._step:
+            raise InputError(
+                f"Cosimulation: the host is at t = {self._host.time:.9g} s, the net at "
+                f"{self._net.time:.9g} s: restore both to one time, and make a new Cosimulation"
+            )
 
     def _stops(self, end: float) -> list[float]:
         """Where stretches end: a throw of the net is a jump, which a short step to itself contains."""
@@ -105,8 +130,8 @@ class Cosimulation:
     def _to(self, until: float) -> None:
         """One macro step, or several shorter ones where one does not do."""
         while self.time < until:
-            stop, wanted = until, self._next
-            if self._energy is not None and until - self.time > wanted:
+            stop, wanted = min(until, self.time + self._until_turned()), self._next
+            if self._energy is not None and stop - self.time > wanted:
                 stop = self.time + wanted
             while not self._tried(stop):
                 stop = self.time + 0.5 * (stop - self.time)
@@ -118,44 +143,81 @@ class Cosimulation:
                         "in one system"
                     )
 
+    def _until_turned(self) -> float:
+        """How long [s] until a port of the host has turned by nearly as much as it may in a step."""
+        spin = max(math.hypot(*state.angular_velocity) for state in self._found.values())
+        return _OF_TURN * LARGEST_TURN / spin if spin > 0.0 else math.inf
+
     def _tried(self, until: float) -> bool:
         """Take a macro step; False if it is to be repeated with a shorter one, both being where they were."""
         net, host = self._net, self._host
-        repeats = self._iterations > 1 or self._energy is not None
-        if repeats:
+        kept: tuple[Snapshot, Any] | None = None
+        if self._iterations > 1 or self._energy is not None:
             net.finish()
             host.finish()
             kept = net.snapshot(), host.snapshot()
-        begin, before = net.time, {name: host.frames()[name] for name in net.ports}
+        begin, before = net.time, self._found
         recoils = net.recoils(begin, until)
         told = self._predictor.told(begin, until, before)
         if recoils:  # too short to make good how far the net is from the host
             told = {name: net.frame(name).after(until - begin) for name in net.ports}
         for attempt in range(self._iterations):
             if attempt:
-                net.restore(kept[0])
-                host.restore(kept[1])
+                self._back(kept)
                 self.books.repeated += 1
-            loads = net.step(until, told)
-            host.step(until, loads)
-            found = host.frames()
+            loads = net.step(until, told) if kept else self._undo.step(until, told)
+            try:
+                host.step(until, loads)
+                found = self._read(before, (begin, until), recoils=recoils)
+            except BaseException:
+                if kept:
+                    self._back(kept)
+                else:
+                    self._undo.back()
+                raise
             if self._iterations == 1 or recoils or self._agree(told, found):
                 break
-            told = {name: found[name] for name in net.ports}
+            told = found
         else:
-            net.restore(kept[0])
-            host.restore(kept[1])
+            self._back(kept)
             self.books.repeated += 1
             return False
         if self._energy is not None and not recoils and not self._is_good(loads, told, found, until - begin):
-            net.restore(kept[0])
-            host.restore(kept[1])
+            self._back(kept)
             self.books.repeated += 1
             return False
-        self.books.add(loads, before, found, recoils=recoils)
-        if not recoils:
+        works = {
+            name: work_on_host(load.force, load.torque, until - begin, before[name], found[name])
+            for name, load in loads.items()
+        }
+        self.books.add(loads, works, recoils=recoils)
+        self._found = found
+        if recoils:
+            self._predictor.forget()
+        else:
             self._predictor.keep(begin, before)
         return True
+
+    def _back(self, kept: tuple[Snapshot, Any] | None) -> None:
+        """Net and host are where they were before the step."""
+        assert kept is not None
+        self._net.restore(kept[0])
+        self._host.restore(kept[1])
+
+    def _read(
+        self, before: Mapping[str, FrameState], times: tuple[float, float], *, recoils: bool
+    ) -> dict[str, FrameState]:
+        """Where the host's bodies are at the end of a step between two times [s], unless no body can be."""
+        told, net = self._host.frames(), self._net
+        found = {}
+        for name in net.ports:
+            who = f"Cosimulation: the host's body at port {name}"
+            if name not in told:
+                raise InputError(f"{who} is not there at t = {net.time:.6g} s")
+            found[name] = FrameState.of(told[name], f"{who} at t = {net.time:.6g} s")
+            if not recoils:
+                net.refuse_jump(who, name, times, (before[name], found[name]))
+        return found
 
     def _is_good(
         self,
@@ -166,7 +228,7 @@ class Cosimulation:
     ) -> bool:
         """True if the step leaves no more energy open than it may; the length of the next follows."""
         assert self._energy is not None
-        left = sum(abs(work_on_host(load, told[name], found[name])) for name, load in loads.items())
+        left = sum(abs(_work_between(load, told[name], found[name])) for name, load in loads.items())
         ratio = left / self._energy
         change = _SAFETY / math.sqrt(max(ratio, 1e-12))  # the work goes with the square of the step
         self._next = min(self._step, duration * min(_MOST_GROWTH, max(_MOST_SHRINK, change)))
@@ -176,13 +238,22 @@ class Cosimulation:
         size = self._net.simulation.start.net.size
         return all(apart(told[name], found[name], size) <= self._agreement for name in told)
 
-    def _refuse_apart(self) -> None:
+    def _refuse_apart(self) -> dict[str, FrameState]:
+        """The states of the host's bodies, if they are those of the ports."""
         found = self._host.frames()
         if missing := [name for name in self._net.ports if name not in found]:
             raise InputError(f"Cosimulation: the host has no body for port {', '.join(missing)}")
         size = self._net.simulation.start.net.size
         for name in self._net.ports:
-            refuse_apart("Cosimulation", name, self._net.frame(name), found[name], size)
+            state = FrameState.of(found[name], f"Cosimulation: the host's body at port {name}")
+            refuse_apart("Cosimulation", name, self._net.frame(name), state, size)
+        return {name: found[name] for name in self._net.ports}
+
+
+def _work_between(load: PortLoad, one: FrameState, other: FrameState) -> float:
+    """Work [J] of a load from one place and attitude to another at the same time."""
+    turn = turned(one.attitude, difference(one.attitude, other.attitude))
+    return float(load.force @ np.subtract(other.position, one.position) + load.torque @ np.array(turn))
 
 
 def _positive(name: str, given: object) -> float:

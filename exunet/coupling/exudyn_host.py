@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from contextlib import suppress
+from typing import Any, NamedTuple
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.exudyn.loading import exudyn, exudyn_items
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState, quaternion_of_matrix
+from exunet.bodies.port import FrameState
 from exunet.coupling.agreement import refuse_apart
-from exunet.coupling.books import Books
-from exunet.coupling.in_transit import InTransit, of_method
+from exunet.coupling.books import Books, work_on_host
+from exunet.coupling.handover import Handover, weights_of
+from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoad
-from exunet.coupling.prediction import STABLE, Predictor, longest_step
+from exunet.coupling.prediction import STABLE, WEIGHING, Predictor, longest_step
 from exunet.coupling.undo import Undo
-from exunet.simulation.arguments import whole_number
 
 Floats = NDArray[np.float64]
+
+# A host starts at the net's time but for this [s]: Exudyn adds up times.
+_SAME_TIME = 1e-9
 
 
 def couple(
@@ -41,40 +44,68 @@ def couple(
             is refused when it comes
 
     Before each step of the host the net goes through it by its own small steps, while the ports move on at
-    the acceleration that the markers had; the host gets the mean force and torque, so that it receives the
-    impulse of the net's steps to the last bit. The error is of second order in the host's step with
-    Runge-Kutta methods, of first with those that lag behind the force (see `ExudynCoupling.in_transit`); the
+    the acceleration that the markers had; the host gets the mean force and torque, or, where its method
+    weighs the forces of several steps, what makes it apply them (`exunet.coupling.handover`). So it receives
+    the impulse of the net's steps to the last bit, and the error is of second order in the host's step; the
     report has its energy. A step that the host takes again, shorter, the net takes again too.
-    Raises InputError for ports or markers that are missing or do not fit, and if a marker is not where its
-    port is at the start.
+    Raises InputError for ports or markers that are missing or do not fit, if a marker is not where its port
+    is at the start, and if the net or the marker is coupled already; the system is then as it was.
     """
+    if not isinstance(net, NetSystem):
+        raise InputError(f"couple: net: an exunet.NetSystem, got {type(net).__name__}")
+    if not hasattr(mbs, "systemData"):
+        raise InputError(f"couple: mbs: a system of Exudyn, got {type(mbs).__name__}")
+    if not isinstance(ports, Mapping):
+        raise InputError(f"couple: ports: the number of a marker by the name of each port, got {ports!r}")
     return ExudynCoupling(mbs, net, ports, longest)
+
+
+class _Open(NamedTuple):
+    """The step that the host is taking, or has taken.
+
+    handed : (n,) forces and torques of all ports, one port after the other
+    before : where the markers were when it began
+    """
+
+    loads: dict[str, PortLoad]
+    handed: Floats
+    before: dict[str, FrameState]
+
+
+_coupled: WeakSet[NetSystem] = WeakSet()  # nets that are in a coupling in force
 
 
 class ExudynCoupling:
     """What `couple` gives: a coupling in force until `detach`."""
 
     def __init__(self, mbs: Any, net: NetSystem, ports: Mapping[str, int], longest: float | None) -> None:
-        self._mbs, self._net, self._engine = mbs, net, exudyn(quiet=False)
-        self._markers = {name: self._marker(name, number) for name, number in ports.items()}
+        self._mbs, self._net = mbs, net
         if not net.ports:
             raise InputError('couple: the net has no port: give a body of its case motion = "port"')
+        if net in _coupled:
+            raise InputError("couple: the net is in a coupling already: detach that one first")
+        if unknown := [name for name in ports if name not in net.ports]:
+            raise InputError(f"couple: there is no port {unknown[0]!r}: {', '.join(net.ports)}")
         if missing := [name for name in net.ports if name not in ports]:
             raise InputError(f"couple: no marker is given for port {', '.join(missing)}")
-        self._longest = longest_step(net, STABLE) if longest is None else _positive(longest)
-        self._loads = {name: self._add_loads(marker) for name, marker in self._markers.items()}
+        self._ports = MarkedPorts("couple", mbs, {name: ports[name] for name in net.ports})
+        self._longest = None if longest is None else _positive(longest)
+        self._largest = {bound: longest_step(net, bound) for bound in (STABLE, WEIGHING)}
         mbs.Assemble()
-        for name in self._markers:
-            start = self._read(name, self._engine.ConfigurationType.Initial)
+        for name, start in self._ports.at_start().items():
             refuse_apart("couple", name, net.frame(name), start, net.simulation.start.net.size)
+        self._ports.add_loads()
         self._earlier = self._earlier_function()
-        mbs.SetPreStepUserFunction(self._before_step)
+        self._function = self._before_step
+        mbs.SetPreStepUserFunction(self._function)
         self._attached = True
-        self._undo = Undo(net)
-        self._predictor = Predictor()
+        _coupled.add(net)
+        self._undo, self._predictor = Undo(net), Predictor()
         self._books = Books.of(net.ports)
-        self._open: tuple[dict[str, PortLoad], dict[str, FrameState]] | None = None
-        self._in_transit: InTransit | None = None
+        self._open: _Open | None = None
+        self._handover = Handover(np.zeros(6 * len(net.ports)))
+        self._solver: Any = None  # of the run of the host that goes on
+        self._threw = False  # in the step before, a part of which a method that weighs applies in this one
 
     @property
     def net(self) -> NetSystem:
@@ -91,67 +122,31 @@ class ExudynCoupling:
     def in_transit(self) -> dict[str, Floats]:
         """(3,) [N s] of each port: impulse that the host's method has been given and does not show yet.
 
-        See `exunet.coupling.in_transit`; exact for steps of one length. Zero for the Runge-Kutta methods.
+        See `exunet.coupling.handover`; exact for steps of one length. Zero for the Runge-Kutta methods.
         """
         self._book_what_ended()
-        if self._in_transit is None:
-            return {name: np.zeros(3) for name in self._markers}
-        return dict(zip(self._markers, self._in_transit.impulse.reshape(-1, 3), strict=True))
+        parts = self._handover.in_transit.reshape(-1, 6)[:, :3]
+        return dict(zip(self._net.ports, parts.copy(), strict=True))
 
     def detach(self) -> None:
-        """End the coupling: no force acts any more, and the pre-step function is what it was before."""
+        """End the coupling: no force acts any more, and the pre-step function is what it was before.
+
+        One that was set after `couple` stays, and may go on to call the coupling's, which does nothing but
+        call the one before it.
+        """
         if not self._attached:
             return
-        self._attached = False
-        for loads in self._loads.values():
-            for load in loads:
-                self._mbs.SetLoadParameter(load, "loadVector", [0.0, 0.0, 0.0])
-        self._mbs.SetPreStepUserFunction(self._earlier or 0)
-
-    def _marker(self, name: str, given: int) -> int:
-        if name not in self._net.ports:
-            raise InputError(f"couple: there is no port {name!r}: {', '.join(self._net.ports)}")
-        number = whole_number(given)
-        count = self._mbs.systemData.NumberOfMarkers()
-        if number is None or not 0 <= number < count:
-            raise InputError(f"couple: port {name}: there is no marker {given!r}: the system has {count}")
-        kind = str(self._mbs.GetMarker(number)["markerType"])
-        if "Rigid" not in kind:
-            raise InputError(
-                f"couple: port {name}: marker {number} ({kind}) has no attitude: use a marker of a rigid "
-                "frame such as MarkerBodyRigid"
-            )
-        return number
-
-    def _add_loads(self, marker: int) -> tuple[int, int]:
-        items = exudyn_items()
-        force = items.LoadForceVector(markerNumber=marker, loadVector=[0.0, 0.0, 0.0])
-        torque = items.LoadTorqueVector(markerNumber=marker, loadVector=[0.0, 0.0, 0.0])
-        return int(self._mbs.AddLoad(force)), int(self._mbs.AddLoad(torque))
+        with suppress(InputError):  # the markers or the loads are not there any more
+            self._book_what_ended()
+        self._attached, self._open = False, None
+        _coupled.discard(self._net)
+        self._ports.let_go()
+        if self._earlier_function() == self._function:
+            self._mbs.SetPreStepUserFunction(self._earlier or 0)
 
     def _earlier_function(self) -> Callable[[Any, float], bool] | None:
         found = self._mbs.GetPreStepUserFunction()
         return found["function"] if isinstance(found, dict) else None
-
-    def _read(self, name: str, configuration: Any = None) -> FrameState:
-        """Where the marker of a port is, and how it moves."""
-        what, marker = self._engine.OutputVariableType, self._markers[name]
-        now = self._engine.ConfigurationType.Current if configuration is None else configuration
-        try:
-            output = [
-                self._mbs.GetMarkerOutput(marker, one, now)
-                for one in (what.Position, what.Velocity, what.RotationMatrix, what.AngularVelocityLocal)
-            ]
-        except Exception as error:
-            raise InputError(
-                f"couple: port {name}: marker {marker} cannot be read: {_first_line(error)}"
-            ) from error
-        place, speed, turn, spin = (np.asarray(one, dtype=float).ravel().tolist() for one in output)
-        if not math.isfinite(sum(place) + sum(speed) + sum(turn) + sum(spin)):
-            raise InputError(
-                f"couple: port {name}: marker {marker} contains NaN or infinity: the host diverged"
-            )
-        return FrameState(tuple(place), tuple(speed), quaternion_of_matrix(turn), tuple(spin))
 
     def _host_time(self) -> float:
         return float(self._mbs.systemData.GetTime())
@@ -160,25 +155,50 @@ class ExudynCoupling:
         """The net goes through the host's step to `until` [s], the end of this attempt."""
         if self._earlier is not None and not self._earlier(mbs, until):
             return False
-        now = {name: self._read(name) for name in self._markers}
+        if not self._attached:
+            return True
+        now = self._ports.now()
         if until <= self._net.time:
             self._take_back(until)
         elif self._open is not None:
             self._book(now)
-        begin = self._net.time
-        if until - begin > self._longest * (1.0 + 1e-9):
+        self._follow_solver()
+        begin, net = self._net.time, self._net
+        self._refuse_long(begin, until)
+        loads = self._undo.step(until, self._predictor.told(begin, until, now))
+        mean = np.concatenate([part for name in net.ports for part in loads[name][-2:]])
+        handed = self._handover.handed(mean, until - begin, jumps=net.recoils(begin, until))
+        self._ports.let_act(handed.reshape(-1, 6))
+        self._open = _Open(loads, handed, now)
+        return True
+
+    def _follow_solver(self) -> None:
+        """Each run of the host may have another method; SolveDynamic tells it to the system."""
+        solver, settings = (self._mbs.sys.get(name) for name in ("dynamicSolver", "simulationSettings"))
+        if solver is self._solver and solver is not None:
+            return
+        if settings is None or solver is None:
+            raise InputError(
+                "couple: the host's method is not known: use mbs.SolveDynamic, with storeSolver=True"
+            )
+        begin = float(settings.timeIntegration.startTime)
+        if abs(begin - self._net.time) > _SAME_TIME:
+            raise InputError(
+                f"couple: the host starts at t = {begin:.9g} s, the net is at {self._net.time:.9g} s: set "
+                "timeIntegration.startTime, or restore or reset the net, and couple anew"
+            )
+        self._handover.begin(weights_of(settings.timeIntegration))
+        self._solver = solver
+
+    def _refuse_long(self, begin: float, until: float) -> None:
+        weighs = self._handover.weights is not None
+        longest = self._largest[WEIGHING if weighs else STABLE] if self._longest is None else self._longest
+        if until - begin > longest * (1.0 + 1e-9):
             raise InputError(
                 f"couple: the host's step of {until - begin:.4g} s at t = {begin:.6g} s is beyond the "
-                f"largest stable one, {self._longest:.4g} s, for the ports' masses and stiffnesses: use "
-                "shorter steps, or couple(..., longest=...)"
+                f"largest stable one of its method, {longest:.4g} s, for the ports' masses, stiffnesses and "
+                "turns: use shorter steps, or couple(..., longest=...)"
             )
-        loads = self._undo.step(until, self._predictor.told(begin, until, now))
-        for name, load in loads.items():
-            force, torque = self._loads[name]
-            mbs.SetLoadParameter(force, "loadVector", load.force)
-            mbs.SetLoadParameter(torque, "loadVector", load.torque)
-        self._open = loads, now
-        return True
 
     def _take_back(self, until: float) -> None:
         """The host takes its last step again, to an earlier end."""
@@ -194,43 +214,31 @@ class ExudynCoupling:
     def _book_what_ended(self) -> None:
         """Book the last step if the host has ended it: in an earlier pre-step function, after the run."""
         if self._open is not None and self._host_time() >= self._net.time - 1e-12:
-            self._book({name: self._read(name) for name in self._markers})
+            self._book(self._ports.now())
 
     def _book(self, now: dict[str, FrameState]) -> None:
         """Take the step that has ended into the books; it has led to `now`."""
         assert self._open is not None
-        loads, before = self._open
-        begin = next(iter(loads.values())).begin
-        recoils = self._net.recoils(begin, next(iter(loads.values())).end)
-        self._books.add(loads, before, now, recoils=recoils)
-        if not recoils:  # a jump, which does not go on
+        loads, handed, before = self._open
+        begin, end = next((load.begin, load.end) for load in loads.values())
+        recoils, duration = self._net.recoils(begin, end), end - begin
+        mean = np.concatenate([part for name in self._net.ports for part in loads[name][-2:]])
+        applied = self._handover.take(mean, handed, duration, jumps=recoils)
+        works = {
+            name: work_on_host(six[:3], six[3:], duration, before[name], now[name])
+            for name, six in zip(self._net.ports, applied.reshape(-1, 6), strict=True)
+        }
+        late = self._threw and self._handover.weights is not None
+        self._books.add(loads, works, recoils=recoils or late)
+        self._threw = recoils
+        if recoils:  # a jump, which does not go on
+            self._predictor.forget()
+        else:
             self._predictor.keep(begin, before)
-        self._book_transit(loads)
         self._open = None
-
-    def _book_transit(self, loads: dict[str, PortLoad]) -> None:
-        if self._in_transit is None:
-            settings = self._mbs.sys.get("simulationSettings")
-            if settings is None:
-                return
-            integration = settings.timeIntegration
-            alpha = integration.generalizedAlpha
-            self._in_transit = of_method(
-                integration.solverType.name,
-                3 * len(loads),
-                spectral_radius=float(alpha.spectralRadius),
-                newmark=bool(alpha.useNewmark),
-            )
-        force = np.concatenate([loads[name].force for name in self._markers])
-        load = next(iter(loads.values()))
-        self._in_transit.take(force, load.end - load.begin)
 
 
 def _positive(longest: object) -> float:
     if isinstance(longest, int | float) and longest > 0.0:
         return float(longest)
     raise InputError(f"couple: longest must be positive, got {longest!r}")
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.backends.exudyn.loading import exudyn
 from exunet.backends.exudyn.model import Model
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
+from exunet.bodies.port import FrameOf, FrameState, PrincipalState, quaternion_of_matrix
 from exunet.case.casefile import Case, load
+from exunet.coupling.agreement import refuse_apart
 from exunet.forces.effects import switched_on
 from exunet.simulation.arguments import whole_number
 from exunet.simulation.preparation import Start, prepare_case
@@ -47,7 +50,8 @@ def add_to(
         mbs.Assemble()
         mbs.SolveDynamic(settings)
 
-    mbs   : the user's system, which the user assembles and solves; explicit and implicit solvers work
+    mbs   : the user's system, which the user assembles and solves; explicit and implicit solvers work.
+            It must be such that it can be assembled already
     case  : a case file's name, or what `exunet.load` gave
     ports : the number of the object that is the body, for each body of motion = "port"; its frame is that
             of the case, so that an attached node is a point of it. Its mass must count the nodes that are
@@ -55,13 +59,19 @@ def add_to(
 
     The step, the accuracy and the check of the result are the user's: exunet's guards do not look at it.
     Raises CaseError for a case that cannot be simulated, InputError for ports that are missing or unknown,
-    and for what has no items of Exudyn: effects other than gravity, linear orbits and dampings, events (such
-    as breaks, reels and ejections), and bodies of prescribed motion.
+    for objects that are no rigid bodies or do not start where the ports do, and for what has no items of
+    Exudyn: effects other than gravity, linear orbits and dampings, events (such as breaks, reels and
+    ejections), and bodies of prescribed motion.
     """
+    if not hasattr(mbs, "systemData"):
+        raise InputError(f"add_to: mbs: a system of Exudyn, got {type(mbs).__name__}")
+    if not isinstance(ports, Mapping):
+        raise InputError(f"add_to: ports: the number of an object by the name of each port, got {ports!r}")
     found = case if isinstance(case, Case) else load(path_of(case, "add_to"), overrides)
     start = prepare_case(found, hosted=True)
     _refuse(start)
     hosts = _bodies_of(mbs, start.system, ports)
+    _refuse_elsewhere(mbs, start, hosts)
     model = Model(mbs)
     own = _add_bodies(model, start)
     _add_points(model, start, hosts | own)
@@ -115,6 +125,26 @@ def _bodies_of(mbs: Any, system: System, ports: Mapping[str, int]) -> dict[int, 
             raise InputError(f"add_to: port {name}: there is no object {given!r}: the system has {count}")
         found[known[name]] = number
     return found
+
+
+def _refuse_elsewhere(mbs: Any, start: Start, objects: Mapping[int, int]) -> None:
+    """The user's bodies are rigid, and start where the ports do."""
+    engine, rigid = exudyn(quiet=False), start.system.blocks.rigid
+    what, initial = engine.OutputVariableType, engine.ConfigurationType.Initial
+    read = (what.Position, what.Velocity, what.RotationMatrix, what.AngularVelocityLocal)
+    mbs.Assemble()
+    for number, k in objects.items():
+        kind = str(mbs.GetObject(k)["objectType"])
+        if "RigidBody" not in kind:
+            raise InputError(
+                f"add_to: port {rigid[number]}: object {k} ({kind}) has no frame of its own: use a rigid body"
+            )
+        output = [mbs.GetObjectOutputBody(k, one, [0.0] * 3, initial) for one in read]
+        place, speed, turn, spin = (np.asarray(one, dtype=float).ravel().tolist() for one in output)
+        host = FrameState(tuple(place), tuple(speed), quaternion_of_matrix(turn), tuple(spin))
+        parts = (tuple(part[number].tolist()) for part in start.state.bodies.parts())
+        port = FrameOf.body(start.system.bodies[number]).frame(PrincipalState(*parts))
+        refuse_apart("add_to", rigid[number], port, host, start.net.size)
 
 
 def _add_bodies(model: Model, start: Start) -> dict[int, int]:

@@ -38,6 +38,9 @@ Floats = NDArray[np.float64]
 # turn, is a jump.
 _FARTHEST = 2.0
 _ROUND_OFF = 1e-9
+# How far a body may turn in a step [rad], at the larger angular velocity of both ends. Two attitudes tell no
+# turn beyond pi, and a force held over the step is far from one that turns with the body.
+LARGEST_TURN = 1.0
 
 
 class PortLoad(NamedTuple):
@@ -172,12 +175,13 @@ class NetSystem:
                 "a host that goes back restores a snapshot first"
             )
         told = self._told(frames)
-        before, begins, view = {}, {}, self._sim.view
+        before, begins, pieces, view = {}, {}, {}, self._sim.view
         for name, port in self._ports.items():
             begin = port.state(view)
             begins[name], before[name] = port.frame.frame(begin), port.given(view) - self._thrown(port)
-            self._refuse_jump(name, end - time, begins[name], told[name])
-            piece = piece_between(time, end - time, begin, port.frame.principal(told[name]))
+            self.refuse_jump(f"step: port {name}", name, (time, end), (begins[name], told[name]))
+            pieces[name] = piece_between(time, end - time, begin, port.frame.principal(told[name]))
+        for name, piece in pieces.items():
             self._sim.steer(name, piece)
         try:
             self._sim.advance_to(end)
@@ -215,6 +219,8 @@ class NetSystem:
         return self._ports[port]
 
     def _told(self, frames: Mapping[str, FrameState]) -> dict[str, FrameState]:
+        if not isinstance(frames, Mapping):
+            raise InputError(f"step: the states of the ports by name, got {frames!r}")
         if missing := [name for name in self._ports if name not in frames]:
             raise InputError(f"step: no state is given for port {', '.join(missing)}")
         for name in frames:
@@ -247,27 +253,40 @@ class NetSystem:
             return np.zeros(7)
         return np.array([*throw.impulse, *throw.angular_impulse, throw.work])
 
-    def _refuse_jump(self, name: str, duration: float, begin: FrameState, end: FrameState) -> None:
+    def refuse_jump(
+        self, who: str, name: str, times: tuple[float, float], states: tuple[FrameState, FrameState]
+    ) -> None:
+        """Raise InputError if a body gets farther in a step than it moves, or turns too far.
+
+        who, name     : for the words of the error; its port
+        times, states : where the step begins and ends [s]
+        """
+        (start, stop), (begin, end) = times, states
+        step = f"in the step from {start:.6g} s to {stop:.6g} s"
         way = math.dist(begin.position, end.position)
         angle = math.hypot(*difference(begin.attitude, end.attitude))
         last = self._sim.steered(name)
-        allowed = _FARTHEST * (duration + self.time - last.time)
+        allowed = _FARTHEST * (stop - min(start, last.time))
         # A body that stops may be told at rest at both ends, where the first was predicted.
         fastest = max(math.hypot(*one) for one in (last.position[2], begin.velocity, end.velocity))
-        turning = max(
-            math.hypot(*one) for one in (last.turning[2], begin.angular_velocity, end.angular_velocity)
-        )
-        if way <= allowed * fastest + self._nearest and angle <= allowed * turning + _ROUND_OFF:
-            return
-        words = (
-            f"attitude changes by {angle:.3g} rad, at {turning:.3g} rad/s at most"
-            if way <= allowed * fastest + self._nearest
-            else f"position changes by {way:.3g} m, at {fastest:.3g} m/s at most"
-        )
-        raise InputError(
-            f"step: port {name} jumps: in the step from {self.time:.6g} s to {self.time + duration:.6g} s "
-            f"its {words}. Tell the state at the end of the step, or restore a snapshot"
-        )
+        both = max(math.hypot(*begin.angular_velocity), math.hypot(*end.angular_velocity))
+        turning = max(math.hypot(*last.turning[2]), both)
+        if way > allowed * fastest + self._nearest or angle > allowed * turning + _ROUND_OFF:
+            words = (
+                f"position changes by {way:.3g} m, at {fastest:.3g} m/s at most"
+                if way > allowed * fastest + self._nearest
+                else f"attitude changes by {angle:.3g} rad, at {turning:.3g} rad/s at most"
+            )
+            raise InputError(
+                f"{who} jumps: {step} its {words}. Tell the state at the end of the step, or restore a "
+                "snapshot"
+            )
+        turn = max(angle, both * (stop - start))
+        if turn > LARGEST_TURN * (1.0 + 1e-6):
+            raise InputError(
+                f"{who} turns too far: {step} by {turn:.3g} rad, at {both:.3g} rad/s. "
+                f"More than {LARGEST_TURN:g} rad in a step is not followed: use shorter steps"
+            )
 
 
 def _load(begin: float, end: float, given: Floats, before: FrameState, after: FrameState) -> PortLoad:

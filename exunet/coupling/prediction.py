@@ -2,23 +2,36 @@
 
 The bodies are taken to go on at the mean acceleration that they had in the step before. For a mass m on a
 spring k, which is a net between the port and something heavy, the coupling without repeats then takes out a
-little energy as long as H^2 k / m is below 1, and puts some in above; at constant velocity it would put some
-in at every step. Repeats contract by H^2 k / (6 m).
+little energy as long as H^2 k / m is below a bound, and puts some in above; at constant velocity it would put
+some in at every step. The bounds are where the spectral radius of the linear map from step to step passes 1;
+`tests/test_macro_steps.py` has the maps. With a damper c beside the spring it is H^2 k / m + 2 H c / m that
+must be below. Repeats contract by H^2 k / (6 m) + H c / (2 m).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState, Vector
-from exunet.coupling.net_system import NetSystem
+from exunet.coupling.net_system import LARGEST_TURN, NetSystem
 from exunet.forces.held import held_by, mass_matrix
 
-STABLE, CONTRACTING = 1.0, 6.0  # bounds of H^2 k / m: without repeats, and with
+
+class Bound(NamedTuple):
+    """Macro steps H are stable while H^2 k / m + damper * H c / m is below `spring`."""
+
+    spring: float
+    damper: float
+
+
+STABLE = Bound(1.0, 2.0)  # without repeats, hosts that apply each impulse in its step
+WEIGHING = Bound(0.58, 2.0)  # without repeats, hosts that weigh forces, see `exunet.coupling.handover`
+CONTRACTING = Bound(6.0, 3.0)  # with repeats
 
 
 class Predictor:
@@ -53,6 +66,10 @@ class Predictor:
             for name, state in now.items()
         }
 
+    def forget(self) -> None:
+        """A jump of the velocity does not go on: the next step is predicted at constant velocity."""
+        self._before = None
+
     def keep(self, begin: float, now: Mapping[str, FrameState]) -> None:
         """The step that began so counts."""
         self._before = begin, now
@@ -63,34 +80,46 @@ def _rate(before: Vector, now: Vector, duration: float) -> Vector:
     return ((d - a) / duration, (e - b) / duration, (f - c) / duration)
 
 
-def longest_step(net: NetSystem, bound: float) -> float:
+def longest_step(net: NetSystem, bound: Bound) -> float:
     """The longest macro step [s], by the port that is lightest for its stiffness; infinite if none has any.
 
-    bound : of H^2 k / m. m is what resists a force at the port's nodes, by mass and inertia that the case
-            states of the port's body; k the sum of EA / L of all elements that end there, as if all were taut
-            and the other ends did not yield: the net can only be softer
+    m is what resists a force at the port's nodes, by mass and inertia that the case states of the port's
+    body; k the sum of EA / L, and c that of EA / L times the relaxation time, of all elements that end there,
+    as if all were taut and the other ends did not yield: the net can only be softer. A port that turns now
+    turns by `LARGEST_TURN` in a step at most.
     Raises InputError for a port that holds masses, a packed net or what is on a drum, which resist its
     acceleration more than its body does: no step is short enough for them.
     """
     for port in net.ports:
         _refuse_heavy(net, port)
-    ratios = (_ratio(net, port) for port in net.ports)
-    return min((math.sqrt(bound / ratio) for ratio in ratios if ratio > 0.0), default=math.inf)
+    return min((_longest_of(net, port, bound) for port in net.ports), default=math.inf)
 
 
-def _ratio(net: NetSystem, port: str) -> float:
-    """k / m of a port [1/s2]."""
+def _longest_of(net: NetSystem, port: str, bound: Bound) -> float:
+    spring, damper = _ratios(net, port)
+    spin = math.hypot(*net.frame(port).angular_velocity)
+    turning = LARGEST_TURN / spin if spin > 0.0 else math.inf
+    if not spring > 0.0:
+        return turning
+    half = 0.5 * bound.damper * damper
+    # the root of spring H^2 + 2 half H = bound, in the form that loses no digits
+    return min(turning, bound.spring / (half + math.sqrt(half * half + spring * bound.spring)))
+
+
+def _ratios(net: NetSystem, port: str) -> tuple[float, float]:
+    """k / m [1/s2] and c / m [1/s] of a port."""
     system = net.simulation.start.system
     number, kinematics = system.blocks.rigid.index(port), system.kinematics
     on, body, law = kinematics.body == number, system.bodies[number], system.forces.cable.law
     ends = np.isin(system.net.element_nodes, kinematics.point[on]).any(axis=1)
-    stiffness = float((law.stiffness / law.natural_length)[ends].sum())
+    stiffness = (law.stiffness / law.natural_length)[ends]
+    damping = 0.0 if law.relaxation_time is None else float((stiffness * law.relaxation_time[ends]).sum())
     mobility = 0.0
     for arm in kinematics.arm[on]:
         lever = np.cross(np.eye(3), arm)
         turns = lever @ np.diag(1.0 / np.array(body.inertia)) @ lever.T
         mobility = max(mobility, 1.0 / body.mass + float(np.linalg.eigvalsh(turns)[-1]))
-    return stiffness * mobility
+    return float(stiffness.sum()) * mobility, damping * mobility
 
 
 def _refuse_heavy(net: NetSystem, port: str) -> None:

@@ -34,6 +34,8 @@ class Undo:
 
     def step(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
         """As `NetSystem.step`."""
+        if self._net.time != (self._taken[-1][0] if self._taken else self._kept.time):
+            self._keep()  # somebody has set the net back
         if len(self._taken) >= self._every:
             self._keep()
             self._every = min(_MOST, 2 * self._every)

@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from exunet.base.errors import InputError
 from exunet.simulation.arguments import finite_number
 
+# Below it time does not go on from one call to the next [s]: the round-off of times of a million seconds.
+LEAST_PERIOD = 1e-9
+
 
 class Controller(Protocol):
     """Looks at a simulation and acts on it at the beginning of each control period.
@@ -41,6 +44,10 @@ class Control:
         period = finite_number(getattr(controller, "period", None))
         if period is None or not period > 0.0:
             raise InputError("attach: a controller has a period above 0 s, and act(simulation)")
+        if period < LEAST_PERIOD:
+            raise InputError(
+                f"attach: a period of {period:g} s is below {LEAST_PERIOD:g} s, and no step so short"
+            )
         if not callable(getattr(controller, "act", None)):
             raise InputError("attach: a controller has act(simulation), which is called every period")
         self._controller, self._period = controller, period

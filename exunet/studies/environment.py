@@ -18,6 +18,7 @@ from exunet.case.casefile import Case
 from exunet.forces.wrench import input_name
 from exunet.methods.method import TimeLoop
 from exunet.simulation.arguments import finite_number, finite_vector
+from exunet.simulation.control import LEAST_PERIOD
 from exunet.simulation.preparation import Start, start_of, with_wrenches
 from exunet.simulation.simulation import Simulation
 from exunet.studies.neighbours import perturbed, perturbed_bodies
@@ -109,6 +110,10 @@ class NetEnvironment(Env):
     ) -> None:
         if Box is None:
             raise MissingExtra("an environment needs Gymnasium: pip install 'exunet[gym]'")
+        if not isinstance(actions, Mapping):
+            raise InputError(f"NetEnvironment: actions: bounds by the name of each input, got {actions!r}")
+        if isinstance(observations, str) or not isinstance(observations, Sequence):
+            raise InputError(f"NetEnvironment: observations: a list of names, got {observations!r}")
         wrenches = [name.removeprefix(_WRENCH) for name in actions if name.startswith(_WRENCH)]
         self._start = with_wrenches(start_of(case, overrides), wrenches)
         if self._start.scene.engine.loop != TimeLoop.COMPILED:
@@ -116,6 +121,8 @@ class NetEnvironment(Env):
                 'NetEnvironment: only the compiled loop starts anew at once: engine.loop = "compiled"'
             )
         self._period = _positive("period", period)
+        if self._period < LEAST_PERIOD:
+            raise InputError(f"NetEnvironment: period: {LEAST_PERIOD:g} s or more, got {period!r}")
         self._end = _positive("end", self._start.scene.time.end if end is None else end)
         amplitude = finite_number(moved)
         if amplitude is None or amplitude < 0.0:
@@ -127,6 +134,7 @@ class NetEnvironment(Env):
             raise InputError("NetEnvironment: observations: at least one, such as 'time'")
         self._inputs, least, largest = _inputs(self._start.system, actions)
         self._sim = Simulation(self._start)
+        self._over_at: float | None = None  # when the episode ended before its time
         self.action_space = Box(least, largest, dtype=np.float64)
         size = len(self._observation())
         self.observation_space = Box(-np.inf, np.inf, (size,), dtype=np.float64)
@@ -144,6 +152,7 @@ class NetEnvironment(Env):
         seed : of the moves of the start from now on; None: the moves go on
         """
         super().reset(seed=seed)
+        self._over_at = None
         if self._moved:
             drawn = int(self.np_random.integers(2**63))
             place = perturbed(self._start.net, self._start.position, self._moved, (drawn, 0))
@@ -162,7 +171,7 @@ class NetEnvironment(Env):
         given = finite_vector(action, space.shape[0])
         if given is None:
             raise InputError(f"step: an action is {space.shape[0]} finite numbers, got {action!r}")
-        if sim.time >= self._end:
+        if sim.time >= self._end or sim.time == self._over_at:
             raise InputError(f"step: the episode is over at t = {sim.time:g} s: call reset")
         acting = np.clip(given, space.low, space.high)
         info: dict[str, Any] = {}
@@ -178,6 +187,7 @@ class NetEnvironment(Env):
         seen = self._observation()
         terminated = bool(self._over and self._over(sim, seen))
         truncated = "stopped" in info or sim.time >= self._end
+        self._over_at = sim.time if terminated or truncated else None
         reward = self._effort(acting) if self._reward is None else float(self._reward(sim, seen, acting))
         return seen, reward, terminated, truncated, info
 

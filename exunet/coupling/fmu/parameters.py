@@ -25,7 +25,7 @@ _STUDIED = re.compile(
     "|".join(
         (
             rf"launch\.{_NAME}",
-            rf"net\.(cable|strings)\.{_NAME}",
+            rf"net\.(cable|strings|border)\.{_NAME}",
             r"net\.bullets\.mass",
             r"initial\.(packing|velocity|spin)",
             rf"bodies\.{_NAME}\.(mass|density|inertia|position|velocity|angular_velocity|angle)",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.blob import pack_arrays, unpack_arrays
-from exunet.base.errors import InputError
+from exunet.base.errors import ExunetError, InputError
 from exunet.bodies.making import make_body
 from exunet.bodies.port import FrameState
 from exunet.bodies.rigid import rotation_matrix
@@ -22,6 +22,7 @@ from exunet.coupling.fmu.content import Content
 from exunet.coupling.fmu.parameters import Parameters
 from exunet.coupling.fmu.signals import (
     AT_END,
+    LONGEST,
     PER_PORT,
     Look,
     Signals,
@@ -31,7 +32,7 @@ from exunet.coupling.fmu.signals import (
 )
 from exunet.coupling.fmu.variables import Variable
 from exunet.coupling.net_system import NetSystem, PortLoad
-from exunet.coupling.prediction import Predictor
+from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
 from exunet.simulation.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
@@ -45,6 +46,10 @@ _SAME_TIME, _ROUND_OFF = 1e-6, 16
 _STORED = 1e-9
 
 
+class StepDiscarded(ExunetError):
+    """A step that was not taken: the net is where it was, and a shorter one may do."""
+
+
 class Model:
     """The variables of a case, and how their values become a net.
 
@@ -55,7 +60,7 @@ class Model:
         self.parameters = Parameters(case.scene)
         self.ports, self._bodies = ports_of(case.scene), free_bodies_of(case.scene)
         self._scene = case.scene
-        own = [*self.parameters.variables, *([AT_END] if self.ports else [])]
+        own = [*self.parameters.variables, *([AT_END, LONGEST] if self.ports else [])]
         self._settings = tuple(own)
         self._centres = {
             name: np.array(make_body(name, self._scene.bodies[name]).centre) for name in self.ports
@@ -117,7 +122,7 @@ class Served:
     """What a worker does for one instance.
 
     folder : "resources" of the FMU
-    Values are (n,) of all variables, in their order. Raises InputError, CaseError and RunStopped.
+    Values are (n,) of all variables, in their order. Raises InputError, CaseError, RunStopped, StepDiscarded.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -130,6 +135,7 @@ class Served:
         self._signals: Signals | None = None
         self._overrides: tuple[str, ...] = ()
         self._predictor = Predictor()
+        self._largest: Mapping[bool, float] = {}  # steps [s], by whether inputs tell the end of a step
         self._kept: dict[int, _Kept] = {}
         self._numbers = count(1)
 
@@ -144,8 +150,6 @@ class Served:
         A step that a guard stops raises RunStopped; the net is then where the step began.
         """
         net, signals = self._built()
-        if not end > begin:
-            raise InputError(f"doStep: the communication step must be positive, got {end - begin:g} s")
         near = _SAME_TIME * (end - begin) + _ROUND_OFF * math.ulp(net.time)
         if begin - net.time < -near:
             raise InputError(
@@ -156,15 +160,30 @@ class Served:
             raise InputError(f"doStep: begins at {begin:.9g} s, but the net is at {net.time:.9g} s")
         model, end = self._model, self._or_stored(end, end - begin)
         inputs = values[model.first_input : model.first_input + len(signals.inputs)].tolist()
-        signals.let_wrenches_act(net, inputs)
         frames = signals.frames(inputs)
         start, told = net.time, frames
-        if model.ports and not values[model.n_parameters]:
-            told = self._predictor.told(start, end, frames)
+        if model.ports:
+            at_end, longest = bool(values[model.n_parameters]), float(values[model.n_parameters + 1])
+            self._refuse_long(end - start, at_end=at_end, longest=longest)
+            if not at_end:
+                told = self._predictor.told(start, end, frames)
+        signals.let_wrenches_act(net, inputs)
         loads = net.step(end, told)
         net.finish()
-        self._predictor.keep(start, frames)
+        if net.recoils(start, end):  # a jump, which does not go on
+            self._predictor.forget()
+        else:
+            self._predictor.keep(start, frames)
         return self._with_outputs(values, loads)
+
+    def _refuse_long(self, step: float, *, at_end: bool, longest: float) -> None:
+        largest = longest or self._largest[at_end]
+        if step > largest * (1.0 + 1e-9):
+            of = "ports.longest_step" if longest else "the largest stable one for the ports"
+            raise StepDiscarded(
+                f"doStep: a communication step of {step:.4g} s is longer than {of}, {largest:.4g} s: take "
+                "shorter steps, or set ports.longest_step [s]"
+            )
 
     def _or_stored(self, end: float, step: float) -> float:
         """The stored time of the case that the end of a step [s] is but for round-off, else the end."""
@@ -215,7 +234,7 @@ class Served:
             or not all(isinstance(one, str) for one in overrides)
             or values.dtype != np.float64
             or values.shape != (size,)
-            or "net" not in arrays
+            or not {"net", "before"} <= arrays.keys()
             or arrays.get("before", values).shape not in ((0,), (1 + PER_PORT * len(self._model.ports),))
         ):
             raise InputError("the FMU state is damaged: it has not what a state has")
@@ -264,6 +283,9 @@ class Served:
                 "these parameters give the net other variables than those of the model description"
             )
         self._net, self._signals, self._overrides = net, signals, overrides
+        self._largest = {
+            at_end: longest_step(net, CONTRACTING if at_end else STABLE) for at_end in (False, True)
+        }
         self._predictor = Predictor()
 
     def _with_outputs(self, values: Floats, loads: Mapping[str, PortLoad]) -> Floats:

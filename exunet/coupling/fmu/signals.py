@@ -27,6 +27,16 @@ AT_END = Variable(
     0.0,
     is_switch=True,
 )
+LONGEST = Variable(
+    "ports.longest_step",
+    "parameter",
+    "longest communication step; longer ones are discarded. 0: the largest stable one, by the ports' masses, "
+    "inertias, stiffnesses and turns, for masters that move the host by the wrench of the same step. Masters "
+    "that take the wrench of the step before (Jacobi) gain energy at any step",
+    0.0,
+    "s",
+    low=0.0,
+)
 PER_PORT, PER_BODY = 13, 6  # inputs of each
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from exunet.base.errors import ExunetError, RunStopped
-from exunet.coupling.fmu.served import Served
+from exunet.coupling.fmu.served import Served, StepDiscarded
 
 HEADER = struct.Struct("=QQ")
 DONE, FAILED, STOPPED = 0, 1, 2
@@ -95,7 +95,7 @@ def serve(connection: socket.socket, folder: Path) -> None:
 def _answer(served: Served, what: int, content: bytes) -> tuple[int, bytes]:
     try:
         return DONE, _ANSWERS[what](served, content)
-    except RunStopped as stop:
+    except (RunStopped, StepDiscarded) as stop:
         return STOPPED, str(stop).encode()
     except ExunetError as error:
         return FAILED, str(error).encode()

@@ -64,7 +64,9 @@ EXPORT int fmi3GetBoolean(instance *it, const unsigned reference[], size_t numbe
     size_t k;
     double one;
 
-    for (k = 0; k < number && k < values; k++) {
+    if (it != NULL && number != values)
+        return fail(it, "fmi3GetBoolean: %zu variables have %zu values", number, values);
+    for (k = 0; k < number; k++) {
         if (get(it, reference + k, 1, SWITCH, &one) != OK)
             return ERROR;
         value[k] = one != 0.0;
@@ -76,7 +78,9 @@ EXPORT int fmi3SetBoolean(instance *it, const unsigned reference[], size_t numbe
 {
     size_t k;
 
-    for (k = 0; k < number && k < values; k++) {
+    if (it != NULL && number != values)
+        return fail(it, "fmi3SetBoolean: %zu variables have %zu values", number, values);
+    for (k = 0; k < number; k++) {
         const double one = value[k];
         if (set(it, reference + k, 1, SWITCH, &one) != OK)
             return ERROR;

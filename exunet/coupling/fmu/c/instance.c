@@ -98,6 +98,8 @@ static char *path_of(const char *given)
     return path;
 }
 
+static uint64_t instances; /* that there have been in this process */
+
 instance *instance_new(const char *name, const char *token, const char *resources, teller *tell, void *environment,
                        void (*logger)(void))
 {
@@ -106,6 +108,7 @@ instance *instance_new(const char *name, const char *token, const char *resource
 
     if (it == NULL)
         return NULL;
+    it->identity = __atomic_add_fetch(&instances, 1, __ATOMIC_RELAXED);
     it->worker.socket = -1;
     it->tell = tell;
     it->environment = environment;
@@ -267,6 +270,11 @@ enum status step(instance *it, double begin, double length)
         return fail(it, "doStep: the FMU is not initialised, or was terminated");
     if (!isfinite(times[0]) || !isfinite(times[1]))
         return fail(it, "doStep: from %g s by %g s are no finite times", begin, length);
+    if (!(length > 0.0))
+        return fail(it, "doStep: the communication step must be positive, got %g s", length);
+    if (!(times[1] > times[0]))
+        return fail(it, "doStep: a communication step of %g s is lost in the round-off of the time, %.9g s", length,
+                    begin);
     answer = worker_ask(&it->worker, STEP, parts, 2);
     if (answer == STOPPED) {
         it->tell(it, DISCARD, it->worker.reply);
@@ -284,6 +292,8 @@ enum status terminate(instance *it)
 {
     if (is_stopped(it))
         return ERROR;
+    if (it->mode != STEPPING)
+        return fail(it, "the FMU is not initialised, or was terminated: there is nothing to terminate");
     it->mode = TERMINATED;
     return OK;
 }
@@ -301,12 +311,22 @@ enum status reset(instance *it)
     return OK;
 }
 
+/* Whether a state cannot be had any more, after the host was told. */
+static int is_lost(instance *it, const state *kept)
+{
+    if (kept->identity != it->identity)
+        fail(it, "the FMU state is of another instance: serialise it there, and deserialise it here");
+    else if (kept->worker != it->workers)
+        fail(it, "the FMU state was lost with the worker that had it");
+    return kept->identity != it->identity || kept->worker != it->workers;
+}
+
 /* The worker forgets its part of a state. */
 static void free_number(instance *it, const state *kept)
 {
     const part parts[] = {{&kept->number, sizeof kept->number}};
 
-    if (kept->worker == it->workers)
+    if (kept->identity == it->identity && kept->worker == it->workers)
         worker_ask(&it->worker, FREE, parts, 1); /* of one that is gone there is nothing to forget */
 }
 
@@ -334,6 +354,7 @@ static state *new_state(instance *it)
         fail(it, "no memory for an FMU state");
         return NULL;
     }
+    kept->identity = it->identity;
     kept->worker = it->workers;
     kept->side[0] = it->mode;
     kept->side[1] = it->built;
@@ -383,8 +404,8 @@ enum status restore(instance *it, void *given)
         return ERROR;
     if (kept == NULL)
         return fail(it, "there is no FMU state to restore");
-    if (kept->worker != it->workers)
-        return fail(it, "the FMU state was lost with the worker that had it");
+    if (is_lost(it, kept))
+        return ERROR;
     parts[0].data = &kept->number;
     parts[0].size = sizeof kept->number;
     answer = worker_ask(&it->worker, RESTORE, parts, 1);
@@ -410,8 +431,8 @@ static enum status packed(instance *it, state *kept)
         return fail(it, "there is no FMU state to serialise");
     if (kept->bytes != NULL)
         return OK;
-    if (kept->worker != it->workers)
-        return fail(it, "the FMU state was lost with the worker that had it");
+    if (is_lost(it, kept))
+        return ERROR;
     answer = worker_ask(&it->worker, PACK, parts, 2);
     if (answer != DONE)
         return failed(it, answer);

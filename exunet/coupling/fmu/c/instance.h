@@ -18,6 +18,7 @@ typedef struct instance instance;
 typedef void teller(instance *it, enum status status, const char *text);
 
 struct instance {
+    uint64_t identity;     /* no other instance of the process has it, nor had */
     char *name;
     char *resources;
     teller *tell;
@@ -34,6 +35,7 @@ struct instance {
 
 /* A state that the host keeps. */
 typedef struct {
+    uint64_t identity;    /* of the instance */
     unsigned long worker; /* that has the net's part of it */
     uint64_t number;      /* by which that knows it */
     char *bytes;          /* packed, once asked for */

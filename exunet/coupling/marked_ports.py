@@ -1,0 +1,126 @@
+"""Ports at markers of an Exudyn system: how they move, and a force and a torque at each.
+
+Loads and markers of the user's may be deleted at any time, which changes the numbers of others. So the loads
+added here have names, and know the numbers of their markers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import count
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.backends.exudyn.loading import exudyn, exudyn_items
+from exunet.base.errors import InputError
+from exunet.bodies.port import FrameState, quaternion_of_matrix
+from exunet.simulation.arguments import whole_number
+
+Floats = NDArray[np.float64]
+_counted = count(1)
+
+
+class MarkedPorts:
+    """Of a system.
+
+    who     : for the words of errors
+    markers : number of a marker with position and attitude, by the name of the port
+    Raises InputError for what is no such marker; the system stays as it was until `add_loads`.
+    """
+
+    def __init__(self, who: str, mbs: Any, markers: Mapping[str, int]) -> None:
+        self._who, self._mbs, self._engine = who, mbs, exudyn(quiet=False)
+        self._first = {name: self._marker(name, number) for name, number in markers.items()}
+        self._loads: dict[str, tuple[str, str]] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the ports."""
+        return tuple(self._first)
+
+    def at_start(self) -> dict[str, FrameState]:
+        """Where the markers are at the start, of a system that is assembled."""
+        start = self._engine.ConfigurationType.Initial
+        return {name: self._read(name, marker, start) for name, marker in self._first.items()}
+
+    def add_loads(self) -> None:
+        """Add a force and a torque at each marker, zero at first, and assemble the system."""
+        items, own, nothing = exudyn_items(), next(_counted), [0.0, 0.0, 0.0]
+        for port, marker in self._first.items():
+            force, torque = (f"exunet {own}: {what} of {port}" for what in ("force", "torque"))
+            at = {"markerNumber": marker, "loadVector": nothing}
+            self._mbs.AddLoad(items.LoadForceVector(name=force, **at))
+            self._mbs.AddLoad(items.LoadTorqueVector(name=torque, **at))
+            self._loads[port] = force, torque
+        self._mbs.Assemble()
+
+    def now(self) -> dict[str, FrameState]:
+        """Where the markers are, and how they move."""
+        current, found = self._engine.ConfigurationType.Current, {}
+        for name in self._loads:
+            marker = int(self._mbs.GetLoadParameter(self._numbers(name)[0], "markerNumber"))
+            found[name] = self._read(name, marker, current)
+        return found
+
+    def let_act(self, wrenches: Floats) -> None:
+        """(ports, 6) forces [N] and torques [N m] from now on, in the scene's axes."""
+        for name, six in zip(self._loads, wrenches, strict=True):
+            force, torque = self._numbers(name)
+            self._mbs.SetLoadParameter(force, "loadVector", six[:3])
+            self._mbs.SetLoadParameter(torque, "loadVector", six[3:])
+
+    def let_go(self) -> None:
+        """No force acts any more, of the loads that are still there."""
+        for name in (name for both in self._loads.values() for name in both):
+            number = int(self._mbs.GetLoadNumber(name))
+            if number >= 0:
+                self._mbs.SetLoadParameter(number, "loadVector", [0.0, 0.0, 0.0])
+
+    def _marker(self, name: str, given: int) -> int:
+        number, count_of_all = whole_number(given), self._mbs.systemData.NumberOfMarkers()
+        if number is None or not 0 <= number < count_of_all:
+            raise InputError(
+                f"{self._who}: port {name}: there is no marker {given!r}: the system has {count_of_all}"
+            )
+        kind = str(self._mbs.GetMarker(number)["markerType"])
+        if "Rigid" not in kind:
+            raise InputError(
+                f"{self._who}: port {name}: marker {number} ({kind}) has no attitude: use a marker of a "
+                "rigid frame such as MarkerBodyRigid"
+            )
+        return number
+
+    def _numbers(self, port: str) -> tuple[int, int]:
+        """Of the force and the torque now."""
+        force, torque = (int(self._mbs.GetLoadNumber(name)) for name in self._loads[port])
+        if force < 0 or torque < 0:
+            raise InputError(
+                f"{self._who}: port {port}: a load that the coupling has added was deleted: it cannot go "
+                "on. Use detach() to end a coupling"
+            )
+        return force, torque
+
+    def _read(self, name: str, marker: int, configuration: Any) -> FrameState:
+        what = self._engine.OutputVariableType
+        try:
+            output = [
+                self._mbs.GetMarkerOutput(marker, one, configuration)
+                for one in (what.Position, what.Velocity, what.RotationMatrix, what.AngularVelocityLocal)
+            ]
+        except Exception as error:
+            raise InputError(
+                f"{self._who}: port {name}: marker {marker} cannot be read: {_first_line(error)}"
+            ) from error
+        place, speed, turn, spin = (np.asarray(one, dtype=float).ravel().tolist() for one in output)
+        if not math.isfinite(sum(place) + sum(speed) + sum(turn) + sum(spin)):
+            raise InputError(
+                f"{self._who}: port {name}: marker {marker} contains NaN or infinity: the host diverged"
+            )
+        return FrameState(tuple(place), tuple(speed), quaternion_of_matrix(turn), tuple(spin))
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
