@@ -308,11 +308,11 @@ def test_faults_of_what_is_made(keys: tuple[str, ...], key: str, words: str) -> 
 
 
 def test_a_body_named_twice_is_refused(tmp_path: Path) -> None:
-    """TOML itself has no table twice."""
+    """TOML itself has no table twice; the words are ours."""
     path = tmp_path / "twice.toml"
     table = "[bodies.target]\nmass = 1.0\ninertia = [1.0, 1.0, 1.0]\n"
     path.write_text(CASE.read_text() + table + table)
-    with pytest.raises(exunet.CaseError, match=r"twice\.toml:\d+: .*declare.*target.*twice"):
+    with pytest.raises(exunet.CaseError, match=r"twice\.toml:\d+: .*bodies\.target.*given twice"):
         exunet.load(path)
 
 

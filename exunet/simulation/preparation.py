@@ -111,8 +111,12 @@ def prepare(scene: Scene, *, hosted: bool = False) -> Start:
         if not faults:
             faults += contact_faults(system, state)
         overflows = any(fault.beyond_floats for fault in faults)
-        with within_floats(system.net):
-            plan, wrong_steps = make_plan(scene, system, state)
+        try:
+            with within_floats(system.net):
+                plan, wrong_steps = make_plan(scene, system, state)
+        except CaseError:  # which names the element
+            faults[:] = [fault for fault in faults if fault.key != "net"]
+            raise
         wrong_steps += step_faults(scene, system.net, plan)
         faults += [fault for fault in wrong_steps if fault.key != "net" or not overflows]
         faults += form_faults(system, state, plan, scene.engine)

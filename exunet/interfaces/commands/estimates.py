@@ -118,9 +118,7 @@ def not_counted(*, check: bool, error: bool) -> list[tuple[str, str]]:
     """
     found = []
     if check:
-        words = "not in this time: the reference runs beside, often many times as long; how far it is "
-        words += "and what is left is told while the run waits for it"
-        found.append(("check", words))
+        found.append(("check", "not in this time: the reference; what is left of it is told later"))
     if error:
         found.append(("error", "not in this time: two more runs, at least one of them longer"))
     return found
