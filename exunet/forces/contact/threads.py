@@ -260,8 +260,9 @@ def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     if c.friction > 0.0:
         size = math.sqrt(sums[0] * sums[0] + sums[1] * sums[1] + sums[2] * sums[2])
         rub = (0.0, 0.0, 0.0)
-        at = sums[7] / sums[6]
+        at = 0.0
         if size > 0.0:
+            at = sums[7] / sums[6]
             n = (sums[0] / size, sums[1] / size, sums[2] / size)
             push = length * sums[6]
             if c.slip_speed > 0.0:
