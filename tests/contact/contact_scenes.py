@@ -1,0 +1,63 @@
+"""Scenes with contact, for tests: few, so that few kernels are compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import exunet
+
+# A square net of four sides of 0.4 m with a bullet on a string of 1 m at each corner, over a fixed plate, whose
+# top is the plane z = -0.05. The cables are so soft that nodes move as if they were alone: a thread that
+# falls flat gives each of its nodes a force in proportion to its mass.
+SIDE, STRING = 0.4, 1.0  # m
+DIAMETER, DENSITY = 1e-3, 1000.0  # m, kg/m3
+PLATE = f"""
+format = 1
+title = "A net on a plate"
+time = {{ end = 100.0, output_step = 1.0 }}
+solver = {{ method = "RK44", step = 1e-5 }}
+engine.loop = "compiled"
+initial = {{ packing = 1.0, velocity = [0.0, 0.0, 0.0] }}
+net.topology = "square"
+net.size = {SIDE}
+net.mesh = {SIDE}
+net.cable = {{ diameter = {DIAMETER}, density = {DENSITY}, youngs_modulus = 1e-3 }}
+net.strings = {{ diameter = {DIAMETER}, density = {DENSITY}, youngs_modulus = 1e-3, length = {STRING} }}
+net.bullets.mass = 1e-12
+effects.gravity.acceleration = [0.0, 0.0, 0.0]
+effects.contact = {{ threads = ["plate"], bullets = ["plate"], bullet_radius = 0.02, friction = 0.0 }}
+[bodies.plate]
+shape = "box"
+size = [20.0, 20.0, 0.4]
+edge_radius = 0.05
+position = [0.0, 0.0, -0.25]
+mass = 10.0
+motion = "fixed"
+"""
+LINEAR: dict[str, Any] = {"law": "linear", "stiffness": 2e3, "bullet_stiffness": 1e-9}
+HERTZ: dict[str, Any] = {"law": "hertz", "modulus": 2e3}
+
+
+def overrides(group: str, keys: Mapping[str, Any]) -> list[str]:
+    """Overrides of the keys of a table."""
+    return [f"{group}.{key}={_as_toml(value)}" for key, value in keys.items()]
+
+
+def contact(**keys: Any) -> list[str]:
+    """Overrides of `[effects.contact]`."""
+    return overrides("effects.contact", keys)
+
+
+def _as_toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+def simulation(folder: Path, text: str, *changes: str) -> exunet.Simulation:
+    """The scene with overrides, at its start."""
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return exunet.Simulation(str(path), list(changes))
