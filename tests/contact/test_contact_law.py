@@ -85,7 +85,7 @@ def test_the_time_of_a_hertzian_impact(tmp_path: Path) -> None:
     assert known == pytest.approx(2.94 * deepest, rel=2e-3)
     sim.advance(0.1)
     # It flew 0.03 m at 1 m/s, stayed for the time, and flies back at 1 m/s.
-    assert sim.net.velocity[0, 2] == pytest.approx(1.0, abs=1e-8)
+    assert sim.net.velocity[0, 2] == pytest.approx(1.0, abs=1e-6)
     height = sim.net.position[0, 2] - (-0.05 + 0.02)
     assert 0.1 - 0.03 - height == pytest.approx(known, rel=1e-6)
     status = sim.view.memory["contact/bullets/plate"][-9:]
@@ -96,23 +96,30 @@ def test_the_time_of_a_hertzian_impact(tmp_path: Path) -> None:
 # Friction
 
 
-RUBBING = {"law": "linear", "stiffness": 200.0, "bullet_stiffness": 200.0, "damping": 2.0}
+RUBBING = {"law": "linear", "damping": 2.0}
 BULLET = 0.02  # kg
 
 
-def on_slope(folder: Path, degrees: float, friction: dict[str, Any], *changes: str, step: float = 1e-3) -> exunet.Simulation:
+def on_slope(
+    folder: Path,
+    degrees: float,
+    friction: dict[str, Any],
+    *changes: str,
+    step: float = 1e-3,
+    hard: float = 200.0,
+) -> exunet.Simulation:
     """The net lies on a slope, as deep as it sinks in by its weight; bullets are of its threads' height.
 
     Bullets have 0.02 kg: their springs turn over at 100 rad/s, those of threads at 500 rad/s.
     """
     angle = math.radians(degrees)
     weight = [G * math.sin(angle), 0.0, -G * math.cos(angle)]
-    deep = LINE_MASS * G * math.cos(angle) / 200.0
-    bullet = BULLET * G * math.cos(angle) / 200.0
+    deep = LINE_MASS * G * math.cos(angle) / hard
+    bullet = BULLET * G * math.cos(angle) / hard
     return simulation(
         folder,
         PLATE,
-        *contact(**RUBBING, **friction, bullet_radius=0.5 * DIAMETER - deep + bullet),
+        *contact(**RUBBING, **friction, stiffness=hard, bullet_stiffness=hard, bullet_radius=0.5 * DIAMETER - deep + bullet),
         f"effects.gravity.acceleration={weight}",
         f"bodies.plate.position=[0.0, 0.0, {-0.2 - 0.5 * DIAMETER + deep}]",
         f"net.bullets.mass={BULLET}",
@@ -129,7 +136,9 @@ def test_below_the_friction_angle_nothing_creeps(tmp_path: Path) -> None:
     sim = on_slope(tmp_path, 20.0, STICKING)
     sim.advance(10.0)
     before = sim.net.position.copy()
-    assert 0.0 < before[0, 0] + (0.5 * SIDE + STRING / math.sqrt(2.0)) < 5e-3  # slid, and bent its springs along the surface, at the start
+    assert (
+        0.0 < before[0, 0] + (0.5 * SIDE + STRING / math.sqrt(2.0)) < 5e-3
+    )  # slid, and bent its springs along the surface, at the start
     sim.advance(60.0)
     assert np.abs(sim.net.position - before).max() < 1e-12
     assert np.abs(sim.net.velocity).max() < 1e-12
@@ -157,15 +166,16 @@ def test_the_regularised_law_creeps(tmp_path: Path) -> None:
 
 
 def test_a_sliding_net_stops_after_v2_over_2_mu_g(tmp_path: Path) -> None:
-    """From 0.5 m/s on the level: 25.5 mm, but for the springs along the surface, mu p / kappa."""
+    """From 0.5 m/s on the level: 25.5 mm, but for the springs along the surface, mu p / kappa,
+    and the first step."""
     speed = 0.5
-    sim = on_slope(tmp_path, 0.0, STICKING, f"initial.velocity=[{speed}, 0.0, 0.0]", step=2e-4)
+    sim = on_slope(tmp_path, 0.0, STICKING, f"initial.velocity=[{speed}, 0.0, 0.0]", step=2e-4, hard=2e4)
     start = sim.net.position.copy()
     sim.advance(5.0)
     way = (sim.net.position - start)[:, 0]
     known = speed**2 / (2.0 * 0.5 * G)
-    bent = 0.5 * np.where(np.arange(8) < 4, BULLET, LINE_MASS) * G / 200.0 / 0.5
-    assert np.all(np.abs(way - known) < 2.0 * bent + speed * 2e-4)
+    bent = 0.5 * BULLET * G / 2e4 / 0.5  # 10 um, of bullets; they pull their strings back with them
+    assert np.abs(way - known).max() < 2.0 * bent + speed * 2e-4
     assert np.abs(sim.net.velocity).max() < 1e-9
     book = sim.energy
     lost = sim.view.first_order

@@ -151,7 +151,9 @@ def from_core(solid: Solid, edge: float, points: Floats) -> tuple[Floats, Floats
     apart[(at @ g.T <= h).all(axis=1)] = 0.0
     distance = np.linalg.norm(apart, axis=1)
     around = points[:, :2] / np.maximum(across, 1e-300)[:, None]
-    return distance, np.column_stack([around * apart[:, :1], apart[:, 1]]) / np.maximum(distance, 1e-300)[:, None]
+    return distance, np.column_stack([around * apart[:, :1], apart[:, 1]]) / np.maximum(distance, 1e-300)[
+        :, None
+    ]
 
 
 def outline(solid: Solid, edge: float) -> Floats:
