@@ -18,7 +18,7 @@ from exunet.forces.contact.frame_loops import (
     velocity_against_body,
 )
 from exunet.forces.contact.friction_loops import friction, regularised_friction
-from exunet.forces.contact.near_loops import remember_status
+from exunet.forces.contact.near_loops import keep_row, remember_status
 from exunet.forces.contact.threads import ROW, STATUS, Friction
 from exunet.forces.cores import Surface
 from exunet.forces.loops import Index
@@ -119,7 +119,7 @@ def bullet_contact(
         add_bullet_contact,
         data,
         bullet_contact_potential,
-        (*FRAMES, *DISTANCES, remember_status, friction, regularised_friction, *_OWN),
+        (*FRAMES, *DISTANCES, keep_row, remember_status, friction, regularised_friction, *_OWN),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=_stiffness_rate(blocks, body, surface, data),
         memory=Memory(f"contact/bullets/{body}", kept, kept_in="kept"),
@@ -259,8 +259,7 @@ def remember_bullet_contact(t: float, x: Any, v: Any, c: Any) -> None:
     """What the bullets leave in the memory; `add_bullet_contact` has looked at this state last."""
     kept = c.kept
     for k in range(c.node.size):
-        for m in range(5):
-            kept[5 * k + m] = c.after[k, m]
+        keep_row(kept, k, c.after[k])
     last = 5 * c.node.size
     remember_status(t, c, kept[last:])
 

@@ -18,7 +18,7 @@ from exunet.forces.contact.frame_loops import (
     velocity_against_body,
 )
 from exunet.forces.contact.friction_loops import friction, regularised_friction
-from exunet.forces.contact.near_loops import NEAR, choose_near, is_near, may_touch, remember_status
+from exunet.forces.contact.near_loops import NEAR, choose_near, is_near, keep_row, may_touch, remember_status
 from exunet.forces.contact.touching_loops import TOUCHING, touch
 from exunet.forces.cores import Cores, Surface
 from exunet.forces.loops import Index
@@ -186,8 +186,8 @@ def _rates(blocks: Blocks, body: str, surface: Surface, data: ThreadContact) -> 
     """Bounds [1/s2], [1/s] of what contact adds to the eigenvalues, while nothing is too deep.
 
     The stiffness of a thread that touches all along, K L0 / 2 at each end, along and across the surface
-    (kappa is not above 1). From (a - b)^2 <= (1 + c) a^2 + (1 + 1/c) b^2 with the best c follows that the body adds
-    its own rate, of all threads at once at its farthest points.
+    (kappa is not above 1). From (a - b)^2 <= (1 + c) a^2 + (1 + 1/c) b^2 with the best c follows that the
+    body adds its own rate, of all threads at once at its farthest points.
     """
     net = blocks.net
     touching = np.zeros(net.n_nodes)
@@ -351,9 +351,7 @@ def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
     """
     kept = c.kept
     for one in range(int(c.look[0])):
-        k = c.near[one]
-        for m in range(5):
-            kept[5 * k + m] = c.after[k, m]
+        keep_row(kept, c.near[one], c.after[c.near[one]])
     last = 5 * c.length.size
     remember_status(t, c, kept[last:])
 
