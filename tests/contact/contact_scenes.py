@@ -8,8 +8,8 @@ from typing import Any
 
 import exunet
 
-# A square net of four sides of 0.4 m with a bullet on a string of 1 m at each corner, over a fixed plate, whose
-# top is the plane z = -0.05. The cables are so soft that nodes move as if they were alone: a thread that
+# A square net of four sides of 0.4 m with a bullet on a string of 1 m at each corner, over a fixed plate;
+# its top is the plane z = -0.05. The cables are so soft that nodes move as if they were alone: a thread that
 # falls flat gives each of its nodes a force in proportion to its mass.
 SIDE, STRING = 0.4, 1.0  # m
 DIAMETER, DENSITY = 1e-3, 1000.0  # m, kg/m3
@@ -36,8 +36,8 @@ position = [0.0, 0.0, -0.25]
 mass = 10.0
 motion = "fixed"
 """
-# The same net, of threads of four elements, thrown at a free box that turns; at 30 ms threads and bullets touch it
-# off its centre.
+# The same net, of threads of four elements, thrown at a free box that turns: threads and a bullet touch it
+# off its centre from 20 ms on.
 THROWN = f"""
 format = 1
 title = "A net on a free box"

@@ -37,12 +37,20 @@ def bounced(folder: Path, which: slice, keys: dict[str, Any], *changes: str, unt
 # Laws and masses of bullets, or densities of threads; steps follow, about 1500 in each impact.
 IMPACTS: dict[str, tuple[slice, dict[str, Any], Sequence[str]]] = {
     "threads": (THREADS, LINEAR, ("net.bullets.mass=1e-12",)),
-    "heavier threads": (THREADS, LINEAR | {"stiffness": 5e4}, ("net.cable.density=8000.0", "net.strings.density=8000.0")),
+    "heavier threads": (
+        THREADS,
+        LINEAR | {"stiffness": 5e4},
+        ("net.cable.density=8000.0", "net.strings.density=8000.0"),
+    ),
     "threads, hertz": (THREADS, HERTZ | {"bullet_radius": 1e-12}, ("net.bullets.mass=1e-12",)),
     "bullets": (BULLETS, LINEAR | {"stiffness": 1e-9, "bullet_stiffness": 2e3}, ("net.bullets.mass=0.05",)),
-    "heavier bullets": (BULLETS, LINEAR | {"stiffness": 1e-9, "bullet_stiffness": 3e4}, ("net.bullets.mass=2.0",)),
+    "heavier bullets": (
+        BULLETS,
+        LINEAR | {"stiffness": 1e-9, "bullet_stiffness": 3e4},
+        ("net.bullets.mass=2.0",),
+    ),
     "bullets, hertz": (BULLETS, {"law": "hertz", "modulus": 2e5}, ("net.bullets.mass=0.1",)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("restitution", [0.9, 0.5, 0.2])
@@ -119,13 +127,19 @@ def on_slope(
     return simulation(
         folder,
         PLATE,
-        *contact(**RUBBING, **friction, stiffness=hard, bullet_stiffness=hard, bullet_radius=0.5 * DIAMETER - deep + bullet),
+        *contact(
+            **RUBBING,
+            **friction,
+            stiffness=hard,
+            bullet_stiffness=hard,
+            bullet_radius=0.5 * DIAMETER - deep + bullet,
+        ),
         f"effects.gravity.acceleration={weight}",
         f"bodies.plate.position=[0.0, 0.0, {-0.2 - 0.5 * DIAMETER + deep}]",
         f"net.bullets.mass={BULLET}",
         f"solver.step={step}",
         *changes,
-    )  # fmt: skip
+    )
 
 
 STICKING: dict[str, Any] = {"friction": 0.5, "friction_law": "sticking"}
@@ -136,9 +150,7 @@ def test_below_the_friction_angle_nothing_creeps(tmp_path: Path) -> None:
     sim = on_slope(tmp_path, 20.0, STICKING)
     sim.advance(10.0)
     before = sim.net.position.copy()
-    assert (
-        0.0 < before[0, 0] + (0.5 * SIDE + STRING / math.sqrt(2.0)) < 5e-3
-    )  # slid, and bent its springs along the surface, at the start
+    assert 0.0 < before[0, 0] + (0.5 * SIDE + STRING / math.sqrt(2.0)) < 5e-3  # bent its springs, and slid
     sim.advance(60.0)
     assert np.abs(sim.net.position - before).max() < 1e-12
     assert np.abs(sim.net.velocity).max() < 1e-12
@@ -157,7 +169,7 @@ def test_above_the_friction_angle_it_slides(law: dict[str, Any], tmp_path: Path)
 
 
 def test_the_regularised_law_creeps(tmp_path: Path) -> None:
-    """Where mu N w / sqrt(w2 + v_s2) is the weight along the slope: w = v_s q / sqrt(1 - q2), q = tan / mu."""
+    """Where mu N w / sqrt(w2 + v_s2) is the weight along the slope: v_s q / sqrt(1 - q2), q = tan / mu."""
     law = {"friction": 0.5, "friction_law": "regularised", "slip_speed": 1e-3}
     sim = on_slope(tmp_path, 20.0, law, step=5e-5)  # its damping mu g / v_s is 4900 1/s
     sim.advance(0.2)
@@ -167,7 +179,7 @@ def test_the_regularised_law_creeps(tmp_path: Path) -> None:
 
 def test_a_sliding_net_stops_after_v2_over_2_mu_g(tmp_path: Path) -> None:
     """From 0.5 m/s on the level: 25.5 mm, but for the springs along the surface, mu p / kappa,
-    and the first step."""
+    and the first step, in which nothing is remembered yet."""
     speed = 0.5
     sim = on_slope(tmp_path, 0.0, STICKING, f"initial.velocity=[{speed}, 0.0, 0.0]", step=2e-4, hard=2e4)
     start = sim.net.position.copy()
@@ -175,7 +187,7 @@ def test_a_sliding_net_stops_after_v2_over_2_mu_g(tmp_path: Path) -> None:
     way = (sim.net.position - start)[:, 0]
     known = speed**2 / (2.0 * 0.5 * G)
     bent = 0.5 * BULLET * G / 2e4 / 0.5  # 10 um, of bullets; they pull their strings back with them
-    assert np.abs(way - known).max() < 2.0 * bent + speed * 2e-4
+    assert np.abs(way - known).max() < 2.0 * bent + 1.5 * speed * 2e-4
     assert np.abs(sim.net.velocity).max() < 1e-9
     book = sim.energy
     lost = sim.view.first_order

@@ -73,29 +73,73 @@ def test_what_is_right_is_read(bullets: bool, tmp_path: Path) -> None:
 WRONG: dict[str, tuple[dict[str, str | None], str]] = {
     "no pair": ({"threads": None, "stiffness": None}, r":19: effects\.contact: names nothing that touches"),
     "empty pairs": ({"threads": "[]"}, r"names nothing that touches"),
-    "unknown": ({"threads": '["tagret"]'}, r":20: effects\.contact\.threads\[0\]: there is no body 'tagret': bodies are target, point"),
-    "twice": ({"threads": '["target", "target"]'}, r":20: effects\.contact\.threads\[1\]: target is named twice"),
-    "no shape": ({"threads": '["point"]'}, r":20: effects\.contact\.threads\[0\]: point has no shape that could be touched"),
+    "unknown": (
+        {"threads": '["tagret"]'},
+        r":20: effects\.contact\.threads\[0\]: there is no body 'tagret': bodies are target, point",
+    ),
+    "twice": (
+        {"threads": '["target", "target"]'},
+        r":20: effects\.contact\.threads\[1\]: target is named twice",
+    ),
+    "no shape": (
+        {"threads": '["point"]'},
+        r":20: effects\.contact\.threads\[0\]: point has no shape that could be touched",
+    ),
     "no bullets": (BULLETS, r"effects\.contact\.bullets: the net has no bullets: add \[net\.bullets\]"),
-    "radius alone": ({"bullet_radius": "0.01"}, r"effects\.contact\.bullet_radius: is for bullets that touch"),
+    "radius alone": (
+        {"bullet_radius": "0.01"},
+        r"effects\.contact\.bullet_radius: is for bullets that touch",
+    ),
     "no stiffness": ({"stiffness": None}, r':19: effects\.contact: needs stiffness, for law = "linear"'),
-    "no modulus": ({"law": '"hertz"', "stiffness": None}, r':19: effects\.contact: needs modulus, for law = "hertz"'),
-    "stiffness of hertz": ({"law": '"hertz"', "modulus": "1e6"}, r':22: effects\.contact\.stiffness: does not go with law = "hertz"'),
-    "stiffness of bullets": ({"bullet_stiffness": "1.0"}, r"effects\.contact\.bullet_stiffness: does not go with"),
-    "neither": ({"restitution": None, "impact_speed": None}, r":19: effects\.contact: needs either restitution with impact_speed, or damping"),
-    "both": ({"damping": "0.1"}, r":19: effects\.contact: needs either restitution with impact_speed, or damping"),
+    "no modulus": (
+        {"law": '"hertz"', "stiffness": None},
+        r':19: effects\.contact: needs modulus, for law = "hertz"',
+    ),
+    "stiffness of hertz": (
+        {"law": '"hertz"', "modulus": "1e6"},
+        r':22: effects\.contact\.stiffness: does not go with law = "hertz"',
+    ),
+    "stiffness of bullets": (
+        {"bullet_stiffness": "1.0"},
+        r"effects\.contact\.bullet_stiffness: does not go with",
+    ),
+    "neither": (
+        {"restitution": None, "impact_speed": None},
+        r":19: effects\.contact: needs either restitution with impact_speed, or damping",
+    ),
+    "both": (
+        {"damping": "0.1"},
+        r":19: effects\.contact: needs either restitution with impact_speed, or damping",
+    ),
     "half": ({"impact_speed": None}, r":19: effects\.contact: needs restitution and impact_speed together"),
     "bouncing up": ({"restitution": "1.1"}, r":23: effects\.contact\.restitution: .*1"),
     "no restitution": ({"restitution": "0.0"}, r":23: effects\.contact\.restitution: .*0\.001"),
     "negative friction": ({"friction": "-0.1"}, r":25: effects\.contact\.friction: .*0"),
-    "law of friction": ({"friction": "0.3"}, r":19: effects\.contact: needs friction_law, \"sticking\" or \"regularised\""),
-    "no slip speed": ({"friction": "0.3", "friction_law": '"regularised"'}, r":19: effects\.contact: needs slip_speed"),
-    "slip speed": ({"slip_speed": "1e-3"}, r":26: effects\.contact\.slip_speed: is for friction_law = \"regularised\""),
-    "memory": ({"friction": "0.3", "friction_law": '"regularised"', "slip_speed": "1e-3", "tangential_damping": "0.1"}, r":28: effects\.contact\.tangential_damping: is for friction_law = \"sticking\""),
+    "law of friction": (
+        {"friction": "0.3"},
+        r":19: effects\.contact: needs friction_law, \"sticking\" or \"regularised\"",
+    ),
+    "no slip speed": (
+        {"friction": "0.3", "friction_law": '"regularised"'},
+        r":19: effects\.contact: needs slip_speed",
+    ),
+    "slip speed": (
+        {"slip_speed": "1e-3"},
+        r":26: effects\.contact\.slip_speed: is for friction_law = \"regularised\"",
+    ),
+    "memory": (
+        {
+            "friction": "0.3",
+            "friction_law": '"regularised"',
+            "slip_speed": "1e-3",
+            "tangential_damping": "0.1",
+        },
+        r":28: effects\.contact\.tangential_damping: is for friction_law = \"sticking\"",
+    ),
     "ratio": ({"tangential_ratio": "1.5"}, r":26: effects\.contact\.tangential_ratio: .*1"),
     "law": ({"law": '"springs"'}, r":21: effects\.contact\.law: "),
     "stiffness": ({"stiffness": "0.0"}, r":22: effects\.contact\.stiffness: "),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", WRONG)

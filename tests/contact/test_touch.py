@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from touched_solids import (
+    COMPOUNDS,
     EDGE,
     SHAPES,
     SOLIDS,
@@ -139,13 +140,12 @@ def test_integrals_are_those_of_adaptive_quadrature(name: str) -> None:
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_spans_are_where_the_distance_is_less(name: str) -> None:
-    """By 2001 points of each thread; half of the threads do not come near."""
+    """By 2001 points of each thread; half of the threads are anywhere, also through the core."""
     random = np.random.default_rng(2)
     s = np.linspace(0.0, 1.0, 2001)
     near, parts = 0, 0
-    for _ in range(50):
-        a = random.uniform(-0.7, 0.7, 3)
-        b = a + random.normal(size=3) * random.choice([0.05, 0.4, 1.5])
+    passing = [random.uniform(-1.0, 1.0, (2, 3)) for _ in range(15)]
+    for a, b in [*threads(name, 2, 15), *passing]:
         c = contact_of(surface(SHAPES[name]))
         own = depths_of(name, a + s[:, None] * (b - a))[1]
         for n, solid in enumerate(SHAPES[name]):
@@ -192,7 +192,7 @@ def test_damped_forces_and_their_power(name: str) -> None:
     """
     random = np.random.default_rng(4)
     cut_off = 0
-    for a, b in threads(name, 5, 6):
+    for a, b in threads(name, 5, 2 if name in COMPOUNDS else 6):
         v, w = random.normal(size=(2, 3))
 
         def integrand(s: Floats, a: Floats = a, b: Floats = b, v: Floats = v, w: Floats = w) -> Floats:
@@ -253,11 +253,14 @@ LINES = {
 
 @pytest.mark.parametrize("line", LINES)
 def test_noise_of_1e_15_m_changes_a_force_by_1e_12_at_most(line: str) -> None:
-    """Depths of 1e-2 m: 1e-15 / 1e-2 is 1e-13, with round-off of some units."""
+    """Depths of 1e-2 m: 1e-15 / 1e-2 is 1e-13, with round-off of some units.
+
+    Along a seam both boxes push with a share in proportion to the seventh power of the depth, here 5e-3 m.
+    """
     name, a, b = LINES[line]
     solid = SHAPES[name][0]
     ends = [in_principal(Solid(solid.kind, solid.numbers), end) for end in (a, b)]
-    assert changes(name, ends, 1e-15) < 1e-12
+    assert changes(name, ends, 1e-15) < (7.0 if line == "along a seam" else 1.0) * 1e-12
     # And in proportion to larger noise: the force has no jump.
     assert changes(name, ends, 1e-7) < 1e-3
 
@@ -302,7 +305,7 @@ def test_forces_have_no_jump_along_a_way(name: str) -> None:
 
 
 def test_a_thread_that_leaves_fast_is_not_pushed_and_its_energy_is_booked() -> None:
-    """1 + a p' < 0 everywhere: f = 0, and what was stored is taken at the rate F p', here K p L times 2 m/s."""
+    """1 + a p' < 0 everywhere: f = 0, and what was stored is taken at the rate F p', K p times 2 m/s."""
     solid = SOLIDS["box"]
     a, b = (in_principal(solid, (x, 0.0, 0.2)) for x in (-0.1, 0.1))
     up = in_principal(solid, (0.0, 0.0, 2.0)) - in_principal(solid, (0.0, 0.0, 0.0))

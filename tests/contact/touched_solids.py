@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -128,8 +129,8 @@ def rounding_of(solid: Solid, edge: float) -> float:
 def from_core(solid: Solid, edge: float, points: Floats) -> tuple[Floats, Floats]:
     """(n,) distances of points (n, 3) from the core, 0 within, and directions (n, 3).
 
-    All in the solid's axes. From the corners of the outline in the plane through the axis, segment by segment;
-    of a box by clipping.
+    All in the solid's axes. From the outline in the plane through the axis, segment by segment; of a box by
+    clipping.
     """
     if solid.kind == "box":
         limit = 0.5 * np.array(solid.numbers) - edge
@@ -141,7 +142,7 @@ def from_core(solid: Solid, edge: float, points: Floats) -> tuple[Floats, Floats
     at = np.stack([across, points[:, 2]], axis=1)
     corners = outline(solid, edge)
     distance, apart = np.full(len(points), np.inf), np.zeros_like(at)
-    for begin, end in zip(corners[:-1], corners[1:], strict=True):
+    for begin, end in pairwise(corners):
         way = end - begin
         part = np.clip((at - begin) @ way / (way @ way), 0.0, 1.0) if way.any() else np.zeros(len(points))
         this = at - begin - part[:, None] * way
