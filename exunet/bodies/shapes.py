@@ -13,6 +13,7 @@ The numbers of all parts of a shape together are arrays (`Shape.table`), as comp
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
@@ -57,12 +58,14 @@ class Solid:
 
     @property
     def least(self) -> float:
-        """The smallest of its dimensions, across [m]."""
+        """The smallest of its dimensions, across [m]: the width of the largest ball inside."""
         if self.kind == "box":
             return min(self.numbers)
         if self.kind == "frustum":
             low, high, length = self.numbers
-            return min(low + high, length)
+            wide, slope = max(low, high), abs(high - low) / length
+            # A ball of radius r on the wide end touches the side where wide = r (slope + sqrt(1 + slope^2)).
+            return min(2.0 * wide / (slope + math.hypot(1.0, slope)), length)
         radius, length, _ = self.numbers
         return min(2.0 * radius, length) if self.kind == "cylinder" else 2.0 * radius
 

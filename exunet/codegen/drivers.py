@@ -16,7 +16,6 @@ if TYPE_CHECKING:  # the generated module holds these beside the functions below
     def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> Any: ...
     def potential(x: Any, data: Any) -> float: ...
     def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
-    def place_given(t: float, x: Any, v: Any, data: Any) -> None: ...
     def remember(t: float, x: Any, v: Any, data: Any) -> None: ...
 
 
@@ -71,8 +70,11 @@ def engine_forces(t: float, q: Any, q_t: Any, held: Any, out: Any) -> None:
 def engine_remembers(t: float, q: Any, q_t: Any, held: Any) -> None:
     """Let the terms remember the accepted step that ends at t [s]; arguments as of `engine_forces`."""
     data, at = borrowed(held.value)
+    force = at.values[3]
     take_state(q, q_t, at.values[0], at.values[1], at)
-    place_given(t, at.values[0], at.values[1], data)
+    for k in range(force.size):
+        force[k] = 0.0
+    add_forces(t, at.values[0], at.values[1], data, force)  # what they would remember of this state
     remember(t, at.values[0], at.values[1], data)
 
 

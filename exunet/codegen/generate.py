@@ -75,15 +75,14 @@ def _text(function: Function, decorator: str = INSIDE) -> str:
 
 
 def _joined(calls: Sequence[KernelCall]) -> str:
-    place = [INSIDE, "def place_given(t, x, v, data):"]
-    forces = [INSIDE, "def add_forces(t, x, v, data, force):", "    place_given(t, x, v, data)"]
+    forces = [INSIDE, "def add_forces(t, x, v, data, force):"]
     potential = [INSIDE, "def potential(x, data):", "    total = 0.0"]
     power = [INSIDE, "def power(t, x, v, data, scratch):", "    total = 0.0"]
     work = [INSIDE, "def extra_work(h, begin, middle, end, data):", "    total = 0.0"]
     remember = [INSIDE, "def remember(t, x, v, data):"]
     for k, call in reversed(list(enumerate(calls))):
         if call.place is not None:
-            place.append(f"    {call.place.__name__}(t, x, v, data[{k}])")
+            forces.append(f"    {call.place.__name__}(t, x, v, data[{k}])")
     forces += ["    held = 0.0", "    watts = 0.0"]
     for k, call in enumerate(calls):
         told = "held += " if call.elastic else "watts += " if call.tells_power else ""
@@ -100,11 +99,10 @@ def _joined(calls: Sequence[KernelCall]) -> str:
             power += ["    for k in range(v.size):", "        total -= scratch[k] * v[k]"]
         if call.remember is not None:
             remember.append(f"    {call.remember.__name__}(t, x, v, data[{k}])")
-    place.append("    return")
     remember.append("    return")
     forces.append("    return held, watts")
     potential.append("    return total")
     power.append("    return total")
     work.append("    return total")
-    parts = (place, forces, potential, power, work, remember)
+    parts = (forces, potential, power, work, remember)
     return "\n\n\n".join("\n".join(lines) for lines in parts)

@@ -54,7 +54,7 @@ class KernelCall:
               before any force is added; that of a later call comes before that of an earlier one
     tells_power : `add` returns the power [W] that it takes out, which depends on velocities alone
     remember : function remember(t, x, v, data) that changes arrays of the data at the end of each accepted
-              step; see `Memory.kept_in`
+              step, whose state `add` was called with last; see `Memory.kept_in`
     held    : the data is large: compiled code gets a reference to it instead of all its words
     of_many : the functions are right for many runs at once too: x, v and force, and what is made of them,
               have a value in each run, with which arithmetic, max, min, abs and math.sqrt can be done. A

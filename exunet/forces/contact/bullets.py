@@ -17,8 +17,8 @@ from exunet.forces.contact.frame_loops import (
     turn_into,
     velocity_against_body,
 )
-from exunet.forces.contact.friction_loops import friction, regularised_friction
-from exunet.forces.contact.near_loops import remember_status
+from exunet.forces.contact.friction_loops import FRICTION, friction, regularised_friction, shift_for
+from exunet.forces.contact.near_loops import keep_row, remember_status
 from exunet.forces.contact.threads import ROW, Friction
 from exunet.forces.contact.trouble import STATUS, trouble
 from exunet.forces.cores import Surface
@@ -126,7 +126,7 @@ def bullet_contact(
         add_bullet_contact,
         data,
         bullet_contact_potential,
-        (*FRAMES, *DISTANCES, remember_status, friction, regularised_friction, *_OWN),
+        (*FRAMES, *DISTANCES, keep_row, remember_status, *FRICTION, *_OWN),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=_stiffness_rate(blocks, body, surface, data),
         memory=Memory(f"contact/bullets/{body}", kept, kept_in="kept", wrong=wrong),
@@ -205,25 +205,22 @@ def add_bullet(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     on = (across * d, across * e, across * f)
     if c.friction > 0.0:
         size = math.sqrt(d * d + e * e + f * f)
-        d /= size
-        e /= size
-        f /= size
-        push = across
+        n = (d / size, e / size, f / size)
         rub = (0.0, 0.0, 0.0)
         if c.slip_speed > 0.0:
-            rub = regularised_friction(push, d, e, f, w, c)
+            rub = regularised_friction(across, n, w, c)
         else:
-            row[0] = 1.0
-            row[2] = p[0]
-            row[3] = p[1]
-            row[4] = p[2]
+            spring, time = c.spring[k], c.relaxation[k]
+            u = (0.0, 0.0, 0.0)
             if kept[first] == 1.0:
                 u = (p[0] - kept[first + 2], p[1] - kept[first + 3], p[2] - kept[first + 4])
-                a, b, g, o, m, n, slides = friction(push, d, e, f, u, w, c.spring[k], c.relaxation[k], c)
-                rub = (a, b, g)
-                row[2] = p[0] - o if slides else kept[first + 2]
-                row[3] = p[1] - m if slides else kept[first + 3]
-                row[4] = p[2] - n if slides else kept[first + 4]
+            rub, slides = friction(across, n, u, w, spring, time, c)
+            if slides:
+                u = shift_for(rub, n, w, spring, time)
+            row[0] = 1.0
+            row[2] = p[0] - u[0]
+            row[3] = p[1] - u[1]
+            row[4] = p[2] - u[2]
         force[c.taken + 1] -= rub[0] * w[0] + rub[1] * w[1] + rub[2] * w[2]
         on = (on[0] + rub[0], on[1] + rub[1], on[2] + rub[2])
     push_point(force, i, c.centre, c.spin, c.frame, p, on)
@@ -266,8 +263,7 @@ def remember_bullet_contact(t: float, x: Any, v: Any, c: Any) -> None:
     """What the bullets leave in the memory; `add_bullet_contact` has looked at this state last."""
     kept = c.kept
     for k in range(c.node.size):
-        for m in range(5):
-            kept[5 * k + m] = c.after[k, m]
+        keep_row(kept, k, c.after[k])
     last = 5 * c.node.size
     remember_status(t, math.sqrt(c.now[3]), c, kept[last:])
 

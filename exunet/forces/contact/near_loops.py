@@ -78,4 +78,11 @@ def remember_status(t: float, fastest: float, c: Any, status: Any) -> None:
     now[5] = 0.0
 
 
-NEAR = (is_near, clearance, choose_near, remember_status)
+def keep_row(kept: Any, k: int, row: Any) -> None:
+    """Put the next memory of pair k into place; of one that remembers nothing all is zero but that."""
+    kept[5 * k] = row[0]
+    for m in range(1, 5):
+        kept[5 * k + m] = row[m] if row[0] == 1.0 else 0.0
+
+
+NEAR = (is_near, clearance, choose_near, remember_status, keep_row)

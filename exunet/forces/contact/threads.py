@@ -17,8 +17,13 @@ from exunet.forces.contact.frame_loops import (
     turn_into,
     velocity_against_body,
 )
-from exunet.forces.contact.friction_loops import friction, regularised_friction
-from exunet.forces.contact.near_loops import NEAR, choose_near, is_near, remember_status
+from exunet.forces.contact.friction_loops import (
+    FRICTION,
+    friction,
+    regularised_friction,
+    shift_for,
+)
+from exunet.forces.contact.near_loops import NEAR, choose_near, is_near, keep_row, remember_status
 from exunet.forces.contact.touching_loops import TOUCHING, find_spans, touch
 from exunet.forces.contact.trouble import STATUS, trouble
 from exunet.forces.cores import Cores, Surface
@@ -176,7 +181,7 @@ def thread_contact(
         add_thread_contact,
         data,
         thread_contact_potential,
-        (*FRAMES, *DISTANCES, is_flat, *TOUCHING, *NEAR, friction, regularised_friction, *_OWN),
+        (*FRAMES, *DISTANCES, is_flat, *TOUCHING, *NEAR, *FRICTION, *_OWN),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=rates[0],
         damping_rate=rates[1],
@@ -267,13 +272,14 @@ def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     if c.friction > 0.0:
         size = math.sqrt(sums[0] * sums[0] + sums[1] * sums[1] + sums[2] * sums[2])
         rub = (0.0, 0.0, 0.0)
-        at = sums[7] / sums[6]
+        at = 0.0
         if size > 0.0:
+            at = sums[7] / sums[6]
             n = (sums[0] / size, sums[1] / size, sums[2] / size)
             push = length * sums[6]
             if c.slip_speed > 0.0:
                 w = between(w_a, w_b, at)
-                rub = regularised_friction(push, n[0], n[1], n[2], w, c)
+                rub = regularised_friction(push, n, w, c)
             else:
                 rub, at = rub_with_memory(c, k, push, n, a, b, w_a, w_b, at, row)
             w = between(w_a, w_b, at)
@@ -294,22 +300,25 @@ def rub_with_memory(
     kept = c.kept
     first = 5 * k
     here = between(a, b, middle)
-    if kept[first] == 0.0:
-        remember_anchor(row, middle, here)
-        return (0.0, 0.0, 0.0), middle
-    at = kept[first + 1]
-    p = between(a, b, at)
-    w = between(w_a, w_b, at)
-    u = (p[0] - kept[first + 2], p[1] - kept[first + 3], p[2] - kept[first + 4])
-    x, y, z, d, e, f, slides = friction(push, n[0], n[1], n[2], u, w, c.spring[k], c.relaxation[k], c)
-    if slides or not touches_at(c, c.thick[k], at):
-        remember_anchor(row, middle, (here[0] - d, here[1] - e, here[2] - f))
+    spring, time = c.spring[k], c.relaxation[k]
+    at = middle
+    u = (0.0, 0.0, 0.0)
+    remembers = kept[first] == 1.0
+    if remembers:
+        at = kept[first + 1]
+        p = between(a, b, at)
+        u = (p[0] - kept[first + 2], p[1] - kept[first + 3], p[2] - kept[first + 4])
+    rub, slides = friction(push, n, u, between(w_a, w_b, at), spring, time, c)
+    if slides or not remembers or not touches_at(c, at):
+        at = middle
+        u = shift_for(rub, n, between(w_a, w_b, middle), spring, time)
+        remember_anchor(row, middle, along(here, u, -1.0))
     else:
         remember_anchor(row, at, (kept[first + 2], kept[first + 3], kept[first + 4]))
-    return (x, y, z), at
+    return rub, at
 
 
-def touches_at(c: Any, thick: float, s: float) -> bool:
+def touches_at(c: Any, s: float) -> bool:
     """True if the thread that `touch` looked at last touches at s."""
     touches = False
     for n in range(c.kind.size):
@@ -358,9 +367,7 @@ def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
     """
     kept = c.kept
     for one in range(int(c.look[0])):
-        k = c.near[one]
-        for m in range(5):
-            kept[5 * k + m] = c.after[k, m]
+        keep_row(kept, c.near[one], c.after[c.near[one]])
     last = 5 * c.length.size
     remember_status(t, c.look[3] if c.look[0] > 0.0 else 0.0, c, kept[last:])
 

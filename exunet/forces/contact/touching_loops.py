@@ -202,7 +202,7 @@ def touch(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, m: int, sums: An
 
     v, w : (3) velocities of its ends against the body's points there, in its axes [m/s]
     sums : (12,) of f n (3), of s f n (3), of f, of s f, of (f - F) p', of F p / 2, then the largest depth,
-           and where: [N/m] and so on, of a thread of length 1
+           and where: [N/m] and so on, of a thread of length 1. All f are 0 of one that leaves fast
     """
     splits = c.splits
     for k in range(12):
@@ -210,7 +210,7 @@ def touch(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, m: int, sums: An
     for k in range(m - 1):
         if splits[k + 1] - splits[k] > 1e-14:
             touch_between(c, thick, a, b, v, w, splits[k], splits[k + 1], sums)
-    return sums[6] > 0.0
+    return sums[10] > 0.0
 
 
 def touch_between(

@@ -1,0 +1,163 @@
+"""What `[effects.contact]` refuses, each with the line of the file and what to do."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+import exunet
+
+# The keys of contact begin at line 20; the head of the table is line 19.
+CASE = """format = 1
+title = "contact"
+time = {{ end = 1.0, output_step = 0.1 }}
+initial = {{ packing = 1.0 }}
+net.topology = "square"
+net.size = 0.4
+net.mesh = 0.4
+net.cable = {{ diameter = 0.001, density = 1000.0, youngs_modulus = 1e6 }}
+{bullets}
+[bodies.target]
+shape = "box"
+size = [0.2, 0.2, 0.2]
+{edge}
+position = [0.0, 0.0, -1.0]
+mass = 1.0
+[bodies.point]
+mass = 1.0
+inertia = [1.0, 1.0, 1.0]
+[effects.contact]
+{contact}
+"""
+GOOD = {
+    "threads": '["target"]',
+    "law": '"linear"',
+    "stiffness": "2e3",
+    "restitution": "0.5",
+    "impact_speed": "1.0",
+    "friction": "0.0",
+}
+BULLETS = {"bullets": '["target"]', "bullet_radius": "0.01", "bullet_stiffness": "1e3"}
+
+
+def refused(
+    folder: Path, keys: dict[str, str | None], bullets: bool, edge: str = "edge_radius = 0.02"
+) -> str:
+    """The message about a case with these keys in place of the good ones, without the folder."""
+    lines = [f"{key} = {value}" for key, value in {**GOOD, **keys}.items() if value is not None]
+    more = "net.bullets.mass = 0.01" if bullets else ""
+    path = folder / "case.toml"
+    path.write_text(CASE.format(contact="\n".join(lines), bullets=more, edge=edge))
+    try:
+        exunet.load(path)
+    except exunet.CaseError as error:
+        return str(error).replace(f"{folder}/", "")
+    return ""
+
+
+@pytest.mark.parametrize("bullets", [False, True])
+def test_what_is_right_is_read(bullets: bool, tmp_path: Path) -> None:
+    assert refused(tmp_path, BULLETS if bullets else {}, bullets) == ""
+    assert refused(tmp_path, {"law": '"hertz"', "stiffness": None, "modulus": "1e6"}, bullets) == ""
+    assert (
+        refused(
+            tmp_path, {"friction": "0.3", "friction_law": '"sticking"', "tangential_ratio": "1.0"}, bullets
+        )
+        == ""
+    )
+    assert refused(tmp_path, {"restitution": None, "impact_speed": None, "damping": "0.0"}, bullets) == ""
+
+
+WRONG: dict[str, tuple[dict[str, str | None], str]] = {
+    "no pair": ({"threads": None, "stiffness": None}, r":19: effects\.contact: names nothing that touches"),
+    "empty pairs": ({"threads": "[]"}, r"names nothing that touches"),
+    "unknown": (
+        {"threads": '["tagret"]'},
+        r":20: effects\.contact\.threads\[0\]: there is no body 'tagret': bodies are target, point",
+    ),
+    "twice": (
+        {"threads": '["target", "target"]'},
+        r":20: effects\.contact\.threads\[1\]: target is named twice",
+    ),
+    "no shape": (
+        {"threads": '["point"]'},
+        r":20: effects\.contact\.threads\[0\]: point has no shape that could be touched",
+    ),
+    "no bullets": (BULLETS, r"effects\.contact\.bullets: the net has no bullets: add \[net\.bullets\]"),
+    "radius alone": (
+        {"bullet_radius": "0.01"},
+        r"effects\.contact\.bullet_radius: is for bullets that touch",
+    ),
+    "no stiffness": ({"stiffness": None}, r':19: effects\.contact: needs stiffness, for law = "linear"'),
+    "no modulus": (
+        {"law": '"hertz"', "stiffness": None},
+        r':19: effects\.contact: needs modulus, for law = "hertz"',
+    ),
+    "stiffness of hertz": (
+        {"law": '"hertz"', "modulus": "1e6"},
+        r':22: effects\.contact\.stiffness: does not go with law = "hertz"',
+    ),
+    "stiffness of bullets": (
+        {"bullet_stiffness": "1.0"},
+        r"effects\.contact\.bullet_stiffness: does not go with",
+    ),
+    "neither": (
+        {"restitution": None, "impact_speed": None},
+        r":19: effects\.contact: needs either restitution with impact_speed, or damping",
+    ),
+    "both": (
+        {"damping": "0.1"},
+        r":19: effects\.contact: needs either restitution with impact_speed, or damping",
+    ),
+    "half": ({"impact_speed": None}, r":19: effects\.contact: needs restitution and impact_speed together"),
+    "bouncing up": ({"restitution": "1.1"}, r":23: effects\.contact\.restitution: .*1"),
+    "no restitution": ({"restitution": "0.0"}, r":23: effects\.contact\.restitution: .*0\.001"),
+    "negative friction": ({"friction": "-0.1"}, r":25: effects\.contact\.friction: .*0"),
+    "law of friction": (
+        {"friction": "0.3"},
+        r":19: effects\.contact: needs friction_law, \"sticking\" or \"regularised\"",
+    ),
+    "no slip speed": (
+        {"friction": "0.3", "friction_law": '"regularised"'},
+        r":19: effects\.contact: needs slip_speed",
+    ),
+    "slip speed": (
+        {"slip_speed": "1e-3"},
+        r":26: effects\.contact\.slip_speed: is for friction_law = \"regularised\"",
+    ),
+    "memory": (
+        {
+            "friction": "0.3",
+            "friction_law": '"regularised"',
+            "slip_speed": "1e-3",
+            "tangential_damping": "0.1",
+        },
+        r":28: effects\.contact\.tangential_damping: is for friction_law = \"sticking\"",
+    ),
+    "ratio": ({"tangential_ratio": "1.5"}, r":26: effects\.contact\.tangential_ratio: .*1"),
+    "law": ({"law": '"springs"'}, r":21: effects\.contact\.law: "),
+    "stiffness": ({"stiffness": "0.0"}, r":22: effects\.contact\.stiffness: "),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_refused_with_its_line(name: str, tmp_path: Path) -> None:
+    keys, words = WRONG[name]
+    found = refused(tmp_path, keys, bullets=False)
+    assert re.search(words, found), found
+
+
+def test_bullets_need_their_radius_and_stiffness(tmp_path: Path) -> None:
+    found = refused(tmp_path, BULLETS | {"bullet_radius": None}, bullets=True)
+    assert re.search(r":19: effects\.contact: needs bullet_radius, as bullets touch", found), found
+    found = refused(tmp_path, BULLETS | {"bullet_stiffness": None}, bullets=True)
+    assert re.search(r":19: effects\.contact: needs bullet_stiffness, for law = \"linear\"", found), found
+
+
+def test_edges_must_be_rounded(tmp_path: Path) -> None:
+    found = refused(tmp_path, {}, bullets=False, edge="")
+    assert re.search(
+        r":20: effects\.contact\.threads\[0\]: target has sharp edges.*bodies\.target\.edge_radius", found
+    ), found
