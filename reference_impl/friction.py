@@ -24,6 +24,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from reference_impl.arrays import Floats, Ints, dot
 from reference_impl.contacts import Contacts, Group, Pressed
@@ -105,10 +106,16 @@ class Bristles:
     limit: Floats  # mu N (t,)
 
     def stretched(self) -> Floats:
-        """z (t, 3) of what is remembered [m]."""
-        u = across(self.found.direction, self.lines.at(self.memory.s, self.x) - self.memory.b)
-        moving = across(self.found.direction, self.lines.at(self.memory.s, self.w))
-        return np.asarray(u + self.lines.lag[:, None] * moving)
+        """z (t, 3) of what is remembered [m]; u is zero where nothing is."""
+        m, fresh = self.found.direction, self.memory.law == APART
+        u = across(m, self.lines.at(self.memory.s, self.x) - self.memory.b)
+        moving = across(m, self.lines.at(np.where(fresh, self.found.s, self.memory.s), self.w))
+        return np.asarray(np.where(fresh[:, None], 0.0, u) + self.lines.lag[:, None] * moving)
+
+    def renewed(self) -> NDArray[np.bool_]:
+        """(t,) True where s_m becomes s_c: it slides, no longer touches at s_m, or has only begun to."""
+        slides = self.lines.stiffness * _size(self.stretched()) > self.limit
+        return np.asarray(slides | (self.depth() <= 0.0) | (self.memory.law == APART))
 
     def slip(self) -> Floats:
         """w_t (t, 3) [m/s] at s_c."""
@@ -122,12 +129,6 @@ class Bristles:
     def excess(self) -> Floats:
         """|T*| - mu N (t,) [N]."""
         return np.asarray(self.lines.stiffness * _size(self.stretched()) - self.limit)
-
-    def carried(self) -> Floats:
-        """b (t, 3) moved with s_m to s_c."""
-        return np.asarray(
-            self.memory.b + self.lines.at(self.found.s, self.x) - self.lines.at(self.memory.s, self.x)
-        )
 
     def depth(self) -> Floats:
         """Depth (t,) [m] at s_m, below zero where that is apart."""
@@ -166,14 +167,13 @@ def drag(
     kind = these.memory.law
     spring = -lines.stiffness[:, None] * these.stretched()
     size = _size(spring)
+    held = (kind == HELD) | ((kind == REMEMBERED) & ~these.renewed())
     capped = np.where((size > limit)[:, None], _over(limit[:, None] * spring, size), spring)
     along = across(m, e[group.first + found.row])
     sliding = -_over(limit[:, None] * along, _size(along))
-    force = np.select(
-        [(kind == each)[:, None] for each in (HELD, SLIDING, REMEMBERED)], [spring, sliding, capped], 0.0
-    )
+    force = np.select([(kind == HELD)[:, None], (kind == SLIDING)[:, None]], [spring, sliding], capped)
     force = np.where(found.normal[:, None] > 0.0, force, 0.0)
-    s = np.where(kind == SLIDING, s, np.where(kind == APART, 0.0, these.memory.s))
+    s = np.where(held, these.memory.s, s)
     return Dragged(force, s, -dot(force, lines.at(s, w)))
 
 
@@ -185,16 +185,11 @@ def remembered(
     for group, found, x, w in views:
         these = bristles(contacts.law, group, found, memory, x, w)
         touch = found.normal > 0.0
-        held = touch & (these.memory.law == REMEMBERED)
         z = these.stretched()
         size = _size(z)
-        slid = held & (size > these.reach)
-        place = these.lines.at(found.s, x)
-        moved = held & ~slid & (these.depth() <= 0.0)
-        brought_back = these.anchored(_over(these.reach[:, None] * z, size))
-        b = np.where(slid[:, None], brought_back, these.carried())
-        b = np.where(held[:, None], b, place)
-        renewed = touch & (~held | slid | moved)
+        brought_back = _over(np.minimum(size, these.reach)[:, None] * z, size)
+        b = these.anchored(brought_back)
+        renewed = touch & these.renewed()
         after.put(group, np.arange(len(group.i)), APART)
         after.put(group, found.row[touch], REMEMBERED)
         after.put(group, found.row[renewed], REMEMBERED, found.s[renewed], b[renewed])

@@ -173,7 +173,13 @@ class Adhesion:
         after.put(group, row, SLIDING)
         e[group.first + row] = z / np.maximum(np.sqrt(dot(z, z)), np.finfo(float).tiny)[:, None]
         moved = ~slides & (these.depth() <= 0.0)
-        after.put(group, these.found.row[moved], HELD, these.found.s[moved], these.carried()[moved])
+        after.put(
+            group,
+            these.found.row[moved],
+            HELD,
+            these.found.s[moved],
+            these.anchored(these.stretched())[moved],
+        )
 
     def _hold(self, view: View, rows: Ints, after: Memory, e: Floats) -> None:
         """Lines that slid stick with the bristle that they have."""
