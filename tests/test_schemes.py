@@ -37,7 +37,7 @@ def under(monkeypatch: pytest.MonkeyPatch) -> Callable[[Force], None]:
         monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
         monkeypatch.setattr(many_steps, "borrowed", lambda value: value, raising=False)
         for module in (schemes, many_steps):
-            for name in ("BODIES", "FIRST_ORDER", "TAKES_ENERGY", "TOLD", "JUMPS"):
+            for name in ("BODIES", "FIRST_ORDER", "TAKES_ENERGY", "TOLD", "JUMPS", "REMEMBERS"):
                 monkeypatch.setattr(module, name, False, raising=False)
 
     return use

@@ -131,6 +131,7 @@ def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
             ("TAKES_ENERGY", True),
             ("TOLD", False),
             ("JUMPS", False),
+            ("REMEMBERS", False),
         ):
             monkeypatch.setattr(module, name, bool(value), raising=False)
 

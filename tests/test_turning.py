@@ -42,6 +42,7 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
             ("FIRST_ORDER", True),
             ("TAKES_ENERGY", False),
             ("JUMPS", False),
+            ("REMEMBERS", False),
             ("TOLD", False),
         ):
             monkeypatch.setattr(module, name, bool(value), raising=False)

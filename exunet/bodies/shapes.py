@@ -58,14 +58,14 @@ class Solid:
 
     @property
     def least(self) -> float:
-        """The smallest of its dimensions, across [m]: the width of the largest ball inside."""
+        """The smallest of its dimensions, across [m]; a ball of this width is inside."""
         if self.kind == "box":
             return min(self.numbers)
         if self.kind == "frustum":
             low, high, length = self.numbers
             wide, slope = max(low, high), abs(high - low) / length
             # A ball of radius r on the wide end touches the side where wide = r (slope + sqrt(1 + slope^2)).
-            return min(2.0 * wide / (slope + math.hypot(1.0, slope)), length)
+            return min(low + high, 2.0 * wide / (slope + math.hypot(1.0, slope)), length)
         radius, length, _ = self.numbers
         return min(2.0 * radius, length) if self.kind == "cylinder" else 2.0 * radius
 
