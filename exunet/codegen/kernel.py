@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from exunet.codegen import drivers
 from exunet.codegen.compile import compiled_module, interpreted_module, numba_installed
 from exunet.codegen.generate import module_source
-from exunet.forces.terms import Constraint, Function, KernelTerm, Term
+from exunet.forces.terms import Constraint, Function, KernelTerm, Term, copied
 from exunet.forces.total import Forces
 
 Floats = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Kernel:
         kept = {}
         for term in self._terms:
             for call, data in zip(term.calls, term.data_at(memory or {}), strict=True):
-                own = _copy(data)
+                own = copied(data)
                 if term.memory is not None and term.memory.kept_in:
                     kept[term.memory.name] = getattr(own, term.memory.kept_in)
                 every.append(self.module.hold(own) if call.held and numba_installed() else own)
@@ -105,11 +105,6 @@ class Kernel:
         for row, t in enumerate(time.tolist()):
             self.module.forces(t, x[row], v[row], data, force[row])
         return force[:, v.shape[1] :]
-
-
-def _copy(data: Any) -> Any:
-    """A named tuple with copies of its arrays."""
-    return type(data)(*(np.array(value) if isinstance(value, np.ndarray) else value for value in data))
 
 
 def net_kernel(forces: Forces, extra: tuple[Function, ...] = ()) -> Kernel:

@@ -98,6 +98,11 @@ class KernelCall:
                 raise TypeError(f"{words} ({', '.join(arguments)})")
 
 
+def copied(data: Any) -> Any:
+    """A named tuple of data with copies of its arrays."""
+    return type(data)(*(np.array(value) if isinstance(value, np.ndarray) else value for value in data))
+
+
 @dataclass(frozen=True, eq=False)
 class Memory:
     """Values of a term that change only when a step is accepted.

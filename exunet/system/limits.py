@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from exunet.case.scene import Engine, Scene
 from exunet.forces import cable
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.terms import copied
 from exunet.methods.keys import SHORTEST_STEP
 from exunet.methods.method import METHODS, Kind, NetForm, TimeLoop
 from exunet.methods.plan import Plan
@@ -156,8 +156,7 @@ def contact_faults(system: System, start: State) -> list[Fault]:
         memory = term.memory
         if term.remember is None or memory is None or memory.wrong is None:
             continue
-        data: Any = term.data
-        data = data._replace(**{memory.kept_in: memory.initial.copy()})
+        data = copied(term.data)  # which has work space
         term.add(start.time, x, v, data, np.zeros(system.blocks.n_force))
         term.remember(start.time, x, v, data)
         if words := memory.wrong(getattr(data, memory.kept_in)):

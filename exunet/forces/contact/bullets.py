@@ -113,7 +113,7 @@ def bullet_contact(
         rubbing.slip_speed,
         kept,
         np.zeros((len(nodes), ROW)),
-        np.zeros(6),
+        np.zeros(5),
         np.zeros((3, 3)),
     )
     numbers = np.flatnonzero(np.isin(net.bullet_nodes, nodes))
@@ -159,7 +159,6 @@ def add_bullet_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     for m in range(now.size):
         now[m] = 0.0
     now[1] = -1.0
-    now[4] = t
     reach = c.radius + c.thick
     turned = False
     for k in range(c.node.size):
@@ -185,7 +184,7 @@ def add_bullet(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     i = c.node[k]
     p = place_in_body(x, i, c.centre, c.frame)
     w = velocity_against_body(v, i, c.centre, c.spin, c.frame, p)
-    c.now[3] = max(c.now[3], w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    c.now[3] = max(c.now[3], math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]))
     depth, d, e, f = depth_of_ball(c, p)
     if depth <= 0.0:
         return
@@ -197,7 +196,7 @@ def add_bullet(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
         c.now[0] = depth
         c.now[1] = k
     if depth > c.allowed + c.thick:
-        c.now[5] = -1.0 - k
+        c.now[4] = -1.0 - k
     rate = -(d * w[0] + e * w[1] + f * w[2])
     elastic = c.stiffness * depth**c.exponent
     across = elastic * max(1.0 + c.damping * rate, 0.0)
@@ -265,7 +264,7 @@ def remember_bullet_contact(t: float, x: Any, v: Any, c: Any) -> None:
     for k in range(c.node.size):
         keep_row(kept, k, c.after[k])
     last = 5 * c.node.size
-    remember_status(t, math.sqrt(c.now[3]), c, kept[last:])
+    remember_status(t, c, kept[last:])
 
 
 _OWN = (add_bullet, depth_of_ball)

@@ -14,8 +14,11 @@ from exunet.forces.contact.frame_loops import place_in_body, turn_into, velocity
 
 
 def is_near(t: float, c: Any) -> bool:
-    """True if the pairs that were chosen are still the right ones."""
-    return abs(t - c.look[1]) <= c.look[2]
+    """True if the pairs that were chosen are still the right ones.
+
+    A step that is tried again, shorter, begins before the instant at which the rejected one chose.
+    """
+    return 0.0 <= t - c.look[1] <= c.look[2]
 
 
 def clearance(c: Any, k: int, x: Any) -> float:
@@ -44,8 +47,8 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
         fastest = max(fastest, w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
         apart = clearance(c, k, x)
         if apart < margin:
-            if apart < 0.0 and c.now[5] == 0.0 and c.listed[k] == 0.0 and c.look[2] >= 0.0:
-                c.now[5] = 1.0 + k
+            if apart < 0.0 and c.now[4] == 0.0 and c.listed[k] == 0.0 and c.look[2] >= 0.0:
+                c.now[4] = 1.0 + k
             c.near[n] = k
             n += 1
         c.listed[k] = 1.0 if apart < margin else 0.0
@@ -55,11 +58,8 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
     c.look[2] = margin / (8.0 * (c.look[3] + 5.0))
 
 
-def remember_status(t: float, fastest: float, c: Any, status: Any) -> None:
-    """The largest depth, the first touch, and what has gone wrong by the end of an accepted step.
-
-    fastest : speed against the body of what is near [m/s]
-    """
+def remember_status(t: float, c: Any, status: Any) -> None:
+    """The largest depth, the first touch, and what has gone wrong by the end of an accepted step."""
     now = c.now
     if now[0] > status[0]:
         status[0] = now[0]
@@ -68,14 +68,14 @@ def remember_status(t: float, fastest: float, c: Any, status: Any) -> None:
     if now[2] > 0.0 and status[3] < 0.0:
         status[3] = t
     status[7] = max(status[7], now[2])
-    way = fastest * (t - status[8])
+    way = now[3] * (t - status[8])
     status[8] = t
-    wrong = 1.0 if now[5] < 0.0 else 2.0 if way > c.least else 3.0 if now[5] > 0.0 else 0.0
+    wrong = 1.0 if now[4] < 0.0 else 2.0 if way > c.least else 3.0 if now[4] > 0.0 else 0.0
     if status[4] == 0.0 and wrong > 0.0:
         status[4] = wrong
         status[5] = t
-        status[6] = now[1] if wrong == 2.0 else abs(now[5]) - 1.0
-    now[5] = 0.0
+        status[6] = now[1] if wrong == 2.0 else abs(now[4]) - 1.0
+    now[4] = 0.0
 
 
 def keep_row(kept: Any, k: int, row: Any) -> None:

@@ -67,8 +67,9 @@ class ThreadContact(NamedTuple):
     friction, slip_speed : as `Friction`
     kept     : (ROW m + STATUS,) the memory
     after    : (m, ROW) what the memory would be after the state that was looked at last
-    now      : (6,) of that state: largest depth [m], its pair, pairs that touch, not used, when [s]; 1 + the
-               number of a pair that came into reach unseen, less than 0 of one that is too deep, or 0
+    now      : (5,) of that state: largest depth [m], its pair, pairs that touch, speed against the body of
+               what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0 of one
+               that is too deep, or 0
     near     : (m,) numbers of the pairs that are looked at, in order
     listed   : (m,) 1.0 for these
     look     : (4,) how many there are, when they were chosen [s], how long they are right [s], and the
@@ -160,7 +161,7 @@ def thread_contact(
         rubbing.slip_speed,
         kept,
         np.zeros((len(element), ROW)),
-        np.zeros(6),
+        np.zeros(5),
         np.zeros(len(element), dtype=np.int64),
         np.zeros(len(element)),
         np.array([0.0, 0.0, -1.0, 0.0]),
@@ -224,9 +225,9 @@ def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     now[0] = 0.0
     now[1] = -1.0
     now[2] = 0.0
-    now[3] = 0.0
-    now[4] = t
+    now[4] = max(now[4], 0.0)  # an attempt that was rejected may have been too deep
     number = int(c.look[0])
+    now[3] = c.look[3] if number > 0 else 0.0
     if number == 0:
         return
     turn_into(x, c.attitude, c.frame)
@@ -264,7 +265,7 @@ def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
         c.now[0] = sums[10]
         c.now[1] = k
     if sums[10] > c.allowed + c.thick[k]:
-        c.now[5] = -1.0 - k
+        c.now[4] = -1.0 - k
     length = c.length[k]
     on_b = (length * sums[3], length * sums[4], length * sums[5])
     on_a = (length * sums[0] - on_b[0], length * sums[1] - on_b[1], length * sums[2] - on_b[2])
@@ -369,7 +370,7 @@ def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
     for one in range(int(c.look[0])):
         keep_row(kept, c.near[one], c.after[c.near[one]])
     last = 5 * c.length.size
-    remember_status(t, c.look[3] if c.look[0] > 0.0 else 0.0, c, kept[last:])
+    remember_status(t, c, kept[last:])
 
 
 _OWN = (add_thread, rub_with_memory, touches_at, remember_anchor, between, along)

@@ -1,0 +1,77 @@
+"""Which threads are looked at, and what of rejected steps is forgotten, as plain Python."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from contact_scenes import THROWN
+
+import exunet
+from exunet.forces.terms import KernelTerm, copied
+from exunet.simulation.preparation import Start, prepare_case
+
+WINDOW = 2  # of `look`: how long the choice is right
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Start:
+    path = tmp_path / "thrown.toml"
+    path.write_text(THROWN)
+    return prepare_case(exunet.load(path))
+
+
+def threads_of(start: Start) -> tuple[KernelTerm, Any]:
+    term = next(one for one in start.system.forces.kernels if one.acts_on.startswith("threads"))
+    return term, copied(term.data)
+
+
+def looked_at(start: Start, term: KernelTerm, data: Any, time: float, shift: float) -> list[int]:
+    """The pairs that are looked at, at a time [s] with the net shifted along z [m]."""
+    x, v = start.system.layout.pack(start.state.moving)
+    x = x.copy()
+    x[2 : 3 * start.net.n_nodes : 3] += shift
+    term.add(time, x, v, data, np.zeros(start.system.blocks.n_force))
+    return data.near[: int(data.look[0])].tolist()
+
+
+def test_a_check_of_the_start_leaves_the_scene_as_it_is(start: Start) -> None:
+    """Its work space is copied: what was chosen for the start would be taken for other states at its time."""
+    term, data = threads_of(start)
+    assert data.look[WINDOW] == -1.0
+    assert not data.kept[-1]
+    assert not data.near.any()
+    assert term.data.look[WINDOW] == -1.0
+
+
+def test_a_step_that_is_tried_again_chooses_again(start: Start) -> None:
+    """What a rejected attempt chose far away is not taken for the state nearby; later in time it lasts."""
+    term, data = threads_of(start)
+    near = looked_at(start, term, data, 0.0, 0.0)
+    assert near
+    assert looked_at(start, term, data, 1.0, 1000.0) == []
+    assert looked_at(start, term, data, 1.0 + 0.5 * data.look[WINDOW], 1000.0) == []
+    assert looked_at(start, term, data, 0.5, 0.0) == near
+
+
+def test_the_depth_of_a_rejected_attempt_does_not_stop_a_run(start: Start) -> None:
+    term, data = threads_of(start)
+    assert term.memory is not None
+    assert term.memory.wrong is not None
+    assert term.remember is not None
+    x, v = start.system.layout.pack(start.state.moving)
+    nodes = slice(3 * start.net.n_nodes)
+    deep = x.copy()
+    places = deep[nodes].reshape(-1, 3)
+    places += start.system.blocks.poses.centre[0] - places[0]  # a node in the middle of the body
+    force = np.zeros(start.system.blocks.n_force)
+    term.add(1e-3, deep, v, data, force)
+    assert data.now[4] < 0.0
+    for time, state, words in ((5e-4, x, ""), (1.0, deep, "deeper")):
+        term.add(time, state, v, data, force)
+        term.remember(time, state, v, data)
+        found = term.memory.wrong(data.kept)
+        assert words in found
+        assert bool(found) == bool(words)
