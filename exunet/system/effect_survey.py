@@ -24,6 +24,7 @@ from exunet.forces.terms import LinearTerm
 from exunet.forces.total import Contribution
 from exunet.methods.method import Form, NetForm, TimeLoop
 from exunet.net import weave
+from exunet.system.from_scene import system_of
 from exunet.system.initial import initial_state
 
 ASKED = 0.01  # of the net's size: the accuracy that the advice is for, where the case states none
@@ -116,7 +117,11 @@ def _finding(scene: Scene, name: str, duration: float | None) -> Finding:
         if assumed is None:
             return Finding(name, False, None, "", None, 0.0, 0.0)
         keys, assumption = assumed
-    cost = cost_of(terms_of_alone(name, keys, basis, tuple(scene.bodies)), basis.blocks, _form(scene))
+    if getattr(EFFECTS[name], "TOUCHES_BODIES", False):  # only the system knows where they are
+        terms = terms_of(name, keys, system_of(scene, [])[0].blocks)
+    else:
+        terms = terms_of_alone(name, keys, basis, tuple(scene.bodies))
+    cost = cost_of(terms, basis.blocks, _form(scene))
     estimate: Estimate = EFFECTS[name].magnitude(keys, basis)
     if not np.isfinite([estimate.acceleration, estimate.displacement]).all():
         raise beyond_floats(name)

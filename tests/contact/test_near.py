@@ -12,6 +12,7 @@ from contact_scenes import THROWN
 import exunet
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
+from exunet.system.effect_survey import survey
 
 WINDOW = 2  # of `look`: how long the choice is right
 
@@ -44,6 +45,13 @@ def test_a_check_of_the_start_leaves_the_scene_as_it_is(start: Start) -> None:
     assert not data.kept[-1]
     assert not data.near.any()
     assert term.data.look[WINDOW] == -1.0
+
+
+def test_effects_are_surveyed_where_bodies_are(start: Start) -> None:
+    found = {one.name: one for one in survey(start.scene)}["contact"]
+    assert found.on
+    assert found.estimate is not None
+    assert found.cost > 0.0
 
 
 def test_a_step_that_is_tried_again_chooses_again(start: Start) -> None:

@@ -21,6 +21,7 @@ An effect's module has
 - if it would act on rigid bodies too, but only does on the net, `ON_THE_NET_ALONE = True`, which runs tell;
 - if nothing outside of the scene gets what it gives, `internal(keys)`, which then is True: it has no line in
   the books of momentum;
+- if its terms need the surfaces of rigid bodies (`Blocks.surfaces`), `TOUCHES_BODIES = True`;
 - if it belongs to tests on the ground, `ON_THE_GROUND = True`;
 - if it brings a point mass of its own, `point_masses(keys) -> tuple[PointMass, ...]`;
 - if it has first-order states, `first_order_states(keys) -> tuple[FirstOrder, ...]`.

@@ -24,6 +24,8 @@ from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
 
+TOUCHES_BODIES = True
+
 Names = Annotated[tuple[str, ...], FromArray]
 
 
