@@ -117,7 +117,7 @@ def _measured(states: States, dissipated: Floats) -> Measured:
         kinetic=states.kinetic,
         elastic=states.elastic,
         potential=states.potential,
-        dissipated=dissipated + states.given_work,
+        dissipated=dissipated + states.system.put_in(states.first_order),
         centre=metrics.net_centre(net, position),
         tension=tension.max(axis=1, initial=0.0),
         body_centre=np.concatenate([states.position[:, masses], states.bodies.position], axis=1),

@@ -126,15 +126,19 @@ class System:
         Of what terms count as first-order states themselves: work of guided bodies and of reels, what contact
         takes.
         """
-        columns, sign = self._gives
-        return np.asarray((first_order[..., columns] * sign).sum(axis=-1))
+        return self._sum_of(first_order, np.flatnonzero(self._gives))
+
+    def put_in(self, first_order: Floats) -> Floats:
+        """(...,) energy [J] that guided bodies and reels have given; nothing is counted against it."""
+        return self._sum_of(first_order, np.flatnonzero(self._gives > 0.0))
+
+    def _sum_of(self, first_order: Floats, columns: NDArray[np.int64]) -> Floats:
+        return np.asarray((first_order[..., columns] * self._gives[columns]).sum(axis=-1))
 
     @cached_property
-    def _gives(self) -> tuple[NDArray[np.int64], Floats]:
-        """The columns of the states that count such energies, and `FirstOrder.gives` of each."""
-        gives = np.array([one.gives for one in self.blocks.states for _ in one.initial], dtype=float)
-        columns = np.flatnonzero(gives)
-        return columns, gives[columns]
+    def _gives(self) -> Floats:
+        """`FirstOrder.gives` of each column of the states."""
+        return np.array([one.gives for one in self.blocks.states for _ in one.initial], dtype=float)
 
     @cached_property
     def memory(self) -> dict[str, Floats]:

@@ -97,3 +97,11 @@ def simulation(folder: Path, text: str, *changes: str) -> exunet.Simulation:
     path = folder / "scene.toml"
     path.write_text(text)
     return exunet.Simulation(str(path), list(changes))
+
+
+def taken_by_contact(sim: exunet.Simulation) -> tuple[float, float]:
+    """Energy [J] that its damping and its friction have taken."""
+    blocks, values = sim.start.system.blocks, sim.view.first_order
+    first = blocks.n_x - blocks.n_states
+    damping, friction = (values[blocks.state(f"contact/{name}") - first] for name in ("damping", "friction"))
+    return float(damping), float(friction)

@@ -9,7 +9,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import DENSITY, DIAMETER, HERTZ, LINEAR, PLATE, SIDE, STRING, contact, simulation
+from contact_scenes import (
+    DENSITY,
+    DIAMETER,
+    HERTZ,
+    LINEAR,
+    PLATE,
+    SIDE,
+    STRING,
+    contact,
+    simulation,
+    taken_by_contact,
+)
 from scipy.optimize import brentq
 from scipy.special import gamma
 
@@ -76,7 +87,8 @@ def test_at_another_speed_restitution_is_what_the_relation_says(speed: float, tm
     which, keys, changes = IMPACTS["bullets"]
     keys = keys | {"restitution": 0.5, "impact_speed": 1.0}
     fall = f"initial.velocity=[0.0, 0.0, {-speed}]"
-    found = bounced(tmp_path, which, keys, fall, *changes, "solver.step=2e-5", until=0.1 / min(speed, 1.0))
+    soon = 0.098 / speed  # before threads, which nothing stops here, are too deep to be followed
+    found = bounced(tmp_path, which, keys, fall, *changes, "solver.step=2e-5", until=soon)
     assert found / speed == pytest.approx(e, abs=1e-6)
 
 
@@ -190,7 +202,6 @@ def test_a_sliding_net_stops_after_v2_over_2_mu_g(tmp_path: Path) -> None:
     assert np.abs(way - known).max() < 2.0 * bent + 1.5 * speed * 2e-4
     assert np.abs(sim.net.velocity).max() < 1e-9
     book = sim.energy
-    lost = sim.view.first_order
     kinetic = 0.5 * float(sim.start.system.mass[:8].sum()) * speed**2
-    assert lost[-1] == pytest.approx(kinetic, rel=1e-3)  # all of it, by friction
+    assert taken_by_contact(sim)[1] == pytest.approx(kinetic, rel=1e-3)  # all of it, by friction
     assert book.total == pytest.approx(kinetic, rel=1e-3)

@@ -7,12 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import THROWN, simulation
+from contact_scenes import THROWN, simulation, taken_by_contact
 
 import exunet
 from exunet.bodies.rigid import rotation_matrix
+from exunet.results.course import course_of
+from exunet.results.headlines import headlines_of
+from exunet.results.measures import dissipation
+from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
+from exunet.studies.spread import spread_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.ci]  # a kernel for each form, compiled in a minute each
 
@@ -50,7 +55,7 @@ def touched(sim: Simulation) -> tuple[float, float]:
 def energy(sim: Simulation) -> tuple[float, Floats]:
     """All energy [J], with what damping and friction have taken, and these two."""
     now = sim.energy
-    return now.kinetic + now.elastic + now.potential, sim.view.first_order[-2:].copy()
+    return now.kinetic + now.elastic + now.potential, np.array(taken_by_contact(sim))
 
 
 def test_momentum_is_kept_and_energy_is_booked(tmp_path: Path) -> None:
@@ -102,3 +107,14 @@ def test_a_snapshot_in_mid_contact_repeats_to_the_bit(form: str, tmp_path: Path)
         for name, values in sim.state.arrays().items():
             np.testing.assert_array_equal(values, known[name], err_msg=name)
     assert isinstance(other, exunet.Simulation)
+
+
+def test_what_contact_takes_is_dissipated_in_moved_starts_too(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(THROWN)
+    case = exunet.load(path, ["time.end=0.1"])
+    run, spread = exunet.run(case), spread_of(prepare_case(case), 1)
+    taken = dissipation(run)[-1]
+    assert taken == run.dissipated[-1] > 1e-4
+    assert headlines_of(course_of(run))["dissipated_energy_J"] == taken
+    assert headlines_of(spread.plain)["dissipated_energy_J"] == pytest.approx(taken, rel=1e-9)
