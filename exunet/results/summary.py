@@ -17,6 +17,7 @@ from exunet.base.files import replacing
 from exunet.net.arrays import Net
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
+from exunet.results.capture_headlines import outcomes, told, touched_bodies
 from exunet.results.course import Course, course_of
 from exunet.results.headlines import constants_of, headlines_of
 from exunet.results.loads import loads
@@ -41,7 +42,7 @@ def summarise(
     """
     story = result.provenance
     course = course_of(result)
-    overlapping, passing = overlaps(result), passages(result)
+    overlapping, passing = overlaps(result), passages(result, but=touched_bodies(course))
     engine = story.get("engine", {})
     return {
         "title": story.get("title", ""),
@@ -70,6 +71,7 @@ def summarise(
         "largest_tensions": _largest_tensions(course),
         "margins": _margins(course),
         "deployment": _deployment(course),
+        **({} if (capture := _capture(course, spread)) is None else {"capture": capture}),
         "overlaps": [_overlap(one) for one in overlapping],
         "passages": [_passage(one) for one in passing],
         "broken": story.get("broken"),
@@ -96,6 +98,14 @@ def summarise(
         "versions": story.get("versions", {}),
         "platform": story.get("platform"),
     }
+
+
+def _capture(course: Course, spread: Spread | str | None) -> dict[str, Any] | None:
+    """What became of the target, in this run and in moved starts; None of a case without [verdict]."""
+    found = told(course)
+    if found is not None and isinstance(spread, Spread):
+        found["moved_starts"] = outcomes(spread.courses)
+    return found
 
 
 def _largest_tension(peak: Peak) -> dict[str, Any]:

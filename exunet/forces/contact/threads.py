@@ -24,11 +24,12 @@ from exunet.forces.contact.friction_loops import (
     shift_for,
 )
 from exunet.forces.contact.near_loops import NEAR, choose_near, is_near, keep_row, remember_status
+from exunet.forces.contact.status import memory_of, untouched
 from exunet.forces.contact.touching_loops import TOUCHING, find_spans, touch
-from exunet.forces.contact.trouble import STATUS, trouble
+from exunet.forces.contact.trouble import trouble
 from exunet.forces.cores import Cores, Surface
 from exunet.forces.loops import Index
-from exunet.forces.terms import KernelTerm, Memory
+from exunet.forces.terms import KernelTerm
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -67,9 +68,9 @@ class ThreadContact(NamedTuple):
     friction, slip_speed : as `Friction`
     kept     : (ROW m + STATUS,) the memory
     after    : (m, ROW) what the memory would be after the state that was looked at last
-    now      : (5,) of that state: largest depth [m], its pair, pairs that touch, speed against the body of
+    now      : (6,) of that state: largest depth [m], its pair, pairs that touch, speed against the body of
                what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0 of one
-               that is too deep, or 0
+               that is too deep, or 0; sum of the forces across the surface [N]
     near     : (m,) numbers of the pairs that are looked at, in order
     listed   : (m,) 1.0 for these
     look     : (4,) how many there are, when they were chosen [s], how long they are right [s], and the
@@ -134,9 +135,9 @@ def thread_contact(
     stiffness, damping = law
     spring = rubbing.ratio * stiffness * length
     mass = net.density[element] * net.area[element] * length
-    kept = np.zeros(ROW * len(element) + STATUS)
-    kept[: ROW * len(element) : ROW] = np.where(np.isin(element, inside), -1.0, 0.0)
-    kept[-STATUS + 3] = -1.0
+    rows = np.zeros((len(element), ROW))
+    rows[:, 0] = np.where(np.isin(element, inside), -1.0, 0.0)
+    kept = untouched(rows)
     cores: Cores = surface.cores
     data = ThreadContact(
         (3 * ends[:, 0]).astype(Index),
@@ -161,7 +162,7 @@ def thread_contact(
         rubbing.slip_speed,
         kept,
         np.zeros((len(element), ROW)),
-        np.zeros(5),
+        np.zeros(6),
         np.zeros(len(element), dtype=np.int64),
         np.zeros(len(element)),
         np.array([0.0, 0.0, -1.0, 0.0]),
@@ -186,7 +187,7 @@ def thread_contact(
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=rates[0],
         damping_rate=rates[1],
-        memory=Memory(f"contact/threads/{body}", kept, kept_in="kept", wrong=wrong),
+        memory=memory_of("threads", body, kept, wrong),
         remember=remember_thread_contact,
         internal=True,
     )
@@ -225,6 +226,7 @@ def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     now[0] = 0.0
     now[1] = -1.0
     now[2] = 0.0
+    now[5] = 0.0
     now[4] = max(now[4], 0.0)  # an attempt that was rejected may have been too deep
     number = int(c.look[0])
     now[3] = c.look[3] if number > 0 else 0.0
@@ -261,6 +263,7 @@ def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     if kept[5 * k] < 0.0:
         return
     c.now[2] += 1.0
+    c.now[5] += c.length[k] * sums[6]
     if sums[10] > c.now[0]:
         c.now[0] = sums[10]
         c.now[1] = k
