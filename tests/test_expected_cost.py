@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
 from commands import command
 
+import reference_impl as reference
 from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
 from exunet.case.casefile import load
 from exunet.interfaces.commands import estimates
+from exunet.interfaces.commands.check import describe
 from exunet.interfaces.commands.estimates import (
     Expected,
     duration,
@@ -26,6 +29,7 @@ from exunet.simulation.expected_cost import (
     COUNTED,
     EXTRAPOLATED,
     GUESSED,
+    expected_check,
     expected_cost,
     in_the_compiled_loop,
 )
@@ -140,11 +144,42 @@ def test_a_long_run_says_what_the_compiled_loop_would_take():
 
 
 def test_what_the_time_leaves_out_is_told():
-    assert not_counted(check=False, error=False) == []
-    for name, words in not_counted(check=True, error=True):
-        assert name in ("check", "error")
-        assert "not in this time" in words
-        assert len(f"{name:8s}{words}") <= 80
+    assert not_counted(error=False) == []
+    ((name, words),) = not_counted(error=True)
+    assert name == "error"
+    assert "not in this time" in words
+    assert len(f"{name:8s}{words}") <= 80
+
+
+def test_the_time_of_a_check_is_told_with_that_of_both() -> None:
+    start = started(*EARLY)
+    found = estimated(start, check=True)
+    assert found.check is not None
+    words = dict(found.rows())["check"]
+    assert words.startswith(f"about {duration(found.check.seconds)} (")
+    assert f"about {duration(max(found.check.seconds, found.run.seconds))} for both" in words
+    assert "check" not in dict(estimated(start).rows())
+    assert "check of a run" in dict(describe(load(PLANAR, ["time.end=0.1"])))
+
+
+@pytest.mark.parametrize("case", ["planar_deployment", "nets/cut", "bodies/snap", "hard/one_element"])
+def test_the_reference_takes_what_is_told(case: str) -> None:
+    """In processor seconds, since other programs run beside; a second more for its start."""
+    short = {"planar_deployment": "0.7", "nets/cut": "0.3", "bodies/snap": "0.2", "hard/one_element": "0.05"}
+    given = (f"time.end={short[case]}", "time.output_step=0.01")
+    given = (*given, "solver.method=DOPRI5", "solver.step=") if case == "bodies/snap" else given
+    path = CASES / f"{case}.toml"
+    start = started(*given, case=path)
+    trial = try_out(start, budget=60.0)
+    assert trial is not None
+    assert trial.complete
+    told = expected_check(start, trial)
+    overrides = dict(reference.parse_override(one) for one in given if one[-1] != "=")
+    scene = reference.prepare(reference.read(path, overrides))
+    began = process_time()
+    scene.integrate()
+    taken = process_time() - began
+    assert told.seconds / told.factor < taken + 1.0 < told.seconds * told.factor
 
 
 def test_a_guess_says_that_it_is_one():

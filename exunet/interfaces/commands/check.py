@@ -54,7 +54,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         *[("note", note) for note in plan.notes],
         ("stable step", _stable_steps(start)),
         ("engine items", items),
-        *[(f"{name} of a run", words) for name, words in estimated(start, thorough=True).rows()],
+        *[(f"{name} of a run", words) for name, words in estimated(start, thorough=True, check=True).rows()],
     ]
 
 
