@@ -32,6 +32,7 @@ from exunet.system.system import State, System
 LONGEST = 30.0
 # Damping rate over the highest frequency from which on damping, not accuracy, sets an explicit method's step.
 STIFF = 10.0
+_NO_LIMIT = "step = that between stored times: nothing in the scene swings or is damped, which would limit it"
 
 
 def make_plan(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fault]]:
@@ -55,6 +56,8 @@ def make_plan(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fa
         notes = [f"step {words}: forced"] if words else []
         return _fixed(method, solver.step, spacing, *notes), faults
     kind = "step limit" if METHODS[method].weak else "stable step"
+    if math.isinf(limit):
+        return Plan(method, step=spacing, notes=(_NO_LIMIT,)), []
     note = f"step = {SAFETY:g} x the {kind} {limit:.4g} s of {method}"
     return _fixed(method, SAFETY * limit, spacing, note), []
 

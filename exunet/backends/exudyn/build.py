@@ -83,7 +83,7 @@ def expected_items(system: System, *, fused: bool) -> dict[str, int]:
             "ObjectGenericODE2": generic,
         }
     counts["ObjectRigidBody"] = int(system.moves_freely.sum())
-    counts["ObjectGenericODE1"] = bool(system.blocks.states)
+    counts["ObjectGenericODE1"] = int(bool(system.blocks.states))
     return {kind: number for kind, number in counts.items() if number}
 
 
