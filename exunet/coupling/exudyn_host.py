@@ -63,11 +63,13 @@ def couple(
 class _Open(NamedTuple):
     """The step that the host is taking, or has taken.
 
-    handed : (n,) forces and torques of all ports, one port after the other
+    mean   : (n,) mean forces and torques of all ports, one port after the other
+    handed : (n,) those that the host was handed for them
     before : where the markers were when it began
     """
 
     loads: dict[str, PortLoad]
+    mean: Floats
     handed: Floats
     before: dict[str, FrameState]
 
@@ -157,26 +159,29 @@ class ExudynCoupling:
             return False
         if not self._attached:
             return True
+        solver = self._mbs.sys.get("dynamicSolver")
+        starts = solver is None or solver is not self._solver
+        if starts:
+            self._ports.look_up()
         now = self._ports.now()
         if until <= self._net.time:
             self._take_back(until)
         elif self._open is not None:
             self._book(now)
-        self._follow_solver()
+        if starts:
+            self._follow(solver)
         begin, net = self._net.time, self._net
         self._refuse_long(begin, until)
         loads = self._undo.step(until, self._predictor.told(begin, until, now))
         mean = np.concatenate([part for name in net.ports for part in loads[name][-2:]])
         handed = self._handover.handed(mean, until - begin, jumps=net.recoils(begin, until))
         self._ports.let_act(handed.reshape(-1, 6))
-        self._open = _Open(loads, handed, now)
+        self._open = _Open(loads, mean, handed, now)
         return True
 
-    def _follow_solver(self) -> None:
+    def _follow(self, solver: Any) -> None:
         """Each run of the host may have another method; SolveDynamic tells it to the system."""
-        solver, settings = (self._mbs.sys.get(name) for name in ("dynamicSolver", "simulationSettings"))
-        if solver is self._solver and solver is not None:
-            return
+        settings = self._mbs.sys.get("simulationSettings")
         if settings is None or solver is None:
             raise InputError(
                 "couple: the host's method is not known: use mbs.SolveDynamic, with storeSolver=True"
@@ -214,15 +219,15 @@ class ExudynCoupling:
     def _book_what_ended(self) -> None:
         """Book the last step if the host has ended it: in an earlier pre-step function, after the run."""
         if self._open is not None and self._host_time() >= self._net.time - 1e-12:
+            self._ports.look_up()  # somebody may have changed items since
             self._book(self._ports.now())
 
     def _book(self, now: dict[str, FrameState]) -> None:
         """Take the step that has ended into the books; it has led to `now`."""
         assert self._open is not None
-        loads, handed, before = self._open
+        loads, mean, handed, before = self._open
         begin, end = next((load.begin, load.end) for load in loads.values())
         recoils, duration = self._net.recoils(begin, end), end - begin
-        mean = np.concatenate([part for name in self._net.ports for part in loads[name][-2:]])
         applied = self._handover.take(mean, handed, duration, jumps=recoils)
         works = {
             name: work_on_host(six[:3], six[3:], duration, before[name], now[name])

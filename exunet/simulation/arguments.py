@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from numbers import Real
 
@@ -17,7 +18,7 @@ def finite_number(given: object) -> float | None:
         number = float(given)
     except OverflowError:  # a whole number or a fraction beyond floating point
         return None
-    return number if np.isfinite(number) else None
+    return number if math.isfinite(number) else None
 
 
 def whole_number(given: object) -> int | None:
