@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 def finite_number(given: object) -> float | None:
     """A finite number, else None."""
+    if type(given) is float:
+        return given if math.isfinite(given) else None
     if isinstance(given, bool) or not isinstance(given, Real):
         return None
     try:
