@@ -110,9 +110,9 @@ def test_the_time_of_a_hertzian_impact(tmp_path: Path) -> None:
     assert sim.net.velocity[0, 2] == pytest.approx(1.0, abs=1e-6)
     height = sim.net.position[0, 2] - (-0.05 + 0.02)
     assert 0.1 - 0.03 - height == pytest.approx(known, rel=1e-6)
-    status = sim.view.memory["contact/bullets/plate"][-9:]
-    assert status[0] == pytest.approx(deepest, rel=1e-6)  # the largest depth
-    assert status[3] == pytest.approx(0.03, abs=1.5 * step)  # when it touched first
+    status = status_of(sim.view.memory["contact/bullets/plate"])
+    assert status.depth == pytest.approx(deepest, rel=1e-6)
+    assert status.first_touch == pytest.approx(0.03, abs=1.5 * step)
 
 
 # Friction

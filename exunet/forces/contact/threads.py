@@ -77,6 +77,7 @@ class ThreadContact(NamedTuple):
                largest speed of any thread against the body then [m/s]
     frame    : (3, 3) work space: the rotation of the body
     own      : (3 n_nodes,) work space: places of the nodes in the body's axes [m]
+    lines    : (n, 6) work space: the thread in the axes of each core, where it begins and to where it goes
     spans, splits, sums, rule : work space and Gauss's rules, see `touching_loops`
     """
 
@@ -113,6 +114,7 @@ class ThreadContact(NamedTuple):
     look: Floats
     frame: Floats
     own: Floats
+    lines: Floats
     spans: Floats
     splits: Floats
     sums: Floats
@@ -168,6 +170,7 @@ def thread_contact(
         np.array([0.0, 0.0, -1.0, 0.0]),
         np.zeros((3, 3)),
         np.zeros(3 * net.n_nodes),
+        np.zeros((len(cores.kind), 6)),
         np.zeros((len(cores.kind), 2)),
         np.zeros(16 * len(cores.kind)),
         np.zeros(12),
@@ -257,7 +260,7 @@ def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
         return
     w_a = velocity_against_body(v, i, c.centre, c.spin, c.frame, a)
     w_b = velocity_against_body(v, j, c.centre, c.spin, c.frame, b)
-    if not touch(c, c.thick[k], a, b, w_a, w_b, m, sums):
+    if not touch(c, c.thick[k], w_a, w_b, m, sums):
         row[0] = 0.0
         return
     if kept[5 * k] < 0.0:
@@ -359,7 +362,7 @@ def thread_contact_potential(x: Any, c: Any) -> float:
             a = place_in_body(x, c.first[k], c.centre, c.frame)
             b = place_in_body(x, c.second[k], c.centre, c.frame)
             m = find_spans(c, c.thick[k], a, b)
-            if m > 0 and touch(c, c.thick[k], a, b, rest, rest, m, c.sums):
+            if m > 0 and touch(c, c.thick[k], rest, rest, m, c.sums):
                 total += c.length[k] * c.sums[9]
     return total
 
