@@ -149,7 +149,7 @@ def lines(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
 
 
 def _rates_of(names: list[str], system: System) -> Callable[[State], Floats]:
-    """(6,) of impulse and angular impulse about the origin, of all of these together, in the compiled loop."""
+    """(6,) of impulse and angular impulse about the origin, of all together, in the compiled loop."""
     kernel, a1 = loop_kernel(system), Stages._fields.index("a1")
     first = [system.blocks.rate(f"{name}/{QUANTITIES[0][0]}") for name in names]
 
