@@ -109,6 +109,4 @@ def test_without_elements_no_step_is_called_infinite(tmp_path: Path, method: str
         assert told["method"] == f"{method}, step 0.1 s"
         assert any(words.startswith("step = that between stored times") for _, words in every)
     damped = dict(describe(exunet.load(path, ["effects.mass_damping.alpha=0.5"])))
-    assert damped["stable step"].startswith(
-        "2 s (VelocityVerlet)"
-    )  # 2 / (2 alpha), the bound of a whole net and a body
+    assert damped["stable step"].startswith("2 s (VelocityVerlet)")  # bound: 2 alpha

@@ -22,11 +22,9 @@ from exunet.results.capture import Measures, capture_of, rule_of
 from exunet.results.clearance import MOST_PAIRS, Pair, gaps_of, pairs_of, shapes_of
 from exunet.results.ends import ends_of_result, no_ends
 from exunet.results.margins import (
-    ALL_STEPS,
     Groups,
     Margin,
     Peak,
-    group_of_peak,
     loaded_over_blocks,
     peaks_of,
 )
@@ -67,7 +65,7 @@ class Course:
     kinetic, elastic, potential : (t,) [J]
     dissipated      : (t,) [J], without the work that is put in: see `exunet.results.measures.dissipation`
     tension         : (t,) largest tension of all elements at each time [N]
-    peaks           : the largest of all steps of each group of `Net.groups`
+    peaks           : the largest of all steps of each of `Net.spans`
     body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
     turning, guided : the bodies that have an attitude; those whose motion is given
     outside         : effects whose impulse is kept
@@ -132,9 +130,12 @@ class Course:
         if self.groups is None or group not in self.groups.names:
             return None
         number = self.groups.names.index(group)
-        peak = self.peaks.get(group_of_peak(group))
-        known = peak if peak is not None and peak.of == ALL_STEPS else None
-        return self.groups.least(number, self.time, self.loaded, self.loaded_element, known)
+        return self.groups.least(number, self.time, self.loaded, self.loaded_element, self.peaks)
+
+    def peak_of(self, group: str) -> Peak | None:
+        """The largest of a group of `Net.groups`; None where there is no such group."""
+        own = (one for name, one in self.peaks.items() if name == group or name.startswith(f"{group} from "))
+        return max(own, key=lambda one: (one.tension, -one.time), default=None)
 
     @property
     def peak(self) -> Peak:

@@ -124,7 +124,7 @@ def _of_group(group: str, key: str, words: str) -> tuple[Headline, Headline]:
     """The largest tension of a group of `Net.groups`, and when."""
 
     def peak(course: Course) -> Peak | None:
-        return course.peaks.get(group)
+        return course.peak_of(group)
 
     def tension(course: Course) -> float | None:
         found = peak(course)
@@ -156,6 +156,12 @@ def _of_group(group: str, key: str, words: str) -> tuple[Headline, Headline]:
             at_a_step=True,
         ),
     )
+
+
+def _is_taut(course: Course) -> bool:
+    """True if an element of the net ever was."""
+    peak = course.peak_of(NET)
+    return peak is not None and peak.element >= 0
 
 
 _OF_THE_NET = _of_group(NET, "net", "the net")  # where there are tethers too
@@ -257,7 +263,7 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
     return (
         *HEADLINES,
         *map(of_margin, course.groups.names if course.groups else ()),
-        *(_OF_THE_NET if course.tether_names and course.peaks[NET].element >= 0 else ()),
+        *(_OF_THE_NET if course.tether_names and _is_taut(course) else ()),
         *chain.from_iterable(map(of_tether, course.tether_names)),
         *map(_wound_up, course.reel_names),
         *headlines_of_bodies(course),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.files import replacing
-from exunet.net.arrays import Net
+from exunet.net.arrays import NET, TETHER, Net
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
 from exunet.results.capture_headlines import outcomes, told, touched_bodies
@@ -117,7 +117,9 @@ def _largest_tensions(course: Course) -> dict[str, Any]:
     """The same of the net and of each tether, by name; of a scene without tethers none."""
     if not course.tether_names:
         return {}
-    return {name: _largest_tension(peak) for name, peak in course.peaks.items()}
+    groups = (NET, *(TETHER + name for name in course.tether_names))
+    found = ((name, course.peak_of(name)) for name in groups)
+    return {name: _largest_tension(peak) for name, peak in found if peak is not None}
 
 
 def _margins(course: Course) -> dict[str, Any]:

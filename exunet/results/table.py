@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from itertools import groupby
 from typing import Any
 
+from exunet.forces.from_outside import FIXED_NODES, SCRIPT
 from exunet.results.digits import printed
 from exunet.results.headline import Headline, shown
 from exunet.results.headlines import headline
@@ -96,9 +97,10 @@ def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("angular momentum of all", "angular", "kg m2/s", "about the scene's origin"),
     ):
         key = unit.replace("/", "_").replace(" ", "_")
+        givers = (*summary["effects"], FIXED_NODES, SCRIPT)
         gained, left, size = (books[f"{kind}_{one}_{key}"] for one in ("gained", "residual", "size"))
         part = f", {_short(left / size)} as a part of its size {size:.4g} {unit}" if size else ""
-        lines = [one for one in summary["effects"] if f"effect_{one}_impulse_x_N_s" in summary["headlines"]]
+        lines = [one for one in givers if f"effect_{one}_impulse_x_N_s" in summary["headlines"]]
         words = f"changes by at most {_short(gained)} {unit}"
         if lines:
             words += f", by no more than {_short(left)} {unit} beside the impulse of {' and '.join(lines)}"

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from exunet.case.stored_times import stored_times
+from exunet.forces.effects import switched_on
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.results.course import instants
@@ -127,7 +128,8 @@ def expected_check(start: Start, trial: Trial | None = None) -> ExpectedCheck:
         factor = EXTRAPOLATED if trial.complete else GUESSED
     stored = len(stored_times(start.scene.time)) - 1
     number = max(_REFERENCE_OVER_RUN * number, _REFERENCE_STORED * stored)
-    element = _REFERENCE_ELEMENT + (_REFERENCE_TOUCHING if start.scene.effects.contact else 0.0)
+    touching = "contact" in switched_on(start.scene.effects)
+    element = _REFERENCE_ELEMENT + (_REFERENCE_TOUCHING if touching else 0.0)
     each = _REFERENCE + element * start.net.n_elements
     each += _REFERENCE_BODIES if start.system.bodies else 0.0
     return ExpectedCheck(_REFERENCE_REST + number * each, factor)

@@ -78,7 +78,7 @@ class Monitor:
         self._kept_at: dict[float, Arrays] = {}
         memories = (term.memory for term in system.forces.memories)
         self._keeps = {one.name: one for one in memories if one is not None and one.kept_in}
-        self.peaks = Peaks(system.net.groups)
+        self.peaks = Peaks(system.net.spans)
         self.dissipated = system.lost_at_start
         self.last_good = state
         self.safe, self.safe_dissipated = state, self.dissipated

@@ -207,7 +207,7 @@ class Recorder:
         """Append what is left; the verdict and the provenance for the result."""
         self.flush()
         self.story["largest_tension"] = monitor.peaks.provenance()
-        if self._start.net.tethers:
+        if len(self._start.net.spans) > 1:
             self.story["largest_tensions"] = monitor.peaks.of_groups()
         self.story["peak_tensions_N"] = self.element_peaks.largest.tolist()
         self.story["energy_scale_J"] = monitor.energy_scale

@@ -71,7 +71,7 @@ class Ensemble(Measured):
     largest_tension, time_of_largest_tension : (runs,) of all steps, stored or not [N], [s]
     element_of_largest_tension : (runs,) in which element; -1: none was ever taut
     right_hand_sides : (runs,) evaluations of the forces
-    peak_names    : of these groups (`Net.groups`)
+    peak_names    : of these groups (`Net.spans`)
     body_names, tether_names, reel_names : of those bodies and tethers
     turning, guided : the bodies that have an attitude; those whose motion is given
     outside       : effects whose impulse is kept
@@ -293,7 +293,7 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
     return Ensemble(
         time=times,
         **columns,
-        peak_names=tuple(start.net.groups),
+        peak_names=tuple(start.net.spans),
         body_names=(*blocks.body, *blocks.rigid),
         ejects=start.system.throw is not None
         or any(switch.heading == Ejection.heading for _, switch in start.system.forces.switches),

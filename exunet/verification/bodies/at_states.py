@@ -134,7 +134,8 @@ def lines(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
         return
     guided = [body.name for body, free in zip(system.bodies, system.moves_freely, strict=True) if not free]
     rates_at = _rates_of([*(OUTSIDE + name for name in effects), *guided], system)
-    random, found = np.random.default_rng(SEED), [[], []]
+    random = np.random.default_rng(SEED)
+    found: list[list[Check]] = [[], []]
     for kind in KINDS:
         states = list(random_bodies(case, kind, states_of_a_kind, random))
         ours = np.array([rates_at(state) for state in states])
@@ -149,7 +150,7 @@ def lines(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
 
 
 def _rates_of(names: list[str], system: System) -> Callable[[State], Floats]:
-    """(6,) of impulse and angular impulse about the origin, of all of these together, in the compiled loop."""
+    """(6,) of impulse and angular impulse about the origin, of all together, in the compiled loop."""
     kernel, a1 = loop_kernel(system), Stages._fields.index("a1")
     first = [system.blocks.rate(f"{name}/{QUANTITIES[0][0]}") for name in names]
 

@@ -44,7 +44,7 @@ class BodyScene:
         return replace(self.given or read_both(self.path), name=self.name)
 
     def at_states(self, states_of_a_kind: int) -> Iterator[Check]:
-        """Masses and start; then random states: accelerations, books, what is attached, energies, one step."""
+        """Masses and start; random states: accelerations, books, what is attached, energies, one step."""
         yield from topology(self.case)
         yield from motions(self.case, states_of_a_kind)
         yield from lines(self.case, states_of_a_kind)
