@@ -29,8 +29,11 @@ THRUST = (0.0, 0.0, -40.0)  # N, on the base all the time
 
 
 class Row(NamedTuple):
-    """At one time [s]: angle of the base about x [rad], speed of its wheel [rad/s], of the target along z [m/s].
+    """At one time [s].
 
+    turned    : angle of the base about x [rad]
+    wheel     : how fast the wheel turns in the base [rad/s]
+    target    : how fast the target moves along z [m/s]
     unbalance : momentum of the chaser, less what the thruster and the net gave it [N s]
     """
 
@@ -46,11 +49,8 @@ def make_chaser(path: Path) -> Path:
     import fmpy
 
     library = path.with_suffix(".so")
-    subprocess.run(
-        ["gcc", "-O2", "-fPIC", "-shared", "-std=c11", "-D_DEFAULT_SOURCE", "-o", library]
-        + [HERE / "arm_chaser.c", "-lm"],
-        check=True,
-    )
+    options = ["-O2", "-fPIC", "-shared", "-std=c11", "-D_DEFAULT_SOURCE"]
+    subprocess.run(["gcc", *options, "-o", library, HERE / "arm_chaser.c", "-lm"], check=True)
     told = [
         f'<Float64 name="{name}" valueReference="{k}" '
         + (

@@ -143,7 +143,8 @@ def test_example_reinforcement():
 def test_example_two_fmus():
     """As the same chaser in Exudyn, through the throw and the swing of the arm.
 
-    The base turns by 0.016 rad, the wheel at 3 rad/s; 6e-5, 0.02 and 2e-4 m/s of the target were seen between both, at steps of 4 ms.
+    The base turns by 0.016 rad, the wheel at 3 rad/s, the target goes 0.03 m/s; both were apart by 6e-5 rad,
+    0.02 rad/s and 2e-4 m/s, at steps of 4 ms.
     """
     pytest.importorskip("fmpy")
     arm, two = ([one for one in EXAMPLES if one.stem == name] for name in ("arm_throws_and_tows", "two_fmus"))
