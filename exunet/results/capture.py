@@ -42,8 +42,8 @@ class Measures(NamedTuple):
     cqi            : capture quality index w1 |V_n - V_t| / V_t + w2 |S_n - S_t| / S_t + w3 |q| / L, with the
                      volumes V and surfaces S of the convex hulls of net and target, the distance |q| of their
                      centres of mass, and the length L of the target. Less is better
-    mcqi           : modified index w1 (1 - enclosed) + w2 d / L + w3 A / A_max, with the mean distance d from
-                     the corners of the net's hull to the target, and the area A of the mouth
+    mcqi           : modified index w1 (1 - enclosed) + w2 d / L + w3 A / A_max, with the mean distance d of
+                     the net's nodes from the target, and the area A of the mouth
     mouth          : largest distance of two corners of the mouth [m]; 0 without one
     relative_speed : of the centres of mass [m/s]
     relative_spin  : of the mean angular velocity of the net, J^-1 H about its centre, less the
@@ -173,26 +173,24 @@ def _mouth(net: Net, position: Floats) -> Floats:
 
 
 def _of_hull(target: Target, x: Floats, place: Floats, turn: Floats) -> tuple[float, float, float, float]:
-    """Of the convex hull of points (n, 3): enclosed part, volume, surface, mean distance of its corners."""
+    """Of points (n, 3): enclosed part, volume and surface of their hull, mean distance of the points."""
+    apart = _mean_distance(target, (x - place) @ turn)
     try:
         hull = ConvexHull(x)
     except QhullError:  # flat
-        corners, surface = _flat(x)
-        return 0.0, 0.0, surface, _mean_distance(target, (corners - place) @ turn)
+        return 0.0, 0.0, _flat(x), apart
     enclosed = np.count_nonzero(_inside(hull.equations, target.points @ turn.T + place)) / POINTS
-    apart = _mean_distance(target, (hull.points[hull.vertices] - place) @ turn)
     return enclosed, float(hull.volume), float(hull.area), apart
 
 
-def _flat(x: Floats) -> tuple[Floats, float]:
-    """Corners of points (n, 3) in a plane, and both sides of what they span [m2]; 0 of points in line."""
+def _flat(x: Floats) -> float:
+    """Both sides [m2] of what points (n, 3) in a plane span; 0 of points in line."""
     middle = x.mean(axis=0)
     axes = np.linalg.svd(x - middle, full_matrices=False)[2][:2]
     try:
-        hull = ConvexHull((x - middle) @ axes.T)
+        return 2.0 * float(ConvexHull((x - middle) @ axes.T).volume)
     except QhullError:
-        return x, 0.0
-    return x[hull.vertices], 2.0 * float(hull.volume)
+        return 0.0
 
 
 def _mean_distance(target: Target, points: Floats) -> float:

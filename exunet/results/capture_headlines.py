@@ -157,7 +157,7 @@ OF_A_CAPTURE = (
     *(
         Headline(
             f"capture_{name}",
-            f"{words}, at the end",
+            f"{words} at the end",
             unit,
             _at_end(name),
             least=least,

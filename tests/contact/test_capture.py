@@ -196,3 +196,9 @@ def test_moved_starts_tell_the_same_of_a_capture_before_the_horizon(tmp_path: Pa
     for key in ("capture_enclosed", "capture_cqi", "capture_mcqi", "capture_relative_speed_m_s"):
         assert theirs[key] == pytest.approx(ours[key], rel=1e-9)
     assert sum(outcomes(spread.courses).values()) == 2
+    result, kept = exunet.run(case), spread.as_ensemble()
+    for name in ("contacts", "capture"):
+        for size in (None, (85.0, 80.0)):
+            drawn = exunet.figure(result, name, spread=kept, size=size)
+            assert len(drawn.axes) == 2
+            assert all(axes.get_ylabel() and axes.get_lines() for axes in drawn.axes)
