@@ -56,7 +56,7 @@ def cross_checks(verdict: Verdict | None, bodies: Bodies, touched: frozenset[str
     if verdict.target not in bodies:
         known = ", ".join(bodies) or "none"
         yield Fault("verdict.target", f"there is no body {verdict.target!r} (bodies of the case: {known})")
-    elif body is not None and body.shape is None:
+    elif body is not None and body.shape is None and not body.parts:
         yield Fault("verdict.target", f"body {verdict.target!r} has no shape, so nothing can enclose it")
     if not any(verdict.is_given(name) for name in CONDITIONS):
         yield Fault("verdict", f"needs at least one condition: {', '.join(CONDITIONS)}")

@@ -181,6 +181,12 @@ def test_a_rule_that_cannot_be_is_refused_with_its_line(lines: str, words: str, 
     assert words in str(refused.value)
 
 
+def test_a_target_of_parts_has_a_shape() -> None:
+    case = exunet.load(Path(__file__).parents[2] / "cases" / "capture" / "rocket.toml")
+    assert case.scene.verdict is not None
+    assert case.scene.verdict.target == "rocket"
+
+
 @pytest.mark.slow
 @pytest.mark.ci
 def test_moved_starts_tell_the_same_of_a_capture_before_the_horizon(tmp_path: Path) -> None:
