@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 from threading import Event, local
 from typing import Any
@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 from exunet.backends.compiled.loop import loop_kernel
 from exunet.backends.compiled.side_by_side import RunsSideBySide, side_by_side_kernel
 from exunet.base.errors import InputError, RunStopped
+from exunet.bodies.approach import Mover
+from exunet.bodies.between import Path
+from exunet.bodies.packed import from_centre
 from exunet.bodies.rigid import RigidStates
+from exunet.bodies.shapes import Shape
 from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import WIDTH, kept_before
 from exunet.codegen.kernel import Kernel
@@ -35,6 +39,7 @@ from exunet.studies.measured_runs import (
     MeasuredRun,
     one_run,
     runs_side_by_side,
+    shown_bodies,
     shown_pairs,
 )
 from exunet.studies.neighbours import perturbed, perturbed_bodies
@@ -55,7 +60,8 @@ class Ensemble(Measured):
     tension       : (runs, t) largest tension of all elements at that time [N]
     body_centre   : (runs, t, n_bodies, 3) centres of mass of point masses and rigid bodies [m]
     reel          : (runs, t, n_reels, 2) length of its tether on the drum [m], work of the drum on it [J]
-    gap           : (runs, t, n_pairs) distance of two bodies, surface to surface [m]
+    motion        : (runs, t, n_shown, 13) of the bodies of `pairs`: place [m] and velocity [m/s] of the
+                    centre of mass, attitude, angular velocity in axes of the body [rad/s]
     loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
                      strength is known, and in which element
     ends          : (runs, 2, n_bodies + n_outside + 1) records `exunet.results.ends.END` at the start and
@@ -70,7 +76,7 @@ class Ensemble(Measured):
     body_names, tether_names, reel_names : of those bodies and tethers
     turning, guided : the bodies that have an attitude; those whose motion is given
     outside       : effects whose impulse is kept
-    pairs         : of bodies with shapes, their names
+    pairs, shapes : of bodies with shapes, their names; their shapes, from their centres of mass
     groups        : of elements whose strength is known; None: of none
     """
 
@@ -91,6 +97,7 @@ class Ensemble(Measured):
     tether_names: tuple[str, ...] = ()
     reel_names: tuple[str, ...] = ()
     pairs: tuple[Pair, ...] = ()
+    shapes: Mapping[str, Shape] = field(default_factory=dict)
     groups: Groups | None = None
 
     def __len__(self) -> int:
@@ -124,11 +131,19 @@ class Ensemble(Measured):
             reel_names=self.reel_names,
             reel=self.reel[run],
             pairs=self.pairs,
-            gap=self.gap[run],
+            movers=self._movers(run),
             groups=self.groups,
             loaded=self.loaded[run],
             loaded_element=self.loaded_element[run],
         )
+
+    def _movers(self, run: int) -> dict[str, Mover]:
+        """The bodies of `pairs` in one of the runs."""
+        found = {}
+        for k, (name, shape) in enumerate(self.shapes.items()):
+            parts = np.split(self.motion[run, :, k], (3, 6, 10), axis=1)
+            found[name] = Mover(Path(self.time, *parts), shape)
+        return found
 
 
 def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int, *, first: int = 0) -> Floats:
@@ -290,6 +305,11 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
         tether_names=tuple(start.net.tether_elements),
         reel_names=tuple(winding.name for winding in start.system.forces.cable.reels),
         pairs=tuple(shown_pairs(start.system)),
+        shapes={
+            body.name: from_centre(body.shape, np.array(body.centre))
+            for body in shown_bodies(start.system)
+            if body.shape is not None
+        },
         groups=Groups.of(start.net),
     )
 
