@@ -13,6 +13,7 @@ import exunet
 from exunet.bodies.rigid import rotation_matrix
 from exunet.results.measures import momentum_books
 from exunet.results.summary import summarise
+from exunet.simulation.preparation import NO_REACTION, prepare_case
 
 CASES = Path(exunet.__file__).parent / "cases" / "bodies"
 
@@ -116,6 +117,20 @@ def test_a_net_that_is_let_go_pulls_no_more() -> None:
     assert not of.force[gone].any()
     assert np.abs(of.force[found.time.searchsorted(0.4) - 1]).max() > 1.0
     assert exunet.loads(found, "satellite").carried is None
+
+
+def test_a_launch_from_no_body_is_told() -> None:
+    """The chaser is there, but the net is not in its frame; no word with the frame, or without a chaser."""
+    bare = ["initial.frame="]
+    notes = {
+        name: prepare_case(exunet.load(CASES / "launch.toml", changes)).plan.notes
+        for name, changes in {"frame": [], "bare": bare, "alone": ["bodies=", "tethers=", *bare]}.items()
+    }
+    assert {name: NO_REACTION in told for name, told in notes.items()} == {
+        "frame": False,
+        "bare": True,
+        "alone": False,
+    }
 
 
 def test_the_snap_throws_back() -> None:
