@@ -242,6 +242,28 @@ def test_no_threads_of_a_cut_net_meet(name: str, divisions: int) -> None:
     assert least_apart(woven, found.position) > 4e-3 * (0.5 * 4e-3) / (2 * 0.5)
 
 
+FLAT = "1 pleats along y, 1 along x"
+
+
+@pytest.mark.parametrize(
+    ("outline", "meshes", "folded_to"),
+    [
+        *[("octagon", meshes, None) for meshes in (6, 8, 20)],
+        *[("octagon", meshes, to) for meshes, to in ((10, 2), (12, 1), (14, 2), (16, 6))],
+        ("circle", 6, None),
+        *[("circle", meshes, to) for meshes, to in ((8, 2), (10, 1), (12, 2), (14, 2), (16, 4), (20, 3))],
+    ],
+)
+def test_how_far_cut_nets_fold(outline: str, meshes: int, folded_to: int | None) -> None:
+    """What cases/README.md says of them, in meshes; in a canister that is too small for any."""
+    net = CUT | {"outline": outline, "mesh_shape": "square", "size": 0.5 * meshes}
+    net |= {"corners": 12} if outline == "circle" else {}
+    words = refused(net, {"pattern": "accordion", "box": [0.3, 0.3, 4.0]})
+    assert (FLAT in words) == (folded_to is None)
+    along_y = float(re.findall(r"takes [\d.]+ x ([\d.]+) x", words)[0])
+    assert along_y == pytest.approx(0.5 * (folded_to or meshes), rel=0.05)
+
+
 def test_a_fold_whose_threads_meet_is_refused() -> None:
     """A stack that is pressed flat; and what meets in it is found as by looking at every pair."""
     woven, found = fold(*TWO_WAYS["octagon"])
