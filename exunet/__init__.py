@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from exunet.results.ensemble_result import EnsembleResult as EnsembleResult
     from exunet.results.ensemble_result import load_ensemble as load_ensemble
     from exunet.results.ensemble_result import save_ensemble as save_ensemble
+    from exunet.results.loads import CarriedLoads as CarriedLoads
     from exunet.results.loads import Loads as Loads
     from exunet.results.loads import loads as loads
     from exunet.results.margins import Margin as Margin
@@ -117,6 +118,7 @@ API = {
         "largest_tensions": "exunet.results.measures",
         "energy_balance": "exunet.results.measures",
         "loads": "exunet.results.loads",
+        "CarriedLoads": "exunet.results.loads",
         "Loads": "exunet.results.loads",
         "clearance": "exunet.results.clearance",
         "margins": "exunet.results.margins",

@@ -28,6 +28,7 @@ _PLATE = 1e-12  # round-off in the moments of a flat body, the greatest of which
 _NEEDLE = 1e-14  # least over greatest principal moment that a full matrix still holds
 _UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # [m]
 _HALF = 0.5 * (1.0 + 1e-12)
+_HALF_TURN = -1.0 + (1e-6) ** 2  # trace 1 + 2 cos of a rotation that is 1e-6 rad less than half a turn
 
 
 def read_bodies(
@@ -119,6 +120,12 @@ def _poses(table: Table, motion: str | None, end: float | None, attitude: Floats
     for key, rows in (("pose_positions", positions), ("pose_attitudes", attitudes)):
         if rows is not None and len(rows) != len(times):
             table.faults.append(f"{table.name(key)}: {len(rows)} entries for {len(times)} times")
+    for before, after in pairwise(attitudes or ()):
+        if np.trace(before.T @ after) < _HALF_TURN:
+            table.faults.append(
+                f"{table.name('pose_attitudes')}: neighbours are half a turn apart: no way is the shorter"
+            )
+            break
     if len(table.faults) > faults:
         return None
     if attitudes is None:

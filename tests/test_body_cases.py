@@ -13,6 +13,7 @@ import exunet
 from exunet.bodies.rigid import rotation_matrix
 from exunet.results.measures import momentum_books
 from exunet.results.summary import summarise
+from exunet.simulation.preparation import NO_REACTION, prepare_case
 
 CASES = Path(exunet.__file__).parent / "cases" / "bodies"
 
@@ -75,6 +76,61 @@ def test_the_release_waits(form: str) -> None:
     assert spin[found.time < first].max() < 1e-3 < 1e-2 < spin[held][-1]
     total = found.kinetic + found.elastic + found.potential + found.dissipated
     assert np.abs(total - total[0]).max() < 1e-6 * found.kinetic.max()
+
+
+def test_the_body_that_holds_the_net_bears_what_pulls_on_it(tmp_path: Path) -> None:
+    """Force and torque about the net's origin give deployer and net their momenta, about the scene's origin.
+
+    By cubic splines through 600 stored times, over the start of the pull, which has kinks at both ends of
+    slackness: 1e-3 of what is gained.
+    """
+    found = result("release", "time={end=0.41, output_step=5e-4}")
+    exunet.save(found, tmp_path / "release.h5")
+    of = exunet.loads(exunet.load_result(tmp_path / "release.h5"), "deployer")
+    assert (of.nodes.size, of.carried is not None) == (0, True)
+    assert of.carried.until == 0.4
+    body, net = found.bodies["deployer"], slice(0, found.net.n_net_nodes)
+    momentum = np.einsum("n,kni->ki", found.net.mass[net], found.velocity[:, net]) + 80.0 * body.velocity
+    spin = np.cross(found.position[:, net], found.velocity[:, net])
+    turn = rotation_matrix(np.asarray(body.attitude))
+    own = np.einsum("kij,jl,kl->ki", turn, body.inertia, body.angular_velocity)
+    angular = np.einsum("n,kni->ki", found.net.mass[net], spin) + own
+    angular += 80.0 * np.cross(body.position, body.velocity)
+    torque = of.carried.torque + np.cross(of.carried.origin, of.carried.force)
+    last = found.time.searchsorted(0.4) - 1
+    for gained, given in ((momentum, of.carried.force), (angular, torque)):
+        whole = gained[last] - gained[0]
+        impulse = CubicSpline(found.time, given).integrate(0.0, found.time[last])
+        assert np.linalg.norm(whole) > 0.1
+        np.testing.assert_allclose(impulse, whole, atol=1e-3 * np.linalg.norm(whole))
+    place = np.array([0.0, 0.0, 0.8])
+    np.testing.assert_allclose(of.carried.origin, body.position + turn @ place, atol=1e-14)
+    (entry,) = summarise(found)["attachments"]["deployer"]
+    assert (entry["node"], entry["packed_net_until_s"]) == (None, 0.4)
+    assert entry["largest_force_N"] == np.linalg.norm(of.carried.force, axis=1).max() > 1.0
+
+
+def test_a_net_that_is_let_go_pulls_no_more() -> None:
+    found = result("release", "time.end=0.45")
+    of, gone = exunet.loads(found, "deployer").carried, found.time >= 0.4
+    assert of is not None
+    assert not of.force[gone].any()
+    assert np.abs(of.force[found.time.searchsorted(0.4) - 1]).max() > 1.0
+    assert exunet.loads(found, "satellite").carried is None
+
+
+def test_a_launch_from_no_body_is_told() -> None:
+    """The chaser is there, but the net is not in its frame; no word with the frame, or without a chaser."""
+    bare = ["initial.frame="]
+    notes = {
+        name: prepare_case(exunet.load(CASES / "launch.toml", changes)).plan.notes
+        for name, changes in {"frame": [], "bare": bare, "alone": ["bodies=", "tethers=", *bare]}.items()
+    }
+    assert {name: NO_REACTION in told for name, told in notes.items()} == {
+        "frame": False,
+        "bare": True,
+        "alone": False,
+    }
 
 
 def test_the_snap_throws_back() -> None:

@@ -48,6 +48,20 @@ def towed(bodies: int = 2) -> Result:
     return replace(result(of, np.linspace(0, 1, 7), moved), bodies=flying)
 
 
+def test_the_mark_of_a_body_hides_no_shape() -> None:
+    """It is open where the body has a shape, in the picture and in the legend."""
+    scene = towed()
+    bare = replace(scene, bodies={name: replace(one, wireframe=None) for name, one in scene.bodies.items()})
+    for of, is_open in ((scene, True), (bare, False)):
+        drawing = figure(of, "snapshots")
+        marks = [line for axes in drawing.axes for line in axes.lines if line.get_marker() in ("D", "s")]
+        (legend,) = drawing.legends or [drawing.axes[0].get_legend()]
+        named = [one for one in legend.legend_handles if one.get_marker() in ("D", "s")]
+        assert marks
+        assert len(named) == 2
+        assert all((one.get_markerfacecolor() == "none") == is_open for one in (*marks, *named))
+
+
 def thrown_beside() -> Result:
     """A net on a tether beside two bodies; its centre of mass travels, so it is drawn relative to that."""
     of = square_net(cells=2, size=2.0, strings=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,10 @@ from exunet.base.errors import CaseError
 from exunet.interfaces.commands.check import describe
 from exunet.net import NetKeys, weave
 from exunet.net.arrays import Net
-from exunet.net.canister import Fold, Folded
+from exunet.net.canister import Fold, Folded, check_threads
 from exunet.net.creases import creases, pleated, usable
 from exunet.net.folding import folded
+from exunet.net.meeting import meeting
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import read_both
 from exunet.verification.reference_run import ReferenceRun
@@ -166,15 +168,31 @@ def test_threads_are_a_thread_apart(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TWO_WAYS)
-def test_the_layers_of_a_stack_that_is_folded_again_do_not_cross(name: str) -> None:
+def test_the_layers_of_a_stack_that_is_folded_again_do_not_cross(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of two threads that cross as seen along z, the one of the higher layer is higher there too.
 
     One that goes to a crease belongs to the layer that it comes from. Threads in one upright plane
     would meet if they crossed: their distance would be round-off.
     """
+    pleats = []
+
+    def noted(*given: Any) -> Any:
+        pleats.append(pleated(*given))
+        return pleats[-1]
+
+    monkeypatch.setattr("exunet.net.accordion.pleated", noted)
     woven, found = fold(*TWO_WAYS[name])
+    along_y, along_x = pleats[-2:]
     assert least_distance(woven, found.position) > 1e-7
     pairs = woven.element_nodes[~woven.is_string]
+    # In threads, of the middle of each between its ends, without what it rises towards a crease along x.
+    within, block = along_y.pleat[pairs].mean(axis=1), np.ceil(along_x.pleat[pairs].min(axis=1))
+    stack = along_y.number
+    layer = stack * block + np.where(block % 2 == 0, within, stack - 1 - within)
+    on_crease = (along_x.pleat[pairs] % 1 > 0).all(axis=1) & (np.ptp(along_x.pleat[pairs], axis=1) == 0)
+    pairs, layer = pairs[~on_crease], layer[~on_crease]
     a, b = np.triu_indices(len(pairs), 1)
     meet = (pairs[a][:, :, None] == pairs[b][:, None, :]).any(axis=(1, 2))
     p, q = found.position[pairs[a[~meet]]], found.position[pairs[b[~meet]]]
@@ -186,18 +204,85 @@ def test_the_layers_of_a_stack_that_is_folded_again_do_not_cross(name: str) -> N
     crossing = (np.abs(s - 0.5) < 0.5 + 1e-9) & (np.abs(t - 0.5) < 0.5 + 1e-9)
     p, q, s, t = p[skew][crossing], q[skew][crossing], s[crossing], t[crossing]
     there = (q[:, 0] + t[:, None] * (q[:, 1] - q[:, 0]) - p[:, 0] - s[:, None] * (p[:, 1] - p[:, 0]))[:, 2]
-    stack = int(found.pleats.split()[0]) * THREAD
-    bottom = -0.5 * found.layers * THREAD  # corners that are cut off are so at the top and the bottom
-
-    def layer(ends: np.ndarray) -> np.ndarray:
-        """Heights (n,) of those ends that are further from the creases of the stack."""
-        from_crease = np.abs((ends[:, :, 2] - bottom + stack / 2) % stack - stack / 2)
-        return np.asarray(ends[np.arange(len(ends)), from_crease.argmax(axis=1), 2])
-
-    whole = layer(q) - layer(p)
+    whole = (layer[b[~meet]] - layer[a[~meet]])[skew][crossing]
     apart = np.abs(whole) > 1e-9
     assert apart.sum() > 100
     assert (np.sign(there) == np.sign(whole))[apart].all()
+
+
+SCANNED = {
+    f"{outline}, {meshes}, {size} m": (CUT | shape | {"mesh_shape": meshes, "size": float(size)})
+    for outline, shape in {
+        "octagon": {"outline": "octagon"},
+        "hexagon": {"outline": "hexagon"},
+        "circle": {"outline": "circle", "corners": 12},
+    }.items()
+    for meshes in ("square", "hexagon")
+    for size in (3, 4, 5, 6, 8)
+}
+
+
+@pytest.mark.parametrize("name", SCANNED)
+@pytest.mark.parametrize("divisions", [1, 4])
+def test_no_threads_of_a_cut_net_meet(name: str, divisions: int) -> None:
+    """Strings among them, in a small canister or in that which its refusal names; threads are 4 mm thick.
+
+    Two layers that turn a thread apart, along slopes of half a thread over two meshes or more, are as near as
+    this slope times a thread; threads that cross are so to round-off.
+    """
+    thick = CABLE | {"diameter": 4e-3}
+    strings = thick | {"length": 0.6, "divisions": divisions}
+    others = {"cable": CABLE | {"diameter": 2e-3}, "border": thick, "strings": strings}
+    how = {"pattern": "accordion", "box": [1.6, 1.3, 0.9]}
+    try:
+        woven, found = fold(SCANNED[name], how, **others)
+    except CaseError as error:
+        (fits,) = re.findall(r"box = (\[.*\]) would fit", str(error))
+        woven, found = fold(SCANNED[name], how | {"box": json.loads(fits)}, **others)
+    assert least_apart(woven, found.position) > 4e-3 * (0.5 * 4e-3) / (2 * 0.5)
+
+
+FLAT = "1 pleats along y, 1 along x"
+
+
+@pytest.mark.parametrize(
+    ("outline", "meshes", "folded_to"),
+    [
+        *[("octagon", meshes, None) for meshes in (6, 8, 20)],
+        *[("octagon", meshes, to) for meshes, to in ((10, 2), (12, 1), (14, 2), (16, 6))],
+        ("circle", 6, None),
+        *[("circle", meshes, to) for meshes, to in ((8, 2), (10, 1), (12, 2), (14, 2), (16, 4), (20, 3))],
+    ],
+)
+def test_how_far_cut_nets_fold(outline: str, meshes: int, folded_to: int | None) -> None:
+    """What cases/README.md says of them, in meshes; in a canister that is too small for any."""
+    net = CUT | {"outline": outline, "mesh_shape": "square", "size": 0.5 * meshes}
+    net |= {"corners": 12} if outline == "circle" else {}
+    words = refused(net, {"pattern": "accordion", "box": [0.3, 0.3, 4.0]})
+    assert (FLAT in words) == (folded_to is None)
+    along_y = float(re.findall(r"takes [\d.]+ x ([\d.]+) x", words)[0])
+    assert along_y == pytest.approx(0.5 * (folded_to or meshes), rel=0.05)
+
+
+def test_a_fold_whose_threads_meet_is_refused() -> None:
+    """A stack that is pressed flat; and what meets in it is found as by looking at every pair."""
+    woven, found = fold(*TWO_WAYS["octagon"])
+    flat, how = found.position * [1.0, 1.0, 0.0], Fold.model_validate(BOX)
+    with pytest.raises(CaseError, match=r"initial\.fold\.box: folded into it, elements \d+ between nodes"):
+        check_threads(woven, flat, how, THREAD)
+    one, other = woven.element_nodes[meeting(woven, flat, 1e-9)]
+    assert not set(one) & set(other)
+    assert between_segments(flat[[one]], flat[[other]]) < 1e-9
+    for near in (0.5 * (least := least_apart(woven, found.position)), 2.0 * least):
+        assert (len(meeting(woven, found.position, near)) == 2) == (near > least)
+
+
+def least_apart(net: Net, position: np.ndarray) -> float:
+    """Between threads that share no node [m], by looking at every pair."""
+    ends = net.element_nodes
+    a, b = np.triu_indices(len(ends), 1)
+    strange = (ends[a][:, :, None] != ends[b][:, None, :]).all(axis=(1, 2))
+    return float(between_segments(position[ends[a[strange]]], position[ends[b[strange]]]).min())
 
 
 @pytest.mark.parametrize(("room", "pleats"), [(5.01, 1), (1.01, 5), (0.51, 10)])

@@ -286,6 +286,12 @@ TABLE = ("motion='prescribed'", "pose_times=[0, 1]", "pose_positions=[[0, 0, 0],
             r"pose_attitudes\[1\]",
             "must not be zero",
         ),
+        ((*TABLE, "pose_attitudes=[[1, 0, 0, 0], [0, 0, -1, 0]]"), r"pose_attitudes\[1\]", "is half a turn"),
+        (
+            (*TABLE, f"pose_attitudes=[[1, 1, 0, 0], [1, {-1.0 + 0.9e-6}, 0, 0]]"),  # to 0.9e-6 rad
+            r"pose_attitudes\[1\]",
+            "is half a turn",
+        ),
         (
             (*TABLE[:1], "pose_times=[0, 1e-300, 1]", f"pose_positions={[[0, 0, 0]] * 3}"),
             r"pose_times\[1\]",
@@ -310,6 +316,13 @@ def test_faults_of_motions(keys: tuple[str, ...], key: str, words: str, tmp_path
     place = key if key.startswith("solver") else rf"bodies\.target\.{key}"
     with pytest.raises(exunet.CaseError, match=rf"{place}: .*{words}"):
         prepare_case(exunet.load(case_file(tmp_path), overrides))
+
+
+def test_a_little_less_than_half_a_turn_has_a_shorter_way(tmp_path: Path) -> None:
+    """By 1.1e-6 rad, where 1e-6 is asked for."""
+    keys = [*TABLE, f"pose_attitudes=[[1, 1, 0, 0], [1, {-1.0 + 1.1e-6}, 0, 0]]"]
+    body = "bodies.target={mass=1.0, inertia=[1.0, 1.0, 1.0]}"
+    prepare_case(exunet.load(case_file(tmp_path), [body, *(f"bodies.target.{key}" for key in keys)]))
 
 
 KNOT = 0.173  # [s], which no step of a run to 0.4 s by equal steps of 0.4 s / 20, 40, 80 ends at

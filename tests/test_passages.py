@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from exunet.bodies.packed import packed
 from exunet.bodies.rigid import quaternion_of
 from exunet.bodies.shapes import SOLIDS, Shape, Solid
 from exunet.results import passages as module
-from exunet.results.passages import Overlap, Passage, overlaps, passages
+from exunet.results.passages import overlaps, passages
 from exunet.results.result import BodyStates
 from exunet.results.rows import StoredRows
 from exunet.results.summary import summarise
@@ -96,7 +97,8 @@ def falling(**bodies: BodyStates) -> exunet.Result:
     time = np.arange(7.0)
     position = places + np.array([0.0, 0.0, 3.0]) - time[:, None, None] * [0.0, 0.0, 1.0]
     told = dict.fromkeys(("step", "steps", "rejected_steps", "build_seconds", "integration_seconds"), 1)
-    return result_of(net, time, position, bodies=bodies, provenance=told)
+    velocity = np.broadcast_to([0.0, 0.0, -1.0], position.shape)
+    return result_of(net, time, position, velocity, bodies=bodies, provenance=told)
 
 
 BALL = Shape((Solid("sphere", (1.2, 0.0, 0.0)),))
@@ -111,19 +113,56 @@ REST = at(0.0, 0.0, 0.0)
 
 
 def test_threads_that_pass_a_ball() -> None:
-    """The middle one is in it from 2 s to 4 s; at 3 s, at the height of the centre, the others too."""
-    found = passages(falling(ball=body(BALL, REST)))
-    assert found == [Passage("ball", 3, 2.0, 1)]
+    """The middle one is in it from 1.8 s to 4.2 s, as the ball reaches up to 1.2 m; in between the others."""
+    (found,) = passages(falling(ball=body(BALL, REST)))
+    assert (found.body, found.elements, found.element) == ("ball", 3, 1)
+    assert found.time == pytest.approx(1.8, abs=5e-4)  # 1e-4 of 2.4 m, at a bound of 1 m/s; and a TOUCH
+    assert found.time > 1.8
+
+
+def test_threads_that_fly_through_a_ball_between_stored_times() -> None:
+    """At 50 times the speed: above it at one stored time, far below at the next."""
+    slow = falling(ball=body(BALL, REST))
+    fast = replace(slow, position=slow.position * [1, 1, 50] + [0, 0, 40], velocity=slow.velocity * 50.0)
+    (found,) = passages(fast)
+    assert found.elements == 3
+    assert found.time == pytest.approx((190.0 - 1.2) / 50.0, abs=1e-5)
+    assert (
+        passages(replace(fast, position=fast.position + np.array([0.0, 1.3, 0.0]))) == []
+    )  # 0.1 m beside it
+
+
+def test_a_thread_that_a_turning_body_strikes() -> None:
+    """A rod of 4 m that turns by 2 rad in the second between the stored times strikes a thread at rest.
+
+    Its corner, 2 m along and 0.05 m across, comes to the thread, 1.9 m out along x, when it has 1 rad less
+    asin(0.05 / 1.9) behind it.
+    """
+    net = net_of([[1.9, 0.0, -1.0], [1.9, 0.0, 1.0]], [(0, 1)])
+    angle, still = np.array([-1.0, 1.0]), np.zeros((2, 3))
+    attitude = quaternion_of(angle[:, None] * [0.0, 0.0, 1.0])
+    rod = Shape((Solid("box", (4.0, 0.1, 0.1)),))
+    turning = BodyStates(
+        1.0, np.eye(3), still, still, attitude, still + np.array([0.0, 0.0, 2.0]), **packed(rod, np.zeros(3))
+    )
+    whole = result_of(net, [0.0, 1.0], [net.reference_position] * 2, bodies={"rod": turning})
+    (found,) = passages(whole)
+    assert found.time == pytest.approx(0.5 * (1.0 - math.asin(0.05 / 1.9)), abs=5e-3)  # of the interpolation
 
 
 def test_elements_that_are_tied_to_the_body_do_not_count() -> None:
     """Node 1 is fixed to it: only the last element is left."""
-    assert passages(falling(ball=body(BALL, REST, nodes=[1]))) == [Passage("ball", 1, 3.0, 2)]
+    (found,) = passages(falling(ball=body(BALL, REST, nodes=[1])))
+    assert (found.elements, found.element) == (
+        1,
+        2,
+    )  # whose end, 1 m beside, goes in at 0.66 m above the middle
+    assert found.time == pytest.approx(3.0 - math.sqrt(1.2**2 - 1.0), abs=5e-4)
     assert passages(falling(ball=body(BALL, at(0.0, 2.0, 0.0)))) == []
 
 
 def test_a_large_result_gives_the_same_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two states at a time, of positions that stay in a file."""
+    """Two states at a time and the one before them, of positions that stay in a file."""
     whole = falling(ball=body(BALL, REST))
     expected, read = passages(whole), []
 
@@ -133,11 +172,15 @@ def test_a_large_result_gives_the_same_in_parts(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(module, "_VALUES", 18)
     assert passages(replace(whole, position=StoredRows(rows_of, whole.position.shape))) == expected
-    assert set(read) == {2, 1}
+    assert set(read) == {2, 3}
 
 
 def test_bodies_that_overlap() -> None:
-    """A ball goes through a box and back: at 2, 3 and 5 s; balls that pass at a distance do not."""
+    """A ball goes through a box and back; balls that pass at a distance do not.
+
+    At rest at each second, it goes from one z to the next as 3 s^2 - 2 s^3 does from 0 to 1. It touches at
+    2.2 m: for 0.8 of the way in the second second, and for 0.1 / 6.9 of it in the last.
+    """
     box = Shape((Solid("box", (2.0, 2.0, 2.0)),))
     z = [9.0, 3.0, 2.0, 1.0, 3.0, -2.1, -9.0]
     way = np.stack([np.zeros(7), np.zeros(7), z], axis=1)
@@ -146,18 +189,32 @@ def test_bodies_that_overlap() -> None:
         chaser=body(BALL, way + at(0, 9, 0)),
         far=body(BALL, way + at(9, 9, 9)),
     )
-    assert overlaps(result) == [Overlap(("chaser", "target"), 2.0, 5.0, 2)]
+    (found,) = overlaps(result)
+    first, last = (float(np.roots([-2.0, 3.0, 0.0, -part])[1]) for part in (0.8, 0.1 / 6.9))
+    assert (found.bodies, found.times) == (("chaser", "target"), 2)
+    assert (found.start, found.end) == pytest.approx((1.0 + first, 5.0 + last), abs=2e-4)
+
+
+def test_bodies_that_fly_through_each_other_between_stored_times() -> None:
+    """At 20 m/s, both of 1.2 m: 30 m apart at 1 s, so that they touch at 2.38 s and part at 2.62 s."""
+    z = 50.0 - 20.0 * np.arange(7.0)[:, None]
+    moving = replace(body(BALL, z * [0, 0, 1]), velocity=np.tile([0.0, 0.0, -20.0], (7, 1)))
+    (found,) = overlaps(falling(chaser=moving, target=body(BALL, REST)))
+    assert found.times == 1
+    assert (found.start, found.end) == pytest.approx((2.5 - 0.12, 2.5 + 0.12), abs=2e-5)
 
 
 def test_in_summary_and_table() -> None:
     result = falling(ball=body(BALL, REST), other=body(BALL, at(0.0, 2.0, 0.0)))
     summary = summarise(result)
-    assert summary["passages"] == [{"body": "ball", "elements": 3, "first_s": 2.0, "element": 1}]
+    (passing,) = summary["passages"]
+    first = passing["first_s"]
+    assert passing == {"body": "ball", "elements": 3, "first_s": first, "element": 1}
     assert summary["overlaps"] == [{"bodies": ["ball", "other"], "from_s": 0.0, "until_s": 6.0, "times": 1}]
     why = ": there is no contact in this scene"
     assert [words for name, words in rows(summary) if name == "no contact"] == [
         f"bodies ball and other overlap from t = 0 s to 6 s{why}",
-        f"3 element(s) in or through body ball, first element 1 at t = 2 s{why}",
+        f"3 element(s) in or through body ball, first element 1 at t = {first:.6g} s{why}",
     ]
 
 

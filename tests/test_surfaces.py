@@ -15,7 +15,7 @@ from exunet.bodies.mesh import closed
 from exunet.bodies.overlap import overlap
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.shapes import SOLIDS, Shape, Solid, TriangleMesh
-from exunet.bodies.surfaces import polyhedron
+from exunet.bodies.surfaces import goes_through_itself, polyhedron
 from exunet.simulation.preparation import prepare_case
 
 CASE = Path(__file__).parents[1] / "cases" / "verification" / "snap.toml"
@@ -178,6 +178,64 @@ def test_ten_thousand_triangles_each(monkeypatch: pytest.MonkeyPatch) -> None:
     for x, expected in ((1.0, True), (1.999, True), (2.001, False)):
         assert both(ball, ball, (turned + np.append([x, 0.0, 0.0], np.zeros(4)))[None]) == expected
     assert sum(looked) < 2e5
+
+
+def cubes(*placed: tuple[float, float]) -> TriangleMesh:
+    """Cubes of these edges about places along x; of a negative edge: inside out, as a hollow is."""
+    vertices, triangles = [], []
+    for x, edge in placed:
+        one = polyhedron(Solid("box", (abs(edge), abs(edge), abs(edge)), (x, 0.0, 0.0)))
+        triangles.append(one.triangles[:, :: int(np.sign(edge))] + 8 * len(vertices))
+        vertices.append(one.vertices)
+    return TriangleMesh(np.concatenate(vertices), np.concatenate(triangles))
+
+
+@pytest.mark.parametrize(
+    ("placed", "expected"),
+    [
+        (((0.0, 2.0),), False),
+        (((0.0, 2.0), (3.0, 2.0)), False),  # beside each other
+        (((0.0, 2.0), (2.0, 2.0)), False),  # face to face
+        (((0.0, 2.0), (1.5, 1.0)), False),  # a face on part of a face
+        (((0.0, 2.0), (1.5, 2.0)), True),  # with faces in one plane
+        (((0.0, 2.0), (1.2, 1.0)), True),  # pushed in
+        (((0.0, 2.0), (0.0, 1.0)), True),  # one inside the other
+        (((0.0, 2.0), (0.0, -1.0)), False),  # hollow
+        (((0.0, 2.0), (0.0, -1.5), (0.0, 1.0)), False),  # with a piece in the hollow
+        (((0.0, 2.0), (5.0, -1.0)), True),  # a hollow in nothing
+    ],
+)
+def test_a_mesh_that_goes_through_itself(placed: Any, expected: bool) -> None:
+    assert goes_through_itself(cubes(*placed)) == expected
+
+
+def test_a_surface_in_one_piece_that_goes_through_itself() -> None:
+    """A corner of a cube that is pulled through the opposite faces; pulled out or dented it is sound."""
+    cube = cubes((0.0, 2.0))
+    corner = int(np.flatnonzero((cube.vertices == 1.0).all(axis=1))[0])
+    for pulled, expected in ((1.5, False), (0.2, False), (-1.5, True)):
+        vertices = cube.vertices.copy()
+        vertices[corner] = pulled
+        assert goes_through_itself(TriangleMesh(vertices, cube.triangles)) == expected
+
+
+def test_a_mesh_file_that_goes_through_itself_is_refused(tmp_path: Path) -> None:
+    """Two boxes of 1 x 2 x 3 m, shifted by half a metre, as one file: 12 m3 where there are 9."""
+    trimesh = pytest.importorskip("trimesh")
+    one, other = (trimesh.creation.box([1.0, 2.0, 3.0]) for _ in range(2))
+    other.apply_translation([0.5, 0.0, 0.0])
+    trimesh.util.concatenate([one, other]).export(tmp_path / "two.stl")
+    case = tmp_path / "case.toml"
+    text = "[bodies.target]\nshape = 'mesh'\nfile = 'two.stl'\nunit = 'm'\ndensity = 100.0\n"
+    case.write_text(CASE.read_text() + text)
+    with pytest.raises(
+        exunet.CaseError, match=r"case\.toml:\d+: bodies\.target\.file: .*goes through itself"
+    ):
+        prepare_case(exunet.load(case))
+    other.apply_translation([0.6, 0.0, 0.0])  # 0.1 m apart
+    trimesh.util.concatenate([one, other]).export(tmp_path / "two.stl")
+    (target,) = prepare_case(exunet.load(case)).system.bodies
+    assert target.mass == pytest.approx(1200.0, rel=1e-6)  # of an STL's 32 bits
 
 
 @pytest.mark.parametrize("ending", ["stl", "obj"])

@@ -12,6 +12,8 @@ from exunet.bodies.making import part_of, solid_of
 from exunet.forces.requirements import RestOfCase
 from exunet.methods.keys import SHORTEST_STEP
 
+HALF_TURN = 1e-6  # [rad] by which attitudes of neighbouring poses must be less than half a turn apart
+
 
 def cross_checks(bodies: Mapping[str, BodyKeys], rest: RestOfCase) -> Iterator[Fault]:
     """Every fault between keys of a body, and between names."""
@@ -33,6 +35,7 @@ def _of_body(keys: BodyKeys, rest: RestOfCase) -> Iterator[Fault]:
         _poses_are_whole(keys),
         _poses_in_place_of_a_start(keys),
         shortened(_times_increase(keys)),
+        shortened(_ways_are_defined(keys)),
         _poses_last(keys, rest),
         _attachments(keys),
         _parts(keys),
@@ -157,6 +160,20 @@ def _times_increase(keys: BodyKeys) -> Iterator[Fault]:
                 f"is {time - before:.2g} s after the time before it: a run has steps of {SHORTEST_STEP:g} s"
             )
             yield Fault(f"pose_times[{k}]", f"{reason} or more")
+
+
+def _ways_are_defined(keys: BodyKeys) -> Iterator[Fault]:
+    """No half turn from one attitude to the next: neither way round is the shorter one."""
+    attitudes = keys.pose_attitudes or () if keys.is_given("pose_attitudes") else ()
+    for k, (before, attitude) in enumerate(pairwise(attitudes), start=1):
+        if before is None or attitude is None:
+            continue
+        if 2.0 * abs(sum(a * b for a, b in zip(before, attitude, strict=True))) < HALF_TURN:
+            reason = (
+                f"is half a turn from the attitude before it, to {HALF_TURN:g} rad: neither way round is the "
+                "shorter one; put a pose between them"
+            )
+            yield Fault(f"pose_attitudes[{k}]", reason)
 
 
 def _poses_last(keys: BodyKeys, rest: RestOfCase) -> Iterator[Fault]:

@@ -44,7 +44,7 @@ def _in_solid(solid: Solid, start: Floats, end: Floats) -> Bools:
     touch = -TOUCH * solid.least
     found = np.minimum(solid.depth(start), solid.depth(end)) < touch
     around = part_of(solid)
-    rows = np.flatnonzero(~found & (_distance(around.middle, start, end) < around.reach))
+    rows = np.flatnonzero(~found & (distance_from(around.middle, start, end) < around.reach))
     a, way = start[rows], (end - start)[rows]
     low, high = np.zeros(len(rows)), np.ones(len(rows))
 
@@ -70,13 +70,13 @@ def _in_solid(solid: Solid, start: Floats, end: Floats) -> Bools:
     return np.asarray(found)
 
 
-def _distance(point: Floats, start: Floats, end: Floats) -> Floats:
-    """(n,) from a point to segments [m]."""
+def distance_from(point: Floats, start: Floats, end: Floats) -> Floats:
+    """(...,) from points (..., 3) to segments (..., 3) [m]."""
     way = end - start
-    square = np.einsum("na,na->n", way, way)
-    along = np.einsum("na,na->n", point - start, way)
+    square = np.einsum("...a,...a->...", way, way)
+    along = np.einsum("...a,...a->...", point - start, way)
     part = np.clip(np.divide(along, square, out=np.zeros_like(along), where=square > 0.0), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(start + part[:, None] * way - point, axis=1))
+    return np.asarray(np.linalg.norm(start + part[..., None] * way - point, axis=-1))
 
 
 def _through_surface(mesh: TriangleMesh, start: Floats, end: Floats) -> Bools:

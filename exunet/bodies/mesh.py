@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError, MissingExtra
 from exunet.bodies.mass_properties import volume_of
 from exunet.bodies.shapes import TriangleMesh
+from exunet.bodies.surfaces import goes_through_itself
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,7 +26,7 @@ def read_mesh(path: Path, unit: str) -> TriangleMesh:
     """The closed surface in a file of this unit (a key of `METRES`), in metres.
 
     Raises MissingExtra without trimesh, and InputError if the file cannot be read or its surface is not that
-    of a body (see `closed`).
+    of a body (see `closed`), or goes through itself.
     """
     if path.suffix.lower() not in ENDINGS:
         raise InputError(f"{path}: must end in {', '.join(ENDINGS)}")
@@ -35,7 +36,11 @@ def read_mesh(path: Path, unit: str) -> TriangleMesh:
         words = f"{path}: meshes need trimesh, which is not installed: pip install 'exunet[mesh]'"
         raise MissingExtra(words)
     vertices, triangles = _read(path)
-    return closed(METRES[unit] * vertices, triangles, str(path))
+    mesh = closed(METRES[unit] * vertices, triangles, str(path))
+    if goes_through_itself(mesh):
+        words = "goes through itself, or has a piece inside another: what they share would count twice"
+        raise InputError(f"{path}: {words}; make it one surface, as the union of its pieces")
+    return mesh
 
 
 def _read(path: Path) -> tuple[Floats, Ints]:
@@ -57,8 +62,8 @@ def closed(vertices: Floats, triangles: Ints, name: str) -> TriangleMesh:
 
     Vertices at the same place become one, triangles without area are left out, and a mesh that is inside out
     is turned. Raises InputError, which begins with `name`, if a number is not finite, if an edge has not
-    exactly two triangles, one on either side of it, or if there is no volume. That a surface meets itself is
-    not found.
+    exactly two triangles, one on either side of it, or if there is no volume. That a surface goes
+    through itself is not looked for.
     """
     if not len(triangles):
         raise InputError(f"{name}: has no triangles, or the file is not whole")

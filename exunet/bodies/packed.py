@@ -33,6 +33,14 @@ def packed(shape: Shape | None, centre: Floats) -> dict[str, Any]:
     return {"solids": np.array(rows, dtype=float)}
 
 
+def from_centre(shape: Shape, centre: Floats) -> Shape:
+    """A shape from the centre of mass (3,) [m], as results have it."""
+    found = packed(shape, centre)
+    moved = unpacked(found.get("solids"), found.get("vertices"), found.get("triangles"))
+    assert moved is not None
+    return moved
+
+
 def unpacked(solids: Floats | None, vertices: Floats | None, triangles: Ints | None) -> Shape | None:
     """The shape of what `packed` gave. Raises ValueError if that is none."""
     if vertices is not None and triangles is not None:

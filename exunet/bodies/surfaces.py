@@ -12,6 +12,7 @@ in one plane of bodies that share points come to lie one behind the other.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -161,7 +162,19 @@ def share_points(one: Surface, other: Surface, turn: Floats, shift: Floats) -> b
 
 def _cross(one: Surface, other: Surface, turn: Floats, shift: Floats, hair: float) -> bool:
     """True if an edge of one goes through a triangle of the other, both drawn in by a hair or two."""
-    span, room = np.abs(turn), 3.0 * hair
+    for m, n in _near(one, other, turn, shift, 3.0 * hair):
+        first = one.corners[m] + hair * one.inwards[m]
+        second = (other.corners[n] + 2.0 * hair * other.inwards[n]) @ turn.T + shift
+        if _meet(first, second).any():
+            return True
+    return False
+
+
+def _near(
+    one: Surface, other: Surface, turn: Floats, shift: Floats, room: float
+) -> Iterator[tuple[Ints, Ints]]:
+    """Triangles (n,) of both whose boxes are no further than `room` [m] from each other."""
+    span = np.abs(turn)
     most = len(one.middles) - 1, len(other.middles) - 1
     waiting = [((0, 0), np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))]
     while waiting:
@@ -173,11 +186,7 @@ def _cross(one: Surface, other: Surface, turn: Floats, shift: Floats, hair: floa
         if not len(a):
             continue
         if (p, q) == most:
-            m, n = one.leaves[a], other.leaves[b]
-            first = one.corners[m] + hair * one.inwards[m]
-            second = (other.corners[n] + 2.0 * hair * other.inwards[n]) @ turn.T + shift
-            if _meet(first, second).any():
-                return True
+            yield one.leaves[a], other.leaves[b]
             continue
         if p < most[0]:
             p, a, b = p + 1, np.concatenate([2 * a, 2 * a + 1]), np.concatenate([b, b])
@@ -186,7 +195,6 @@ def _cross(one: Surface, other: Surface, turn: Floats, shift: Floats, hair: floa
         for start in range(0, len(a), _PAIRS):
             some = slice(start, start + _PAIRS)
             waiting.append(((p, q), a[some], b[some]))
-    return False
 
 
 def _meet(one: Floats, other: Floats) -> Bools:
@@ -221,8 +229,41 @@ def _volume(way: Floats, p: Floats, q: Floats) -> Floats:
     return np.asarray(np.einsum("na,na->n", way, np.cross(p, q)))
 
 
+def goes_through_itself(mesh: TriangleMesh) -> bool:
+    """True of a closed mesh whose triangles go through others, or which does not enclose space just once.
+
+    Pieces that touch do not go through each other; each piece is drawn in by a hair of its own.
+    """
+    surface, piece = _surface(mesh), pieces_of(mesh)
+    hair = DRAWN_IN * surface.size * (1.0 + piece / (1.0 + piece.max()))
+    drawn = surface.corners + hair[:, None, None] * surface.inwards
+    for m, n in _near(surface, surface, np.eye(3), np.zeros(3), 4.0 * DRAWN_IN * surface.size):
+        a, b = mesh.triangles[m], mesh.triangles[n]
+        strange = (m < n) & (a[:, :, None] != b[:, None, :]).all(axis=(1, 2))
+        if _meet(drawn[m[strange]], drawn[n[strange]]).any():
+            return True
+    if not piece.any():
+        return False
+    _, first = np.unique(piece, return_index=True)
+    places = drawn[first, 0] + 0.5 * DRAWN_IN * surface.size * surface.inwards[first, 0]
+    return bool((np.round(_times_round(places, drawn)) != 1.0).any())
+
+
+def pieces_of(mesh: TriangleMesh) -> Ints:
+    """(m,) numbers of the pieces that triangles belong to, which hang together by their corners."""
+    edges = mesh.triangles[:, [0, 1, 1, 2]].reshape(-1, 2).T
+    graph = coo_array((np.ones(edges.shape[1]), tuple(edges)), shape=(len(mesh.vertices),) * 2)
+    labels = connected_components(graph, directed=False)[1][mesh.triangles[:, 0]]
+    return np.asarray(np.unique(labels, return_inverse=True)[1].reshape(-1))
+
+
 def _inside(points: Floats, corners: Floats) -> Bools:
-    """(n,) True for points (n, 3) round which triangles (m, 3, 3) go once or more.
+    """(n,) True for points (n, 3) round which triangles (m, 3, 3) go once or more."""
+    return _times_round(points, corners) > 0.5
+
+
+def _times_round(points: Floats, corners: Floats) -> Floats:
+    """(n,) how many times triangles (m, 3, 3) go round points (n, 3).
 
     By the solid angles: Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125, doi
     10.1109/TBME.1983.325207.
@@ -234,5 +275,5 @@ def _inside(points: Floats, corners: Floats) -> Bools:
         dots = [np.einsum("ma,ma->m", *pair) for pair in ((a, b), (b, c), (c, a))]
         below = p * q * r + dots[0] * r + dots[1] * p + dots[2] * q
         angle = 2.0 * np.arctan2(np.einsum("ma,ma->m", a, np.cross(b, c)), below).sum()
-        found.append(angle > 2.0 * np.pi)
-    return np.array(found, dtype=bool)
+        found.append(angle / (4.0 * np.pi))
+    return np.array(found)

@@ -1,4 +1,7 @@
-"""Bodies in a picture of the net: their shapes, and a mark of each at its centre of mass."""
+"""Bodies in a picture of the net: their shapes, and a mark of each at its centre of mass.
+
+The mark of a body with a shape is open and small, so that it hides no shape.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +25,10 @@ _WIDTHS = (2.2, 1.0)  # of the x and y axes of a rigid body without a shape
 
 def body_entries(result: Result) -> list[Line2D]:
     """For the legend: each body with its mark; of more bodies than marks only their number."""
-    names = list(result.bodies)
+    names, bodies = list(result.bodies), list(result.bodies.values())
     if len(names) > len(_MARKS):
         names = [f"{len(names)} bodies"]
-    entries = [Line2D([], [], label=name, **_style(k)) for k, name in enumerate(names)]
+    entries = [Line2D([], [], label=name, **_style(k, bodies[k])) for k, name in enumerate(names)]
     if any(body.wireframe is None and body.attitude is not None for body in result.bodies.values()):
         words = "body axes: $x$ broad, $y$ thin"
         entries.append(Line2D([], [], color=RED, linewidth=_WIDTHS[0], label=words))
@@ -60,13 +63,16 @@ def draw_bodies(
             for axis, width in enumerate(_WIDTHS):
                 ends = np.stack([at, at + arms[:, axis]], axis=1)
                 axes.plot(*ends, color=RED, linewidth=scale * width)
-        mark = _style(number if len(result.bodies) <= len(_MARKS) else 0)
+        mark = _style(number if len(result.bodies) <= len(_MARKS) else 0, body)
         axes.plot(*at, zorder=4, **(mark | {"markersize": scale * mark["markersize"]}))
 
 
-def _style(number: int) -> dict[str, Any]:
-    rim = {"markeredgecolor": "white", "markeredgewidth": 0.4}
-    return {"color": RED, "linestyle": "", "marker": _MARKS[number], "markersize": 5.5, **rim}
+def _style(number: int, body: BodyStates) -> dict[str, Any]:
+    if body.wireframe is None:
+        form = {"markersize": 5.5, "markeredgecolor": "white", "markeredgewidth": 0.4}
+    else:
+        form = {"markersize": 4.0, "markerfacecolor": "none", "markeredgecolor": RED, "markeredgewidth": 0.7}
+    return {"color": RED, "linestyle": "", "marker": _MARKS[number], **form}
 
 
 def _lines(body: BodyStates, k: int) -> Floats:

@@ -16,7 +16,7 @@ from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_styles, number
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
-from exunet.results.clearance import gaps_of, pairs_of, shapes_of
+from exunet.results.clearance import gaps_of, movers_of, nearest, pairs_of
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.loads import loads
 from exunet.results.result import Result
@@ -178,27 +178,30 @@ def loads_on_bodies(result: Result, page: Page) -> Figure | None:
 def distances(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure | None:
     """Distance of two bodies over time, surface to surface; None without two bodies with shapes.
 
-    Of more than eight pairs those that come nearest. A circle marks the least of all.
+    Of more than eight pairs those that come nearest at stored times. A circle marks the least of all, between
+    stored times by interpolation.
     """
-    pairs = pairs_of(list(shapes_of(result)))
+    pairs = pairs_of(list(movers := movers_of(result)))
     if not pairs:
         return None
     found = gaps_of(result, pairs)
     figure, axes = curve_axes(result, page, "Distance of the bodies", "distance of the surfaces [m]")
-    nearest = np.argsort(found.min(axis=0), kind="stable")[:MOST_CURVES].tolist()
-    for place, (k, style) in enumerate(zip(nearest, curve_styles(len(nearest)), strict=True)):
+    shown = np.argsort(found.min(axis=0), kind="stable")[:MOST_CURVES].tolist()
+    for place, (k, style) in enumerate(zip(shown, curve_styles(len(shown)), strict=True)):
         label = " and ".join(pairs[k])
-        curve(axes, result.time, found[:, k], place / len(nearest), label=label, markersize=4.5, **style)
-    row = int(found[:, nearest[0]].argmin())
-    least, of_pair = float(found[row, nearest[0]]), f"bodies_{'+'.join(pairs[nearest[0]])}"
+        curve(axes, result.time, found[:, k], place / len(shown), label=label, markersize=4.5, **style)
+    both = {pairs[k]: nearest(*(movers[name] for name in pairs[k])) for k in shown}
+    one, other = min(both, key=lambda pair: both[pair].distance)
+    least, time, _ = both[one, other]
+    of_pair = f"bodies_{one}+{other}"
     nearby = known(spread, f"{of_pair}_least_distance_m")
     when = known(spread, f"{of_pair}_time_of_least_distance_s")
     words = words_of_mark("least", nearby, when) if least else "overlap in this run"
     style = {"color": BLACK, "markersize": 9, "markerfacecolor": "none", "clip_on": False}
-    axes.plot(result.time[row], least, "o", label=words, **style)
-    if len(pairs) > len(nearest):
-        axes.plot([], [], " ", label=f"{len(pairs) - len(nearest)} more pairs, which stay farther apart")
-    from_zero(axes, float(found[:, nearest].max()))
+    axes.plot(time, least, "o", label=words, **style)
+    if len(pairs) > len(shown):
+        axes.plot([], [], " ", label=f"{len(pairs) - len(shown)} more pairs, which stay farther apart")
+    from_zero(axes, float(found[:, shown].max()))
     finish(figure, axes)
     return figure
 

@@ -4,7 +4,8 @@ Elements lie between the creases, which pass through nodes, so that a fold witho
 lengths. Layers lie one thread apart. Nodes on a crease of the first fold lie between the two layers. At a
 crease of the second fold, the outer layers of the stack go round the inner ones: each turns a thread further
 out, half way between its two heights, and the stack is sheared by as much, so that all layers have the same
-way to go. A common factor then makes room for the heights.
+way to go, along slopes that all begin at the same distance from the crease. A common factor then makes room
+for the heights.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from exunet.base.errors import CaseError
 from exunet.net.arrays import Floats, Net
-from exunet.net.canister import Fold, Folded, check_chords, mesh_nodes, threads
+from exunet.net.canister import Fold, Folded, check_chords, check_threads, mesh_nodes, threads
 from exunet.net.creases import BESIDE, Pleats, creases, narrowest, pleated, usable
 from exunet.net.string_folds import with_strings
 
@@ -60,7 +61,7 @@ def _laid_out(net: Net, lines: tuple[Floats, Floats], fold: Fold, beside: float)
     along_x, wide_x = _along(net, 0, lines[0], fold.room[0] - sheared, beside)
     flat = np.zeros((net.n_nodes, 3))
     flat[:, 0], flat[:, 1] = along_x.place, along_y.place
-    offset = thread * _offsets(along_x, along_y)
+    offset = thread * _offsets(net, along_x, along_y)
     position = _scale(net, flat, offset, fold) * flat + offset
     nodes = mesh_nodes(net)
     position -= 0.5 * (position[nodes].min(axis=0) + position[nodes].max(axis=0))
@@ -68,6 +69,7 @@ def _laid_out(net: Net, lines: tuple[Floats, Floats], fold: Fold, beside: float)
     forward = np.stack([along_x.forward, along_y.forward, np.zeros(net.n_nodes)], axis=1)
     position = with_strings(net, position, forward, thread)
     check_chords(net, position, fold)
+    check_threads(net, position, fold, thread)
     pleats = f"{along_y.number} pleats along y, {along_x.number} along x"
     needed = np.maximum(size, [wide_x + sheared, wide_y + thread, 0.0])
     return Folded(position, pleats, along_x.number * along_y.number, size), needed
@@ -84,17 +86,23 @@ def _along(net: Net, axis: int, lines: Floats, room: float, beside: float) -> tu
         room = narrowest(lines, low, high)
         found = creases(lines, low, high, room)
         assert found is not None
-    on_crease = 1e-6 * float(net.reference_length.min())
     elements = net.element_nodes[~net.is_string]
-    return pleated(np.clip(values, low, high), found, elements, on_crease), room
+    return pleated(np.clip(values, low, high), found, elements, _on_crease(net)), room
 
 
-def _offsets(along_x: Pleats, along_y: Pleats) -> Floats:
+def _on_crease(net: Net) -> float:
+    """What is no further from a crease lies on it [m]."""
+    return 1e-6 * float(net.reference_length.min())
+
+
+def _offsets(net: Net, along_x: Pleats, along_y: Pleats) -> Floats:
     """(n_nodes, 3) in threads: heights, and the shear of the stack."""
     stack, turns, block = along_y.number, along_x.number, along_x.pleat
     layer = along_y.pleat
     below = np.floor(block)
     height = stack * below + np.where(below % 2 == 0, layer, stack - 1.0 - layer)
+    before, after = along_x.towards_creases(net.element_nodes[~net.is_string], _on_crease(net))
+    height += before * (stack * below - 0.5 - height) + after * (stack * (below + 1.0) - 0.5 - height)
     height = np.where(block > below, stack * (below + 1.0) - 0.5, height)
     shear = 0.5 * (stack - 1.0) - layer if turns > 1 else np.zeros_like(layer)
     return np.stack([shear, np.zeros_like(layer), height], axis=1)

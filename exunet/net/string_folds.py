@@ -1,14 +1,24 @@
-"""Strings and bullets of a folded net: outward from the folded corners, straight or to and fro."""
+"""Strings and bullets of a folded net: outward from the folded corners, straight or to and fro.
+
+A corner may lie where layers go round each other, so that threads of other layers are in the way; the string
+then leaves it in the direction, nearest to outward, that is clear of them.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 
 from exunet.net.arrays import Floats, Ints, Net
+from exunet.net.meeting import between_segments
 
 STRAIGHT = 0.95  # of a string's length, between its ends
+CLEAR = 0.25  # threads, from their middles: what strings keep from threads that they do not meet
+_TURNS = np.radians(np.arange(5.0, 80.0, 5.0))  # away from outward
+_AROUND = np.radians(np.arange(0.0, 360.0, 15.0))
 
 
 def with_strings(net: Net, position: Floats, forward: Floats, thread: float) -> Floats:
@@ -29,18 +39,51 @@ def with_strings(net: Net, position: Floats, forward: Floats, thread: float) -> 
     order, starts = np.unique(chains[:, 0], return_index=True)
     number = np.bincount(chains[:, 0], minlength=order.max() + 1)[order]
     divisions = chains.shape[1] - 1
+    placed = net.element_nodes[~net.is_string]
     for bullet, first, count in zip(order.tolist(), starts.tolist(), number.tolist(), strict=True):
         own = chains[first : first + count]
         corners = own[:, -1]
         outward = _outward(net, bullet, corners, forward)
-        if count == 1 and divisions > 1:
-            position[own[0, ::-1]] = _to_and_fro(position[corners[0]], outward, divisions, length, thread)
-        else:
-            end = _apex(position[corners], outward, STRAIGHT * length * divisions)
-            part = np.arange(divisions + 1)[:, None] / divisions
-            for chain in own:
-                position[chain] = (1.0 - part) * end + part * position[chain[-1]]
+        pieces = np.stack([own[:, :-1], own[:, 1:]], axis=-1).reshape(-1, 2)
+        others = placed[~np.isin(placed, corners).any(axis=1)]
+        reach = position[corners[0]] + length * divisions * np.array([[-1.0], [1.0]])
+        low, high = position[others].min(axis=1), position[others].max(axis=1)
+        others = others[((low < reach[1]) & (high > reach[0])).all(axis=1)]
+        for way in _ways(outward):
+            if count == 1 and divisions > 1:
+                position[own[0, ::-1]] = _to_and_fro(position[corners[0]], way, divisions, length, thread)
+            else:
+                end = _apex(position[corners], way, STRAIGHT * length * divisions)
+                part = np.arange(divisions + 1)[:, None] / divisions
+                for chain in own:
+                    position[chain] = (1.0 - part) * end + part * position[chain[-1]]
+            if _clear_of(position[pieces], position[others], thread):
+                break
+        placed = np.concatenate([placed, pieces])
     return position
+
+
+def _ways(outward: Floats) -> Iterator[Floats]:
+    """Unit vectors (3,): outward, and others round it, the nearest first."""
+    yield outward
+    across = np.cross(outward, [0.0, 0.0, 1.0])
+    across /= np.linalg.norm(across)
+    up = np.cross(across, outward)
+    for turn, around in product(_TURNS, _AROUND):
+        aside = np.cos(around) * across + np.sin(around) * up
+        yield np.cos(turn) * outward + np.sin(turn) * aside
+
+
+def _clear_of(pieces: Floats, others: Floats, thread: float) -> bool:
+    """True if pieces of a string (n, 2, 3), from its bullet on, are `CLEAR` of other threads (m, 2, 3).
+
+    And their nodes, but for the corner, are a thread from those of the others.
+    """
+    one, other = np.repeat(pieces, len(others), axis=0), np.tile(others, (len(pieces), 1, 1))
+    if (between_segments(one, other) < CLEAR * thread).any():
+        return False
+    apart = np.linalg.norm(pieces[:, 0, None] - others.reshape(-1, 3), axis=2)
+    return not (apart < thread * (1.0 - 1e-9)).any()
 
 
 def _chains(net: Net) -> Ints:
@@ -61,7 +104,7 @@ def _outward(net: Net, bullet: int, corners: Ints, forward: Floats) -> Floats:
 
 def _to_and_fro(corner: Floats, outward: Floats, divisions: int, length: float, thread: float) -> Floats:
     """(divisions + 1, 3) from the corner on: outward and back, moved on sideways by a thread each."""
-    sideways = np.array([-outward[1], outward[0], 0.0])
+    sideways = np.array([-outward[1], outward[0], 0.0]) / math.hypot(*outward[:2])
     chord = 0.5 * (1.0 + STRAIGHT) * length
     reach = math.sqrt(max(chord * chord - thread * thread, 0.0))
     k = np.arange(divisions + 1)[:, None]

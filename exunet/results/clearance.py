@@ -1,18 +1,22 @@
-"""How near bodies come to each other: distances from surface to surface.
+"""How near bodies come to each other: distances from surface to surface, at stored times and between them.
 
 Solids are sharp, without their `edge_radius`; a shape of parts is as near as the nearest of them, and a mesh
-counts as its convex hull (see `exunet.bodies.distance`). Bodies that overlap have the distance 0.
+counts as its convex hull (see `exunet.bodies.distance`). Bodies that overlap have the distance 0. Between
+stored times states are interpolated (see `exunet.bodies.between`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
+from exunet.bodies.approach import Mover, approach
+from exunet.bodies.between import Path
 from exunet.bodies.distance import distances
 from exunet.bodies.packed import unpacked
 from exunet.bodies.shapes import Shape
@@ -42,10 +46,46 @@ def clearance(result: Result, one: str, other: str) -> Floats:
 
 def gaps_of(result: Result, pairs: Sequence[Pair]) -> Floats:
     """(n_times, pairs) distances of bodies with shapes [m]."""
-    shapes = shapes_of(result)
-    wanted = {name for pair in pairs for name in pair}
-    found = gaps(pairs, shapes, {name: poses_of(result.bodies[name]) for name in wanted})
-    return found if pairs else np.zeros((len(result.time), 0))
+    movers = movers_of(result)
+    found = [
+        distances(movers[a].shape, movers[a].path.poses, movers[b].shape, movers[b].path.poses)
+        for a, b in pairs
+    ]
+    return np.stack(found, axis=1) if found else np.zeros((len(result.time), 0))
+
+
+class Nearest(NamedTuple):
+    """The least distance of two bodies [m] and when [s]; the largest at instants whose states are known."""
+
+    distance: float
+    time: float
+    largest: float
+
+
+def nearest(one: Mover, other: Mover) -> Nearest:
+    """Of two bodies, between the instants of their paths too."""
+
+    def measure(a: Floats, b: Floats) -> Floats:
+        return distances(one.shape, a, other.shape, b)
+
+    time, found = approach(one, other, measure)
+    row = int(found.argmin())
+    at = np.searchsorted(time, one.path.time)
+    return Nearest(float(found[row]), float(time[row]), float(found[at].max()))
+
+
+def movers_of(result: Result) -> dict[str, Mover]:
+    """The bodies that have a shape, in motion."""
+    return {
+        name: Mover(path_of(result.time, result.bodies[name]), shape)
+        for name, shape in shapes_of(result).items()
+    }
+
+
+def path_of(time: Floats, body: BodyStates) -> Path:
+    """The motion of a rigid body."""
+    states = (body.position, body.velocity, body.attitude, body.angular_velocity)
+    return Path(time, *(np.asarray(one[:]) for one in states if one is not None))
 
 
 def shapes_of(result: Result) -> dict[str, Shape]:
@@ -56,19 +96,7 @@ def shapes_of(result: Result) -> dict[str, Shape]:
     return {name: shape for name, shape in found.items() if shape is not None}
 
 
-def poses_of(body: BodyStates) -> Floats:
-    """(n_times, 7) of a rigid body: place of its centre of mass [m] and its attitude."""
-    assert body.attitude is not None
-    return np.concatenate([np.asarray(body.position[:]), np.asarray(body.attitude[:])], axis=1)
-
-
 def pairs_of(names: Sequence[str]) -> list[Pair]:
     """The pairs of bodies: chaser and target first, then others with one of them, then the rest."""
     order = [*(name for name in FIRST if name in names), *(name for name in names if name not in FIRST)]
     return list(combinations(order, 2))
-
-
-def gaps(pairs: Sequence[Pair], shapes: Mapping[str, Shape], poses: Mapping[str, Floats]) -> Floats:
-    """(n, pairs) distances [m] of the bodies with these shapes at poses (n, 7) of their frames."""
-    found = [distances(shapes[a], poses[a], shapes[b], poses[b]) for a, b in pairs]
-    return np.stack(found, axis=1) if found else np.zeros((0, 0))

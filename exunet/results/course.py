@@ -8,18 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.bodies.approach import Mover
 from exunet.bodies.kinematics import GIVEN
 from exunet.case.verdict import Verdict
 from exunet.forces.from_outside import effects_of
 from exunet.results.areas import achievable_area
 from exunet.results.capture import Measures, capture_of, rule_of
-from exunet.results.clearance import MOST_PAIRS, Pair, gaps_of, pairs_of, shapes_of
+from exunet.results.clearance import MOST_PAIRS, Nearest, Pair, movers_of, nearest, pairs_of
 from exunet.results.ends import ends_of_result, no_ends
 from exunet.results.margins import (
     Groups,
@@ -75,7 +76,7 @@ class Course:
     tether_names    : of all tethers
     reel_names, reel : (t, n_reels, 2) length of the tether that is wound up [m], work of the drum on it [J]
     groups          : of elements whose strength is known; None: of none
-    pairs, gap      : (t, n_pairs) distance of two bodies, surface to surface [m]
+    pairs, movers   : of bodies whose distances are headlines, and these bodies in motion
     loaded, loaded_element : (t, n_groups) largest tension / strength in each group, and in which element
     rule            : when the target counts as captured; None: the case has none
     capture         : with the rule, the measures of the capture
@@ -104,7 +105,7 @@ class Course:
     reel_names: tuple[str, ...] = ()
     reel: Floats = field(default_factory=lambda: np.zeros((0, 0, 2)))
     pairs: tuple[Pair, ...] = ()
-    gap: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    movers: Mapping[str, Mover] = field(default_factory=dict)
     groups: Groups | None = None
     loaded: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     loaded_element: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
@@ -118,12 +119,17 @@ class Course:
         names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
         names += ["body_centre", "potential"] if self.body_names else []
         names += ["reel"] if self.reel_names else []
-        names += ["gap"] if self.pairs else []
         names += ["loaded", "loaded_element"] if self.groups else []
         capture = None if self.capture is None else Measures(*(one[rows] for one in self.capture))
         contact = {name: values[rows] for name, values in self.contact.items()}
+        movers = {name: replace(one, path=one.path.every_second()) for name, one in self.movers.items()}
         thinned = {name: getattr(self, name)[rows] for name in names}
-        return replace(self, **thinned, capture=capture, contact=contact)
+        return replace(self, movers=movers, capture=capture, contact=contact, **thinned)
+
+    @cached_property
+    def nearest(self) -> dict[Pair, Nearest]:
+        """How near the bodies of each pair come, between the times too."""
+        return {(a, b): nearest(self.movers[a], self.movers[b]) for a, b in self.pairs}
 
     def margin(self, group: str) -> Margin | None:
         """The least of a group of elements; None where it has none."""
@@ -147,7 +153,7 @@ def course_of(result: Result) -> Course:
     """The course of a result over its stored times; the peak is that of all steps, where the run tells it."""
     bullets = result.net.bullet_nodes
     groups = Groups.of(result.net)
-    pairs = pairs_of(list(shapes_of(result)))[:MOST_PAIRS]
+    pairs = pairs_of(list(movers := movers_of(result)))[:MOST_PAIRS]
     loaded, loaded_element = loaded_over_blocks(groups, result.tension)
     rule = rule_of(result)
     return Course(
@@ -173,7 +179,7 @@ def course_of(result: Result) -> Course:
         reel_names=(reels := _reels(result)),
         reel=_drums(result, reels),
         pairs=tuple(pairs),
-        gap=gaps_of(result, pairs),
+        movers=movers,
         groups=groups,
         loaded=loaded,
         loaded_element=loaded_element,

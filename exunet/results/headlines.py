@@ -25,6 +25,7 @@ from exunet.results.body_headlines import (
     headlines_of_bodies,
 )
 from exunet.results.capture_headlines import OF_A_CAPTURE, headlines_of_capture, of_contact
+from exunet.results.clearance import Nearest
 from exunet.results.course import REEL_STATES, Course
 from exunet.results.headline import Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
@@ -225,33 +226,34 @@ def of_pair(pair: str) -> Headline:
     """The least distance of two bodies, "one+other"."""
 
     def value(course: Course) -> float | None:
-        names = [_JOINED.join(one) for one in course.pairs]
-        return float(course.gap[:, names.index(pair)].min()) if pair in names else None
+        found = _nearest(course, pair)
+        return None if found is None else found.distance
 
     words = f"least distance of {pair.replace(_JOINED, ' and ')}"
-    return Headline(
-        f"bodies_{pair}_least_distance", words, "m", value, least=1e-8, remark="surface to surface"
-    )
+    remark = "surface to surface, between stored times by interpolation"
+    return Headline(f"bodies_{pair}_least_distance", words, "m", value, least=1e-8, remark=remark)
+
+
+def _nearest(course: Course, pair: str) -> Nearest | None:
+    """Of the two bodies "one+other"."""
+    return {_JOINED.join(one): found for one, found in course.nearest.items()}.get(pair)
 
 
 def of_time_of_pair(pair: str) -> Headline:
     """When two bodies are nearest; None if they always are as near, as two that do not move."""
 
-    def gap(course: Course) -> Floats | None:
-        names = [_JOINED.join(one) for one in course.pairs]
-        return np.asarray(course.gap[:, names.index(pair)]) if pair in names else None
-
     def constant(course: Course) -> str:
-        found = gap(course)
-        return "the distance is constant" if found is not None and stays_the_same(found) else ""
+        found = _nearest(course, pair)
+        same = found is not None and stays_the_same(np.array([found.distance, found.largest]))
+        return "the distance is constant" if same else ""
 
     def value(course: Course) -> float | None:
-        found = gap(course)
-        return None if found is None or constant(course) else float(course.time[found.argmin()])
+        found = _nearest(course, pair)
+        return None if found is None or constant(course) else found.time
 
     words = f"time of least distance of {pair.replace(_JOINED, ' and ')}"
     key = f"bodies_{pair}_time_of_least_distance"
-    return Headline(key, words, "s", value, at_a_time=True, constant=constant)
+    return Headline(key, words, "s", value, constant=constant)
 
 
 def _of_pair_both(pair: str) -> tuple[Headline, Headline]:

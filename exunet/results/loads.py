@@ -1,4 +1,4 @@
-"""What threads pull on bodies, at each node that is fixed to one."""
+"""What threads pull on bodies: at each node that is fixed to one, and by a packed net that one holds."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
+from exunet.bodies.rigid import rotation_matrix
 from exunet.net.arrays import Net
 from exunet.results.margins import Margin, margins
 from exunet.results.result import Result
@@ -18,6 +19,23 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _ROWS = 512  # states that are looked at in one go
+CARRIED = "carried"  # heading of the provenance: which body holds the packed net
+
+
+@dataclass(frozen=True)
+class CarriedLoads:
+    """The pull of the threads, such as tethers, on a packed net that a body holds, over the stored times.
+
+    until  : when the body lets the net go [s]; from then on force and torque are 0
+    origin : (n_times, 3) the net's origin, in the scene [m]
+    force  : (n_times, 3) on the body [N], in the axes of the scene
+    torque : (n_times, 3) about the net's origin [N m], in the axes of the scene
+    """
+
+    until: float
+    origin: Floats
+    force: Floats
+    torque: Floats
 
 
 @dataclass(frozen=True)
@@ -29,12 +47,14 @@ class Loads:
     torque : (n_times, m, 3) of each about the body's centre of mass [N m], in the axes of the scene
     margins : the least margin to the strength of the elements that end at these nodes, as of
              `exunet.margins`; empty where no strength is known
+    carried : of the packed net that the body holds until it ejects it; None: it holds none
     """
 
     nodes: Ints
     force: Floats
     torque: Floats
     margins: Mapping[str, Margin] = field(default_factory=dict)
+    carried: CarriedLoads | None = None
 
     @property
     def size(self) -> Floats:
@@ -43,12 +63,14 @@ class Loads:
 
     @property
     def total(self) -> tuple[Floats, Floats]:
-        """Force [N] and torque about the centre of mass [N m] of all together, (n_times, 3) each."""
+        """Force [N] and torque about the centre of mass [N m] at all nodes, (n_times, 3): not `carried`."""
         return self.force.sum(axis=1), self.torque.sum(axis=1)
 
 
 def loads(result: Result, body: str) -> Loads:
     """What the threads, those of tethers too, pull on a body; of no nodes if none is fixed to it.
+
+    Of a packed net that the body holds, what pulls on it from elsewhere.
 
     Forces that act on the nodes themselves, such as drag, are not in it, nor is the inertia of their lumped
     masses, which are part of the body. Raises InputError if there is no body of this name.
@@ -66,7 +88,34 @@ def loads(result: Result, body: str) -> Loads:
     force = np.concatenate(forces)
     arms = np.concatenate(places) - np.asarray(states.position[:])[:, None]
     ends = np.asarray(np.isin(result.net.element_nodes, nodes).any(axis=1))
-    return Loads(nodes, force, np.cross(arms, force), margins(result, ends))
+    return Loads(nodes, force, np.cross(arms, force), margins(result, ends), _carried(result, body))
+
+
+def _carried(result: Result, body: str) -> CarriedLoads | None:
+    """The pull on the packed net that a body holds, of elements that have one end in it."""
+    story, states = result.provenance.get(CARRIED), result.bodies[body]
+    if not story or story["body"] != body or states.attitude is None:
+        return None
+    within = np.zeros(result.net.n_nodes, dtype=bool)
+    within[story["nodes"]] = True
+    ends = result.net.element_nodes
+    elements = np.flatnonzero(within[ends].sum(axis=1) == 1)
+    inner = np.where(within[ends[elements, 0]], *ends[elements].T)
+    outer = ends[elements].sum(axis=1) - inner
+    origin = rotation_matrix(np.asarray(states.attitude[:])) @ np.array(story["origin_m"])
+    origin = origin + np.asarray(states.position[:])
+    force, torque = np.zeros((2, len(result.time), 3))
+    held = int(np.searchsorted(result.time, story["until_s"]))
+    for first, last in row_ranges(held, _ROWS) if len(elements) else ():
+        position = result.position[first:last]
+        span = position[:, outer] - position[:, inner]
+        length = np.linalg.norm(span, axis=-1, keepdims=True)
+        way = np.divide(span, length, out=np.zeros_like(span), where=length > 0.0)
+        pull = result.tension[first:last][:, elements, None] * way
+        force[first:last] = pull.sum(axis=1)
+        arms = position[:, inner] - origin[first:last, None]
+        torque[first:last] = np.cross(arms, pull).sum(axis=1)
+    return CarriedLoads(float(story["until_s"]), origin, force, torque)
 
 
 def _pulls(net: Net, nodes: Ints, position: Floats, tension: Floats) -> Floats:

@@ -168,19 +168,28 @@ def _body(net: Net, body: BodyStates) -> dict[str, float]:
 
 
 def _attachments(result: Result, body: str) -> list[dict[str, Any]]:
-    """The largest force and torque at each node that is fixed to a body, over the stored times."""
+    """The largest force and torque at nodes that are fixed to a body, and of a packed net that it holds."""
     of = loads(result, body)
-    torque = np.linalg.norm(of.torque, axis=-1)
-    return [
-        {
-            "node": node,
-            "largest_force_N": float(of.size[:, k].max()),
-            "largest_force_at_s": float(result.time[of.size[:, k].argmax()]),
-            "largest_torque_N_m": float(torque[:, k].max()),
-            "largest_torque_at_s": float(result.time[torque[:, k].argmax()]),
-        }
+    found = [
+        {"node": node, "packed_net_until_s": None, **_largest(result.time, of.force[:, k], of.torque[:, k])}
         for k, node in enumerate(of.nodes.tolist())
     ]
+    if of.carried is not None:
+        largest = _largest(result.time, of.carried.force, of.carried.torque)
+        found.append({"node": None, "packed_net_until_s": of.carried.until, **largest})
+    return found
+
+
+def _largest(time: Floats, force: Floats, torque: Floats) -> dict[str, float]:
+    """Sizes of forces [N] and torques [N m] (n_times, 3), over the stored times."""
+    sizes = np.linalg.norm(force, axis=-1), np.linalg.norm(torque, axis=-1)
+    first, second = (int(one.argmax()) for one in sizes)
+    return {
+        "largest_force_N": float(sizes[0][first]),
+        "largest_force_at_s": float(time[first]),
+        "largest_torque_N_m": float(sizes[1][second]),
+        "largest_torque_at_s": float(time[second]),
+    }
 
 
 def _momentum(result: Result) -> dict[str, float]:

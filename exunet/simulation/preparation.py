@@ -39,6 +39,11 @@ from exunet.system.limits import (
 )
 from exunet.system.system import State, System
 
+NO_REACTION = (
+    "no body takes the reaction of [launch]: without [initial.frame] bullets have their speed from nowhere; "
+    'initial.frame.body = "chaser" lets the chaser eject them'
+)
+
 Floats = NDArray[np.float64]
 
 
@@ -130,6 +135,8 @@ def prepare(scene: Scene, *, hosted: bool = False) -> Start:
         faults += form_faults(system, state, plan, scene.engine)
     if scene.bodies and (names := on_the_net_alone(scene.effects)):
         notes += (f"on the net and its tethers, not on bodies: {', '.join(names)}",)
+    if scene.launch is not None and "chaser" in scene.bodies and scene.initial.frame is None:
+        notes += (NO_REACTION,)
     with np.errstate(all="ignore"):
         plan = settled_on_the_start(scene, system, state, plan)
     scene, plan = with_forms(scene, system, plan)

@@ -21,6 +21,7 @@ from exunet.methods.plan import Plan
 from exunet.results.capture import RULE
 from exunet.results.columns import STATES, BodyConstants, Column, body_path, declare, state_column
 from exunet.results.from_rows import result_of_rows
+from exunet.results.loads import CARRIED
 from exunet.results.result import Result
 from exunet.results.store import MemoryStore, RowStore
 from exunet.simulation.element_peaks import ElementPeaks
@@ -28,6 +29,7 @@ from exunet.simulation.envelope import Envelope
 from exunet.simulation.kept_series import KeptSeries, series_of
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
+from exunet.system.ejection import HELD
 from exunet.system.states import States
 from exunet.system.system import System
 
@@ -238,10 +240,25 @@ def first_story(start: Start) -> dict[str, Any]:
         "engine": start.scene.engine.model_dump(),
         "effects": sorted(switched_on(start.scene.effects)),
         **({} if (rule := start.scene.verdict) is None else {RULE: rule.model_dump()}),
+        **_carried(start),
         "retries": [],
         "items": {},
         "build_seconds": 0.0,
         **dict.fromkeys(_COST, 0),
+    }
+
+
+def _carried(start: Start) -> dict[str, Any]:
+    """Which body holds the packed net, and until when; where the net's origin is in it, from its centre."""
+    frame, system = start.scene.initial.frame, start.system
+    held = [one for one in system.kinematics.held if one.memory == HELD]
+    if frame is None or not held:
+        return {}
+    (body,) = (one for one in system.bodies if one.name == frame.body)
+    origin = np.array(frame.position) - body.centre
+    nodes = held[0].points.tolist()
+    return {
+        CARRIED: {"body": frame.body, "until_s": frame.eject_at, "origin_m": origin.tolist(), "nodes": nodes}
     }
 
 

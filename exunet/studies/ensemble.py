@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 from threading import Event, local
 from typing import Any
@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 from exunet.backends.compiled.loop import loop_kernel
 from exunet.backends.compiled.side_by_side import RunsSideBySide, side_by_side_kernel
 from exunet.base.errors import InputError, RunStopped
+from exunet.bodies.approach import Mover
+from exunet.bodies.between import Path
+from exunet.bodies.packed import from_centre
 from exunet.bodies.rigid import RigidStates
+from exunet.bodies.shapes import Shape
 from exunet.case.stored_times import stored_times
 from exunet.case.verdict import Verdict
 from exunet.codegen.compile import WIDTH, kept_before
@@ -38,6 +42,7 @@ from exunet.studies.measured_runs import (
     MeasuredRun,
     one_run,
     runs_side_by_side,
+    shown_bodies,
     shown_pairs,
 )
 from exunet.studies.neighbours import perturbed, perturbed_bodies
@@ -58,7 +63,8 @@ class Ensemble(Measured):
     tension       : (runs, t) largest tension of all elements at that time [N]
     body_centre   : (runs, t, n_bodies, 3) centres of mass of point masses and rigid bodies [m]
     reel          : (runs, t, n_reels, 2) length of its tether on the drum [m], work of the drum on it [J]
-    gap           : (runs, t, n_pairs) distance of two bodies, surface to surface [m]
+    motion        : (runs, t, n_shown, 13) of the bodies of `pairs`: place [m] and velocity [m/s] of the
+                    centre of mass, attitude, angular velocity in axes of the body [rad/s]
     loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
                      strength is known, and in which element
     capture       : (runs, t, 6) the fields of `exunet.results.capture.Measures`; (runs, t, 0) without a rule
@@ -75,7 +81,7 @@ class Ensemble(Measured):
     body_names, tether_names, reel_names : of those bodies and tethers
     turning, guided : the bodies that have an attitude; those whose motion is given
     outside       : effects whose impulse is kept
-    pairs         : of bodies with shapes, their names
+    pairs, shapes : of bodies with shapes, their names; their shapes, from their centres of mass
     groups        : of elements whose strength is known; None: of none
     rule          : of the capture; None: the case has none
     contact_names : of the series of contacts
@@ -99,6 +105,7 @@ class Ensemble(Measured):
     tether_names: tuple[str, ...] = ()
     reel_names: tuple[str, ...] = ()
     pairs: tuple[Pair, ...] = ()
+    shapes: Mapping[str, Shape] = field(default_factory=dict)
     groups: Groups | None = None
     rule: Verdict | None = None
     contact_names: tuple[str, ...] = ()
@@ -134,7 +141,7 @@ class Ensemble(Measured):
             reel_names=self.reel_names,
             reel=self.reel[run],
             pairs=self.pairs,
-            gap=self.gap[run],
+            movers=self._movers(run),
             groups=self.groups,
             loaded=self.loaded[run],
             loaded_element=self.loaded_element[run],
@@ -142,6 +149,14 @@ class Ensemble(Measured):
             capture=None if self.rule is None else Measures(*self.capture[run].T),
             contact={name: self.contact[run][:, k] for k, name in enumerate(self.contact_names)},
         )
+
+    def _movers(self, run: int) -> dict[str, Mover]:
+        """The bodies of `pairs` in one of the runs."""
+        found = {}
+        for k, (name, shape) in enumerate(self.shapes.items()):
+            parts = np.split(self.motion[run, :, k], (3, 6, 10), axis=1)
+            found[name] = Mover(Path(self.time, *parts), shape)
+        return found
 
 
 def perturbed_positions(start: Start, runs: int, amplitude: float, seed: int, *, first: int = 0) -> Floats:
@@ -303,6 +318,11 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
         tether_names=tuple(start.net.tether_elements),
         reel_names=tuple(winding.name for winding in start.system.forces.cable.reels),
         pairs=tuple(shown_pairs(start.system)),
+        shapes={
+            body.name: from_centre(body.shape, np.array(body.centre))
+            for body in shown_bodies(start.system)
+            if body.shape is not None
+        },
         groups=Groups.of(start.net),
         rule=start.scene.verdict,
         contact_names=tuple(one.name for _, one in series_of(start.system)),

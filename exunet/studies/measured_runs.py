@@ -15,7 +15,7 @@ from exunet.backends.compiled.loop import CompiledIntegration, CompiledLoop
 from exunet.backends.compiled.side_by_side import RunsSideBySide
 from exunet.backends.protocol import IntegrationFailed, StepsCollapsed
 from exunet.base.errors import RunStopped
-from exunet.bodies.body import in_frames
+from exunet.bodies.body import RigidBody, in_frames
 from exunet.bodies.kinematics import GIVEN
 from exunet.case.verdict import Verdict
 from exunet.codegen.compile import WIDTH
@@ -23,7 +23,7 @@ from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.results import measures as metrics
 from exunet.results.capture import capture, target_of
-from exunet.results.clearance import MOST_PAIRS, Pair, gaps, pairs_of
+from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
 from exunet.results.course import REEL_STATES
 from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
@@ -37,6 +37,7 @@ from exunet.system.system import System
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+MOTION = 13  # numbers of a body: place, velocity, attitude, angular velocity
 _STRETCH = 0.2  # [s] of wall time after which a run sees that it is to be left
 _MOST_TIMES = 128  # states that the guards look at in one go
 _MOST_VALUES = 2**21  # coordinates that runs side by side keep in one go
@@ -57,7 +58,7 @@ class Measured:
     tension: Floats
     body_centre: Floats
     reel: Floats
-    gap: Floats
+    motion: Floats
     loaded: Floats
     loaded_element: Ints
     capture: Floats
@@ -97,17 +98,20 @@ def _drums(states: States) -> Floats:
     return np.asarray(states.first_order[:, columns].reshape(len(states), len(reels), len(REEL_STATES)))
 
 
-def _gaps(states: States) -> Floats:
-    """(k, n_pairs) distances of these bodies [m]."""
-    pairs, bodies = shown_pairs(states.system), states.bodies
-    if not pairs:
-        return np.zeros((len(states), 0))
-    shapes, poses = {}, {}
-    for k, body in enumerate(states.system.bodies):
-        if body.shape is not None:
-            shapes[body.name] = body.shape
-            poses[body.name] = body.frame_poses(bodies.position[:, k], bodies.attitude[:, k])
-    return gaps(pairs, shapes, poses)
+def shown_bodies(system: System) -> list[RigidBody]:
+    """Those of these pairs."""
+    names = {name for pair in shown_pairs(system) for name in pair}
+    return [body for body in system.bodies if body.name in names]
+
+
+def _motion(states: States) -> Floats:
+    """(k, n_shown, 13) of these bodies: place, velocity, attitude and angular velocity, as in a result."""
+    shown = {body.name for body in shown_bodies(states.system)}
+    rows = [k for k, body in enumerate(states.system.bodies) if body.name in shown]
+    if not rows:
+        return np.zeros((len(states), 0, MOTION))
+    framed = in_frames(states.system.bodies, states.bodies)
+    return np.concatenate([part[:, rows] for part in framed.parts()], axis=-1)
 
 
 def _capture(states: States, rule: Verdict | None) -> Floats:
@@ -146,7 +150,7 @@ def _measured(states: States, dissipated: Floats, rule: Verdict | None = None) -
         tension=tension.max(axis=1, initial=0.0),
         body_centre=np.concatenate([states.position[:, masses], states.bodies.position], axis=1),
         reel=_drums(states),
-        gap=_gaps(states),
+        motion=_motion(states),
         loaded=loaded,
         loaded_element=loaded_element,
         capture=_capture(states, rule),

@@ -21,6 +21,7 @@ POSES = {
     "pose_attitudes": [[1.0, 0, 0, 0], [2.0, 0.3, 0, 0], [1.0, 0.3, 0.2, 0], [-1.0, -0.3, -0.4, 0.5]],
 }
 MOVED = {key: value for key, value in POSES.items() if key != "pose_attitudes"}
+HALF = [[1.0, 1.0, 0, 0], [1.0, -1.0 + 0.9e-6, 0, 0]]  # half a turn apart but for 0.9e-6 rad
 STEADY = {"motion": "prescribed", "velocity": [-1.0, 0.5, 0], "angular_velocity": [0.0, 0.5, 1.0]}
 
 
@@ -138,6 +139,7 @@ def test_without_attitudes_of_poses_a_body_keeps_its_own(led, scene, turned):
         ({**POSES, "pose_times": [0.0, 0.2, 0.3, 0.5]}, "must go from 0 or before to time.end"),
         ({**POSES, "pose_positions": [[0.0, 0, 0]]}, "bodies.arm.pose_positions: 1 entries for 4 times"),
         ({**POSES, "pose_attitudes": [[0.0] * 4] * 4}, "bodies.arm.pose_attitudes: must not be zero"),
+        ({**POSES, "pose_attitudes": [[1.0, 0, 0, 0], [1.0, 0.1, 0, 0], *HALF]}, "half a turn apart"),
         ({"motion": "prescribed", "pose_times": [0.0, 1.0]}, "bodies.arm.pose_positions: missing"),
     ],
 )

@@ -1,0 +1,61 @@
+"""Threads that meet: how near straight elements come to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from exunet.net.arrays import Floats, Ints, Net
+
+_ROWS = 2048  # elements whose neighbours are looked for in one go
+
+
+def between_segments(one: Floats, other: Floats) -> Floats:
+    """(n,) least distances of straight pieces (n, 2, 3) [m].
+
+    Ericson, Real-Time Collision Detection (2005), section 5.1.9; here the least of the nearest point of two
+    lines and of each end from the other piece.
+    """
+    d, e, r = one[:, 1] - one[:, 0], other[:, 1] - other[:, 0], one[:, 0] - other[:, 0]
+    dd, ee, de, dr, er = (np.einsum("na,na->n", p, q) for p, q in ((d, d), (e, e), (d, e), (d, r), (e, r)))
+    across = dd * ee - de**2
+    level = across <= 1e-14 * dd * ee
+    s = np.clip(np.divide(de * er - dr * ee, across, out=np.zeros_like(dd), where=~level), 0.0, 1.0)
+    t = (de * s + er) / ee
+    s = np.where(t < 0.0, -dr / dd, np.where(t > 1.0, (de - dr) / dd, s))
+    s, t = np.clip(s, 0.0, 1.0), np.clip(t, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(r + s[:, None] * d - t[:, None] * e, axis=1))
+
+
+def meeting(net: Net, position: Floats, near: float) -> Ints:
+    """(2,) two elements that share no node and are nearer than `near` [m] to each other; (0,) if none are.
+
+    position : (n_nodes, 3) [m]
+    """
+    ends = net.element_nodes
+    for a, b in _neighbours(position[ends], near):
+        apart = (ends[a][:, :, None] != ends[b][:, None, :]).all(axis=(1, 2))
+        a, b = a[apart], b[apart]
+        found = np.flatnonzero(between_segments(position[ends[a]], position[ends[b]]) < near)
+        if len(found):
+            return np.array([a[found[0]], b[found[0]]])
+    return np.zeros(0, dtype=np.int64)
+
+
+def _neighbours(pieces: Floats, near: float) -> Iterator[tuple[Ints, Ints]]:
+    """Pairs of pieces (n, 2, 3) whose boxes are nearer than `near` [m]."""
+    low, high = pieces.min(axis=1) - 0.5 * near, pieces.max(axis=1) + 0.5 * near
+    size = (high - low).max(axis=0)
+    # Boxes that meet have middles within 1 of each other along each axis.
+    middle = 0.5 * (low + high) / size
+    tree = cKDTree(middle)
+    for start in range(0, len(pieces), _ROWS):
+        around = tree.query_ball_point(middle[start : start + _ROWS], 1.0 + 1e-9, p=np.inf)
+        a = np.repeat(np.arange(start, start + len(around)), [len(one) for one in around])
+        b = np.concatenate([np.array(one, dtype=np.int64) for one in around])
+        kept = a < b
+        a, b = a[kept], b[kept]
+        boxes = ((low[a] <= high[b]) & (low[b] <= high[a])).all(axis=1)
+        yield a[boxes], b[boxes]
