@@ -23,7 +23,7 @@ from exunet.bodies.surfaces import polyhedron
 from exunet.case.verdict import Verdict
 from exunet.net.arrays import Net
 from exunet.results.areas import achievable_area, mouth_area
-from exunet.results.clearance import poses_of, shapes_of
+from exunet.results.clearance import shapes_of
 from exunet.results.result import Result
 from exunet.results.rows import row_ranges
 
@@ -108,9 +108,11 @@ def rule_of(result: Result) -> Verdict | None:
 def capture_of(result: Result, rule: Verdict) -> Measures:
     """The measures of a result at its stored times."""
     body = result.bodies[rule.target]
+    assert body.attitude is not None
     assert body.angular_velocity is not None
+    poses = np.concatenate([np.asarray(body.position[:]), np.asarray(body.attitude[:])], axis=1)
     twists = np.concatenate([np.asarray(body.velocity[:]), np.asarray(body.angular_velocity[:])], axis=1)
-    poses, target, found = poses_of(body), target_of(shapes_of(result)[rule.target]), []
+    target, found = target_of(shapes_of(result)[rule.target]), []
     for first, last in row_ranges(len(result.time), _ROWS):
         points = np.asarray(result.position[first:last]), np.asarray(result.velocity[first:last])
         found.append(capture(result.net, rule, target, points, (poses[first:last], twists[first:last])))
