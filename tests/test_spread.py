@@ -61,9 +61,16 @@ def course(peak: float = 100.0, area: float = 4.0, element: int = 3) -> Course:
     )
 
 
-def spread(courses: list[Course], plain: Course | None = None, finer: Course | None = None) -> Spread:
+def spread(
+    courses: list[Course],
+    plain: Course | None = None,
+    finer: Course | None = None,
+    others: Sequence[Course] = (),
+) -> Spread:
     same = course()
-    return Spread(tuple(courses), plain or same, finer or same, 0, 1e-9, "DOPRI5", 1e-6, None)
+    return Spread(
+        tuple(courses), tuple(others), plain or same, finer or same, 0, 1e-9, "DOPRI5", 1e-6, None, 1e-7
+    )
 
 
 def test_headlines_of_a_course_by_hand() -> None:
