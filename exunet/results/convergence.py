@@ -7,7 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-CHANCE = 0.05  # that any of the headlines of a spread is called not converged although its setting does nothing
+CHANCE = (
+    0.05  # that any of the headlines of a spread is called not converged although its setting does nothing
+)
 
 
 def is_shifted(coarse: Sequence[float], finer: Sequence[float], last_digit: float, level: float) -> bool:

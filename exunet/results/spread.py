@@ -5,8 +5,8 @@ runs differ by no more than the digits that are printed, a headline is a value w
 differ by more, the horizon of predictability is passed before the quantity is known: it is then a median with
 a range, from the least to the largest of the runs.
 
-Runs of one setting share its errors, which act as one move of all starts does: soon after the horizon they lie
-close together, and off the runs of a finer setting. A quarter of the moved starts therefore runs with the
+Runs of one setting share its errors, which act as one move of all starts does: soon after the horizon they
+lie close together, and off the runs of a finer setting. A quarter of the moved starts therefore runs with the
 finer setting. The range holds both, and the start as it is with either; where the two samples differ by more
 than chance makes them, the headline is called not converged.
 """
@@ -137,6 +137,7 @@ class Spread:
     method, tolerance, step : of the runs, in the compiled loop [m, m/s], [s]; the one that is not so is None
     finer_setting : tolerance or step of the finer ones
     mean_step : of the unmoved run [s], where the method chooses its steps
+    run       : that whose spread it is, over its stored times; None: not known
     """
 
     courses: tuple[Course, ...]
@@ -150,6 +151,7 @@ class Spread:
     step: float | None
     finer_setting: float
     mean_step: float = 0.0
+    run: Course | None = None
 
     @property
     def runs(self) -> int:
@@ -210,7 +212,7 @@ class Spread:
         names = _names(one for one in self.judged.values() if not one.converged)
         if not names:
             return ""
-        words = "runs with a finer setting differ from the others by more than moved starts do"
+        words = "a finer setting, or another method, changes these by more than a move of the start does"
         return f"{NOT_CONVERGED} at this accuracy: {names}; {words}: ask for a better solver.accuracy"
 
     def _judge(self, one: Headline) -> Judged | None:
@@ -233,7 +235,10 @@ class Spread:
         low, high = _extended(one, least, largest, unmoved, last)
         ranged = Judged(one, len(values), middle, low, high, None, None, places, size, spacing)
         converged = one.value(self.finer)
-        if converged is None or len(values) < len(courses) or max(map(_width, groups)) > last:
+        if converged is None or len(values) < len(courses):
+            return ranged
+        agreeing = groups[1:] if len(groups[1]) >= FEWEST else groups  # few finer runs show nothing alone
+        if max(map(_width, agreeing)) > last:
             return ranged
         error = max(abs(float(value) - converged) for value in (least, largest))
         if error > max(MOST_ERROR * max(abs(converged), size), one.least):
@@ -242,7 +247,7 @@ class Spread:
         return Judged(one, len(values), middle, least, largest, converged, error, places, size)
 
     def _compared(self, judged: Judged, level: float) -> Judged:
-        """The same, not converged if the two groups of moved starts differ; level: chance of no reason."""
+        """The same, not converged if the setting or the run itself tells so; level: chance of no reason."""
         if judged.predictable:
             return judged
         one = judged.headline
@@ -251,7 +256,19 @@ class Spread:
             for courses in (self.courses, self.finer_courses)
         )
         last = max(judged.last_digit(judged.least), judged.last_digit(judged.largest))
-        return replace(judged, converged=judged.converged and not is_shifted(coarse, finer, last, level))
+        if is_shifted(coarse, finer, last, level):
+            judged = replace(judged, converged=False)
+        value = None if self.run is None else one.value(self.run)
+        if self.run is None or value is None:
+            return judged
+        # What its stored times alone miss of the start as it is does not count.
+        often, seldom = one.value(self.plain), one.value(self.plain.at_times_of(self.run))
+        missed = abs(often - seldom) if often is not None and seldom is not None else 0.0
+        outside = max(judged.least - value, value - judged.largest) - missed
+        if outside <= max(judged.largest - judged.least, last):
+            return judged
+        low, high = _extended(one, judged.least, judged.largest, [value], last)
+        return replace(judged, least=low, largest=high, converged=False)
 
 
 def _names(those: Iterable[Judged]) -> str:
