@@ -35,6 +35,7 @@ Floats = NDArray[np.float64]
 COVERING = 32  # runs from which on the range covers most of what other starts give
 MOST_ERROR = 0.1  # of a value: with more not even its first digit is known
 FEWEST = 8  # runs of which a range is told at all
+SCATTER = 3.0  # units of the last digit: of one start with other steps and forms; peaks in Exudyn have 2.3
 FINEST = 1e-3  # of the last digit that is printed without an error: no error shows finer ones
 CONVERGED = "converged"  # in the story of a spread: value and error of headlines, by key
 RANGES = "ranges"  # in the story of a spread: least, largest, and is it converged, by key
@@ -48,7 +49,7 @@ class Judged:
     headline : which
     runs     : how many of the runs have it
     median   : of the moved starts
-    least, largest : of these and of the start as it is
+    least, largest : of these, of the start as it is, and of the run itself
     value, error : of the converged run, where the range is small against the printed digits; else None
     places   : (place, number of runs) of a headline that has places, the most frequent first
     size     : what its digits are counted from, if that is more than the value
@@ -265,10 +266,11 @@ class Spread:
         often, seldom = one.value(self.plain), one.value(self.plain.at_times_of(self.run))
         missed = abs(often - seldom) if often is not None and seldom is not None else 0.0
         outside = max(judged.least - value, value - judged.largest) - missed
-        if outside <= max(judged.largest - judged.least, last):
+        if outside <= 0.0:
             return judged
+        agrees = outside <= max(judged.largest - judged.least, last)
         low, high = _extended(one, judged.least, judged.largest, [value], last)
-        return replace(judged, least=low, largest=high, converged=False)
+        return replace(judged, least=low, largest=high, converged=judged.converged and agrees)
 
 
 def _names(those: Iterable[Judged]) -> str:
@@ -283,12 +285,12 @@ def _width(values: Sequence[float]) -> float:
 def _extended(
     one: Headline, least: float, largest: float, unmoved: Sequence[float], last: float
 ) -> tuple[float, float]:
-    """A range that holds the start as it is too, with one unit of the last digit where that is its end.
+    """A range that holds the start as it is too, with some units of the last digit where that is its end.
 
     A start that is symmetric keeps its symmetry for long and may lie outside of all moved ones; other runs of
     it, with other steps, lie beside it. Times are known no better than their spacing, as it is.
     """
-    margin = 0.0 if one.at_a_time or one.at_a_step else last
+    margin = 0.0 if one.at_a_time or one.at_a_step else SCATTER * last
     low = min([least, *(value - margin for value in unmoved if value < least)])
     return low, max([largest, *(value + margin for value in unmoved if value > largest)])
 
