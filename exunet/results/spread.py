@@ -214,7 +214,8 @@ class Spread:
         if not names:
             return ""
         words = "a finer setting, or another method, changes these by more than a move of the start does"
-        return f"{NOT_CONVERGED} at this accuracy: {names}; {words}: ask for a better solver.accuracy"
+        advice = "a better solver.accuracy" if self.tolerance else "a smaller solver.step"
+        return f"{NOT_CONVERGED} at this accuracy: {names}; {words}: ask for {advice}"
 
     def _judge(self, one: Headline) -> Judged | None:
         groups = [
