@@ -166,7 +166,7 @@ def turning(spin: float, angle: float) -> Course:
 
 
 def spread(*courses: Course) -> Spread:
-    return Spread(courses, courses[0], courses[0], 0, 1e-9, "DOPRI5", 1e-6, None)
+    return Spread(courses, (), courses[0], courses[0], 0, 1e-9, "DOPRI5", 1e-6, None, 1e-7)
 
 
 def test_by_hand() -> None:

@@ -11,6 +11,7 @@ from commands import command
 
 import exunet
 from exunet.figures.ensemble import FIGURES
+from exunet.interfaces.commands.ensemble import rows
 from exunet.results.course import INTERVALS
 from exunet.results.ensemble_result import LEVELS, EnsembleResult
 from exunet.studies import moved_starts
@@ -75,6 +76,26 @@ def test_a_method_that_the_compiled_loop_has_not_is_refused() -> None:
         exunet.ensemble(case, 2)
 
 
+@pytest.mark.parametrize(
+    ("solver", "perturb", "least"),
+    [
+        ("solver={method='VelocityVerlet', step=5e-5}", 1e-9, "9.8e-05"),  # 1.4e-5 of 7 m with strings
+        ("solver={method='RK44', step=1e-4}", 9e-5, "9.8e-05"),
+        ("solver={accuracy_of='measures'}", 1e-9, "1.4e-05"),  # 2e-6 of them
+        ("solver={method='VelocityVerlet', step=5e-5}", 1e-4, ""),
+        ("solver={accuracy_of='measures'}", 1.4e-5, ""),
+        (SHORT[0], 1e-9, ""),
+    ],
+)
+def test_moves_below_the_errors_of_a_cheap_setting_are_named(solver: str, perturb: float, least: str) -> None:
+    """benchmarks/ensemble.md: equal steps shift headlines from 1e-9 m, not from 1e-4 m."""
+    found = exunet.ensemble(exunet.load(PLANAR, [solver, "time.end=0.05"]), 1, perturb)
+    notes = found.provenance["notes"]
+    assert (len(notes) == 1) == bool(least)
+    assert all(f"give --perturb {least} or more" in words for words in notes)
+    assert [words for name, words in rows(found) if name == "note"] == notes
+
+
 def test_an_ensemble_is_the_same_after_a_file(tmp_path: Path) -> None:
     found = made(3)
     exunet.save_ensemble(found, tmp_path / "ensemble.h5")
@@ -128,6 +149,19 @@ def test_the_command_writes_file_and_figures_and_overwrites_nothing(tmp_path: Pa
     done = command(*arguments, *of_case, "--out", folder, "--overwrite", "--quiet", folder=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     assert exunet.load_ensemble(folder).provenance["seed"] == 1
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_the_command_names_moves_that_are_too_small_before_it_runs(tmp_path: Path) -> None:
+    """And again in its table, which tells what is in the file."""
+    steps = ("--set", "solver={method='VelocityVerlet', step=5e-5}", "--set", "time.end=0.05")
+    done = command("ensemble", PLANAR, "-n", 2, *steps, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    words = "moves of up to 1e-09 m are less than the errors of equal steps of VelocityVerlet"
+    assert words in " ".join(done.told.split())
+    assert words in " ".join(done.stdout.split())
+    assert all(len(line) <= 80 or line.startswith("  results/") for line in done.stdout.splitlines())
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ WITHOUT = {  # numbers that have no unit
     "tolerance",
     "steps", "rejected_steps",
     "right_hand_sides", "newton_iterations", "accuracy", "at_end", "largest", "best",
-    "sensitivity", "in_both", "only_here", "only_in_reference", "runs", "seed",
+    "sensitivity", "in_both", "only_here", "only_in_reference", "runs", "finer_runs", "seed",
 }  # fmt: skip
 
 PARTS_AND_INDICES = {"capture_enclosed", "capture_cqi", "capture_mcqi"}

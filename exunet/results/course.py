@@ -115,7 +115,14 @@ class Course:
 
     def at_every_second(self) -> Course:
         """The same at half as many times, the last one included."""
-        rows = np.arange(len(self.time) - 1, -1, -2)[::-1]
+        return self._at(np.arange(len(self.time) - 1, -1, -2)[::-1])
+
+    def at_times_of(self, other: Course) -> Course:
+        """The same at those of its times that are nearest to the times of another course."""
+        between = 0.5 * (self.time[1:] + self.time[:-1])
+        return self._at(np.unique(np.searchsorted(between, other.time)))
+
+    def _at(self, rows: Ints) -> Course:
         names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
         names += ["body_centre", "potential"] if self.body_names else []
         names += ["reel"] if self.reel_names else []

@@ -3,15 +3,19 @@
 A start that is moved by much less than anyone can place a net gives another run. Where the headlines of such
 runs differ by no more than the digits that are printed, a headline is a value with an error. Where they
 differ by more, the horizon of predictability is passed before the quantity is known: it is then a median with
-a range, from the least to the largest of the runs. If all moved starts agree, but not with the run of the
-finer setting, its value is within the range too.
+a range, from the least to the largest of the runs.
+
+Runs of one setting share its errors, which act as one move of all starts does: soon after the horizon they
+lie close together, and off the runs of a finer setting. A quarter of the moved starts therefore runs with the
+finer setting. The range holds both, and the start as it is with either; where the two samples differ by more
+than chance makes them, the headline is called not converged.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.results.convergence import CHANCE, is_shifted
 from exunet.results.course import Course
 from exunet.results.digits import printed, unit_of_last_digit
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
@@ -30,8 +35,11 @@ Floats = NDArray[np.float64]
 COVERING = 32  # runs from which on the range covers most of what other starts give
 MOST_ERROR = 0.1  # of a value: with more not even its first digit is known
 FEWEST = 8  # runs of which a range is told at all
+SCATTER = 3.0  # units of the last digit: of one start with other steps and forms; peaks in Exudyn have 2.3
 FINEST = 1e-3  # of the last digit that is printed without an error: no error shows finer ones
 CONVERGED = "converged"  # in the story of a spread: value and error of headlines, by key
+RANGES = "ranges"  # in the story of a spread: least, largest, and is it converged, by key
+NOT_CONVERGED = "not converged"
 
 
 @dataclass(frozen=True)
@@ -40,11 +48,13 @@ class Judged:
 
     headline : which
     runs     : how many of the runs have it
-    median, least, largest : over them
+    median   : of the moved starts
+    least, largest : of these, of the start as it is, and of the run itself
     value, error : of the converged run, where the range is small against the printed digits; else None
     places   : (place, number of runs) of a headline that has places, the most frequent first
     size     : what its digits are counted from, if that is more than the value
     spacing  : of the times [s] of which it is one: a range has no finer digits; 0: it is none
+    converged : False if a finer setting gives another range
     """
 
     headline: Headline
@@ -57,6 +67,7 @@ class Judged:
     places: tuple[tuple[int, int], ...] = ()
     size: float = 0.0
     spacing: float = 0.0
+    converged: bool = True
 
     @property
     def predictable(self) -> bool:
@@ -71,7 +82,8 @@ class Judged:
             return f"{value}{error}{unit}"
         last = max(self.last_digit(self.least), self.last_digit(self.largest), _power_above(self.spacing))
         low, middle, high = (printed(each, last) for each in (self.least, self.median, self.largest))
-        return f"median {middle}{unit}, {low} to {high}{unit}"
+        remark = "" if self.converged else f", {NOT_CONVERGED}"
+        return f"median {middle}{unit}, {low} to {high}{unit}{remark}"
 
     def relative_to(self, scale: float) -> Judged:
         """The same as a part of a scale [unit]."""
@@ -118,15 +130,19 @@ class Spread:
     """The courses of moved starts, of the unmoved one, and of that with a finer setting.
 
     courses : of the moved starts
+    finer_courses : of further moved starts with a finer setting
     plain   : of the start as it is
-    finer   : the same with a finer setting: the converged run
+    finer   : the same with the finer setting: the converged run
     seed    : of the moves
     move    : by up to which each coordinate is moved [m]
     method, tolerance, step : of the runs, in the compiled loop [m, m/s], [s]; the one that is not so is None
+    finer_setting : tolerance or step of the finer ones
     mean_step : of the unmoved run [s], where the method chooses its steps
+    run       : that whose spread it is, over its stored times; None: not known
     """
 
     courses: tuple[Course, ...]
+    finer_courses: tuple[Course, ...]
     plain: Course
     finer: Course
     seed: int
@@ -134,12 +150,14 @@ class Spread:
     method: str
     tolerance: float | None
     step: float | None
+    finer_setting: float
     mean_step: float = 0.0
+    run: Course | None = None
 
     @property
     def runs(self) -> int:
         """Number of moved starts."""
-        return len(self.courses)
+        return len(self.courses) + len(self.finer_courses)
 
     @property
     def time(self) -> Floats:
@@ -149,9 +167,9 @@ class Spread:
     @cached_property
     def judged(self) -> dict[str, Judged]:
         """The headlines that the runs have, by key."""
-        step = self.step or self.mean_step
-        found = (_judge(one, self.courses, self.plain, self.finer, step) for one in headlines_for(self.plain))
-        return {one.headline.key: one for one in found if one is not None}
+        found = [one for each in headlines_for(self.plain) if (one := self._judge(each)) is not None]
+        level = CHANCE / max(1, sum(not one.predictable for one in found))
+        return {one.headline.key: self._compared(one, level) for one in found}
 
     @property
     def predictable(self) -> bool:
@@ -163,30 +181,119 @@ class Spread:
         names = ("seed", "move", "method", "tolerance", "step")
         story = {"move_m" if name == "move" else name: getattr(self, name) for name in names}
         known = {key: [one.value, one.error] for key, one in self.judged.items() if one.predictable}
+        ranged = {key: one for key, one in self.judged.items() if not one.predictable}
         story[CONVERGED] = known
-        return ensemble_result(self.courses, complete=True, verdict="ok", provenance=story)
+        story[RANGES] = {key: [one.least, one.largest, one.converged] for key, one in ranged.items()}
+        every = (*self.courses, *self.finer_courses)
+        return ensemble_result(every, complete=True, verdict="ok", provenance=story)
 
     def words(self) -> str:
         """Which runs these are."""
         setting = f"tolerance {self.tolerance:.3g}" if self.tolerance else f"step {self.step:.4g} s"
         turned = ", rad and rad/s" if self.plain.turning else ""
+        finer, unit = self.finer_setting, "" if self.tolerance else " s"
+        others = f", {len(self.finer_courses)} of them with {finer:.3g}{unit}" if self.finer_courses else ""
         return (
             f"{self.runs} starts moved by up to {self.move:.2g} m{turned} (seed {self.seed}), {self.method} "
-            f"with {setting} in the compiled loop"
+            f"with {setting}{others}, in the compiled loop"
         )
 
     def verdict(self) -> str:
         """What is beyond the horizon of predictability, and what the ranges are worth."""
-        ranged = (one.headline for one in self.judged.values() if not one.predictable)
-        beyond = dict.fromkeys(one.row or one.words for one in ranged)
+        beyond = _names(one for one in self.judged.values() if not one.predictable)
         if not beyond:
             return "no headline is beyond the horizon of predictability: values with their errors"
         least = (
             f"a range of {self.runs} runs, least to largest" if self.runs < COVERING else "least to largest"
         )
-        return f"beyond the horizon of predictability, given as median and range ({least}): " + ", ".join(
-            beyond
+        return f"beyond the horizon of predictability, given as median and range ({least}): {beyond}"
+
+    def unconverged(self) -> str:
+        """What is not converged, and what that means; "" if all is."""
+        names = _names(one for one in self.judged.values() if not one.converged)
+        if not names:
+            return ""
+        words = "a finer setting, or another method, changes these by more than a move of the start does"
+        advice = "a better solver.accuracy" if self.tolerance else "a smaller solver.step"
+        return f"{NOT_CONVERGED} at this accuracy: {names}; {words}: ask for {advice}"
+
+    def _judge(self, one: Headline) -> Judged | None:
+        groups = [
+            [value for course in courses if (value := one.value(course)) is not None]
+            for courses in (self.courses, self.finer_courses)
+        ]
+        courses, values = (*self.courses, *self.finer_courses), np.concatenate(groups)
+        if not len(values):
+            return None
+        places: tuple[tuple[int, int], ...] = ()
+        if one.place is not None:
+            counted = Counter(place for course in courses if (place := one.place(course)) >= 0)
+            places = tuple(sorted(counted.items(), key=lambda pair: (-pair[1], pair[0])))
+        size = 0.0 if one.size is None else max(one.size(course) for course in (*courses, self.finer))
+        least, middle, largest = float(values.min()), float(np.median(values)), float(values.max())
+        last = max(one.last_digit(each, size) for each in (least, largest))
+        spacing = float(self.time[1] - self.time[0]) if one.at_a_time else 0.0
+        unmoved = [value for course in (self.plain, self.finer) if (value := one.value(course)) is not None]
+        low, high = _extended(one, least, largest, unmoved, last)
+        ranged = Judged(one, len(values), middle, low, high, None, None, places, size, spacing)
+        converged = one.value(self.finer)
+        if converged is None or len(values) < len(courses):
+            return ranged
+        agreeing = groups[1:] if len(groups[1]) >= FEWEST else groups  # few finer runs show nothing alone
+        if max(map(_width, agreeing)) > last:
+            return ranged
+        error = max(abs(float(value) - converged) for value in (least, largest))
+        if error > max(MOST_ERROR * max(abs(converged), size), one.least):
+            return replace(ranged, converged=False)  # the setting does what moves do not
+        error = _error(one, error, self.plain, self.finer, self.step or self.mean_step)
+        return Judged(one, len(values), middle, least, largest, converged, error, places, size)
+
+    def _compared(self, judged: Judged, level: float) -> Judged:
+        """The same, not converged if the setting or the run itself tells so; level: chance of no reason."""
+        if judged.predictable:
+            return judged
+        one = judged.headline
+        coarse, finer = (
+            [value for course in courses if (value := one.value(course)) is not None]
+            for courses in (self.courses, self.finer_courses)
         )
+        last = max(judged.last_digit(judged.least), judged.last_digit(judged.largest))
+        if is_shifted(coarse, finer, last, level):
+            judged = replace(judged, converged=False)
+        value = None if self.run is None else one.value(self.run)
+        if self.run is None or value is None:
+            return judged
+        # What its stored times alone miss of the start as it is does not count.
+        often, seldom = one.value(self.plain), one.value(self.plain.at_times_of(self.run))
+        missed = abs(often - seldom) if often is not None and seldom is not None else 0.0
+        outside = max(judged.least - value, value - judged.largest) - missed
+        if outside <= 0.0:
+            return judged
+        agrees = outside <= max(judged.largest - judged.least, last)
+        low, high = _extended(one, judged.least, judged.largest, [value], last)
+        return replace(judged, least=low, largest=high, converged=judged.converged and agrees)
+
+
+def _names(those: Iterable[Judged]) -> str:
+    """Their names in the table, each once."""
+    return ", ".join(dict.fromkeys(one.headline.row or one.headline.words for one in those))
+
+
+def _width(values: Sequence[float]) -> float:
+    return max(values) - min(values) if values else 0.0
+
+
+def _extended(
+    one: Headline, least: float, largest: float, unmoved: Sequence[float], last: float
+) -> tuple[float, float]:
+    """A range that holds the start as it is too, with some units of the last digit where that is its end.
+
+    A start that is symmetric keeps its symmetry for long and may lie outside of all moved ones; other runs of
+    it, with other steps, lie beside it. Times are known no better than their spacing, as it is.
+    """
+    margin = 0.0 if one.at_a_time or one.at_a_step else SCATTER * last
+    low = min([least, *(value - margin for value in unmoved if value < least)])
+    return low, max([largest, *(value + margin for value in unmoved if value > largest)])
 
 
 def judged_in(spread: EnsembleResult, key: str) -> Judged | None:
@@ -200,36 +307,10 @@ def judged_in(spread: EnsembleResult, key: str) -> Judged | None:
         return None
     low, middle, high = float(values.min()), float(np.median(values)), float(values.max())
     value, error = spread.provenance.get(CONVERGED, {}).get(key, (None, None))
+    low, high, converged = spread.provenance.get(RANGES, {}).get(key, (low, high, True))
     one = headline(key)
     spacing = float(spread.time[1] - spread.time[0]) if one.at_a_time else 0.0
-    return Judged(one, len(values), middle, low, high, value, error, spacing=spacing)
-
-
-def _judge(
-    one: Headline, courses: Sequence[Course], plain: Course, finer: Course, step: float
-) -> Judged | None:
-    values = np.array([value for course in courses if (value := one.value(course)) is not None])
-    if not len(values):
-        return None
-    least, middle, largest = float(values.min()), float(np.median(values)), float(values.max())
-    places: tuple[tuple[int, int], ...] = ()
-    if one.place is not None:
-        counted = Counter(place for course in courses if (place := one.place(course)) >= 0)
-        places = tuple(sorted(counted.items(), key=lambda pair: (-pair[1], pair[0])))
-    size = 0.0 if one.size is None else max(one.size(course) for course in (*courses, finer))
-    converged = one.value(finer)
-    last = max(one.last_digit(each, size) for each in (least, largest))
-    spacing = float(finer.time[1] - finer.time[0]) if one.at_a_time else 0.0
-    judged = Judged(one, len(values), middle, least, largest, None, None, places, size, spacing)
-    if converged is None or len(values) < len(courses) or largest - least > last:
-        return judged
-    error = max(abs(float(value) - converged) for value in (least, largest))
-    if error > max(MOST_ERROR * max(abs(converged), size), one.least):  # the setting does what moves do not
-        values = np.append(values, converged)
-        least, middle, largest = float(values.min()), float(np.median(values)), float(values.max())
-        return Judged(one, len(values), middle, least, largest, None, None, places, size, spacing)
-    error = _error(one, error, plain, finer, step)
-    return Judged(one, len(values), middle, least, largest, converged, error, places, size)
+    return Judged(one, len(values), middle, low, high, value, error, spacing=spacing, converged=converged)
 
 
 def _error(one: Headline, error: float, plain: Course, finer: Course, step: float) -> float:
@@ -268,12 +349,14 @@ def numbers(
 
 def _numbers(one: Judged | None) -> dict[str, float | None]:
     """Of a headline: value and error, or median and range; nothing said twice."""
+    found: dict[str, float | None]
+    found = dict.fromkeys(("value", "error", "median", "least", "largest", "converged"))
     if one is None:
-        return dict.fromkeys(("value", "error", "median", "least", "largest"))
+        return found
     if one.predictable:
-        return {"value": one.value, "error": one.error, "median": None, "least": None, "largest": None}
+        return {**found, "value": one.value, "error": one.error}
     ranged = {"median": one.median, "least": one.least, "largest": one.largest}
-    return {"value": None, "error": None, **ranged}
+    return {**found, **ranged, "converged": one.converged}
 
 
 def description(spread: Spread | str | None) -> dict[str, Any] | None:
@@ -283,12 +366,14 @@ def description(spread: Spread | str | None) -> dict[str, Any] | None:
     peak = spread.judged.get("largest_tension_N")
     return {
         "runs": spread.runs,
+        "finer_runs": len(spread.finer_courses),
         "move_m": spread.move,
         "seed": spread.seed,
         "method": spread.method,
         "tolerance": spread.tolerance,
         "step_s": spread.step,
         "predictable": spread.predictable,
+        "converged": all(one.converged for one in spread.judged.values()),
         "elements_of_largest_tension": [
             {"element": place, "runs": runs} for place, runs in (peak.places if peak else ())
         ],

@@ -162,7 +162,7 @@ def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list
     if summary["deployment"] is None:
         found.append(("deployment", "no mouth: not defined for this topology"))
     if isinstance(spread, Spread):
-        told = [("spread", spread.words()), ("spread", spread.verdict())]
+        told = [("spread", one) for one in (spread.words(), spread.verdict(), spread.unconverged()) if one]
         return [*found, *told, *_outside_row(summary["headlines"], spread)]
     why = "not asked for" if spread is None else spread
     return [*found, ("spread", f"{why}: these are the numbers of one run of a chaotic net")]

@@ -17,10 +17,11 @@ from exunet.codegen.compile import WIDTH
 from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.keys import AUTO
-from exunet.methods.method import COMPILED_METHODS, METHODS
+from exunet.methods.method import COMPILED_METHODS, METHODS, Kind
 from exunet.results.areas import achievable_area
 from exunet.results.course import COURSE_BYTES, Course
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
+from exunet.simulation import measures
 from exunet.simulation.preparation import Start, start_of
 from exunet.simulation.recorder import first_story
 from exunet.simulation.run import provenance
@@ -34,6 +35,7 @@ from exunet.studies.ensemble import (
 )
 from exunet.studies.spread import MOVE, start_of_runs
 
+OF_EQUAL_STEPS = 1.4e-5  # of the net's size: moves above the errors of equal steps (benchmarks/ensemble.md)
 PORTION = 64  # runs that are lost if the ensemble is interrupted; vectors of runs, where they go side by side
 
 
@@ -56,10 +58,12 @@ def ensemble(
 
     A case of equal steps goes eight runs at a time through compiled code, where its forces can and it pays;
     each has the bits that it has alone. A run that fails because of its steps begins anew with finer ones,
-    `solver.retry` times. Raises InputError for a number, a perturbation or a seed out of range, for a method
-    that the compiled loop does not have, or for more runs than there is memory; MissingExtra without Numba;
-    RunStopped if a run stops, and Interrupted on Ctrl-C, both with the runs that were complete before as
-    their `result`.
+    `solver.retry` times. Where moves are less than the errors that all runs by a cheap setting share, the
+    provenance has "notes" that say so.
+
+    Raises InputError for a number, a perturbation or a seed out of range, for a method that the compiled loop
+    does not have, or for more runs than there is memory; MissingExtra without Numba; RunStopped if a run
+    stops, and Interrupted on Ctrl-C, both with the runs that were complete before as their `result`.
     """
     refuse_wrong(runs, perturb, seed)
     start = start_of(case)
@@ -75,6 +79,7 @@ def ensemble(
         if name in ("title", "versions", "platform", "method", "tolerance", "step", "end", "effects")
     }
     story |= {"seed": int(seed), "move_m": float(perturb), "runs_asked": int(runs)}
+    story["notes"] = [words] if (words := small_moves(start, perturb)) else []
     began, courses = clock.perf_counter(), list[Course]()
     achievable, retries = achievable_area(there.net), there.scene.solver.retry
     together = kernel_of_many(there, runs) is not None
@@ -112,6 +117,30 @@ def ensemble(
     whole = made("ok")
     assert whole is not None
     return whole
+
+
+def small_moves(start: Start, perturb: float) -> str:
+    """Words for moves [m] that are less than the errors that runs by a cheap setting share; else ""."""
+    if start.scene.solver.accuracy_of == "measures":
+        least = measures.move_of_starts(start.net)
+        setting = 'solver.accuracy_of = "measures"'
+    elif METHODS[start.plan.method].kind == Kind.ADAPTIVE:
+        return ""
+    else:
+        least, setting = OF_EQUAL_STEPS * start.net.size, f"equal steps of {start.plan.method}"
+    if perturb >= least:
+        return ""
+    return (
+        f"moves of up to {perturb:g} m are less than the errors of {setting}, which all runs share: their "
+        f"headlines may be shifted (of the paper's net at 1.75 s the median of the largest tension by 30 %); "
+        f"give --perturb {_upwards(least):g} or more, or the case's own method (DOPRI5)"
+    )
+
+
+def _upwards(value: float) -> float:
+    """To two digits, not less."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.ceil(value / unit * (1.0 - 1e-12)) * unit:.2g}")
 
 
 def refuse_wrong(runs: object, perturb: object, seed: object) -> None:

@@ -1,4 +1,4 @@
-"""The spread of a run: the case from moved starts in the compiled loop, and once with a finer setting."""
+"""The spread of a run: the case from moved starts in the compiled loop, some of them with a finer setting."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from exunet.studies.neighbours import of_other_accuracy
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
 FINER_RUN = 1.6  # times the cost of a run: that with a tenth of the tolerance
 NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install numba)"
+FINER_PART = 4  # one in so many moved starts runs with the finer setting
 BESIDE = 2  # runs beside those of the moved starts: the unmoved one, and that with a finer setting
 
 
@@ -46,8 +47,19 @@ def runs_within(run: float, member: float, cores: int) -> int:
 
     run, member : wall times of the run and of one of the moved starts [s]
     """
-    affordable = cores * run / member - BESIDE if member > 0.0 else COVERING
+    beside = 1.0 + FINER_RUN
+    each = (FINER_PART - 1.0 + FINER_RUN) / FINER_PART
+    affordable = (cores * run / member - beside) / each if member > 0.0 else COVERING
     return int(min(max(affordable, FEWEST), COVERING))
+
+
+def rounds(runs: int, cores: int, gain: float) -> float:
+    """How many times as long as one run these moved starts take, with the two beside them.
+
+    gain : how many times as fast as one by one they go side by side
+    """
+    finer = runs // FINER_PART
+    return (-(-(runs - finer + 1) // cores) + FINER_RUN * -(-(finer + 1) // cores)) / gain
 
 
 def spread_of(
@@ -75,25 +87,26 @@ def spread_of(
     bodies = perturbed_bodies_of(there, runs, move, seed)
     achievable, retries = achievable_area(there.net), there.scene.solver.retry
 
-    def courses_of(
-        of: Start, position: np.ndarray, before: int, bodies: RigidStates | None = None
-    ) -> tuple[tuple[Course, ...], int]:
-        """The courses, and the right-hand sides of the first."""
-        told = None if progress is None else lambda done: progress(before + done)
-        found = run_ensemble(of, position, retries=retries, progress=told, bodies=bodies)
-        courses = tuple(found.course(k, achievable) for k in range(len(found)))
-        return courses, int(found.right_hand_sides[0])
-
+    positions = np.concatenate([there.position[None], moved])
     if bodies is not None:
         pairs = zip(there.state.bodies.parts(), bodies.parts(), strict=True)
         bodies = RigidStates(*(np.concatenate([own[None], other]) for own, other in pairs))
-    (plain, *others), evaluations = courses_of(
-        there, np.concatenate([there.position[None], moved]), 0, bodies
-    )
+
+    def courses_of(of: Start, rows: np.ndarray, before: int) -> tuple[tuple[Course, ...], int]:
+        """The courses of these rows of the starts, 0 being the unmoved one; right-hand sides of the first."""
+        told = None if progress is None else lambda done: progress(before + done)
+        states = None if bodies is None else bodies[rows]
+        found = run_ensemble(of, positions[rows], retries=retries, progress=told, bodies=states)
+        courses = tuple(found.course(k, achievable) for k in range(len(found)))
+        return courses, int(found.right_hand_sides[0])
+
+    own = runs - runs // FINER_PART + 1
+    (plain, *others), evaluations = courses_of(there, np.arange(own), 0)
     finer = replace(there, plan=of_other_accuracy(there.plan))
-    (converged,), _ = courses_of(finer, there.position[None], runs + 1)
+    (converged, *finer_others), _ = courses_of(finer, np.r_[0, own : runs + 1], own)
     return Spread(
         courses=tuple(others),
+        finer_courses=tuple(finer_others),
         plain=plain,
         finer=converged,
         seed=seed,
@@ -101,5 +114,6 @@ def spread_of(
         method=there.plan.method.value,
         tolerance=there.plan.tolerance,
         step=there.plan.step,
+        finer_setting=finer.plan.step or finer.plan.tolerance or 0.0,
         mean_step=float(plain.time[-1]) * METHODS[there.plan.method].compiled_stages / max(1, evaluations),
     )

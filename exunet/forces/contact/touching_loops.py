@@ -292,7 +292,7 @@ def touch_one(c: Any, n: int, thick: float, v: Any, w: Any, low: float, high: fl
                     depth = reach - distance
                     if depth > 0.0:
                         rate = -(p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
-                        own = add_place(c, depth, rate, s, width * c.rule[1, k], sums)
+                        own = sum_place(c, depth, rate, s, width * c.rule[1, k], sums)
                         a += own * p
                         b += own * q
                         d += own * r
@@ -310,7 +310,7 @@ def touch_one(c: Any, n: int, thick: float, v: Any, w: Any, low: float, high: fl
     sums[5] += g
 
 
-def add_place(c: Any, depth: float, rate: float, s: float, weight: float, sums: Any) -> float:
+def sum_place(c: Any, depth: float, rate: float, s: float, weight: float, sums: Any) -> float:
     """Add what a place s of the thread gives but for the directions; its part of the force [N/m]."""
     elastic = c.stiffness * depth
     f = elastic * max(1.0 + c.damping * rate, 0.0)
@@ -392,7 +392,7 @@ def touch_several(c: Any, thick: float, v: Any, w: Any, low: float, high: float,
                     s = begin + width * (part + c.rule[0, k])
                     depth, rate, p, q, r = depth_at(c, thick, v, w, s)
                     if depth > 0.0:
-                        own = add_place(c, depth, rate, s, width * c.rule[1, k], sums)
+                        own = sum_place(c, depth, rate, s, width * c.rule[1, k], sums)
                         sums[0] += own * p
                         sums[1] += own * q
                         sums[2] += own * r
@@ -460,7 +460,7 @@ TOUCHING = (
     opening,
     opening_of_several,
     cut_between,
-    add_place,
+    sum_place,
     touch_one,
     touch_several,
     touch_between,

@@ -36,6 +36,7 @@ from exunet.studies.moved_starts import (
     refuse_other_methods,
     refuse_too_many,
     refuse_wrong,
+    small_moves,
 )
 
 OFTEN = 10.0  # [s] between two lines of progress
@@ -86,6 +87,8 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
         more = ", and some seconds to compile the scene's forces, once" if compiles else ""
         say(f"time    about {duration(seconds)}{more}")
         say(f"disk    about {size(8 * (len(HEADLINES) + 1) * asked.runs + 500_000)}")
+        if words := small_moves(start, asked.perturb):
+            say(f"note    {words}", 8)
         stopped: RunStopped | None = None
         with told(asked.runs, say if not sys.stderr.isatty() else silent, quiet=asked.quiet) as progress:
             try:
@@ -153,7 +156,7 @@ def rows(found: EnsembleResult) -> list[tuple[str, str]]:
         ("wall time", f"{story['seconds']:.2f} s, {found.runs / story['seconds']:.3g} runs a second"),
     ]
     table += [(one.words, _quantiles(one, found)) for one in map(headline, found.headlines)]
-    return [*table, *_elements(found)]
+    return [*table, *_elements(found), *(("note", words) for words in story.get("notes", []))]
 
 
 def _quantiles(one: Headline, found: EnsembleResult) -> str:

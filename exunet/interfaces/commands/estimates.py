@@ -23,7 +23,7 @@ from exunet.simulation.expected_cost import (
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import Trial, is_compiled, try_out
 from exunet.studies.ensemble import way_of
-from exunet.studies.spread import BESIDE, FINER_RUN, MOVE, NO_NUMBA, move_of, runs_within
+from exunet.studies.spread import BESIDE, MOVE, NO_NUMBA, move_of, rounds, runs_within
 
 LONG = 10.0  # [s] from which on a run says what would be cheaper
 _BUDGET = 1.0  # [s] of a trial
@@ -153,8 +153,7 @@ def expected_spread(
     each = seconds_of_a_course(start, trial)
     runs = runs_within(run.seconds, each, cores) if asked is None else asked
     gain, compiles = way_of(start, runs + 1)
-    seconds = each * (-(-(runs + 1) // cores) / gain + FINER_RUN)
-    return ExpectedSpread(runs, move_of(start), seconds, compiles)
+    return ExpectedSpread(runs, move_of(start), each * rounds(runs, cores, gain), compiles)
 
 
 def refuse_beyond(cost: Expected, start: Start, folder: Path) -> None:

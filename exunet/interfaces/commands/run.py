@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from exunet.interfaces.commands.printing import print_table, status
 from exunet.interfaces.commands.progress import told_progress
 from exunet.interfaces.commands.reference_progress import wait_for
 from exunet.results.agreement import Agreement
+from exunet.results.course import course_of
 from exunet.results.ensemble_result import save_ensemble
 from exunet.results.reading import RESULT_FILE, SPREAD_FILE, STORE_FOLDER
 from exunet.results.result import Result
@@ -242,11 +243,12 @@ def _spread(
         return "none: the run stopped before its end"
     try:
         with status(quiet=quiet) as say:
-            return spread_of(
+            found = spread_of(
                 prepare_case(case),
                 moved.runs,
                 progress=lambda done: say(f"spread: {done} of {moved.runs + BESIDE} runs"),
             )
+            return replace(found, run=course_of(result))
     except KeyboardInterrupt:
         words = "interrupted during the runs of moved starts"
         story.failed = Interrupted(f"{words}; the result is written", result)

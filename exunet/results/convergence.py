@@ -1,0 +1,46 @@
+"""Whether a setting moves a headline by more than moved starts do: two samples, one with a finer setting."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+CHANCE = (
+    0.05  # that any of the headlines of a spread is called not converged although its setting does nothing
+)
+
+
+def is_shifted(coarse: Sequence[float], finer: Sequence[float], last_digit: float, level: float) -> bool:
+    """True if runs with a finer setting tell that a setting's error is not small against the moves'.
+
+    coarse, finer : of moved starts, with the setting and with a finer one, of one headline
+    last_digit    : what is printed of it
+    level         : chance of a shift that is none
+    One of two things tells it: the ranks of both samples (`rank_test`), or a finer run that lies outside of
+    all others by more than these are apart: starts that still share their method's error lie close together.
+    """
+    if not len(coarse) or not len(finer):
+        return False
+    least, largest = min(coarse), max(coarse)
+    outside = max(least - min(finer), max(finer) - largest)
+    return outside > max(largest - least, last_digit) or rank_test(coarse, finer) < level
+
+
+def rank_test(one: Sequence[float], other: Sequence[float]) -> float:
+    """Chance that ranks of two samples of one distribution differ by more than these do.
+
+    The test of Wilcoxon, Mann and Whitney (1947, doi:10.1214/aoms/1177730491), two-sided, by the normal
+    distribution, with corrections for continuity and for ties.
+    """
+    x, y = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
+    n, m = len(x), len(y)
+    _, ties = np.unique(np.concatenate([x, y]), return_counts=True)
+    total = n + m
+    variance = n * m / 12.0 * (total + 1.0 - float((ties**3 - ties).sum()) / (total * (total - 1.0)))
+    if variance <= 0.0:
+        return 1.0
+    above = float((x[:, None] > y).sum() + 0.5 * (x[:, None] == y).sum())
+    off = max(0.0, abs(above - 0.5 * n * m) - 0.5)
+    return math.erfc(off / math.sqrt(2.0 * variance))
