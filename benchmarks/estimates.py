@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import platform
 import resource
@@ -97,7 +96,7 @@ def rest(looks: list[tuple[float, float, int]], part: float, expected: float | N
     for one in seen:
         pace.look(*one)
     left = pace.left()
-    return math.sqrt(left[0] * left[1]) / (whole - seen[-1][0]) if left and left[0] > 0.0 else None
+    return left.likely / (whole - seen[-1][0]) if left and left.likely > 0.0 else None
 
 
 def main() -> None:
@@ -161,7 +160,7 @@ def write(lines: list[str], ratios: list[float]) -> None:
         "*RHS* are right-hand sides; *factor* is the uncertainty that the estimate states; memory and",
         "disk are bounds. *rest*: the time foretold to be left over what was left, at a quarter, half",
         "and three quarters of the stepping; *told* with the number of right-hand sides that the",
-        "estimate counted, *learned* from the pace alone (the middle of the range that the run prints).",
+        "estimate counted, *learned* from the pace alone (what is likely of the range that the run prints).",
         "",
         "| " + " | ".join(heads) + " |",
         "|" + "---|" * len(heads),

@@ -74,3 +74,39 @@ def test_nodes_on_bodies_count_once() -> None:
 def test_a_net_without_bodies_has_one_mass() -> None:
     case = exunet.load(CASES.parent / "planar_deployment.toml")
     assert dict(describe(case))["mass"] == "2.360819 kg"
+
+
+BODY_ALONE = """
+format = 1
+title = "A body alone"
+time = {{ end = 1.0, output_step = 0.1 }}
+initial = {{ packing = 1.0 }}
+solver = {{ method = "{method}" }}
+
+[net]
+topology = "explicit"
+nodes = [[0.0, 0.0, 0.0]]
+elements = []
+node_masses = [1.0]
+cable = {{ diameter = 0.001, density = 1000.0, youngs_modulus = 1e9 }}
+
+[bodies.target]
+mass = 1.0
+inertia = [1.0, 1.0, 1.0]
+position = [5.0, 0.0, 0.0]
+"""
+
+
+@pytest.mark.parametrize("method", ["auto", "RK44", "VelocityVerlet"])
+def test_without_elements_no_step_is_called_infinite(tmp_path: Path, method: str) -> None:
+    path = tmp_path / "alone.toml"
+    path.write_text(BODY_ALONE.format(method=method), encoding="utf-8")
+    every = describe(exunet.load(path))
+    told = dict(every)
+    assert told["stable step"] == "any: nothing in the scene swings or is damped"
+    assert not re.search(r"\binf\b", " ".join(words for _, words in every))
+    if method != "auto":  # 0.1 s lie between stored times
+        assert told["method"] == f"{method}, step 0.1 s"
+        assert any(words.startswith("step = that between stored times") for _, words in every)
+    damped = dict(describe(exunet.load(path, ["effects.mass_damping.alpha=0.5"])))
+    assert damped["stable step"].startswith("2 s (VelocityVerlet)")  # bound: 2 alpha

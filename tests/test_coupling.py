@@ -50,6 +50,22 @@ def test_second_order_in_the_macro_step(scene: Scene, iterations: int) -> None:
     assert errors[-1] < 1e-5  # of a way of 0.2 m
 
 
+def test_a_macro_step_costs_the_net_no_evaluation_more(scene: Scene) -> None:
+    """Steered at constant velocity it takes as many as by itself through the same times."""
+    counts = []
+    for steers in (True, False):
+        net = NetSystem(scene.net)
+        for k in range(200):
+            until = (k + 1) * 1e-3
+            if steers:
+                net.step(until, {"second": net.frame("second").after(until - net.time)})
+            else:
+                net.simulation.advance_to(until)
+        net.finish()
+        counts.append(net.simulation.counts.right_hand_sides)
+    assert counts[0] == counts[1] > 200 * 6  # of a step of DOPRI5
+
+
 @pytest.mark.parametrize("iterations", [1, 20])
 def test_momentum_is_kept_at_any_step(scene: Scene, iterations: int) -> None:
     net, host = scene.both()

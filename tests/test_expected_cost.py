@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
 from commands import command
 
+import reference_impl as reference
 from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
 from exunet.case.casefile import load
 from exunet.interfaces.commands import estimates
+from exunet.interfaces.commands.check import describe
 from exunet.interfaces.commands.estimates import (
     Expected,
     duration,
@@ -26,6 +29,7 @@ from exunet.simulation.expected_cost import (
     COUNTED,
     EXTRAPOLATED,
     GUESSED,
+    expected_check,
     expected_cost,
     in_the_compiled_loop,
 )
@@ -37,6 +41,7 @@ from exunet.simulation.trial import Trial, try_out
 CASES = Path(__file__).parent.parent / "cases"
 PLANAR = CASES / "planar_deployment.toml"
 RATES = json.loads((Path(__file__).parent / "data" / "step_rates.json").read_text())
+FOLDED = ("nets/accordion", "nets/star", "hard/folded")  # in bursts, or slackening from the start on
 EARLY = ("time.end=0.7", "time.output_step=0.01")  # beyond the first snaps at 0.57 s
 
 
@@ -139,11 +144,42 @@ def test_a_long_run_says_what_the_compiled_loop_would_take():
 
 
 def test_what_the_time_leaves_out_is_told():
-    assert not_counted(check=False, error=False) == []
-    for name, words in not_counted(check=True, error=True):
-        assert name in ("check", "error")
-        assert "not in this time" in words
-        assert len(f"{name:8s}{words}") <= 80
+    assert not_counted(error=False) == []
+    ((name, words),) = not_counted(error=True)
+    assert name == "error"
+    assert "not in this time" in words
+    assert len(f"{name:8s}{words}") <= 80
+
+
+def test_the_time_of_a_check_is_told_with_that_of_both() -> None:
+    start = started(*EARLY)
+    found = estimated(start, check=True)
+    assert found.check is not None
+    words = dict(found.rows())["check"]
+    assert words.startswith(f"about {duration(found.check.seconds)} (")
+    assert f"about {duration(max(found.check.seconds, found.run.seconds))} for both" in words
+    assert "check" not in dict(estimated(start).rows())
+    assert "check of a run" in dict(describe(load(PLANAR, ["time.end=0.1"])))
+
+
+@pytest.mark.parametrize("case", ["planar_deployment", "nets/cut", "bodies/snap", "hard/one_element"])
+def test_the_reference_takes_what_is_told(case: str) -> None:
+    """In processor seconds, since other programs run beside; a second more for its start."""
+    short = {"planar_deployment": "0.7", "nets/cut": "0.3", "bodies/snap": "0.2", "hard/one_element": "0.05"}
+    given = (f"time.end={short[case]}", "time.output_step=0.01")
+    given = (*given, "solver.method=DOPRI5", "solver.step=") if case == "bodies/snap" else given
+    path = CASES / f"{case}.toml"
+    start = started(*given, case=path)
+    trial = try_out(start, budget=60.0)
+    assert trial is not None
+    assert trial.complete
+    told = expected_check(start, trial)
+    overrides = dict(reference.parse_override(one) for one in given if one[-1] != "=")
+    scene = reference.prepare(reference.read(path, overrides))
+    began = process_time()
+    scene.integrate()
+    taken = process_time() - began
+    assert told.seconds / told.factor < taken + 1.0 < told.seconds * told.factor
 
 
 def test_a_guess_says_that_it_is_one():
@@ -171,8 +207,9 @@ def test_the_pace_of_equal_steps_leaves_what_is_left():
     assert pace.left() is None
     for k in range(6):
         pace.look(2.0 * k, float(k), 100 * k)
-    low, high = pace.left()
+    low, likely, high = pace.left()
     assert low < 10.0 < high < 6.0 * 10.0
+    assert low < likely < high
 
 
 def test_steps_that_concentrate_late_are_learned():
@@ -181,49 +218,65 @@ def test_steps_that_concentrate_late_are_learned():
     for k in range(51):
         time = 0.1 * k
         pace.look(time**3, time, int(1e4 * time**3))
-    low, high = pace.left()
-    assert low > 1.5 * 125.0
+    low, likely, high = pace.left()
+    assert likely > 1.5 * 125.0
     assert low < 875.0 < high
 
 
-@pytest.mark.parametrize("case", [name for name in RATES if name != "about"])
-@pytest.mark.parametrize("part", [0.25, 0.5, 0.75])
-def test_what_is_left_of_recorded_runs_is_within_what_is_told(case: str, part: float) -> None:
-    """After a quarter of its right-hand sides and later; a right-hand side takes 0.1 ms."""
-    counts = np.array(RATES[case]["right_hand_sides"])
-    times = np.linspace(0.0, RATES[case]["end"], len(counts))
-    pace = Pace(RATES[case]["end"])
-    begun = int(np.searchsorted(counts, part * counts[-1])) + 1
-    for time, count in zip(times[:begun], counts[:begun].tolist(), strict=True):
+def told_of(case: str) -> list[tuple[float, float, float]]:
+    """At each recorded time: the part of its right-hand sides that is done; the least and the most that are
+    told, over what is left. A right-hand side takes 0.1 ms.
+    """
+    counts = RATES[case]["right_hand_sides"]
+    pace, found = Pace(RATES[case]["end"]), []
+    for time, count in zip(np.linspace(0.0, RATES[case]["end"], len(counts))[:-1], counts[:-1], strict=True):
         pace.look(1e-4 * count, float(time), count)
-    low, high = pace.left()
-    left = 1e-4 * (counts[-1] - counts[begun - 1])
-    assert low < left < high
-    assert high < 8.0 * left
+        if (told := pace.left()) is not None:
+            left = 1e-4 * (counts[-1] - count)
+            found.append((count / counts[-1], told.least / left, told.most / left))
+    return found
+
+
+@pytest.mark.parametrize("case", [name for name in RATES if name != "about"])
+def test_what_is_left_of_recorded_runs_is_within_what_is_told(case: str) -> None:
+    """The least always; the most after a quarter of its right-hand sides. Of folded nets it may be far more:
+    hard/folded takes 58 % of them in the first eighth of its time, and nobody knows that it will slacken.
+    """
+    told = told_of(case)
+    assert all(least < 1.0 for _, least, _ in told)
+    for part in (0.25, 0.5, 0.75):
+        _, _, most = next(one for one in told if one[0] >= part)
+        assert 1.0 < most < (60.0 if case in FOLDED else 8.0)
+
+
+def test_the_least_is_not_nothing() -> None:
+    """A bound that is met by all would be 0: of runs of these nets it comes to what is left within a half."""
+    largest = {case: max(least for _, least, _ in told_of(case)) for case in FOLDED}
+    assert max(largest.values()) > 0.5
 
 
 def test_a_number_that_is_known_leaves_its_rest():
     pace = Pace(10.0, expected=1000.0)
     pace.look(0.0, 0.0, 0)
     pace.look(3.0, 5.0, 250)
-    assert pace.left() == pytest.approx((9.0, 9.0), rel=0.02)
+    assert pace.left() == pytest.approx((9.0, 9.0, 9.0), rel=0.02)
     pace.look(12.0, 9.0, 1000)  # it was wrong: the pace takes over
-    low, high = pace.left()
-    assert 0.0 < low < high
+    low, likely, high = pace.left()
+    assert 0.0 < low < likely < high
 
 
 def test_near_the_end_of_time_the_pace_counts_more_than_what_was_expected():
     pace = Pace(10.0, expected=1e6)
     for k in range(100):
         pace.look(0.1 * k, 0.1 * k, 1000 * k)
-    assert pace.left()[1] < 1.0  # 0.1 s is left, of 90 that were expected
+    assert pace.left().most < 1.0  # 0.1 s is left, of 90 that were expected
 
 
 def test_looks_are_thinned_and_the_first_and_last_stay():
     pace = Pace(1e4)
     for k in range(5000):
         pace.look(float(k), float(k), k)
-    assert pace.left() == pytest.approx((5001.0 / 1.5, 5001.0 * 5.0), rel=0.02)
+    assert pace.left() == pytest.approx((5001.0 / 10.0, 1.8 * 5001.0, 5001.0 * 5.0), rel=0.02)
 
 
 def told(seconds: float) -> list[str]:

@@ -341,7 +341,8 @@ def test_the_command_draws_what_is_asked(tmp_path):
     assert done.exit_code == 0, done.output
     made = sorted((tmp_path / "new").iterdir())
     no_bodies = {"loads.pdf", "distances.pdf", "tethers.pdf"}
-    drawn = {f"{name}.pdf" for name in FIGURES} - {"agreement.pdf", *no_bodies}
+    no_contact = {"contacts.pdf", "capture.pdf"}
+    drawn = {f"{name}.pdf" for name in FIGURES} - {"agreement.pdf", *no_bodies, *no_contact}
     assert {path.name for path in made} == drawn
     save_figures(WHOLE, tmp_path / "api", format="pdf", size=(90, 60), title=True)
     assert all(path.read_bytes() == (tmp_path / "api" / path.name).read_bytes() for path in made)

@@ -104,16 +104,43 @@ def test_none_without_strength_or_tension() -> None:
     assert "margin of threads" not in dict(rows(summarise(slack)))
 
 
-def test_not_all_of_the_group_bear_the_same() -> None:
+def test_not_of_all_of_the_group_all_steps_are_known() -> None:
     """Then another element may have had less margin between stored times, which is said."""
     net = replace(square_net(), strength=np.linspace(10.0, 20.0, square_net().n_elements))
     groups = Groups.of(net)
     assert groups is not None
-    tension = np.ones((1, net.n_elements))
-    found = groups.least(0, np.zeros(1), *groups.loaded(tension), Peak(50.0, 0.25, net.n_elements - 1))
+    tension, last = np.ones((1, net.n_elements)), net.n_elements - 1
+    known = {f"net from element {last}": Peak(50.0, 0.25, last)}
+    found = groups.least(0, np.zeros(1), *groups.loaded(tension), known)
     assert found is not None
-    assert (found.element, found.time, found.of) == (net.n_elements - 1, 0.25, "stored times")
+    assert (found.element, found.time, found.of) == (last, 0.25, "stored times")
     assert found.margin == pytest.approx(20.0 / 50.0 - 1.0)
+    slack = {name: Peak(0.0, 0.0, -1) for name in net.spans}
+    found = groups.least(0, np.zeros(1), *groups.loaded(tension), slack | known)
+    assert found is not None
+    assert (found.element, found.of) == (last, "all steps")
+
+
+@pytest.mark.parametrize("form", ["engine.loop=compiled", "engine.net=fused"])
+def test_margins_are_of_all_steps_where_strings_bear_more(form: str) -> None:
+    """Stored at four times only: peaks are between them, of threads and of strings. By each element's largest
+    tension of all steps, which is looked for apart; the spread's runs look for the same.
+    """
+    given = [form, "time.end=1.2", "time.output_step=0.3", "net.strings.strength=900.0"]
+    case = exunet.load(PLANAR, [*given, "net.cable.strength=300.0", "solver.tolerance=1e-7"])
+    result = exunet.run(case)
+    peaks, strings = exunet.peak_tensions(result), result.net.is_string
+    found = exunet.margins(result)
+    for name, own, strength in (("threads", ~strings, 300.0), ("strings", strings, 900.0)):
+        one = found[name]
+        assert one.of == "all steps"
+        assert one.margin == pytest.approx(strength / peaks[own].max() - 1.0, rel=1e-12)
+        assert one.element == np.flatnonzero(own)[peaks[own].argmax()]
+        stored = np.asarray(result.tension)[:, own].max()
+        assert stored < 0.9 * one.tension
+        assert not np.isclose(result.time, one.time, atol=1e-6).any()
+    peak = result.provenance["largest_tension"]
+    assert peak["tension_N"] == max(one.tension for one in found.values())
 
 
 def test_the_limit_of_breaking_where_none_is_stated() -> None:

@@ -9,9 +9,11 @@ import pytest
 from small_nets import pair_of_masses
 
 import exunet
+from exunet.case.stored_times import stored_times
 from exunet.results.measures import bullet_speeds
 from exunet.simulation import pilot
 from exunet.simulation.preparation import Start, prepare
+from exunet.simulation.run import simulate
 from exunet.studies.error_estimate import estimate_error
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_undamped.toml"
@@ -145,3 +147,28 @@ def test_the_notes_of_a_start_name_no_other_tolerance_than_that_of_the_run() -> 
     assert any(
         ", tolerance " in note for note in start("initial.packing=0.79", "solver.method=auto").plan.notes
     )
+
+
+def test_the_pilot_stops_at_the_times_of_poses_as_the_run_does() -> None:
+    """A body led through poses pulls a bullet by a tether. The pilot's error with its loosest tolerance is
+    that of the run with it: the same steps, to the last bit; without these stops it was another.
+    """
+    places = [[3.0, 3.0, 0.0], [3.2, 3.1, 0.1], [3.1, 3.4, 0.0], [3.3, 3.3, 0.2]]
+    poses = f"motion='prescribed', pose_times=[0.0, 0.0233, 0.0617, 0.08], pose_positions={places}"
+    poses += f", pose_attitudes={[[1.0, 0.0, 0.0, 0.0]] * 4}"
+    tether = "length=1.0, divisions=2, diameter=0.002, density=1390.0, youngs_modulus=70e9"
+    given = (
+        *("initial.packing=0.95", "time.end=0.08", "time.output_step=0.02", "engine.loop=compiled"),
+        f"bodies.hand={{mass=1.0, inertia=[0.1, 0.1, 0.1], {poses}}}",
+        f"tethers.lead={{{tether}, start={{bullet=2}}, end={{body='hand'}}}}",
+    )
+    begun = start(*given)
+    found = pilot.try_tolerances(begun.system, begun.state, begun.plan, stored_times(begun.scene.time), SPEED)
+    assert found is not None
+    ends = [
+        simulate(start(*given, f"solver.tolerance={tolerance * SPEED!r}"))
+        for tolerance in (pilot.TOLERANCES[0], pilot.TIGHT)
+    ]
+    bullets = begun.net.bullet_nodes
+    off = np.linalg.norm(ends[0].velocity[-1, bullets] - ends[1].velocity[-1, bullets], axis=-1).max() / SPEED
+    assert found.error[0, -1] == pytest.approx(off, rel=1e-6)

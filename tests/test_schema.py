@@ -52,6 +52,8 @@ COMMON = """format title seed time.end time.output_step time.output_times net.to
     tethers.NAME.end.body tethers.NAME.end.point
     tethers.NAME.reel.at tethers.NAME.reel.paid_out tethers.NAME.reel.shortest tethers.NAME.reel.largest_rate
     tethers.NAME.reel.damping tethers.NAME.reel.commands
+    verdict.target verdict.duration verdict.enclosed verdict.relative_speed verdict.relative_spin verdict.cqi
+    verdict.mcqi verdict.touching verdict.length verdict.cqi_weights verdict.mcqi_weights
     effects.choose effects.threshold"""
 THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
     net.strings.strength
@@ -169,18 +171,25 @@ def switched(topology: str, on: Callable[[str], bool], path: Path, changes: Sequ
 def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str, tmp_path: Path) -> None:
     """As its first lines say; effects, some of which exclude each other, come one at a time below.
 
-    A fold takes the place of the packing.
+    A fold takes the place of the packing; what is captured has a shape.
     """
     scene = switched(
         topology,
         lambda name: (
             not name.startswith("effects.")
-            and name != "initial.fold"
+            and name not in ("initial.fold", "verdict")
             and (topology != "explicit" or name != "launch")
         ),
         tmp_path / "template.toml",
     )
     assert (scene.launch is not None) == (topology != "explicit")
+
+
+def test_the_template_with_a_verdict_is_a_valid_case(tmp_path: Path) -> None:
+    shaped = ('bodies.chaser.shape="sphere"', "bodies.chaser.radius=0.1")
+    on = ("bodies.chaser", "verdict")
+    scene = switched("square", lambda name: name in on, tmp_path / "template.toml", shaped)
+    assert scene.verdict.enclosed == 0.9
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
@@ -332,7 +341,9 @@ def test_schema_and_reader_agree_on_every_method_and_its_keys(method: str | None
 
 def test_schema_and_reader_agree_on_every_pair_of_effects() -> None:
     """With and without bullets, the keys that they ask for, and a launch."""
-    document = tomllib.loads(with_tables("square", lambda name: name not in ("effects", "initial.fold")))
+    document = tomllib.loads(
+        with_tables("square", lambda name: name not in ("effects", "initial.fold", "verdict"))
+    )
     document.pop("solver")
     effects, launch, bullets = document.pop("effects"), document.pop("launch"), document["net"].pop("bullets")
     effects["molecular_drag"].pop("altitude")  # which would have to be that of the orbit

@@ -103,10 +103,11 @@ def test_limits_on_the_imaginary_axis(method, limit):
 
 
 @pytest.mark.parametrize(
-    ("method", "limit"), [("ExplicitEuler", 2.0), ("ExplicitMidpoint", 2.0), ("RK44", 2.785293563)]
+    ("method", "limit"),
+    [("ExplicitEuler", 2.0), ("ExplicitMidpoint", 2.0), ("RK44", 2.785293563), ("VelocityVerlet", 2.0)],
 )
 def test_limits_on_the_negative_real_axis(method, limit):
-    """Hairer & Wanner, IV.2: the real stability intervals."""
+    """Hairer & Wanner, IV.2: the real stability intervals. Verlet: v(n+1/2) = (1 - h c) v(n-1/2)."""
     assert stable_step(method, 0.0, 5.0) == pytest.approx(limit / 5.0, rel=1e-6)
 
 

@@ -49,7 +49,7 @@ class Extremes(NamedTuple):
     """The largest and least values of all steps of one `advance`, for integrators that do not hand over each.
 
     elastic, kinetic : largest elastic and least kinetic energy [J]
-    largest          : the largest tension of each group of elements (`Net.groups`)
+    largest          : the largest tension of each group of elements (`Net.spans`)
     of_elements      : (n_elements,) of each element [N], for observers that ask for it
     """
 

@@ -180,22 +180,29 @@ class FrameOf:
 
 def piece_between(time: float, duration: float, begin: PrincipalState, end: PrincipalState) -> Piece:
     """From one state to another in a time [s], see the module."""
-    over = 1.0 / duration
-    position, turning = np.zeros((2, 4, 3))
-    for k in range(3):
-        v0, v1 = begin.velocity[k], end.velocity[k]
-        mean = (end.position[k] - begin.position[k]) * over
-        position[0, k] = (v0 + v1 - 2.0 * mean) * over * over
-        position[1, k] = (3.0 * mean - 2.0 * v0 - v1) * over
-    position[2], position[3] = begin.velocity, begin.position
+    (a, b, c), (d, e, f) = begin.position, end.position
+    way = (d - a, e - b, f - c)
     angle = difference(begin.attitude, end.attitude)
     rate = _rate_of(angle, end.angular_velocity)
-    for k in range(3):
-        w0, mean = begin.angular_velocity[k], angle[k] * over
-        turning[0, k] = (w0 + rate[k] - 2.0 * mean) * over * over
-        turning[1, k] = (3.0 * mean - 2.0 * w0 - rate[k]) * over
-    turning[2] = begin.angular_velocity
-    return Piece(time, position, np.array(begin.attitude), turning)
+    position = [*_cubic(duration, way, begin.velocity, end.velocity), begin.velocity, begin.position]
+    turning = [*_cubic(duration, angle, begin.angular_velocity, rate), begin.angular_velocity, _ZERO]
+    return Piece(time, np.array(position), np.array(begin.attitude), np.array(turning))
+
+
+def _cubic(duration: float, way: Vector, first: Vector, last: Vector) -> tuple[Vector, Vector]:
+    """Coefficients c0 and c1 of a cubic that goes a way in a time [s], by its rates at both ends."""
+    over = 1.0 / duration
+    (a, b, c), (i, j, k), (m, n, o) = way, first, last
+    x, y, z = over * a, over * b, over * c
+    square = over * over
+    return (
+        (square * (i + m - 2.0 * x), square * (j + n - 2.0 * y), square * (k + o - 2.0 * z)),
+        (
+            over * (3.0 * x - 2.0 * i - m),
+            over * (3.0 * y - 2.0 * j - n),
+            over * (3.0 * z - 2.0 * k - o),
+        ),
+    )
 
 
 def mean_place(duration: float, begin: FrameState, end: FrameState) -> Vector:
@@ -216,17 +223,18 @@ def turning_between(duration: float, begin: FrameState, end: FrameState) -> Vect
     It is no rotation vector where the axis moves. By Simpson's rule, with the middle of the motion of
     `piece_between`.
     """
-    angle = difference(begin.attitude, end.attitude)
-    last, over = _rate_of(angle, end.angular_velocity), 1.0 / duration
-    first = begin.angular_velocity
-    middle, rate = [0.0] * 3, [0.0] * 3
-    for k in range(3):
-        middle[k] = 0.5 * angle[k] + 0.125 * duration * (first[k] - last[k])
-        rate[k] = 1.5 * angle[k] * over - 0.25 * (first[k] + last[k])
-    half = (middle[0], middle[1], middle[2])
-    spin = _spin_of(half, (rate[0], rate[1], rate[2]))
+    i, j, k = angle = difference(begin.attitude, end.attitude)
+    a, b, c = first = begin.angular_velocity
+    d, e, f = _rate_of(angle, end.angular_velocity)
+    over, eighth = 1.5 / duration, 0.125 * duration
+    half = (
+        0.5 * i + eighth * (a - d),
+        0.5 * j + eighth * (b - e),
+        0.5 * k + eighth * (c - f),
+    )
+    rate = (over * i - 0.25 * (a + d), over * j - 0.25 * (b + e), over * k - 0.25 * (c + f))
     a, b, c = turned(begin.attitude, first)
-    d, e, f = turned(times(begin.attitude, quaternion_of(half)), spin)
+    d, e, f = turned(times(begin.attitude, quaternion_of(half)), _spin_of(half, rate))
     x, y, z = turned(end.attitude, end.angular_velocity)
     part = duration / 6.0
     return (part * (a + 4.0 * d + x), part * (b + 4.0 * e + y), part * (c + 4.0 * f + z))

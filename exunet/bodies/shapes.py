@@ -97,6 +97,29 @@ class Solid:
             return np.maximum(across - a, np.abs(z) - 0.5 * b)
         return np.asarray(np.hypot(across, np.maximum(np.abs(z) - 0.5 * b, 0.0)) - a)
 
+    def distance(self, points: Floats) -> Floats:
+        """(n,) [m] from points (n, 3) of the body's frame to it; 0 inside."""
+        x, y, z = ((points - self.position) @ self.rotation).T
+        a, b, c = self.numbers
+        if self.kind == "box":
+            sides = [np.maximum(np.abs(one) - 0.5 * edge, 0.0) for one, edge in ((x, a), (y, b), (z, c))]
+            return np.asarray(np.sqrt(sides[0] ** 2 + sides[1] ** 2 + sides[2] ** 2))
+        if self.kind in ("sphere", "capsule"):
+            return np.maximum(self.depth(points), 0.0)
+        low, high, length = (a, b, c) if self.kind == "frustum" else (a, a, b)
+        across, half = np.hypot(x, y), 0.5 * length
+        ends = [
+            np.hypot(np.maximum(across - radius, 0.0), z - at) for radius, at in ((low, -half), (high, half))
+        ]
+        slant = math.hypot(high - low, length)
+        along = ((across - low) * (high - low) + (z + half) * length) / slant
+        side = np.where(
+            (along >= 0.0) & (along <= slant),
+            np.abs((across - low) * length - (z + half) * (high - low)) / slant,
+            np.inf,
+        )
+        return np.where(self.depth(points) < 0.0, 0.0, np.minimum.reduce([*ends, side]))
+
     def contains(self, points: Floats) -> NDArray[np.bool_]:
         """(n,) True for points (n, 3) of the body's frame that are inside it."""
         return self.depth(points) < 0.0

@@ -14,6 +14,7 @@ from exunet import net
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
+from exunet.case import verdict
 from exunet.case.scene import Launch, NetFrame, Scene
 from exunet.forces import effects
 from exunet.forces.requirements import RestOfCase
@@ -48,7 +49,14 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _reels(scene),
         _choice(scene),
         within("effects", effects.cross_checks(scene)),
+        _verdict(scene),
     )
+
+
+def _verdict(scene: Scene) -> Iterator[Fault]:
+    contact = getattr(scene.effects, "contact", None)
+    touched = frozenset(() if contact is None else contact.threads)
+    yield from verdict.cross_checks(scene.verdict, scene.bodies, touched)
 
 
 def _bodies(scene: Scene) -> Iterator[Fault]:

@@ -10,6 +10,7 @@ from pydantic import ConfigDict, Field, field_validator
 
 from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector
 from exunet.bodies.keys import Bodies, Placed, Quaternion
+from exunet.case.verdict import Verdict
 from exunet.forces.effects import Effects as _Effects
 from exunet.methods.keys import Solver
 from exunet.methods.method import NetForm, TimeLoop
@@ -198,6 +199,7 @@ class Scene(Table):
         description="cables from the net or a body to a body, by any names",
         json_schema_extra={"additionalProperties": False},
     )
+    verdict: Verdict | None = Field(None, description="when the target counts as captured")
     effects: Effects = Field(default_factory=_Effects, description="a table present switches its effect on")
 
     @field_validator("format", mode="before")

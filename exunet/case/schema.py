@@ -43,6 +43,7 @@ _CHOSEN = (
     "restitution",
     "impact_speed",
     "friction_law",
+    "enclosed",
 )
 _OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have
 _BODY, _TETHER = "chaser", "tow"  # names of these in the template

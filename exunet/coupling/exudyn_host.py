@@ -63,14 +63,35 @@ def couple(
 class _Open(NamedTuple):
     """The step that the host is taking, or has taken.
 
-    handed : (n,) forces and torques of all ports, one port after the other
+    recoils : the jump of a throw is in it
+    mean   : (n,) mean forces and torques of all ports, one port after the other
+    handed : (n,) those that the host was handed for them
     before : where the markers were when it began
     """
 
     loads: dict[str, PortLoad]
+    recoils: bool
+    mean: Floats
     handed: Floats
     before: dict[str, FrameState]
 
+
+class _Ended(NamedTuple):
+    """A step that counts, for the books; `applied` as `_Open.handed`, by the host's method.
+
+    before, after : where the markers were at both ends
+    """
+
+    loads: dict[str, PortLoad]
+    applied: Floats
+    recoils: bool
+    before: dict[str, FrameState]
+    after: dict[str, FrameState]
+
+
+# Steps that wait for the books: one after the other they take a third of the time that they take one by one,
+# between all else that a step does.
+_WAITING = 256
 
 _coupled: WeakSet[NetSystem] = WeakSet()  # nets that are in a coupling in force
 
@@ -102,6 +123,7 @@ class ExudynCoupling:
         _coupled.add(net)
         self._undo, self._predictor = Undo(net), Predictor()
         self._books = Books.of(net.ports)
+        self._ended: list[_Ended] = []
         self._open: _Open | None = None
         self._handover = Handover(np.zeros(6 * len(net.ports)))
         self._solver: Any = None  # of the run of the host that goes on
@@ -116,6 +138,7 @@ class ExudynCoupling:
         """What went through the ports, with the last step if the host has ended it; `print` shows a table."""
         self._net.finish()
         self._book_what_ended()
+        self._write_books()
         return self._books
 
     @property
@@ -157,26 +180,30 @@ class ExudynCoupling:
             return False
         if not self._attached:
             return True
+        solver = self._mbs.sys.get("dynamicSolver")
+        starts = solver is None or solver is not self._solver
+        if starts:
+            self._ports.look_up()
         now = self._ports.now()
         if until <= self._net.time:
             self._take_back(until)
         elif self._open is not None:
             self._book(now)
-        self._follow_solver()
+        if starts:
+            self._follow(solver)
         begin, net = self._net.time, self._net
         self._refuse_long(begin, until)
         loads = self._undo.step(until, self._predictor.told(begin, until, now))
         mean = np.concatenate([part for name in net.ports for part in loads[name][-2:]])
-        handed = self._handover.handed(mean, until - begin, jumps=net.recoils(begin, until))
+        recoils = net.recoils(begin, until)
+        handed = self._handover.handed(mean, until - begin, jumps=recoils)
         self._ports.let_act(handed.reshape(-1, 6))
-        self._open = _Open(loads, handed, now)
+        self._open = _Open(loads, recoils, mean, handed, now)
         return True
 
-    def _follow_solver(self) -> None:
+    def _follow(self, solver: Any) -> None:
         """Each run of the host may have another method; SolveDynamic tells it to the system."""
-        solver, settings = (self._mbs.sys.get(name) for name in ("dynamicSolver", "simulationSettings"))
-        if solver is self._solver and solver is not None:
-            return
+        settings = self._mbs.sys.get("simulationSettings")
         if settings is None or solver is None:
             raise InputError(
                 "couple: the host's method is not known: use mbs.SolveDynamic, with storeSolver=True"
@@ -214,28 +241,36 @@ class ExudynCoupling:
     def _book_what_ended(self) -> None:
         """Book the last step if the host has ended it: in an earlier pre-step function, after the run."""
         if self._open is not None and self._host_time() >= self._net.time - 1e-12:
+            self._ports.look_up()  # somebody may have changed items since
             self._book(self._ports.now())
 
     def _book(self, now: dict[str, FrameState]) -> None:
-        """Take the step that has ended into the books; it has led to `now`."""
+        """The step that is open has ended and counts; it has led to `now`."""
         assert self._open is not None
-        loads, handed, before = self._open
+        loads, recoils, mean, handed, before = self._open
         begin, end = next((load.begin, load.end) for load in loads.values())
-        recoils, duration = self._net.recoils(begin, end), end - begin
-        mean = np.concatenate([part for name in self._net.ports for part in loads[name][-2:]])
-        applied = self._handover.take(mean, handed, duration, jumps=recoils)
-        works = {
-            name: work_on_host(six[:3], six[3:], duration, before[name], now[name])
-            for name, six in zip(self._net.ports, applied.reshape(-1, 6), strict=True)
-        }
+        applied = self._handover.take(mean, handed, end - begin, jumps=recoils)
         late = self._threw and self._handover.weights is not None
-        self._books.add(loads, works, recoils=recoils or late)
+        self._ended.append(_Ended(loads, applied, recoils or late, before, now))
+        if len(self._ended) >= _WAITING:
+            self._write_books()
         self._threw = recoils
         if recoils:  # a jump, which does not go on
             self._predictor.forget()
         else:
             self._predictor.keep(begin, before)
         self._open = None
+
+    def _write_books(self) -> None:
+        """Take the steps that wait into the books."""
+        for loads, applied, recoils, before, after in self._ended:
+            duration = next(load.end - load.begin for load in loads.values())
+            works = {
+                name: work_on_host(six[:3], six[3:], duration, before[name], after[name])
+                for name, six in zip(self._net.ports, applied.reshape(-1, 6), strict=True)
+            }
+            self._books.add(loads, works, recoils=recoils)
+        self._ended.clear()
 
 
 def _positive(longest: object) -> float:

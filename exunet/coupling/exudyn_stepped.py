@@ -71,6 +71,7 @@ class ExudynHost:
     def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
         """See `exunet.coupling.host.Host`."""
         names = self._ports.names
+        self._ports.look_up()
         self._ports.let_act(np.array([[*loads[name].force, *loads[name].torque] for name in names]))
         integration = self._settings.timeIntegration
         integration.startTime, integration.endTime = self._time, until

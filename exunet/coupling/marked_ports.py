@@ -1,7 +1,8 @@
 """Ports at markers of an Exudyn system: how they move, and a force and a torque at each.
 
-Loads and markers of the user's may be deleted at any time, which changes the numbers of others. So the loads
-added here have names, and know the numbers of their markers.
+Loads and markers of the user's may be deleted, which changes the numbers of others. So the loads added here
+have names, and know the numbers of their markers. Looking names up takes longer than all else that is done
+here in a step, so the numbers are kept until a solver starts, or there are more or fewer loads or markers.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from itertools import count
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,14 @@ from exunet.simulation.arguments import whole_number
 
 Floats = NDArray[np.float64]
 _counted = count(1)
+
+
+class _Numbers(NamedTuple):
+    """Of a port's loads, and of its marker."""
+
+    force: int
+    torque: int
+    marker: int
 
 
 class MarkedPorts:
@@ -35,6 +44,11 @@ class MarkedPorts:
         self._who, self._mbs, self._engine = who, mbs, exudyn(quiet=False)
         self._first = {name: self._marker(name, number) for name, number in markers.items()}
         self._loads: dict[str, tuple[str, str]] = {}
+        self._found: dict[str, _Numbers] = {}
+        self._items = (0, 0)  # loads and markers that there were when the numbers were looked up
+        what = self._engine.OutputVariableType
+        self._outputs = what.Position, what.Velocity, what.RotationMatrix, what.AngularVelocityLocal
+        self._current = self._engine.ConfigurationType.Current
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -56,21 +70,35 @@ class MarkedPorts:
             self._mbs.AddLoad(items.LoadTorqueVector(name=torque, **at))
             self._loads[port] = force, torque
         self._mbs.Assemble()
+        self.look_up()
+
+    def look_up(self) -> None:
+        """Look up the numbers of loads and markers, which may be others when a solver starts.
+
+        Raises InputError for a load of the coupling that is not there any more.
+        """
+        self._items = self._number_of_items()
+        self._found = {port: self._numbers(port) for port in self._loads}
 
     def now(self) -> dict[str, FrameState]:
         """Where the markers are, and how they move."""
-        current, found = self._engine.ConfigurationType.Current, {}
-        for name in self._loads:
-            marker = int(self._mbs.GetLoadParameter(self._numbers(name)[0], "markerNumber"))
-            found[name] = self._read(name, marker, current)
-        return found
+        if self._items != self._number_of_items():
+            self.look_up()
+        return {name: self._read(name, of.marker, self._current) for name, of in self._found.items()}
 
     def let_act(self, wrenches: Floats) -> None:
         """(ports, 6) forces [N] and torques [N m] from now on, in the scene's axes."""
-        for name, six in zip(self._loads, wrenches, strict=True):
-            force, torque = self._numbers(name)
-            self._mbs.SetLoadParameter(force, "loadVector", six[:3])
-            self._mbs.SetLoadParameter(torque, "loadVector", six[3:])
+        if self._items != self._number_of_items():
+            self.look_up()
+        act = self._mbs.SetLoadParameter
+        for of, six in zip(self._found.values(), wrenches.tolist(), strict=True):
+            act(of.force, "loadVector", six[:3])
+            act(of.torque, "loadVector", six[3:])
+
+    def _number_of_items(self) -> tuple[int, int]:
+        """Of loads and of markers in the user's system."""
+        data = self._mbs.systemData
+        return data.NumberOfLoads(), data.NumberOfMarkers()
 
     def let_go(self) -> None:
         """No force acts any more, of the loads that are still there."""
@@ -93,28 +121,25 @@ class MarkedPorts:
             )
         return number
 
-    def _numbers(self, port: str) -> tuple[int, int]:
-        """Of the force and the torque now."""
+    def _numbers(self, port: str) -> _Numbers:
         force, torque = (int(self._mbs.GetLoadNumber(name)) for name in self._loads[port])
         if force < 0 or torque < 0:
             raise InputError(
                 f"{self._who}: port {port}: a load that the coupling has added was deleted: it cannot go "
                 "on. Use detach() to end a coupling"
             )
-        return force, torque
+        return _Numbers(force, torque, int(self._mbs.GetLoadParameter(force, "markerNumber")))
 
     def _read(self, name: str, marker: int, configuration: Any) -> FrameState:
-        what = self._engine.OutputVariableType
+        output = self._mbs.GetMarkerOutput
         try:
-            output = [
-                self._mbs.GetMarkerOutput(marker, one, configuration)
-                for one in (what.Position, what.Velocity, what.RotationMatrix, what.AngularVelocityLocal)
-            ]
+            place, speed, turn, spin = (
+                output(marker, what, configuration).tolist() for what in self._outputs
+            )
         except Exception as error:
             raise InputError(
                 f"{self._who}: port {name}: marker {marker} cannot be read: {_first_line(error)}"
             ) from error
-        place, speed, turn, spin = (np.asarray(one, dtype=float).ravel().tolist() for one in output)
         if not math.isfinite(sum(place) + sum(speed) + sum(turn) + sum(spin)):
             raise InputError(
                 f"{self._who}: port {name}: marker {marker} contains NaN or infinity: the host diverged"

@@ -262,31 +262,35 @@ class NetSystem:
         times, states : where the step begins and ends [s]
         """
         (start, stop), (begin, end) = times, states
-        step = f"in the step from {start:.6g} s to {stop:.6g} s"
         way = math.dist(begin.position, end.position)
         angle = math.hypot(*difference(begin.attitude, end.attitude))
+        both = max(math.hypot(*begin.angular_velocity), math.hypot(*end.angular_velocity))
         last = self._sim.steered(name)
         allowed = _FARTHEST * (stop - min(start, last.time))
         # A body that stops may be told at rest at both ends, where the first was predicted.
-        fastest = max(math.hypot(*one) for one in (last.position[2], begin.velocity, end.velocity))
-        both = max(math.hypot(*begin.angular_velocity), math.hypot(*end.angular_velocity))
-        turning = max(math.hypot(*last.turning[2]), both)
-        if way > allowed * fastest + self._nearest or angle > allowed * turning + _ROUND_OFF:
+        fastest = max(
+            math.hypot(*last.position[2].tolist()), math.hypot(*begin.velocity), math.hypot(*end.velocity)
+        )
+        turning = max(math.hypot(*last.turning[2].tolist()), both)
+        far, twisted = way > allowed * fastest + self._nearest, angle > allowed * turning + _ROUND_OFF
+        turn = max(angle, both * (stop - start))
+        if not far and not twisted and turn <= LARGEST_TURN * (1.0 + 1e-6):
+            return
+        step = f"in the step from {start:.6g} s to {stop:.6g} s"
+        if far or twisted:
             words = (
                 f"position changes by {way:.3g} m, at {fastest:.3g} m/s at most"
-                if way > allowed * fastest + self._nearest
+                if far
                 else f"attitude changes by {angle:.3g} rad, at {turning:.3g} rad/s at most"
             )
             raise InputError(
                 f"{who} jumps: {step} its {words}. Tell the state at the end of the step, or restore a "
                 "snapshot"
             )
-        turn = max(angle, both * (stop - start))
-        if turn > LARGEST_TURN * (1.0 + 1e-6):
-            raise InputError(
-                f"{who} turns too far: {step} by {turn:.3g} rad, at {both:.3g} rad/s. "
-                f"More than {LARGEST_TURN:g} rad in a step is not followed: use shorter steps"
-            )
+        raise InputError(
+            f"{who} turns too far: {step} by {turn:.3g} rad, at {both:.3g} rad/s. "
+            f"More than {LARGEST_TURN:g} rad in a step is not followed: use shorter steps"
+        )
 
 
 def _load(begin: float, end: float, given: Floats, before: FrameState, after: FrameState) -> PortLoad:

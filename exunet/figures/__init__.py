@@ -34,6 +34,8 @@ FIGURES = {
     "loads": "forces and torques of threads on bodies at the nodes that are fixed to them; needs such nodes",
     "distances": "distance of each two bodies with shapes, surface to surface, over time; needs two of them",
     "rotation": "angular velocity of rigid bodies over time, in body axes; needs a rigid body",
+    "contacts": "how many threads and bullets touch bodies, and their forces, over time; needs contacts",
+    "capture": "what is enclosed, capture indices, relative speed, mouth over time; needs [verdict]",
     "agreement": "differences between two codes over time; needs an `agreement`",
 }
 LEAST, MOST = 40.0, 1000.0  # mm, sides of a figure
@@ -171,7 +173,7 @@ def _drawers(
     agreement: Agreement | None, spread: EnsembleResult | None
 ) -> dict[str, Callable[[Result, Page], Figure | None]]:
     """What makes each figure; it returns None for a result that has not what it shows."""
-    from exunet.figures import curves, energies, momenta, nets, tensions
+    from exunet.figures import captures, curves, energies, momenta, nets, tensions
 
     return {
         "reference_net": nets.reference_net,
@@ -186,6 +188,8 @@ def _drawers(
         "loads": curves.loads_on_bodies,
         "distances": lambda result, page: curves.distances(result, page, spread),
         "rotation": curves.rotation,
+        "contacts": captures.contacts,
+        "capture": lambda result, page: captures.capture(result, page, spread),
         "agreement": lambda result, page: (
             None if agreement is None else curves.agreement(result, page, agreement)
         ),

@@ -7,11 +7,15 @@ then stays to round-off, which every method keeps of a sum of states; angular mo
 
 Matrices and loads are summed over all effects where they act; here those of one effect are multiplied once
 more. Other forces are what they add to the sum of all: that sum after them, less that before.
+
+Forces that a script adds to a scene with bodies have such states too, all together, and so has what holds the
+nodes of `net.fixed`: the opposite of all that acts on them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,21 +24,22 @@ from numpy.typing import NDArray
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.loops import Index
 from exunet.forces.rotation_loops import in_scene_axes
-from exunet.forces.terms import KernelTerm, LinearTerm, rows_of
+from exunet.forces.terms import Constraint, KernelCall, KernelTerm, LinearTerm, rows_of
 
 Floats = NDArray[np.float64]
 
 OUTSIDE = "effect."  # before the name of an effect, in the names of its states; no body has a dot in its name
+SCRIPT, FIXED_NODES = "script", "fixed_nodes"  # what gives beside effects, in place of the name of one
 QUANTITIES = (("impulse", "N s"), ("angular_impulse", "N m s"))
 
 
 def states_of(effect: str) -> tuple[FirstOrder, ...]:
-    """Impulse and angular impulse about the origin that an effect has given since the start."""
+    """Impulse and angular impulse about the origin that an effect, or another, has given since the start."""
     return tuple(FirstOrder(f"{OUTSIDE}{effect}/{name}", (0.0,) * 3, units) for name, units in QUANTITIES)
 
 
 def effects_of(states: Iterable[str]) -> tuple[str, ...]:
-    """The effects that have such states, by the names of all states."""
+    """The effects, and others, that have such states, by the names of all states."""
     ending = f"/{QUANTITIES[0][0]}"
     return tuple(
         name[len(OUTSIDE) : -len(ending)]
@@ -74,6 +79,13 @@ class Mark(NamedTuple):
     sign: float
 
 
+class Reactions(NamedTuple):
+    """node : (n,) where the entries of fixed nodes begin; rate : where the rates begin in force."""
+
+    node: NDArray[Index]
+    rate: int
+
+
 def counted(effect: str, terms: Iterable[Any], blocks: Blocks) -> Iterator[Any]:
     """The terms of an effect, and those that keep what it gives; its states must be among the blocks'."""
     rate = blocks.rate(f"{OUTSIDE}{effect}/{QUANTITIES[0][0]}")
@@ -90,6 +102,15 @@ def counted(effect: str, terms: Iterable[Any], blocks: Blocks) -> Iterator[Any]:
         yield _mark(blocks, rate, -1.0)
         yield from kernels
         yield _mark(blocks, rate, 1.0)
+
+
+def with_reactions(constraint: Constraint | None, blocks: Blocks) -> Constraint:
+    """Constraints that also keep what holds nodes of `net.fixed`; its states must be among the blocks'."""
+    nodes, rate = blocks.net.fixed_nodes, blocks.rate(f"{OUTSIDE}{FIXED_NODES}/{QUANTITIES[0][0]}")
+    data = Reactions((3 * nodes).astype(Index), rate)
+    before = Constraint((), ()) if constraint is None else constraint
+    calls = (*before.calls, KernelCall(count_reactions, data))
+    return replace(before, calls=calls, data=(*before.data, lambda _: data))
 
 
 def _of_linear(term: LinearTerm, rate: int) -> Iterator[KernelTerm]:
@@ -152,6 +173,20 @@ def count_load(t: float, x: Any, v: Any, load: Any, force: Any) -> None:
     value, rate = load
     for first in range(0, value.size, 3):
         a, b, c = value[first], value[first + 1], value[first + 2]
+        force[rate] += a
+        force[rate + 1] += b
+        force[rate + 2] += c
+        force[rate + 3] += x[first + 1] * c - x[first + 2] * b
+        force[rate + 4] += x[first + 2] * a - x[first] * c
+        force[rate + 5] += x[first] * b - x[first + 1] * a
+
+
+def count_reactions(t: float, x: Any, v: Any, held: Any, force: Any) -> None:
+    """Resultant and moment of what balances all forces on some nodes."""
+    node, rate = held
+    for k in range(node.size):
+        first = node[k]
+        a, b, c = -force[first], -force[first + 1], -force[first + 2]
         force[rate] += a
         force[rate + 1] += b
         force[rate + 2] += c

@@ -103,6 +103,20 @@ def copied(data: Any) -> Any:
     return type(data)(*(np.array(value) if isinstance(value, np.ndarray) else value for value in data))
 
 
+@dataclass(frozen=True)
+class Series:
+    """A number of a memory that results have over the stored times.
+
+    name  : "term/quantity", by which results know it
+    units : "1" if it has none
+    place : among the values, from their end if negative
+    """
+
+    name: str
+    units: str
+    place: int
+
+
 @dataclass(frozen=True, eq=False)
 class Memory:
     """Values of a term that change only when a step is accepted.
@@ -114,6 +128,7 @@ class Memory:
     kept_in : field of the kernel data that has these values as an array, in which compiled code changes them
               itself (`KernelCall.remember`); "": they change with events only
     wrong   : function (m,) -> why a run with these values must stop, and what to change; "": it need not
+    series  : of one that is kept in the data: what of it is stored
     """
 
     name: str
@@ -121,6 +136,7 @@ class Memory:
     data: Callable[[Floats], tuple[Any, ...]] | None = None
     kept_in: str = ""
     wrong: Callable[[Floats], str] | None = None
+    series: tuple[Series, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,6 +146,20 @@ class Net:
         """The elements of which largest tensions are told: "net", then "tether NAME" of each tether."""
         tethers = {TETHER + name: own for name, own in self.tether_elements.items()}
         return {NET: range(self.n_net_elements), **tethers}
+
+    @property
+    def spans(self) -> dict[str, range]:
+        """`groups`, but that of the net in parts of threads or strings of one strength, where it is known.
+
+        The largest tension of each tells its margin. The first part has the name of the group.
+        """
+        n = self.n_net_elements
+        if self.strength is None or n == 0:
+            return self.groups
+        kind = np.stack([self.is_string[:n], self.strength[:n]])
+        ends = [0, *(np.flatnonzero((np.diff(kind) != 0.0).any(axis=0)) + 1).tolist(), n]
+        parts = {f"{NET} from element {a}" if a else NET: range(a, b) for a, b in pairwise(ends)}
+        return parts | {name: own for name, own in self.groups.items() if name != NET}
 
     @property
     def size(self) -> float:

@@ -166,7 +166,7 @@ def declare(n_nodes: int, n_elements: int, bodies: Mapping[str, BodyConstants]) 
     return tuple(columns)
 
 
-STATES = "states/"  # first-order states of terms stand there, by the name of term and quantity
+STATES = "states/"  # what is stored of terms stands there, by the name of term and quantity
 
 
 KEPT = {  # by their quantities
@@ -174,6 +174,14 @@ KEPT = {  # by their quantities
     "angular_impulse": "angular impulse given to all else since the start, about the scene's origin",
     "work": "work done since the start",
     "wound_up": "length that is wound up",
+    "threads_touching": "how many threads touch the body",
+    "bullets_touching": "how many bullets touch the body",
+    "threads_force": "sum of the forces between threads and the body, across its surface",
+    "bullets_force": "sum of the forces between bullets and the body, across its surface",
+    "threads_first": "when a thread first touched the body; -1 until then",
+    "bullets_first": "when a bullet first touched the body; -1 until then",
+    "threads_deepest": "largest depth of a thread in the body so far, surface in surface",
+    "bullets_deepest": "largest depth of a bullet in the body so far, surface in surface",
 }
 
 

@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import GIVEN
+from exunet.case.verdict import Verdict
 from exunet.forces.from_outside import effects_of
 from exunet.results.areas import achievable_area
+from exunet.results.capture import Measures, capture_of, rule_of
 from exunet.results.clearance import MOST_PAIRS, Pair, gaps_of, pairs_of, shapes_of
 from exunet.results.ends import ends_of_result, no_ends
 from exunet.results.margins import (
-    ALL_STEPS,
     Groups,
     Margin,
     Peak,
-    group_of_peak,
     loaded_over_blocks,
     peaks_of,
 )
@@ -42,6 +42,7 @@ from exunet.results.rows import StoredRows
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+CONTACT = "contact_"  # before the name of the body, in the names of what is stored of contacts
 REEL_STATES = ("wound_up", "work")  # of a reel, after the name of its tether
 INTERVALS = 400  # between the instants of a course
 COURSE_BYTES = 3 * 8 * 16 * (INTERVALS + 1)  # of a course in memory, quantiles over many of them included
@@ -64,7 +65,7 @@ class Course:
     kinetic, elastic, potential : (t,) [J]
     dissipated      : (t,) [J], without the work that is put in: see `exunet.results.measures.dissipation`
     tension         : (t,) largest tension of all elements at each time [N]
-    peaks           : the largest of all steps of each group of `Net.groups`
+    peaks           : the largest of all steps of each of `Net.spans`
     body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
     turning, guided : the bodies that have an attitude; those whose motion is given
     outside         : effects whose impulse is kept
@@ -76,6 +77,9 @@ class Course:
     groups          : of elements whose strength is known; None: of none
     pairs, gap      : (t, n_pairs) distance of two bodies, surface to surface [m]
     loaded, loaded_element : (t, n_groups) largest tension / strength in each group, and in which element
+    rule            : when the target counts as captured; None: the case has none
+    capture         : with the rule, the measures of the capture
+    contact         : (t,) what is stored of contacts, by name ("contact_BODY/threads_touching" and so on)
     """
 
     time: Floats
@@ -104,6 +108,9 @@ class Course:
     groups: Groups | None = None
     loaded: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     loaded_element: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
+    rule: Verdict | None = None
+    capture: Measures | None = None
+    contact: Mapping[str, Floats] = field(default_factory=dict)
 
     def at_every_second(self) -> Course:
         """The same at half as many times, the last one included."""
@@ -120,16 +127,22 @@ class Course:
         names += ["reel"] if self.reel_names else []
         names += ["gap"] if self.pairs else []
         names += ["loaded", "loaded_element"] if self.groups else []
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        capture = None if self.capture is None else Measures(*(one[rows] for one in self.capture))
+        contact = {name: values[rows] for name, values in self.contact.items()}
+        thinned = {name: getattr(self, name)[rows] for name in names}
+        return replace(self, **thinned, capture=capture, contact=contact)
 
     def margin(self, group: str) -> Margin | None:
         """The least of a group of elements; None where it has none."""
         if self.groups is None or group not in self.groups.names:
             return None
         number = self.groups.names.index(group)
-        peak = self.peaks.get(group_of_peak(group))
-        known = peak if peak is not None and peak.of == ALL_STEPS else None
-        return self.groups.least(number, self.time, self.loaded, self.loaded_element, known)
+        return self.groups.least(number, self.time, self.loaded, self.loaded_element, self.peaks)
+
+    def peak_of(self, group: str) -> Peak | None:
+        """The largest of a group of `Net.groups`; None where there is no such group."""
+        own = (one for name, one in self.peaks.items() if name == group or name.startswith(f"{group} from "))
+        return max(own, key=lambda one: (one.tension, -one.time), default=None)
 
     @property
     def peak(self) -> Peak:
@@ -143,6 +156,7 @@ def course_of(result: Result) -> Course:
     groups = Groups.of(result.net)
     pairs = pairs_of(list(shapes_of(result)))[:MOST_PAIRS]
     loaded, loaded_element = loaded_over_blocks(groups, result.tension)
+    rule = rule_of(result)
     return Course(
         time=result.time,
         area=mouth_areas(result),
@@ -170,6 +184,13 @@ def course_of(result: Result) -> Course:
         groups=groups,
         loaded=loaded,
         loaded_element=loaded_element,
+        rule=rule,
+        capture=None if rule is None else capture_of(result, rule),
+        contact={
+            name: np.asarray(one.values[:])[:, 0]
+            for name, one in result.states.items()
+            if name.startswith(CONTACT)
+        },
     )
 
 

@@ -24,6 +24,7 @@ from exunet.results.body_headlines import (
     books_of_bodies,
     headlines_of_bodies,
 )
+from exunet.results.capture_headlines import OF_A_CAPTURE, headlines_of_capture, of_contact
 from exunet.results.course import REEL_STATES, Course
 from exunet.results.headline import Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
@@ -123,7 +124,7 @@ def _of_group(group: str, key: str, words: str) -> tuple[Headline, Headline]:
     """The largest tension of a group of `Net.groups`, and when."""
 
     def peak(course: Course) -> Peak | None:
-        return course.peaks.get(group)
+        return course.peak_of(group)
 
     def tension(course: Course) -> float | None:
         found = peak(course)
@@ -155,6 +156,12 @@ def _of_group(group: str, key: str, words: str) -> tuple[Headline, Headline]:
             at_a_step=True,
         ),
     )
+
+
+def _is_taut(course: Course) -> bool:
+    """True if an element of the net ever was."""
+    peak = course.peak_of(NET)
+    return peak is not None and peak.element >= 0
 
 
 _OF_THE_NET = _of_group(NET, "net", "the net")  # where there are tethers too
@@ -256,21 +263,23 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
     return (
         *HEADLINES,
         *map(of_margin, course.groups.names if course.groups else ()),
-        *(_OF_THE_NET if course.tether_names and course.peaks[NET].element >= 0 else ()),
+        *(_OF_THE_NET if course.tether_names and _is_taut(course) else ()),
         *chain.from_iterable(map(of_tether, course.tether_names)),
         *map(_wound_up, course.reel_names),
         *headlines_of_bodies(course),
         *chain.from_iterable(_of_pair_both(_JOINED.join(pair)) for pair in course.pairs),
+        *headlines_of_capture(course),
         *books_of_bodies(course),
         *map(_reel_work, course.reel_names),
     )
 
 
-_ONES = (*HEADLINES, *_OF_THE_NET, of_margin(THREADS), of_margin(STRINGS), *OF_A_SCENE)
+_ONES = (*HEADLINES, *_OF_THE_NET, of_margin(THREADS), of_margin(STRINGS), *OF_A_SCENE, *OF_A_CAPTURE)
 _OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
     *OF_A_BODY,
     *OF_AN_EFFECT,
     of_tether,
+    of_contact,
     lambda name: (of_margin(TETHER + name),),
     of_reel,
     _of_pair_both,
@@ -325,6 +334,10 @@ CURVES = (
     Curve("kinetic", "kinetic energy", "J", lambda course: course.kinetic),
     Curve("elastic", "elastic energy", "J", lambda course: course.elastic),
     Curve("dissipated", "energy dissipated", "J", lambda course: course.dissipated),
+    Curve("enclosed", "part enclosed", "", lambda course: course.capture and course.capture.enclosed),
+    Curve("cqi", "capture quality index", "", lambda course: course.capture and course.capture.cqi),
+    Curve("mcqi", "modified index", "", lambda course: course.capture and course.capture.mcqi),
+    Curve("mouth", "diameter of the mouth", "m", lambda course: course.capture and course.capture.mouth),
 )
 
 

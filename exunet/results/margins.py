@@ -7,12 +7,13 @@ beyond. The strength is what the case states for its cable or, where it states n
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.net.arrays import NET, TETHER, Net
+from exunet.net.arrays import TETHER, Net
 from exunet.results.result import Result
 from exunet.results.rows import blocks, over_blocks
 
@@ -63,11 +64,13 @@ class Groups:
     names    : "threads", "strings", and "tether NAME" of each tether
     elements : of each group
     strength : (n_elements,) [N]; 0: not known
+    spans    : `Net.spans`
     """
 
     names: tuple[str, ...]
     elements: tuple[Ints, ...]
     strength: Floats
+    spans: Mapping[str, range]
 
     @classmethod
     def of(cls, net: Net, among: NDArray[np.bool_] | None = None) -> Groups | None:
@@ -83,7 +86,7 @@ class Groups:
             **{name: run[known[run]] for name, run in tethers.items()},
         }
         found = {name: elements for name, elements in found.items() if len(elements)}
-        return cls(tuple(found), tuple(found.values()), net.strength) if found else None
+        return cls(tuple(found), tuple(found.values()), net.strength, net.spans) if found else None
 
     def loaded(self, tension: Floats) -> tuple[Floats, Ints]:
         """(t, groups) largest tension / strength in each group, and in which element; tension (t, n) [N]."""
@@ -96,21 +99,27 @@ class Groups:
         return part, element
 
     def least(
-        self, number: int, time: Floats, part: Floats, element: Ints, peak: Peak | None
+        self, number: int, time: Floats, part: Floats, element: Ints, peaks: Mapping[str, Peak]
     ) -> Margin | None:
         """Of a group over times (t,) [s], from what `loaded` gave; None if none of it was ever taut.
 
-        peak : of the elements that these are among, of all steps; None: it is not known
+        peaks : the largest tension of all steps of each of `spans`, as far as they are known. That of a span
+                is the worst of it, whose elements bear the same; unless its element is not looked at
         """
         own, at = self.elements[number], int(part[:, number].argmax())
         worst, which, when = float(part[at, number]), int(element[at, number]), float(time[at])
-        of = STORED_TIMES
-        if peak is not None and peak.element in own:
-            bears = float(self.strength[peak.element])
-            if peak.tension >= worst * bears:
-                worst, which, when = peak.tension / bears, peak.element, peak.time
-            # The largest tension of all steps is the worst of them where all of the group bear the same.
-            of = ALL_STEPS if (self.strength[own] == bears).all() else of
+        known = 0  # elements of which all steps are
+        for name, peak in peaks.items():
+            mine = own[np.isin(own, self.spans[name])]
+            if peak.of != ALL_STEPS or not len(mine):
+                continue
+            if peak.element in mine:
+                bears = float(self.strength[peak.element])
+                if peak.tension >= worst * bears:
+                    worst, which, when = peak.tension / bears, peak.element, peak.time
+            if peak.element in mine or peak.element < 0:
+                known += len(mine)
+        of = ALL_STEPS if known == len(own) else STORED_TIMES
         if worst <= 0.0:
             return None
         bears = float(self.strength[which])
@@ -138,31 +147,25 @@ def margins(result: Result, among: NDArray[np.bool_] | None = None) -> dict[str,
     found = {}
     for k, name in enumerate(names):
         assert groups is not None
-        peak = peaks.get(group_of_peak(name))
-        if (one := groups.least(k, result.time, part, element, peak)) is not None:
+        if (one := groups.least(k, result.time, part, element, peaks)) is not None:
             found[name] = one
     return found
 
 
-def group_of_peak(name: str) -> str:
-    """The group of `Net.groups` that a group of elements whose strength is known is part of."""
-    return name if name.startswith(TETHER) else NET
-
-
 def peaks_of_all_steps(result: Result) -> dict[str, Peak]:
-    """The largest tension of all steps of each group of `Net.groups`, of those of which the run tells it."""
-    every = result.provenance.get("largest_tensions", {})
+    """The largest tension of all steps of each of `Net.spans`, of those of which the run tells it."""
+    spans, every = result.net.spans, result.provenance.get("largest_tensions", {})
+    if not every.keys() >= spans.keys():  # of older versions
+        every = {name: one for name, one in every.items() if name in spans and one["element"] in spans[name]}
     if not every and (whole := result.provenance.get("largest_tension")):
-        groups = result.net.groups.items()
-        every = {name: whole for name, own in groups if whole["element"] in own or len(groups) == 1}
+        every = {name: whole for name, own in spans.items() if whole["element"] in own or len(spans) == 1}
     return {name: Peak(one["tension_N"], one["time_s"], one["element"]) for name, one in every.items()}
 
 
 def peaks_of(result: Result) -> dict[str, Peak]:
-    """The largest tension of each group of `Net.groups`; of the stored times where the run tells no other."""
-    known = peaks_of_all_steps(result)
-    groups = result.net.groups
-    return {name: known.get(name) or _at_stored_times(result, own) for name, own in groups.items()}
+    """The largest tension of each of `Net.spans`; of the stored times where the run tells no other."""
+    known, spans = peaks_of_all_steps(result), result.net.spans
+    return {name: known.get(name) or _at_stored_times(result, own) for name, own in spans.items()}
 
 
 def _at_stored_times(result: Result, own: range) -> Peak:

@@ -220,8 +220,8 @@ class MomentumBook(NamedTuple):
 
     gained   : largest change since the start, less what bodies of given motion have given: the impulse of
                forces from outside, or error
-    residual : largest of this less the impulses that the run has kept of effects: error, or what has no line,
-               such as forces of a script and nodes that net.fixed holds
+    residual : largest of this less the impulses that the run has kept of effects, of forces of a script and
+               of what holds nodes of net.fixed: error, or what has no line, as forces by `set_force`
     size     : of which errors are parts: the largest sum over nodes and bodies of |m v|, or of |m x x v| and
                |J w|, which is not zero where the parts cancel
     """

@@ -5,7 +5,7 @@ Both are looked for at the stored times. What cannot meet, by the spheres around
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,9 +83,12 @@ def _shared(pair: Pair, shapes: Mapping[str, Shape], poses: Mapping[str, Floats]
     return found
 
 
-def passages(result: Result) -> list[Passage]:
-    """The bodies that threads of the net or of tethers were in or went through."""
-    shapes = shapes_of(result)
+def passages(result: Result, but: Sequence[str] = ()) -> list[Passage]:
+    """The bodies that threads of the net or of tethers were in or went through.
+
+    but : of bodies that they touch, in which they are by no more than contact lets them
+    """
+    shapes = {name: shape for name, shape in shapes_of(result).items() if name not in but}
     poses = {name: poses_of(result.bodies[name]) for name in shapes}
     ends = result.net.element_nodes
     waiting, first = {}, {}

@@ -59,7 +59,7 @@ class BodyStates:
 
 @dataclass(frozen=True)
 class TermStates:
-    """First-order states of a force over the stored times: values (n_times, m), and their units."""
+    """What is stored of a force over the stored times: values (n_times, m), and their units."""
 
     units: str
     values: Floats
@@ -92,7 +92,8 @@ class Result:
                        None in older files
     least_kinetic    : (n_times,) [J], the same for the least kinetic energy
     bodies           : the bodies beside the net, by name
-    states           : first-order states of forces, by "term/quantity"
+    states           : first-order states of forces, and what is stored of what they remember, by
+                       "term/quantity"
     spread_file      : of a result that was read: what moved starts gave, beside its file; None: nothing
     """
 

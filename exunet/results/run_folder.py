@@ -24,7 +24,8 @@ from exunet.results.segments import is_store
 SUMMARY = "summary.json"
 FIGURES = (
     *("reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "tethers"),
-    *("largest_tension", "momentum", "loads", "distances", "rotation", "agreement"),
+    *("largest_tension", "momentum", "loads", "distances", "rotation", "contacts"),
+    *("capture", "agreement"),
 )
 DESCRIPTIONS = (SUMMARY, SPREAD_FILE, *(f"{figure}.png" for figure in FIGURES))
 

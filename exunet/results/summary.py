@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.files import replacing
-from exunet.net.arrays import Net
+from exunet.net.arrays import NET, TETHER, Net
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
+from exunet.results.capture_headlines import outcomes, told, touched_bodies
 from exunet.results.course import Course, course_of
 from exunet.results.headlines import constants_of, headlines_of
 from exunet.results.loads import loads
@@ -41,7 +42,7 @@ def summarise(
     """
     story = result.provenance
     course = course_of(result)
-    overlapping, passing = overlaps(result), passages(result)
+    overlapping, passing = overlaps(result), passages(result, but=touched_bodies(course))
     engine = story.get("engine", {})
     return {
         "title": story.get("title", ""),
@@ -70,6 +71,7 @@ def summarise(
         "largest_tensions": _largest_tensions(course),
         "margins": _margins(course),
         "deployment": _deployment(course),
+        **({} if (capture := _capture(course, spread)) is None else {"capture": capture}),
         "overlaps": [_overlap(one) for one in overlapping],
         "passages": [_passage(one) for one in passing],
         "broken": story.get("broken"),
@@ -98,6 +100,14 @@ def summarise(
     }
 
 
+def _capture(course: Course, spread: Spread | str | None) -> dict[str, Any] | None:
+    """What became of the target, in this run and in moved starts; None of a case without [verdict]."""
+    found = told(course)
+    if found is not None and isinstance(spread, Spread):
+        found["moved_starts"] = outcomes(spread.moved)
+    return found
+
+
 def _largest_tension(peak: Peak) -> dict[str, Any]:
     """Where it was; of all steps, where the run tells it, else of the stored times."""
     return {"element": peak.element if peak.element >= 0 else None, "of": peak.of}
@@ -107,7 +117,9 @@ def _largest_tensions(course: Course) -> dict[str, Any]:
     """The same of the net and of each tether, by name; of a scene without tethers none."""
     if not course.tether_names:
         return {}
-    return {name: _largest_tension(peak) for name, peak in course.peaks.items()}
+    groups = (NET, *(TETHER + name for name in course.tether_names))
+    found = ((name, course.peak_of(name)) for name in groups)
+    return {name: _largest_tension(peak) for name, peak in found if peak is not None}
 
 
 def _margins(course: Course) -> dict[str, Any]:

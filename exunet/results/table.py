@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from itertools import groupby
 from typing import Any
 
+from exunet.forces.from_outside import FIXED_NODES, SCRIPT
 from exunet.results.digits import printed
 from exunet.results.headline import Headline, shown
 from exunet.results.headlines import headline
@@ -39,8 +40,46 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
             f"in this run {len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
         )
         table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
-    table += _without_contact(summary) + [("note", note) for note in summary["notes"]]
+    table += (
+        _capture_rows(summary) + _without_contact(summary) + [("note", note) for note in summary["notes"]]
+    )
     return table + _headline_rows(summary, spread) + _check_rows(summary["check"])
+
+
+def _capture_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """What became of the target."""
+    found = summary.get("capture")
+    if found is None:
+        return []
+    rule = ", ".join(
+        f"{_CONDITIONS[name][0]} {_CONDITIONS[name][1]} {value:g}{_CONDITIONS[name][2]}"
+        f"{'' if found['hold_at_end'][name] else ' (not so at the end)'}"
+        for name, value in found["conditions"].items()
+    )
+    words = f"{found['target']} {found['outcome']}"
+    if found["since_s"] is not None:
+        words += f"; the conditions hold from t = {found['since_s']:.6g} s on"
+    words += f" (rule: {rule}, for {found['duration_s']:g} s until the end)"
+    starts = found.get("moved_starts")
+    if starts is None:
+        return [("capture", f"{words}; in this run alone")]
+    runs = sum(starts.values())
+    return [
+        (
+            "capture",
+            f"{words}; of {runs} moved starts: " + ", ".join(f"{n} {name}" for name, n in starts.items()),
+        )
+    ]
+
+
+_CONDITIONS = {
+    "enclosed": ("enclosed", ">=", ""),
+    "relative_speed_m_s": ("relative speed", "<=", " m/s"),
+    "relative_spin_rad_s": ("relative spin", "<=", " rad/s"),
+    "cqi": ("CQI", "<=", ""),
+    "mcqi": ("MCQI", "<=", ""),
+    "touching": ("elements that touch", ">=", ""),
+}
 
 
 def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
@@ -58,9 +97,10 @@ def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("angular momentum of all", "angular", "kg m2/s", "about the scene's origin"),
     ):
         key = unit.replace("/", "_").replace(" ", "_")
+        givers = (*summary["effects"], FIXED_NODES, SCRIPT)
         gained, left, size = (books[f"{kind}_{one}_{key}"] for one in ("gained", "residual", "size"))
         part = f", {_short(left / size)} as a part of its size {size:.4g} {unit}" if size else ""
-        lines = [one for one in summary["effects"] if f"effect_{one}_impulse_x_N_s" in summary["headlines"]]
+        lines = [one for one in givers if f"effect_{one}_impulse_x_N_s" in summary["headlines"]]
         words = f"changes by at most {_short(gained)} {unit}"
         if lines:
             words += f", by no more than {_short(left)} {unit} beside the impulse of {' and '.join(lines)}"

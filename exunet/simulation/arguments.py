@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from numbers import Real
 
@@ -11,13 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 def finite_number(given: object) -> float | None:
     """A finite number, else None."""
+    if type(given) is float:
+        return given if math.isfinite(given) else None
     if isinstance(given, bool) or not isinstance(given, Real):
         return None
     try:
         number = float(given)
     except OverflowError:  # a whole number or a fraction beyond floating point
         return None
-    return number if np.isfinite(number) else None
+    return number if math.isfinite(number) else None
 
 
 def whole_number(given: object) -> int | None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from exunet.case.stored_times import stored_times
+from exunet.forces.effects import switched_on
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.results.course import instants
@@ -30,6 +31,13 @@ _STORED, _STORED_ELEMENT = 3e-5, 4e-8  # [s] of storing a state
 _REST = 1.2  # [s] of starting, and of drawing the figures
 _NEWTON = 5.0  # right-hand sides of an implicit step, each of them dearer by
 _IMPLICIT = 10.0
+
+# Of the reference: seconds of a right-hand side, of each element, of each that may touch a body, of bodies if
+# there are some, and of starting. Its right-hand sides over those of a run of DOPRI5 with the tolerance [m/s]
+# of most cases, and those of a stored state at least, at which a step ends (benchmarks/reference_rate.md).
+_REFERENCE, _REFERENCE_ELEMENT, _REFERENCE_TOUCHING = 2.4e-4, 1.6e-7, 1.4e-4
+_REFERENCE_BODIES, _REFERENCE_REST = 1.2e-3, 1.0
+_REFERENCE_OVER_RUN, _TOLERANCE, _REFERENCE_STORED = 1.7, 2.5e-9, 12.0
 
 # Right-hand sides of a period of the highest frequency, over 2 pi: folded, nearly deployed.
 _PER_RADIAN = (6.0, 60.0)
@@ -94,6 +102,39 @@ def expected_cost(start: Start, trial: Trial | None = None) -> ExpectedCost:
     )
 
 
+@dataclass(frozen=True)
+class ExpectedCheck:
+    """What the reference is expected to take on the same case, beside a run.
+
+    seconds : wall time [s]; a measured one lies within a factor of `factor`
+    factor  : of uncertainty
+    """
+
+    seconds: float
+    factor: float
+
+
+def expected_check(start: Start, trial: Trial | None = None) -> ExpectedCheck:
+    """The cost of the reference on a run from this start, with its own method and tolerances.
+
+    The trial has counted the right-hand sides of DOPRI5, whose number falls with the fifth root of the
+    tolerance; without one they are guessed as those of a run are.
+    """
+    if trial is None:
+        number, factor = _guessed(start), GUESSED
+    else:
+        looser = (trial.start.plan.tolerance or _TOLERANCE) / _TOLERANCE
+        number = trial.right_hand_sides * looser**0.2
+        factor = EXTRAPOLATED if trial.complete else GUESSED
+    stored = len(stored_times(start.scene.time)) - 1
+    number = max(_REFERENCE_OVER_RUN * number, _REFERENCE_STORED * stored)
+    touching = "contact" in switched_on(start.scene.effects)
+    element = _REFERENCE_ELEMENT + (_REFERENCE_TOUCHING if touching else 0.0)
+    each = _REFERENCE + element * start.net.n_elements
+    each += _REFERENCE_BODIES if start.system.bodies else 0.0
+    return ExpectedCheck(_REFERENCE_REST + number * each, factor)
+
+
 def _right_hand_sides(start: Start, trial: Trial | None) -> tuple[float, float, str]:
     """How many, the factor of uncertainty of the time, and how it was found."""
     plan = start.plan
@@ -104,9 +145,13 @@ def _right_hand_sides(start: Start, trial: Trial | None) -> tuple[float, float, 
     if trial is not None:
         words = f"by a trial to {trial.until:.3g} s"
         return _stages(start) * trial.right_hand_sides, EXTRAPOLATED, words
+    return _guessed(start), GUESSED, "by the net's frequencies"
+
+
+def _guessed(start: Start) -> float:
+    """Right-hand sides of an adaptive method."""
     per_radian = _PER_RADIAN[start.scene.initial.deployed >= auto.NEARLY_DEPLOYED]
-    end = start.scene.time.end
-    return end * (per_radian * largest_frequency(start.system) + 100.0), GUESSED, "by the net's frequencies"
+    return start.scene.time.end * (per_radian * largest_frequency(start.system) + 100.0)
 
 
 def _stages(start: Start) -> float:

@@ -19,6 +19,7 @@ from exunet.simulation.diagnosis import COLLAPSE_ADVICE, LOAD_ADVICE, state_of_w
 from exunet.simulation.element_peaks import ElementPeaks
 from exunet.simulation.envelope import Envelope
 from exunet.simulation.guards import Guards, Look
+from exunet.simulation.kept_series import KeptSeries
 from exunet.simulation.peaks import Peaks
 from exunet.simulation.snapshot import group_of, grouped
 from exunet.system.ejection import Ejection
@@ -46,6 +47,7 @@ class Monitor:
     store    : takes the marked states with their dissipated energy (k,) [J]
     envelope : takes the energies of all good states
     element_peaks : takes the tensions of all good states
+    series   : takes the memories that compiled code keeps, at the times that are gone to
     """
 
     def __init__(
@@ -57,6 +59,7 @@ class Monitor:
         store: Store | None = None,
         envelope: Envelope | None = None,
         element_peaks: ElementPeaks | None = None,
+        series: KeptSeries | None = None,
     ) -> None:
         self._system = system
         self._plan: Plan | None = None
@@ -64,6 +67,7 @@ class Monitor:
         self._store = store
         self._envelope = envelope
         self._element_peaks = element_peaks
+        self._series = series
         self.asks_for_elements = element_peaks is not None
         self._guards = Guards(system, state)
         self._marks: list[float] = []
@@ -74,7 +78,7 @@ class Monitor:
         self._kept_at: dict[float, Arrays] = {}
         memories = (term.memory for term in system.forces.memories)
         self._keeps = {one.name: one for one in memories if one is not None and one.kept_in}
-        self.peaks = Peaks(system.net.groups)
+        self.peaks = Peaks(system.net.spans)
         self.dissipated = system.lost_at_start
         self.last_good = state
         self.safe, self.safe_dissipated = state, self.dissipated
@@ -207,6 +211,8 @@ class Monitor:
         self.peaks.take(extremes.largest)
 
     def remembered(self, time: float, memory: Arrays) -> None:
+        if self._series is not None:
+            self._series.take(time, memory)
         for name, values in memory.items():
             look = self._keeps[name].wrong
             if look is not None and (words := look(values)):

@@ -2,24 +2,37 @@
 
 Steps concentrate late in a run, when the net is taut, so that simulated time says little. Where the number of
 right-hand sides is known beforehand, from equal steps or a trial, what is left of it counts, until the end of
-time comes near. Elsewhere two continuations bound it: as many per simulated second as lately, or a number
-that goes on rising for as long again as it has risen since the start. benchmarks/estimates.md shows how far
-that holds.
+time comes near. Elsewhere two continuations show it: as many per simulated second as lately, or a number that
+goes on rising for as long again as it has risen since the start. But folded nets snap taut in bursts, or
+start taut and slacken: then the rate falls again, to a tenth of what it was. So the least is a part of the
+rate lately or of that since the start, whichever is less. benchmarks/estimates.md shows how far that holds.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 _LATELY = 0.2  # of the wall time so far
 _KEPT = 200  # looks that are kept; of more, every other is dropped
 _STEEPEST = 3.0  # largest power of time by which the number of right-hand sides is continued
-_FEWER = 1.5  # by which the smaller continuation may be too large still
+# By which as many as lately, or as since the start, may be too many: in runs of folded nets (step_rates.json)
+# it was by up to 9.9, where a net that starts taut slackens, and by 4.5 after a burst of snaps.
+_FEWER = 10.0
 # By which the larger one may be too small: nets snap taut late, which no rate before foretells. In runs
 # (tests/data/step_rates.json) it was by up to 4.3 after a quarter of the steps.
 _MORE = 5.0
+_LIKELY = 1.8  # times the middle of both continuations
 _KNOWN = 0.9  # of the expected number, from which on it says nothing more
 _NEAR = 8.0  # power of the part of time that has passed, by which the pace then counts too
+
+
+class Left(NamedTuple):
+    """What is to be expected from now on: the least, what is likely, the most."""
+
+    least: float
+    likely: float
+    most: float
 
 
 class Pace:
@@ -39,32 +52,34 @@ class Pace:
         if len(self._looks) > _KEPT:
             del self._looks[1:-1:2]
 
-    def right_hand_sides_left(self) -> tuple[float, float] | None:
-        """The least and the most that are to be expected from now on; None as long as nothing is known."""
+    def right_hand_sides_left(self) -> Left | None:
+        """How many are to be expected from now on; None as long as nothing is known."""
         if len(self._looks) < 2:
             return None
         (_, begun, none), (_, now, done), (_, before, fewer) = self._looks[0], self._looks[-1], self._lately()
         if not now > before or done <= fewer:
             return None
         rate, rest, passed = (done - fewer) / (now - before), self._end - now, now - begun
-        power = min(max(rate * passed / max(done - none, 1), 1.0), _STEEPEST)
+        mean = (done - none) / passed
+        power = min(max(rate / mean, 1.0), _STEEPEST)
         rising = min(rest, passed)
         risen = (done - none) * ((1.0 + rising / passed) ** power - 1.0)
         risen += rate * 2.0 ** (power - 1.0) * (rest - rising)
+        middle = math.sqrt(rate * rest * risen)
         if self._expected is not None and done < _KNOWN * self._expected and rest > 0.0:
             weight = (passed / (passed + rest)) ** _NEAR
-            number = (self._expected - done) ** (1.0 - weight) * math.sqrt(rate * rest * risen) ** weight
-            return number, number
-        return min(rate * rest, risen) / _FEWER, max(rate * rest, risen) * _MORE
+            number = (self._expected - done) ** (1.0 - weight) * middle**weight
+            return Left(number, number, number)
+        return Left(min(rate, mean) * rest / _FEWER, _LIKELY * middle, max(rate * rest, risen) * _MORE)
 
-    def left(self) -> tuple[float, float] | None:
-        """The least and the most wall time that is to be expected from now on [s]; None: not known yet."""
+    def left(self) -> Left | None:
+        """How much wall time is to be expected from now on [s]; None: not known yet."""
         number = self.right_hand_sides_left()
         if number is None:
             return None
         (wall, _, done), (before, _, fewer) = self._looks[-1], self._lately()
         each = (wall - before) / (done - fewer)
-        return each * number[0], each * number[1]
+        return Left(*(each * one for one in number))
 
     def _lately(self) -> tuple[float, float, int]:
         since = (1.0 - _LATELY) * self._looks[-1][0]

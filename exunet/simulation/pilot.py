@@ -4,7 +4,8 @@ Where all threads snap one after the other, errors grow by a factor of 1e8 withi
 or later by the packing and the length of the strings, and inside a snap they are a hundred times those after
 it: with a tolerance of 3e-10 the paper's net has errors of 1e-9 at 0.08 s and 1e-2 at 0.15 s (packing 0.95,
 strings of 1.4 m). No tolerance that other starts had needed says anything there. So a ladder of tolerances
-is run in the compiled loop, through the run's own stored times, to the run's own end.
+is run in the compiled loop, through the run's own stored times and the instants of poses, to the run's own
+end.
 """
 
 from __future__ import annotations
@@ -122,16 +123,16 @@ def try_tolerances(system: System, state: State, plan: Plan, times: Floats, spee
     plan  : of the run, for the lengths of its steps
     speed : the launch speed [m/s]
     """
-    kernel = loop_kernel(system)
-
+    kernel, stops = loop_kernel(system), stops_of(system, times)
+    stored = np.isin(stops, times)
     left = int(MOST / (METHODS[Method.DOPRI5].stages * system.net.n_elements))
 
     def run(tolerance: float, start: State) -> Floats | None:
         nonlocal left
         loop = CompiledIntegration(system, start, _plan(plan, tolerance * speed), kernel)
-        found = _velocities(loop, system.net.bullet_nodes, times, left)
+        found = _velocities(loop, system.net.bullet_nodes, stops, left)
         left -= loop.counts.steps + loop.counts.rejected
-        return found
+        return None if found is None else found[stored]
 
     shift = np.random.default_rng(0).uniform(-_ROUND_OFF, _ROUND_OFF, state.position.shape)
     shift[system.net.fixed_nodes] = 0.0
@@ -145,6 +146,12 @@ def try_tolerances(system: System, state: State, plan: Plan, times: Floats, spee
     round_off, own = off[0], off[1:]
     envelope = np.maximum.accumulate(own[::-1], axis=0)[::-1]
     return Pilot(times, np.maximum(envelope, round_off))
+
+
+def stops_of(system: System, times: Floats) -> Floats:
+    """Where steps of a run end in any case [s]: its stored times, and the instants of poses between them."""
+    knots = np.array(system.kinematics.knots)
+    return np.union1d(times, knots[(times[0] < knots) & (knots < times[-1])])
 
 
 def _plan(plan: Plan, tolerance: float) -> Plan:

@@ -36,6 +36,7 @@ NO_BULLETS = (
     "no accuracy is promised on this nearly deployed start: it has no bullets, by whose speeds the error of "
     "such starts is measured beforehand; exunet run --estimate-error measures it by all nodes"
 )
+_NO_LIMIT = "step = that between stored times: nothing in the scene swings or is damped, which would limit it"
 
 
 def make_plan(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fault]]:
@@ -59,6 +60,8 @@ def make_plan(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fa
         notes = [f"step {words}: forced"] if words else []
         return _fixed(method, solver.step, spacing, *notes), faults
     kind = "step limit" if METHODS[method].weak else "stable step"
+    if math.isinf(limit):
+        return Plan(method, step=spacing, notes=(_NO_LIMIT,)), []
     note = f"step = {SAFETY:g} x the {kind} {limit:.4g} s of {method}"
     return _fixed(method, SAFETY * limit, spacing, note), []
 

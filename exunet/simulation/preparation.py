@@ -18,8 +18,11 @@ from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.effects import on_the_net_alone
+from exunet.forces.from_outside import SCRIPT, counted, effects_of
+from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.terms import KernelTerm
 from exunet.forces.wrench import wrench_on
+from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
 from exunet.simulation.planning import make_plan, settled_on_the_start, with_forms
@@ -82,10 +85,15 @@ class Start:
 
         states : their first-order states, beside those of effects
         awake  : see `Blocks.awake`
+        Where effects would have lines in the momentum books, these forces have one, together.
         """
-        mine = self.system.blocks
-        blocks = replace(mine, states=(*mine.states, *states), awake=awake)
-        forces = replace(self.system.forces, kernels=(*self.system.forces.kernels, *make(blocks)))
+        mine, line = self.system.blocks, tuple[FirstOrder, ...]()
+        kept = self.system.bodies and METHODS[self.plan.method].kind != Kind.IMPLICIT
+        if kept and SCRIPT not in effects_of(one.name for one in mine.states):
+            line = impulses_of(SCRIPT)
+        blocks = replace(mine, states=(*mine.states, *states, *line), awake=awake)
+        made = counted(SCRIPT, make(blocks), blocks) if kept else make(blocks)
+        forces = replace(self.system.forces, kernels=(*self.system.forces.kernels, *made))
         system = replace(self.system, blocks=blocks, forces=forces)
         state = replace(self.state, memory=dict(system.memory), first_order=blocks.initial_states)
         return replace(self, system=system, state=state)

@@ -18,12 +18,14 @@ from exunet.bodies.wireframe import wireframe
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.methods.plan import Plan
+from exunet.results.capture import RULE
 from exunet.results.columns import STATES, BodyConstants, Column, body_path, declare, state_column
 from exunet.results.from_rows import result_of_rows
 from exunet.results.result import Result
 from exunet.results.store import MemoryStore, RowStore
 from exunet.simulation.element_peaks import ElementPeaks
 from exunet.simulation.envelope import Envelope
+from exunet.simulation.kept_series import KeptSeries, series_of
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.system.states import States
@@ -58,7 +60,12 @@ def _fixed_to(system: System, number: int) -> NDArray[np.int64] | None:
 def columns_of(system: System) -> tuple[Column, ...]:
     """What is stored of each state."""
     states = (state_column(one.name, len(one.initial), one.units) for one in system.blocks.states)
-    return (*declare(system.net.n_nodes, system.net.n_elements, constants_of_bodies(system)), *states)
+    series = (state_column(one.name, 1, one.units) for _, one in series_of(system))
+    return (
+        *declare(system.net.n_nodes, system.net.n_elements, constants_of_bodies(system)),
+        *states,
+        *series,
+    )
 
 
 class Recorder:
@@ -67,6 +74,7 @@ class Recorder:
     times    : (n,) of the states to be stored [s]
     envelope : takes the energies of all steps
     element_peaks : takes their tensions
+    series   : takes the memories at the stored times
     story    : provenance so far, JSON-like
     """
 
@@ -75,6 +83,7 @@ class Recorder:
         self.times = stored_times(start.scene.time)
         self.envelope = Envelope(self.times)
         self.element_peaks = ElementPeaks(self.times, start.net.n_elements)
+        self.series = KeptSeries(start.system, start.state.time, start.state.memory)
         self.rows: RowStore = MemoryStore(columns_of(start.system)) if store is None else store
         self.story: dict[str, Any] = dict(provenance) | first_story(start)
         self._waiting: list[tuple[States, Floats]] = []
@@ -151,6 +160,9 @@ class Recorder:
         for one in blocks.states:
             rows[STATES + one.name] = states.first_order[:, first : first + len(one.initial)]
             first += len(one.initial)
+        seen = self.series.at(states.time)
+        for k, (_, series) in enumerate(series_of(self._start.system)):
+            rows[STATES + series.name] = seen[:, k : k + 1]
         return rows
 
     def go_back(self, time: float) -> None:
@@ -195,7 +207,7 @@ class Recorder:
         """Append what is left; the verdict and the provenance for the result."""
         self.flush()
         self.story["largest_tension"] = monitor.peaks.provenance()
-        if self._start.net.tethers:
+        if len(self._start.net.spans) > 1:
             self.story["largest_tensions"] = monitor.peaks.of_groups()
         self.story["peak_tensions_N"] = self.element_peaks.largest.tolist()
         self.story["energy_scale_J"] = monitor.energy_scale
@@ -225,6 +237,7 @@ def first_story(start: Start) -> dict[str, Any]:
         "notes": list(start.plan.notes),
         "engine": start.scene.engine.model_dump(),
         "effects": sorted(switched_on(start.scene.effects)),
+        **({} if (rule := start.scene.verdict) is None else {RULE: rule.model_dump()}),
         "retries": [],
         "items": {},
         "build_seconds": 0.0,

@@ -78,7 +78,7 @@ class Simulation:
         kept: dict[str, Any] = {}
         if recorder is not None:
             kept = {"store": recorder.store, "envelope": recorder.envelope}
-            kept["element_peaks"] = recorder.element_peaks
+            kept |= {"element_peaks": recorder.element_peaks, "series": recorder.series}
         self._monitor = Monitor(self._start.system, state, **kept)
         self._control: Control | None = None
         self._spent = StepCounts()

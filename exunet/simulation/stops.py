@@ -33,7 +33,7 @@ class Stops:
         """One more, after the others; the array is kept as it is, once for stops with the same vector."""
         last = self._forces[-1] if self._forces else force
         self._times.append(time)
-        self._forces.append(last if np.array_equal(force, last) else force)
+        self._forces.append(last if force is last or np.array_equal(force, last) else force)
 
     def after(self, time: float) -> int:
         """Number of the first stop after a time [s]."""

@@ -6,7 +6,6 @@ takes the one that `engine.loop = "auto"` would: at the same accuracy the number
 
 from __future__ import annotations
 
-import math
 import time as clock
 from dataclasses import dataclass, replace
 
@@ -18,7 +17,7 @@ from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import kept_before, numba_installed, require_numba
 from exunet.methods.keys import AUTO
 from exunet.methods.method import METHODS, Kind, TimeLoop
-from exunet.simulation.pace import Pace
+from exunet.simulation.pace import Left, Pace
 from exunet.simulation.preparation import Start, prepare
 from exunet.simulation.simulation import Simulation
 
@@ -99,8 +98,8 @@ def _tried(start: Start, budget: float) -> Trial | None:
         spent = now
         pace.look(spent, simulation.time, simulation.counts.right_hand_sides)
     done = simulation.counts.right_hand_sides
-    left = (0.0, 0.0) if simulation.time >= end else pace.right_hand_sides_left()
+    left = Left(0.0, 0.0, 0.0) if simulation.time >= end else pace.right_hand_sides_left()
     if left is None or done <= none:
         return None
-    number = done + math.sqrt(left[0] * left[1])
+    number = done + left.likely
     return Trial(start, simulation.time >= end, simulation.time, number, spent / (done - none))

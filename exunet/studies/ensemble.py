@@ -18,14 +18,17 @@ from exunet.backends.compiled.side_by_side import RunsSideBySide, side_by_side_k
 from exunet.base.errors import InputError, RunStopped
 from exunet.bodies.rigid import RigidStates
 from exunet.case.stored_times import stored_times
+from exunet.case.verdict import Verdict
 from exunet.codegen.compile import WIDTH, kept_before
 from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import effects_of
 from exunet.methods.method import COMPILED_METHODS
+from exunet.results.capture import Measures
 from exunet.results.clearance import Pair
 from exunet.results.course import Course
 from exunet.results.margins import Groups, Peak
 from exunet.simulation.expected_cost import seconds_of_a_course
+from exunet.simulation.kept_series import series_of
 from exunet.simulation.preparation import Start
 from exunet.simulation.refinement import finer
 from exunet.simulation.trial import is_compiled
@@ -58,6 +61,8 @@ class Ensemble(Measured):
     gap           : (runs, t, n_pairs) distance of two bodies, surface to surface [m]
     loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
                      strength is known, and in which element
+    capture       : (runs, t, 6) the fields of `exunet.results.capture.Measures`; (runs, t, 0) without a rule
+    contact       : (runs, t, n_series) what is stored of contacts
     ends          : (runs, 2, n_bodies + n_outside + 1) records `exunet.results.ends.END` at the start and
                      at the end
     ejection      : (runs,) work of the ejection of the net [J]; zeros unless the scene `ejects` it
@@ -66,12 +71,14 @@ class Ensemble(Measured):
     largest_tension, time_of_largest_tension : (runs,) of all steps, stored or not [N], [s]
     element_of_largest_tension : (runs,) in which element; -1: none was ever taut
     right_hand_sides : (runs,) evaluations of the forces
-    peak_names    : of these groups (`Net.groups`)
+    peak_names    : of these groups (`Net.spans`)
     body_names, tether_names, reel_names : of those bodies and tethers
     turning, guided : the bodies that have an attitude; those whose motion is given
     outside       : effects whose impulse is kept
     pairs         : of bodies with shapes, their names
     groups        : of elements whose strength is known; None: of none
+    rule          : of the capture; None: the case has none
+    contact_names : of the series of contacts
     """
 
     time: Floats
@@ -82,6 +89,7 @@ class Ensemble(Measured):
     time_of_largest_tension: Floats
     element_of_largest_tension: NDArray[np.int64]
     right_hand_sides: NDArray[np.int64]
+    contact: Floats
     peak_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()
     ejects: bool = False
@@ -92,6 +100,8 @@ class Ensemble(Measured):
     reel_names: tuple[str, ...] = ()
     pairs: tuple[Pair, ...] = ()
     groups: Groups | None = None
+    rule: Verdict | None = None
+    contact_names: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.area)
@@ -128,6 +138,9 @@ class Ensemble(Measured):
             groups=self.groups,
             loaded=self.loaded[run],
             loaded_element=self.loaded_element[run],
+            rule=self.rule,
+            capture=None if self.rule is None else Measures(*self.capture[run].T),
+            contact={name: self.contact[run][:, k] for k, name in enumerate(self.contact_names)},
         )
 
 
@@ -280,7 +293,7 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
     return Ensemble(
         time=times,
         **columns,
-        peak_names=tuple(start.net.groups),
+        peak_names=tuple(start.net.spans),
         body_names=(*blocks.body, *blocks.rigid),
         ejects=start.system.throw is not None
         or any(switch.heading == Ejection.heading for _, switch in start.system.forces.switches),
@@ -291,6 +304,8 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
         reel_names=tuple(winding.name for winding in start.system.forces.cable.reels),
         pairs=tuple(shown_pairs(start.system)),
         groups=Groups.of(start.net),
+        rule=start.scene.verdict,
+        contact_names=tuple(one.name for _, one in series_of(start.system)),
     )
 
 

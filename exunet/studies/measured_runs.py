@@ -17,15 +17,18 @@ from exunet.backends.protocol import IntegrationFailed, StepsCollapsed
 from exunet.base.errors import RunStopped
 from exunet.bodies.body import in_frames
 from exunet.bodies.kinematics import GIVEN
+from exunet.case.verdict import Verdict
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.results import measures as metrics
+from exunet.results.capture import capture, target_of
 from exunet.results.clearance import MOST_PAIRS, Pair, gaps, pairs_of
 from exunet.results.course import REEL_STATES
 from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
 from exunet.results.result import BodyStates
+from exunet.simulation.kept_series import KeptSeries
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
 from exunet.system.states import States
@@ -57,6 +60,7 @@ class Measured:
     gap: Floats
     loaded: Floats
     loaded_element: Ints
+    capture: Floats
 
 
 MEASURED = tuple(one.name for one in fields(Measured))
@@ -77,6 +81,7 @@ class MeasuredRun(NamedTuple):
     time_of_largest_tension: float
     element_of_largest_tension: int
     right_hand_sides: int
+    contact: Floats
 
 
 def shown_pairs(system: System) -> list[Pair]:
@@ -105,7 +110,26 @@ def _gaps(states: States) -> Floats:
     return gaps(pairs, shapes, poses)
 
 
-def _measured(states: States, dissipated: Floats) -> Measured:
+def _capture(states: States, rule: Verdict | None) -> Floats:
+    """(k, 6) the measures of a capture; (k, 0) without a rule."""
+    if rule is None:
+        return np.zeros((len(states), 0))
+    system = states.system
+    number = [body.name for body in system.bodies].index(rule.target)
+    shape = system.bodies[number].shape
+    assert shape is not None  # which a check of the case sees to
+    framed = in_frames(system.bodies, states.bodies)
+    own = system.bodies[number]
+    pose = own.frame_poses(states.bodies.position[:, number], states.bodies.attitude[:, number])
+    nodes = slice(0, system.net.n_nodes)
+    points = states.position[:, nodes], states.velocity[:, nodes]
+    twist = [framed.velocity[:, number], framed.angular_velocity[:, number]]
+    body = pose, np.concatenate(twist, axis=1)
+    found = capture(system.net, rule, target_of(shape, own.centre), points, body)
+    return np.stack(found, axis=1)
+
+
+def _measured(states: States, dissipated: Floats, rule: Verdict | None = None) -> Measured:
     net = states.system.net
     tension = states.tension
     masses = list(states.system.blocks.body.values())
@@ -125,6 +149,7 @@ def _measured(states: States, dissipated: Floats) -> Measured:
         gap=_gaps(states),
         loaded=loaded,
         loaded_element=loaded_element,
+        capture=_capture(states, rule),
     )
 
 
@@ -174,6 +199,7 @@ def _joined(
     ends: NDArray[np.void],
     monitor: Monitor,
     right_hand_sides: int,
+    contact: Floats,
 ) -> MeasuredRun:
     """All of a run at its times, from what was measured in parts of it."""
     peak, story = monitor.peaks.provenance(), monitor.story()
@@ -188,22 +214,25 @@ def _joined(
         peak["time_s"],
         peak["element"],
         right_hand_sides,
+        contact,
     )
 
 
 def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> MeasuredRun:
     """Through the stored times, with guards and events, as a run."""
     first = last = States.of(start.system, start.state)
-    parts = [_measured(first, np.array([start.system.lost_at_start]))]
+    rule = start.scene.verdict
+    parts = [_measured(first, np.array([start.system.lost_at_start]), rule)]
+    series = KeptSeries(start.system, start.state.time, start.state.memory)
 
     def store(states: States, dissipated: Floats, *, again: bool = False) -> None:
         nonlocal last
         if again:
             parts[-1] = _rows(parts[-1], 0, -1)
-        parts.append(_measured(states, dissipated))
+        parts.append(_measured(states, dissipated, rule))
         last = states
 
-    monitor = Monitor(start.system, start.state, store=store)
+    monitor = Monitor(start.system, start.state, store=store, series=series)
     monitor.explain(start.plan)
     stops = start.state.memory or start.system.kinematics.knots
     through = _from_time_to_time if stops else _in_stretches
@@ -212,7 +241,8 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
     except IntegrationFailed as failure:
         collapsed = isinstance(failure, StepsCollapsed)
         raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
-    return _joined(parts, times, _ends(first, last, monitor.story()), monitor, right_hand_sides)
+    ends = _ends(first, last, monitor.story())
+    return _joined(parts, times, ends, monitor, right_hand_sides, series.at(times))
 
 
 def _from_time_to_time(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:
@@ -270,8 +300,11 @@ def runs_side_by_side(
                 monitors[run] = None
             monitor.peaks.take(loop.largest_tensions(run))
             parts[run].append(_rows(measured, first + 1, first + len(stretch)))
+    nothing = np.zeros((len(times), 0))  # scenes with contact do not go side by side
     return [
-        None if monitor is None else _joined(parts[run], times, no_ends(), monitor, loop.right_hand_sides)
+        None
+        if monitor is None
+        else _joined(parts[run], times, no_ends(), monitor, loop.right_hand_sides, nothing)
         for run, monitor in enumerate(monitors)
     ]
 

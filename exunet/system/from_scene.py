@@ -20,6 +20,7 @@ from exunet.forces.effects import (
     point_masses,
     touched_bodies,
 )
+from exunet.forces.from_outside import FIXED_NODES, with_reactions
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.reel import Winding, reel_term, states_of
 from exunet.methods.method import METHODS, Kind
@@ -67,7 +68,8 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     throw = booked(throw, held, rigid, net, position, (before, velocity))
     names = tuple(body.name for body in rigid.bodies)
     of_reels = (state for reel in reels for state in states_of(reel))
-    given = (state for effect in _with_lines(scene) for state in impulses_of(effect))
+    lines = _with_lines(scene, net)
+    given = (state for name in lines for state in impulses_of(name))
     states = (*rigid.given, *of_reels, *first_order_states(scene.effects), *given)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
@@ -82,6 +84,8 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     constraint = kinematics.term(blocks)
     if later > 0.0:
         constraint = ejecting(constraint, later, axes, rigid, blocks, added)
+    if FIXED_NODES in lines:
+        constraint = with_reactions(constraint, blocks)
     forces = replace(forces_of(scene.effects, blocks, faults), constraint=constraint)
     if reels:
         windings = tuple(Winding(reel, blocks, forces.cable.law) for reel in reels)
@@ -106,11 +110,16 @@ def _surfaces(scene: Scene, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> di
     return found
 
 
-def _with_lines(scene: Scene) -> tuple[str, ...]:
-    """The effects whose impulses are kept: of scenes with bodies, by methods that have first-order states."""
+def _with_lines(scene: Scene, net: Net) -> tuple[str, ...]:
+    """What has its impulse kept: effects, what holds fixed nodes.
+
+    In scenes with bodies, by methods that have first-order states.
+    """
     method = scene.solver.method
     implicit = method != "auto" and METHODS[method].kind == Kind.IMPLICIT
-    return from_outside(scene.effects) if scene.bodies and not implicit else ()
+    if not scene.bodies or implicit:
+        return ()
+    return (*from_outside(scene.effects), *((FIXED_NODES,) if len(net.fixed_nodes) else ()))
 
 
 def _with_strength(net: Net, scene: Scene) -> Net:

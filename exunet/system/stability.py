@@ -101,9 +101,10 @@ def stable_step(method: Method, frequency: float, damping_rate: float = 0.0) -> 
     if METHODS[method].kind == Kind.IMPLICIT or (frequency == 0.0 and damping_rate == 0.0):
         return math.inf
     if method == Method.VELOCITY_VERLET:
-        # Central differences with the damping force taken at the start of the step.
-        ratio = damping_rate / (2.0 * frequency) if frequency else math.inf
-        return 2.0 / frequency * (math.hypot(1.0, ratio) - ratio) if frequency else 0.0
+        # Central differences with the damping force taken at the start of the step: 2/w (sqrt(1 + z^2) - z)
+        # with z = c / 2w, written so that w may be zero.
+        half = damping_rate / 2.0
+        return 2.0 / (math.hypot(frequency, half) + half)
     return _explicit_limit(method, frequency, damping_rate, _ROUND_OFF)
 
 

@@ -69,6 +69,7 @@ def _differences(case: BothCodes) -> Iterator[Check]:
     yield difference("mass of bodies", masses, beside.mass[order], TOPOLOGY, ("body",))
     inertia = np.array([body.inertia_in_frame for body in system.bodies]).reshape(-1, 3, 3)
     yield difference("inertia", inertia, beside.inertia[rigid], TOPOLOGY, ("body", "xyz", "axis"))
+    yield from _throw(case)
     ours = case.theirs_at(case.start.state.moving)
     for name, a, b in (("position", ours.x, theirs.x0), ("velocity", ours.v, theirs.v0)):
         a, b = a[case.reference_nodes], b[case.reference_nodes]
@@ -77,3 +78,16 @@ def _differences(case: BothCodes) -> Iterator[Check]:
         a, b = getattr(ours.bodies, name)[order], getattr(theirs.bodies0, name)[order]
         axes = ("body", "xyz", "axis")[: a.ndim]
         yield difference(f"initial {name.replace('_', ' ')} of bodies", a, b, TOPOLOGY, axes)
+
+
+def _throw(case: BothCodes) -> Iterator[Check]:
+    """What books hold at time 0, if a body throws the net then: impulse, angular impulse, work, energy."""
+    throw, begun = case.start.system.throw, case.theirs.system.begun
+    if throw is None and begun is None:
+        return
+    ours, theirs = np.zeros(8), np.zeros(8)
+    if throw is not None:
+        ours[:] = [*throw.impulse, *throw.angular_impulse, throw.work, case.start.system.lost_at_start]
+    if begun is not None:
+        theirs[:] = [*begun.given, begun.left]
+    yield difference("books of the throw", ours, theirs, TOPOLOGY, ("number",))

@@ -25,6 +25,7 @@ from scipy.optimize import brentq
 from scipy.special import gamma
 
 import exunet
+from exunet.forces.contact.status import status_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.ci]  # one kernel, compiled in a minute
 
@@ -41,7 +42,8 @@ def bounced(folder: Path, which: slice, keys: dict[str, Any], *changes: str, unt
     sim.advance(until)
     velocity = sim.net.velocity[which]
     assert np.ptp(velocity[:, 2]) < 1e-9
-    assert sim.view.memory[f"contact/{'threads' if which is THREADS else 'bullets'}/plate"][-6] > 0.0
+    memory = sim.view.memory[f"contact/{'threads' if which is THREADS else 'bullets'}/plate"]
+    assert status_of(memory).first_touch > 0.0
     return float(velocity[0, 2])
 
 
@@ -108,9 +110,9 @@ def test_the_time_of_a_hertzian_impact(tmp_path: Path) -> None:
     assert sim.net.velocity[0, 2] == pytest.approx(1.0, abs=1e-6)
     height = sim.net.position[0, 2] - (-0.05 + 0.02)
     assert 0.1 - 0.03 - height == pytest.approx(known, rel=1e-6)
-    status = sim.view.memory["contact/bullets/plate"][-9:]
-    assert status[0] == pytest.approx(deepest, rel=1e-6)  # the largest depth
-    assert status[3] == pytest.approx(0.03, abs=1.5 * step)  # when it touched first
+    status = status_of(sim.view.memory["contact/bullets/plate"])
+    assert status.depth == pytest.approx(deepest, rel=1e-6)
+    assert status.first_touch == pytest.approx(0.03, abs=1.5 * step)
 
 
 # Friction

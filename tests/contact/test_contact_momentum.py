@@ -11,6 +11,7 @@ from contact_scenes import THROWN, simulation, taken_by_contact
 
 import exunet
 from exunet.bodies.rigid import rotation_matrix
+from exunet.forces.contact.status import status_of
 from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
 from exunet.results.measures import dissipation
@@ -49,7 +50,7 @@ def momenta(sim: Simulation) -> tuple[Floats, Floats, float, float]:
 def touched(sim: Simulation) -> tuple[float, float]:
     """The most threads and bullets that touched at once."""
     memory = sim.view.memory
-    return memory["contact/threads/box"][-2], memory["contact/bullets/box"][-2]
+    return status_of(memory["contact/threads/box"]).most, status_of(memory["contact/bullets/box"]).most
 
 
 def energy(sim: Simulation) -> tuple[float, Floats]:

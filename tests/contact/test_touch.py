@@ -23,7 +23,7 @@ from touched_solids import (
 )
 
 from exunet.bodies.shapes import Solid
-from exunet.forces.contact.touching_loops import find_spans, span, touch
+from exunet.forces.contact.touching_loops import find_spans, lay, span, touch
 
 Floats = np.ndarray
 STIFFNESS, THICK = 3.0, 0.01  # N/m2, m
@@ -66,7 +66,7 @@ def touched(
     c = contact_of(surface(SHAPES[name]), STIFFNESS, damping)
     a, b, v, w = (tuple(map(float, part)) for part in (a, b, v, w))
     m = find_spans(c, THICK, a, b)
-    found = m > 0 and touch(c, THICK, a, b, v, w, m, c.sums)
+    found = m > 0 and touch(c, THICK, v, w, m, c.sums)
     return c.sums.copy() if found else np.zeros(12)
 
 
@@ -151,7 +151,8 @@ def test_spans_are_where_the_distance_is_less(name: str) -> None:
         c = contact_of(surface(SHAPES[name]))
         own = depths_of(name, a + s[:, None] * (b - a))[1]
         for n, solid in enumerate(SHAPES[name]):
-            low, high = span(c, n, rounding_of(solid, EDGE) + THICK, a, b)
+            lay(c, n, a, b)
+            low, high = span(c, n, rounding_of(solid, EDGE) + THICK)
             is_near = own[:, n] > 0.0
             near += bool(is_near.any())
             parts += bool(is_near.any() and not is_near.all())

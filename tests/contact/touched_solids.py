@@ -68,6 +68,7 @@ def contact_of(touched: Surface, stiffness: float = 3.0, damping: float = 0.0) -
         **touched.cores._asdict(),
         stiffness=stiffness,
         damping=damping,
+        lines=np.zeros((number, 6)),
         spans=np.zeros((number, 2)),
         splits=np.zeros(16 * number),
         sums=np.zeros(12),

@@ -11,7 +11,7 @@ from exunet.backends.compiled import loop, schemes
 from exunet.backends.exudyn.model import Model
 from exunet.bodies import constraint_loops, rigid
 from exunet.bodies.body import RigidBody
-from exunet.forces import on_bodies, reel, reel_loops
+from exunet.forces import from_outside, on_bodies, reel, reel_loops
 from exunet.system import bodies, carried, drum, ejection, exchange, from_scene
 from exunet.system.system import System
 from reference_impl import bodies as reference_bodies
@@ -155,6 +155,25 @@ _of_step(
     "turn",
     f"z[q] * v[k] + {CROSS}",
     f"z[q] * v[k] - ({CROSS})",
+)
+_of_text(
+    "throw_without_recoil",
+    "bodies_launch",
+    "energy that a throw at time 0 gives its chaser left out of the books",
+    carried,
+    "booked",
+    " + float(next(energies) - next(energies))",
+    "",
+    (from_scene,),
+)
+_of_text(
+    "line_of_angular_impulse",
+    ORBIT,
+    "angular impulse of an effect with the wrong sign in one part",
+    from_outside,
+    "count_position_product",
+    "force[rate + 5] += x[first] * b",
+    "force[rate + 5] -= x[first] * b",
 )
 of_result(
     "reference_gradient", 8, "torques of the field with the wrong sign", fields, "torques", np.negative, ORBIT

@@ -111,7 +111,7 @@ class Seen(NamedTuple):
     """What is seen of steps, and what that takes.
 
     peaks            : one record `PEAKS`
-    largest          : (n_groups,) a record `LARGEST` of each group of `Net.groups`
+    largest          : (n_groups,) a record `LARGEST` of each group of `Net.spans`
     bounds           : (n_groups + 1,) the first element of each group, and the number of elements
     half             : (n_v,) half the mass or inertia [kg], [kg m2]
     ends             : (n_elements, 2) nodes of the elements
@@ -240,7 +240,7 @@ def seen_nothing(system: System) -> Seen:
     twice = np.zeros(system.net.n_elements) if law.relaxation_time is None else 2.0 * law.relaxation_time
     peaks = np.zeros(1, dtype=PEAKS)
     peaks["kinetic"] = peaks["keep_above"] = peaks["look_above"] = np.inf
-    groups = system.net.groups.values()
+    groups = system.net.spans.values()
     largest = np.zeros(len(groups), dtype=LARGEST)
     largest["element"] = -1
     bounds = np.array([0, *(group.stop for group in groups)])

@@ -15,6 +15,7 @@ from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel, net_kernel, term_kernel
 from exunet.codegen.linearised import Linearised
 from exunet.forces.cable_term import SomeElements
+from exunet.forces.from_outside import FIXED_NODES, effects_of
 from exunet.forces.terms import Memories
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
@@ -83,7 +84,7 @@ def expected_items(system: System, *, fused: bool) -> dict[str, int]:
             "ObjectGenericODE2": generic,
         }
     counts["ObjectRigidBody"] = int(system.moves_freely.sum())
-    counts["ObjectGenericODE1"] = bool(system.blocks.states)
+    counts["ObjectGenericODE1"] = int(bool(system.blocks.states))
     return {kind: number for kind, number in counts.items() if number}
 
 
@@ -115,10 +116,13 @@ def _native(system: System) -> NDArray[np.bool_]:
     """(n_elements,) True for elements between points that the engine knows.
 
     It does not know where a body holds a point for a while: what joins such a point to one that is not held
-    is left to the kernel. Within a packed net distances stay; on a drum elements carry nothing.
+    is left to the kernel. Within a packed net distances stay; on a drum elements carry nothing. Nor does it
+    tell what holds fixed nodes: where that is kept, the kernel has the elements that end there.
     """
     ends, kinematics = system.net.element_nodes, system.kinematics
     native = ~np.isin(ends, kinematics.point).any(axis=1)
+    if FIXED_NODES in effects_of(one.name for one in system.blocks.states):
+        native &= ~np.isin(ends, system.net.fixed_nodes).any(axis=1)
     for held in kinematics.held:
         native &= np.isin(ends, held.points).sum(axis=1) != 1
     return np.asarray(native)

@@ -19,11 +19,12 @@ from exunet.forces.contact.frame_loops import (
 )
 from exunet.forces.contact.friction_loops import FRICTION, friction, regularised_friction, shift_for
 from exunet.forces.contact.near_loops import keep_row, remember_status
+from exunet.forces.contact.status import memory_of, untouched
 from exunet.forces.contact.threads import ROW, Friction
-from exunet.forces.contact.trouble import STATUS, trouble
+from exunet.forces.contact.trouble import trouble
 from exunet.forces.cores import Surface
 from exunet.forces.loops import Index
-from exunet.forces.terms import KernelTerm, Memory
+from exunet.forces.terms import KernelTerm
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -89,9 +90,9 @@ def bullet_contact(
     net = blocks.net
     nodes = net.bullet_nodes[~np.isin(net.bullet_nodes, surface.attached)]
     spring = np.full(len(nodes), rubbing.ratio * law.along)
-    kept = np.zeros(ROW * len(nodes) + STATUS)
-    kept[: ROW * len(nodes) : ROW] = -1.0 if inside else 0.0
-    kept[-STATUS + 3] = -1.0
+    rows = np.zeros((len(nodes), ROW))
+    rows[:, 0] = -1.0 if inside else 0.0
+    kept = untouched(rows)
     data = BulletContact(
         (3 * nodes).astype(Index),
         radius,
@@ -113,7 +114,7 @@ def bullet_contact(
         rubbing.slip_speed,
         kept,
         np.zeros((len(nodes), ROW)),
-        np.zeros(5),
+        np.zeros(6),
         np.zeros((3, 3)),
     )
     numbers = np.flatnonzero(np.isin(net.bullet_nodes, nodes))
@@ -129,7 +130,7 @@ def bullet_contact(
         (*FRAMES, *DISTANCES, keep_row, remember_status, *FRICTION, *_OWN),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=_stiffness_rate(blocks, body, surface, data),
-        memory=Memory(f"contact/bullets/{body}", kept, kept_in="kept", wrong=wrong),
+        memory=memory_of("bullets", body, kept, wrong),
         remember=remember_bullet_contact,
         internal=True,
     )
@@ -200,6 +201,7 @@ def add_bullet(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     rate = -(d * w[0] + e * w[1] + f * w[2])
     elastic = c.stiffness * depth**c.exponent
     across = elastic * max(1.0 + c.damping * rate, 0.0)
+    c.now[5] += across
     force[c.taken] += (across - elastic) * rate
     on = (across * d, across * e, across * f)
     if c.friction > 0.0:

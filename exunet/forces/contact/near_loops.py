@@ -59,7 +59,7 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
 
 
 def remember_status(t: float, c: Any, status: Any) -> None:
-    """The largest depth, the first touch, and what has gone wrong by the end of an accepted step."""
+    """The `Status` at the end of an accepted step."""
     now = c.now
     if now[0] > status[0]:
         status[0] = now[0]
@@ -68,6 +68,8 @@ def remember_status(t: float, c: Any, status: Any) -> None:
     if now[2] > 0.0 and status[3] < 0.0:
         status[3] = t
     status[7] = max(status[7], now[2])
+    status[9] = now[2]
+    status[10] = now[5]
     way = now[3] * (t - status[8])
     status[8] = t
     wrong = 1.0 if now[4] < 0.0 else 2.0 if way > c.least else 3.0 if now[4] > 0.0 else 0.0

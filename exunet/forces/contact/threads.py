@@ -24,11 +24,12 @@ from exunet.forces.contact.friction_loops import (
     shift_for,
 )
 from exunet.forces.contact.near_loops import NEAR, choose_near, is_near, keep_row, remember_status
+from exunet.forces.contact.status import memory_of, untouched
 from exunet.forces.contact.touching_loops import TOUCHING, find_spans, touch
-from exunet.forces.contact.trouble import STATUS, trouble
+from exunet.forces.contact.trouble import trouble
 from exunet.forces.cores import Cores, Surface
 from exunet.forces.loops import Index
-from exunet.forces.terms import KernelTerm, Memory
+from exunet.forces.terms import KernelTerm
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -67,15 +68,16 @@ class ThreadContact(NamedTuple):
     friction, slip_speed : as `Friction`
     kept     : (ROW m + STATUS,) the memory
     after    : (m, ROW) what the memory would be after the state that was looked at last
-    now      : (5,) of that state: largest depth [m], its pair, pairs that touch, speed against the body of
+    now      : (6,) of that state: largest depth [m], its pair, pairs that touch, speed against the body of
                what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0 of one
-               that is too deep, or 0
+               that is too deep, or 0; sum of the forces across the surface [N]
     near     : (m,) numbers of the pairs that are looked at, in order
     listed   : (m,) 1.0 for these
     look     : (4,) how many there are, when they were chosen [s], how long they are right [s], and the
                largest speed of any thread against the body then [m/s]
     frame    : (3, 3) work space: the rotation of the body
     own      : (3 n_nodes,) work space: places of the nodes in the body's axes [m]
+    lines    : (n, 6) work space: the thread in the axes of each core, where it begins and to where it goes
     spans, splits, sums, rule : work space and Gauss's rules, see `touching_loops`
     """
 
@@ -112,6 +114,7 @@ class ThreadContact(NamedTuple):
     look: Floats
     frame: Floats
     own: Floats
+    lines: Floats
     spans: Floats
     splits: Floats
     sums: Floats
@@ -134,9 +137,9 @@ def thread_contact(
     stiffness, damping = law
     spring = rubbing.ratio * stiffness * length
     mass = net.density[element] * net.area[element] * length
-    kept = np.zeros(ROW * len(element) + STATUS)
-    kept[: ROW * len(element) : ROW] = np.where(np.isin(element, inside), -1.0, 0.0)
-    kept[-STATUS + 3] = -1.0
+    rows = np.zeros((len(element), ROW))
+    rows[:, 0] = np.where(np.isin(element, inside), -1.0, 0.0)
+    kept = untouched(rows)
     cores: Cores = surface.cores
     data = ThreadContact(
         (3 * ends[:, 0]).astype(Index),
@@ -161,12 +164,13 @@ def thread_contact(
         rubbing.slip_speed,
         kept,
         np.zeros((len(element), ROW)),
-        np.zeros(5),
+        np.zeros(6),
         np.zeros(len(element), dtype=np.int64),
         np.zeros(len(element)),
         np.array([0.0, 0.0, -1.0, 0.0]),
         np.zeros((3, 3)),
         np.zeros(3 * net.n_nodes),
+        np.zeros((len(cores.kind), 6)),
         np.zeros((len(cores.kind), 2)),
         np.zeros(16 * len(cores.kind)),
         np.zeros(12),
@@ -186,7 +190,7 @@ def thread_contact(
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=rates[0],
         damping_rate=rates[1],
-        memory=Memory(f"contact/threads/{body}", kept, kept_in="kept", wrong=wrong),
+        memory=memory_of("threads", body, kept, wrong),
         remember=remember_thread_contact,
         internal=True,
     )
@@ -225,6 +229,7 @@ def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     now[0] = 0.0
     now[1] = -1.0
     now[2] = 0.0
+    now[5] = 0.0
     now[4] = max(now[4], 0.0)  # an attempt that was rejected may have been too deep
     number = int(c.look[0])
     now[3] = c.look[3] if number > 0 else 0.0
@@ -255,12 +260,13 @@ def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
         return
     w_a = velocity_against_body(v, i, c.centre, c.spin, c.frame, a)
     w_b = velocity_against_body(v, j, c.centre, c.spin, c.frame, b)
-    if not touch(c, c.thick[k], a, b, w_a, w_b, m, sums):
+    if not touch(c, c.thick[k], w_a, w_b, m, sums):
         row[0] = 0.0
         return
     if kept[5 * k] < 0.0:
         return
     c.now[2] += 1.0
+    c.now[5] += c.length[k] * sums[6]
     if sums[10] > c.now[0]:
         c.now[0] = sums[10]
         c.now[1] = k
@@ -356,7 +362,7 @@ def thread_contact_potential(x: Any, c: Any) -> float:
             a = place_in_body(x, c.first[k], c.centre, c.frame)
             b = place_in_body(x, c.second[k], c.centre, c.frame)
             m = find_spans(c, c.thick[k], a, b)
-            if m > 0 and touch(c, c.thick[k], a, b, rest, rest, m, c.sums):
+            if m > 0 and touch(c, c.thick[k], rest, rest, m, c.sums):
                 total += c.length[k] * c.sums[9]
     return total
 

@@ -16,17 +16,25 @@ import numpy as np
 
 from exunet.forces.contact.core_loops import (
     core_distance,
-    core_gradient,
     core_point,
     core_vector,
+    from_core,
     is_flat,
 )
 
 
-def span(c: Any, n: int, reach: float, a: Any, b: Any) -> Any:
+def lay(c: Any, n: int, a: Any, b: Any) -> None:
+    """Put the thread into the axes of core n: its beginning and b - a there, c.lines[n]."""
+    line = c.lines[n]
+    line[0], line[1], line[2] = core_point(c, n, a[0], a[1], a[2])
+    line[3], line[4], line[5] = core_vector(c, n, b[0] - a[0], b[1] - a[1], b[2] - a[2])
+
+
+def span(c: Any, n: int, reach: float) -> Any:
     """The piece (low, high) of the thread that is less than `reach` [m] from core n; (1, 0): none is."""
-    p, q, r = core_point(c, n, a[0], a[1], a[2])
-    d, e, f = core_vector(c, n, b[0] - a[0], b[1] - a[1], b[2] - a[2])
+    line = c.lines[n]
+    p, q, r = line[0], line[1], line[2]
+    d, e, f = line[3], line[4], line[5]
     none = (1.0, 0.0)
     middle, _, _, _ = distance_of(c, n, p + 0.5 * d, q + 0.5 * e, r + 0.5 * f)
     if middle - reach > 0.5 * math.sqrt(d * d + e * e + f * f):
@@ -67,10 +75,12 @@ def span(c: Any, n: int, reach: float, a: Any, b: Any) -> Any:
                 return none
             step = -begin / falls
             low += step
+            if step < 1e-9:
+                break
             begin, i, j, k = distance_of(c, n, p + low * d, q + low * e, r + low * f)
             begin -= reach
             falls = i * d + j * e + k * f
-            if begin <= 0.0 or step < 1e-16:
+            if begin <= 0.0:
                 break
     if end >= 0.0:
         for _ in range(60):
@@ -78,10 +88,12 @@ def span(c: Any, n: int, reach: float, a: Any, b: Any) -> Any:
                 return none
             step = end / rises
             high -= step
+            if step < 1e-9:
+                break
             end, i, j, k = distance_of(c, n, p + high * d, q + high * e, r + high * f)
             end -= reach
             rises = i * d + j * e + k * f
-            if end <= 0.0 or step < 1e-16:
+            if end <= 0.0:
                 break
     if not low < high:
         return none
@@ -122,10 +134,11 @@ def split_at_cone(
     return m
 
 
-def split_at_edges(c: Any, n: int, a: Any, b: Any, low: float, high: float, splits: Any, m: int) -> int:
+def split_at_edges(c: Any, n: int, low: float, high: float, splits: Any, m: int) -> int:
     """Put the places where the nearest face, edge or corner of core n changes among the splits."""
-    p = core_point(c, n, a[0], a[1], a[2])
-    d = core_vector(c, n, b[0] - a[0], b[1] - a[1], b[2] - a[2])
+    line = c.lines[n]
+    p = (line[0], line[1], line[2])
+    d = (line[3], line[4], line[5])
     kind = c.kind[n]
     size = c.numbers[n]
     if kind == 0:
@@ -184,7 +197,8 @@ def find_spans(c: Any, thick: float, a: Any, b: Any) -> int:
     for n in range(c.kind.size):
         low, high = 1.0, 0.0
         if may_touch(c, n, thick, a, b):
-            low, high = span(c, n, c.rounding[n] + thick, a, b)
+            lay(c, n, a, b)
+            low, high = span(c, n, c.rounding[n] + thick)
         spans[n, 0] = low
         spans[n, 1] = high
         if low < high:
@@ -192,12 +206,12 @@ def find_spans(c: Any, thick: float, a: Any, b: Any) -> int:
                 break
             splits[m] = low
             splits[m + 1] = high
-            m = split_at_edges(c, n, a, b, low, high, splits, m + 2)
+            m = split_at_edges(c, n, low, high, splits, m + 2)
     order(splits, m)
     return m
 
 
-def touch(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, m: int, sums: Any) -> bool:
+def touch(c: Any, thick: float, v: Any, w: Any, m: int, sums: Any) -> bool:
     """Integrals over where a thread touches into `sums`, once `find_spans` has found m splits; if it does.
 
     v, w : (3) velocities of its ends against the body's points there, in its axes [m/s]
@@ -209,59 +223,163 @@ def touch(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, m: int, sums: An
         sums[k] = 0.0
     for k in range(m - 1):
         if splits[k + 1] - splits[k] > 1e-14:
-            touch_between(c, thick, a, b, v, w, splits[k], splits[k + 1], sums)
+            touch_between(c, thick, v, w, splits[k], splits[k + 1], sums)
     return sums[10] > 0.0
 
 
-def touch_between(
-    c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, low: float, high: float, sums: Any
-) -> None:
+def touch_between(c: Any, thick: float, v: Any, w: Any, low: float, high: float, sums: Any) -> None:
     """Add the integrals over a piece in which the depth is analytic, parted where 1 + a p' is zero."""
     spans = c.spans
     middle = 0.5 * (low + high)
     touched = 0
     one = 0
-    near = np.inf
     for n in range(c.kind.size):
         if spans[n, 0] < middle < spans[n, 1]:
             touched += 1
             one = n
-            for s in (low, middle, high):
-                p, q, r = core_point(
-                    c, n, a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])
-                )
-                d, _, _, _ = distance_of(c, n, p, q, r)
-                near = min(near, d)
-    if touched == 0:
-        return
-    size = c.numbers[one]
-    p, q, r = core_point(
-        c,
-        one,
-        a[0] + middle * (b[0] - a[0]),
-        a[1] + middle * (b[1] - a[1]),
-        a[2] + middle * (b[2] - a[2]),
-    )
-    flat = touched == 1 and is_flat(c.kind[one], size[0], size[1], size[2], p, q, r)
-    half = 0.5 * (high - low) * math.sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
-    parts = 1
-    first = 0
-    last = 2
-    if not flat:
-        ratio = half / max(near, 1e-3 * half)
-        first = 2 if ratio < 0.06 else 6
-        last = 6 if ratio < 0.06 else 14
-        parts = 1 if ratio < 0.06 else min(16, 1 + int(2.7 * ratio))
-        parts = max(parts, 4) if touched > 1 else parts
+    if touched == 1:
+        touch_one(c, one, thick, v, w, low, high, sums)
+    elif touched > 1:
+        touch_several(c, thick, v, w, low, high, sums)
+
+
+def rule_for(half: float, near: float) -> Any:
+    """Equal parts of a piece, and the first and last of the rule's places for each, by h / l."""
+    ratio = half / max(near, 1e-3 * half)
+    if ratio < 0.06:
+        return 1, 2, 6
+    return min(16, 1 + int(2.7 * ratio)), 6, 14
+
+
+def length_of(line: Any) -> float:
+    """Of the thread [m]."""
+    return math.sqrt(line[3] * line[3] + line[4] * line[4] + line[5] * line[5])
+
+
+def distance_at(c: Any, n: int, s: float) -> Any:
+    """Distance of a place s of the thread from core n, and its gradient in the core's axes."""
+    line = c.lines[n]
+    return distance_of(c, n, line[0] + s * line[3], line[1] + s * line[4], line[2] + s * line[5])
+
+
+def touch_one(c: Any, n: int, thick: float, v: Any, w: Any, low: float, high: float, sums: Any) -> None:
+    """Add the integrals over a piece that touches core n alone, worked out in the core's axes."""
+    line = c.lines[n]
+    middle = 0.5 * (low + high)
+    size = c.numbers[n]
+    x, y, z = line[0] + middle * line[3], line[1] + middle * line[4], line[2] + middle * line[5]
+    parts, first, last = 1, 0, 2
+    if not is_flat(c.kind[n], size[0], size[1], size[2], x, y, z):
+        near, _, _, _ = distance_at(c, n, middle)
+        begin, _, _, _ = distance_at(c, n, low)
+        end, _, _, _ = distance_at(c, n, high)
+        parts, first, last = rule_for(0.5 * (high - low) * length_of(line), min(near, min(begin, end)))
+    reach = c.rounding[n] + thick
+    o = core_vector(c, n, v[0], v[1], v[2])
+    u = core_vector(c, n, w[0] - v[0], w[1] - v[1], w[2] - v[2])
     cut = high
     if c.damping > 0.0:
-        begins = opening(c, thick, a, b, v, w, low)
-        ends = opening(c, thick, a, b, v, w, high)
+        cut = cut_between(c, n, o, u, low, high)
+    a, b, d, e, f, g = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for side in range(2):
+        begin = low if side == 0 else cut
+        width = ((cut if side == 0 else high) - begin) / parts
+        if width > 0.0:
+            for part in range(parts):
+                for k in range(first, last):
+                    s = begin + width * (part + c.rule[0, k])
+                    distance, p, q, r = distance_at(c, n, s)
+                    depth = reach - distance
+                    if depth > 0.0:
+                        rate = -(p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
+                        own = add_place(c, depth, rate, s, width * c.rule[1, k], sums)
+                        a += own * p
+                        b += own * q
+                        d += own * r
+                        own *= s
+                        e += own * p
+                        f += own * q
+                        g += own * r
+    a, b, d = from_core(c, n, a, b, d)
+    e, f, g = from_core(c, n, e, f, g)
+    sums[0] += a
+    sums[1] += b
+    sums[2] += d
+    sums[3] += e
+    sums[4] += f
+    sums[5] += g
+
+
+def add_place(c: Any, depth: float, rate: float, s: float, weight: float, sums: Any) -> float:
+    """Add what a place s of the thread gives but for the directions; its part of the force [N/m]."""
+    elastic = c.stiffness * depth
+    f = elastic * max(1.0 + c.damping * rate, 0.0)
+    sums[6] += weight * f
+    sums[7] += weight * f * s
+    sums[8] += weight * (f - elastic) * rate
+    sums[9] += 0.5 * weight * elastic * depth
+    if depth > sums[10]:
+        sums[10] = depth
+        sums[11] = s
+    return weight * f
+
+
+def cut_between(c: Any, n: int, o: Any, u: Any, low: float, high: float) -> float:
+    """Where 1 + a p' is zero on core n, by false position (Illinois); `high` where it is not.
+
+    o, u : (3) velocity where the thread begins, and what it changes by until its end, in the core's axes
+    """
+    begin = opening(c, n, o, u, low)
+    end = opening(c, n, o, u, high)
+    if (begin < 0.0) == (end < 0.0):
+        return high
+    side = 0
+    s = high
+    for _ in range(60):
+        s = (low * end - high * begin) / (end - begin)
+        now = opening(c, n, o, u, s)
+        if abs(now) < 1e-13 or high - low < 1e-14:
+            break
+        if (now < 0.0) == (begin < 0.0):
+            low, begin = s, now
+            end = 0.5 * end if side == 1 else end
+            side = 1
+        else:
+            high, end = s, now
+            begin = 0.5 * begin if side == 2 else begin
+            side = 2
+    return s
+
+
+def opening(c: Any, n: int, o: Any, u: Any, s: float) -> float:
+    """1 + a p' at a place of the thread, on core n; o, u : as of `cut_between`."""
+    _, p, q, r = distance_at(c, n, s)
+    return 1.0 - c.damping * (p * (o[0] + s * u[0]) + q * (o[1] + s * u[1]) + r * (o[2] + s * u[2]))
+
+
+def touch_several(c: Any, thick: float, v: Any, w: Any, low: float, high: float, sums: Any) -> None:
+    """Add the integrals over a piece that touches more cores than one."""
+    spans = c.spans
+    middle = 0.5 * (low + high)
+    near = np.inf
+    half = 0.0
+    for n in range(c.kind.size):
+        if spans[n, 0] < middle < spans[n, 1]:
+            half = 0.5 * (high - low) * length_of(c.lines[n])
+            for s in (low, middle, high):
+                d, _, _, _ = distance_at(c, n, s)
+                near = min(near, d)
+    parts, first, last = rule_for(half, near)
+    parts = max(parts, 4)
+    cut = high
+    if c.damping > 0.0:
+        begins = opening_of_several(c, thick, v, w, low)
+        ends = opening_of_several(c, thick, v, w, high)
         if (begins < 0.0) != (ends < 0.0):
             below, above = low, high
             for _ in range(60):
                 cut = 0.5 * (below + above)
-                if (opening(c, thick, a, b, v, w, cut) < 0.0) == (begins < 0.0):
+                if (opening_of_several(c, thick, v, w, cut) < 0.0) == (begins < 0.0):
                     below = cut
                 else:
                     above = cut
@@ -270,22 +388,25 @@ def touch_between(
         width = ((cut if side == 0 else high) - begin) / parts
         if width > 0.0:
             for part in range(parts):
-                for g in range(first, last):
-                    s = begin + width * (part + c.rule[0, g])
-                    touch_at(c, thick, a, b, v, w, s, width * c.rule[1, g], sums)
+                for k in range(first, last):
+                    s = begin + width * (part + c.rule[0, k])
+                    depth, rate, p, q, r = depth_at(c, thick, v, w, s)
+                    if depth > 0.0:
+                        own = add_place(c, depth, rate, s, width * c.rule[1, k], sums)
+                        sums[0] += own * p
+                        sums[1] += own * q
+                        sums[2] += own * r
+                        own *= s
+                        sums[3] += own * p
+                        sums[4] += own * q
+                        sums[5] += own * r
 
 
-def depth_at(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, s: float) -> Any:
+def depth_at(c: Any, thick: float, v: Any, w: Any, s: float) -> Any:
     """Depth [m], its rate [m/s], and the direction (3) of the force at a place s of the thread.
 
     Of more solids the depths count as (sum p^8)^(1/8).
     """
-    d = b[0] - a[0]
-    e = b[1] - a[1]
-    f = b[2] - a[2]
-    x = a[0] + s * d
-    y = a[1] + s * e
-    z = a[2] + s * f
     o = v[0] + s * (w[0] - v[0])
     p = v[1] + s * (w[1] - v[1])
     q = v[2] + s * (w[2] - v[2])
@@ -297,9 +418,10 @@ def depth_at(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, s: float) -> 
     touched = 0
     for n in range(c.kind.size):
         if c.spans[n, 0] <= s <= c.spans[n, 1]:
-            distance, g, h, m = core_gradient(c, n, x, y, z)
+            distance, g, h, m = distance_at(c, n, s)
             own = c.rounding[n] + thick - distance
             if own > 0.0:
+                g, h, m = from_core(c, n, g, h, m)
                 touched += 1
                 if touched == 1:
                     depth = own
@@ -317,48 +439,30 @@ def depth_at(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, s: float) -> 
     return depth, rate, i, j, k
 
 
-def opening(c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, s: float) -> float:
+def opening_of_several(c: Any, thick: float, v: Any, w: Any, s: float) -> float:
     """1 + a p' at a place of the thread."""
-    _, rate, _, _, _ = depth_at(c, thick, a, b, v, w, s)
+    _, rate, _, _, _ = depth_at(c, thick, v, w, s)
     return 1.0 + c.damping * rate
 
 
-def touch_at(
-    c: Any, thick: float, a: Any, b: Any, v: Any, w: Any, s: float, weight: float, sums: Any
-) -> None:
-    """Add what a place s of the thread gives."""
-    depth, rate, i, j, k = depth_at(c, thick, a, b, v, w, s)
-    if depth <= 0.0:
-        return
-    elastic = c.stiffness * depth
-    f = elastic * max(1.0 + c.damping * rate, 0.0)
-    own = weight * f
-    sums[0] += own * i
-    sums[1] += own * j
-    sums[2] += own * k
-    own *= s
-    sums[3] += own * i
-    sums[4] += own * j
-    sums[5] += own * k
-    sums[6] += weight * f
-    sums[7] += own
-    sums[8] += weight * (f - elastic) * rate
-    sums[9] += 0.5 * weight * elastic * depth
-    if depth > sums[10]:
-        sums[10] = depth
-        sums[11] = s
-
-
 TOUCHING = (
+    lay,
     span,
     distance_of,
+    distance_at,
+    length_of,
+    rule_for,
     split,
     split_at_cone,
     split_at_edges,
     order,
     depth_at,
     opening,
-    touch_at,
+    opening_of_several,
+    cut_between,
+    add_place,
+    touch_one,
+    touch_several,
     touch_between,
     may_touch,
     find_spans,

@@ -7,22 +7,19 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.forces.contact.status import status_of
 from exunet.forces.cores import Surface
 
 Floats = NDArray[np.float64]
 Name = Callable[[int], str]
 
-# Of the memory of a contact, behind the rows of its pairs: largest depth so far [m], when [s], number of the
-# pair; when something touched first [s], -1.0: not yet; what has gone wrong, when [s], with which pair (see
-# `trouble`); most pairs that touched at once; the end of the last step [s].
-STATUS = 9
 TOO_DEEP, TOO_FAST, UNSEEN = 1.0, 2.0, 3.0
 
 
 def trouble(values: Floats, surface: Surface, body: str, name: Name) -> str:
     """What is wrong by a memory; "": nothing. name : of what the pair of a number is, but for the body."""
-    *_, wrong, time, pair, _, _ = values[-STATUS:].tolist()
-    when = f"at t = {time:.6g} s"
+    status = status_of(values)
+    wrong, pair, when = status.wrong, status.wrong_pair, f"at t = {status.wrong_time:.6g} s"
     if wrong == TOO_DEEP:
         return (
             f"{name(int(pair))} is deeper than {surface.allowed:.3g} m in {body} {when}: it may come out on "

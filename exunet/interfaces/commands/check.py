@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,7 +54,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         *[("note", note) for note in plan.notes],
         ("stable step", _stable_steps(start)),
         ("engine items", items),
-        *[(f"{name} of a run", words) for name, words in estimated(start, thorough=True).rows()],
+        *[(f"{name} of a run", words) for name, words in estimated(start, thorough=True, check=True).rows()],
     ]
 
 
@@ -110,6 +112,8 @@ def _stable_steps(start: Start) -> str:
     limits, common = [], (Method.VELOCITY_VERLET, Method.RK33, Method.RK44)
     for name in common:
         limit = stable_step(name, frequency, rate)
+        if math.isinf(limit):  # of one method, and so of all
+            return "any: nothing in the scene swings or is damped"
         limits.append(f"{limit:.4g} s ({name})")
     own = start.plan.method
     if METHODS[own].kind == Kind.EXPLICIT and own not in common:

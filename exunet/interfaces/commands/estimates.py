@@ -13,7 +13,9 @@ from exunet.interfaces.commands.waiting import waiting
 from exunet.results.course import COURSE_BYTES
 from exunet.simulation.expected_cost import (
     GUESSED,
+    ExpectedCheck,
     ExpectedCost,
+    expected_check,
     expected_cost,
     in_the_compiled_loop,
     seconds_of_a_course,
@@ -66,18 +68,22 @@ class ExpectedSpread:
 
 @dataclass(frozen=True)
 class Expected:
-    """The cost of a run with its spread, and with `engine.loop = "auto"` where that is known to be less."""
+    """The cost of a run with its spread and, if asked for, its check.
+
+    other : with `engine.loop = "auto"` where that is known to be less
+    """
 
     run: ExpectedCost
     other: ExpectedCost | None = None
     spread: ExpectedSpread = ExpectedSpread(0)
+    check: ExpectedCheck | None = None
 
     def rows(self) -> list[tuple[str, str]]:
-        """Rows (name, value): time, memory, disk, and for a long run what would be faster."""
+        """Rows (name, value): time, check, memory, disk, and for a long run what would be faster."""
         run = self.run
-        low, high = run.seconds / run.factor, run.seconds * run.factor
         found = [
-            ("time", f"about {duration(run.seconds)} ({duration(low)} to {duration(high)}; {run.counted})"),
+            ("time", f"{_about(run.seconds, run.factor)}; {run.counted})"),
+            *self._of_check(),
             ("memory", f"up to {size(run.memory + self.spread.memory)}"),
             ("disk", f"up to {size(run.disk)}, of which {size(run.kept)} stay; {run.states} stored states"),
         ]
@@ -88,40 +94,51 @@ class Expected:
             found.append(("faster", words))
         return found
 
+    def _of_check(self) -> list[tuple[str, str]]:
+        """The row of the reference, which takes a core of its own where there is one."""
+        if self.check is None:
+            return []
+        seconds, beside = self.check.seconds, (os.cpu_count() or 1) > 1
+        both = max(seconds, self.run.seconds) if beside else seconds + self.run.seconds
+        words = f"{_about(seconds, self.check.factor)}) of the reference, with --check at the same time as"
+        return [("check", f"{words} the run: about {duration(both)} for both")]
+
 
 def estimated(
-    start: Start, *, thorough: bool = False, spread: int | None = None, quiet: bool = False
+    start: Start,
+    *,
+    thorough: bool = False,
+    spread: int | None = None,
+    check: bool = False,
+    quiet: bool = False,
 ) -> Expected:
     """The cost of a run, from a trial where it is likely to be long enough for one.
 
     thorough : make a trial also where the compiled loop must be compiled for it first
     spread   : number of moved starts; None: what the run's own time allows
+    check    : the reference is to run beside it
     quiet    : nothing is shown while the trial runs
     """
     guess = expected_cost(start)
     trial = None
-    may_be_long = guess.factor == GUESSED and guess.seconds * guess.factor > LONG
+    seconds = max(guess.seconds, expected_check(start).seconds if check else 0.0)
+    may_be_long = guess.factor == GUESSED and seconds * guess.factor > LONG
     if may_be_long and (thorough or guess.seconds > LONG or is_compiled(start)):
         with waiting("estimating the time from a trial", quiet=quiet):
             trial = try_out(start, _BUDGET)
     run = guess if trial is None else expected_cost(start, trial)
     other = in_the_compiled_loop(start, trial) if run.seconds > LONG else None
     cheaper = other if other is not None and other.seconds < run.seconds else None
-    return Expected(run, cheaper, expected_spread(start, run, trial, spread))
+    of_check = expected_check(start, trial) if check else None
+    return Expected(run, cheaper, expected_spread(start, run, trial, spread), of_check)
 
 
-def not_counted(*, check: bool, error: bool) -> list[tuple[str, str]]:
+def not_counted(*, error: bool) -> list[tuple[str, str]]:
     """Rows (name, value) of what the time of a run leaves out, since nothing foretells how long it takes.
 
-    check : the reference is asked for, whose time does not follow from that of the run
     error : two more runs with a finer setting are asked for
     """
-    found = []
-    if check:
-        found.append(("check", "not in this time: the reference; what is left of it is told later"))
-    if error:
-        found.append(("error", "not in this time: two more runs, at least one of them longer"))
-    return found
+    return [("error", "not in this time: two more runs, at least one of them longer")] if error else []
 
 
 def expected_spread(
@@ -162,6 +179,11 @@ def refuse_spread_beyond(spread: ExpectedSpread) -> None:
             f"{spread.runs} moved starts need up to {size(spread.memory)} of memory, and {size(memory)} are "
         )
         raise InputError(f"--spread: {words}free; give fewer")
+
+
+def _about(seconds: float, factor: float) -> str:
+    """A time and its range; a bracket stays open for what else there is to say."""
+    return f"about {duration(seconds)} ({duration(seconds / factor)} to {duration(seconds * factor)}"
 
 
 def duration(seconds: float) -> str:

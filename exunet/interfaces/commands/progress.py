@@ -44,11 +44,11 @@ def remaining(pace: Pace) -> str:
     left = pace.left()
     if left is None:
         return ""
-    low, high = left
+    low, likely, high = left
     if high < 1.0:
         return "less than 1 s left"
     if high < 1.5 * low:
-        return f"about {duration((low * high) ** 0.5)} left"
+        return f"about {duration(likely)} left"
     return f"{duration(low)} to {duration(high)} left" if low >= 1.0 else f"up to {duration(high)} left"
 
 

@@ -120,9 +120,9 @@ def run_case(case: Case, asked: Asked) -> ExunetError | None:
             say(f"{folder}: the unfinished run there is put aside, into a folder beside that `resume` takes")
         if folder != wanted:
             say(_elsewhere(wanted, folder))
-        cost = estimated(start, spread=asked.spread, quiet=asked.quiet)
+        cost = estimated(start, spread=asked.spread, check=asked.check, quiet=asked.quiet)
         refuse_beyond(cost, start, folder)
-        for name, words in [*cost.rows(), *not_counted(check=asked.check, error=asked.estimate)]:
+        for name, words in [*cost.rows(), *not_counted(error=asked.estimate)]:
             say(f"{name:8s}{words}", 8)
 
         def simulate(progress: Progress | None, describe: Describe) -> Result:

@@ -12,6 +12,7 @@ from exunet.backends.compiled.loop import loop_kernel
 from exunet.backends.compiled.work_space import Stages, motion_of
 from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.codegen.compile import numba_installed
+from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.methods.method import Form, Method
 from exunet.methods.plan import Plan
 from exunet.studies.both_codes import BothCodes, Floats
@@ -119,6 +120,56 @@ def placed(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
                 found.setdefault(f"{name}, {way}", []).append(check)
     for name, checks in found.items():
         yield worst_of(f"{name}, {states_of_a_kind * len(KINDS)} random states", checks)
+
+
+def lines(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
+    """The rates of all lines of the momentum books, and what the reference's accelerations change momenta by.
+
+    Nothing for a case whose effects have no lines, or with points that a body holds for a while: their shares
+    are not among the accelerations. Differences are parts of the sum of the shares' sizes.
+    """
+    system = case.start.system
+    effects = effects_of(one.name for one in system.blocks.states)
+    if not effects or system.kinematics.held or not numba_installed():
+        return
+    guided = [body.name for body, free in zip(system.bodies, system.moves_freely, strict=True) if not free]
+    rates_at = _rates_of([*(OUTSIDE + name for name in effects), *guided], system)
+    random = np.random.default_rng(SEED)
+    found: list[list[Check]] = [[], []]
+    for kind in KINDS:
+        states = list(random_bodies(case, kind, states_of_a_kind, random))
+        ours = np.array([rates_at(state) for state in states])
+        shares = [_shares_of_reference(case, state) for state in states]
+        for part, unit in enumerate(("N", "N m")):
+            theirs = np.array([one[part].sum(axis=0) for one in shares])
+            size = max(float(np.linalg.norm(one[part], axis=1).sum()) for one in shares)
+            known = ours[:, 3 * part : 3 * part + 3]
+            found[part].append(difference(kind, known, theirs, BODY_FORCES, ("state", "xyz"), unit, size))
+    for name, checks in zip(("impulse", "angular impulse"), found, strict=True):
+        yield worst_of(f"rate of {name}, {states_of_a_kind * len(KINDS)} random states", checks)
+
+
+def _rates_of(names: list[str], system: System) -> Callable[[State], Floats]:
+    """(6,) of impulse and angular impulse about the origin, of all together, in the compiled loop."""
+    kernel, a1 = loop_kernel(system), Stages._fields.index("a1")
+    first = [system.blocks.rate(f"{name}/{QUANTITIES[0][0]}") for name in names]
+
+    def rates(state: State) -> Floats:
+        motion = motion_of(system, state, kernel.data(state.memory))
+        kernel.module.begin(state.time, False, motion)
+        return np.sum([motion.work[a1, at : at + 6] for at in first], axis=0)
+
+    return rates
+
+
+def _shares_of_reference(case: BothCodes, state: State) -> tuple[Floats, Floats]:
+    """Rates of momentum [N], and of angular momentum about the origin [N m], by nodes and free bodies."""
+    system, bodies = case.theirs.system, case.theirs.system.bodies
+    whole, response = case.reference_response(state)
+    mass = np.append(system.net.own_mass, bodies.free * bodies.mass)
+    force = mass[:, None] * response.acceleration
+    torque = bodies.free[bodies.rigid][:, None] * response.torque
+    return force, np.concatenate([np.cross(whole.x, force), torque])
 
 
 def one_step(case: BothCodes) -> Iterator[Check]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification.at_states import measures
-from exunet.verification.bodies.at_states import motions, one_step, placed
+from exunet.verification.bodies.at_states import lines, motions, one_step, placed
 from exunet.verification.check import Check, Evidence
 from exunet.verification.growth import growth
 from exunet.verification.horizon import sensitivity
@@ -44,9 +44,10 @@ class BodyScene:
         return replace(self.given or read_both(self.path), name=self.name)
 
     def at_states(self, states_of_a_kind: int) -> Iterator[Check]:
-        """Masses and start; then random states: accelerations, what is attached, energies, one step."""
+        """Masses and start; random states: accelerations, books, what is attached, energies, one step."""
         yield from topology(self.case)
         yield from motions(self.case, states_of_a_kind)
+        yield from lines(self.case, states_of_a_kind)
         yield from placed(self.case, states_of_a_kind)
         yield from measures(self.case, states_of_a_kind)
         yield from one_step(self.case)

@@ -1,0 +1,210 @@
+"""Measures of a capture over time: how far a net encloses its target, and how both move.
+
+The net is its knots, strings and bullets without tethers. What it encloses is its convex hull, so a net that
+hangs around a target like a bowl encloses it before its mouth is closed; the modified index and the diameter
+of the mouth tell the two apart.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError, distance
+from scipy.stats.qmc import Halton
+
+from exunet.bodies.rigid import rotation_matrix
+from exunet.bodies.shapes import Shape
+from exunet.bodies.surfaces import polyhedron
+from exunet.case.verdict import Verdict
+from exunet.net.arrays import Net
+from exunet.results.areas import achievable_area, mouth_area
+from exunet.results.clearance import poses_of, shapes_of
+from exunet.results.result import Result
+from exunet.results.rows import row_ranges
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+RULE = "capture_rule"  # in the story of a result
+_ROWS = 256  # states that are looked at in one go
+POINTS = 2048  # in a target, of which parts are counted: a part of its volume is known to about 1e-3
+
+
+class Measures(NamedTuple):
+    """Over times (t,), or at one.
+
+    enclosed       : part of the target's volume in the convex hull of the net
+    cqi            : capture quality index w1 |V_n - V_t| / V_t + w2 |S_n - S_t| / S_t + w3 |q| / L, with the
+                     volumes V and surfaces S of the convex hulls of net and target, the distance |q| of their
+                     centres of mass, and the length L of the target. Less is better
+    mcqi           : modified index w1 (1 - enclosed) + w2 d / L + w3 A / A_max, with the mean distance d of
+                     the net's nodes from the target, and the area A of the mouth
+    mouth          : largest distance of two corners of the mouth [m]; 0 without one
+    relative_speed : of the centres of mass [m/s]
+    relative_spin  : of the mean angular velocity of the net, J^-1 H about its centre, less the
+                     target's [rad/s]
+    """
+
+    enclosed: Floats
+    cqi: Floats
+    mcqi: Floats
+    mouth: Floats
+    relative_speed: Floats
+    relative_spin: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What is to be captured, in its frame.
+
+    centre  : (3,) its centre of mass [m]
+    points  : (m, 3) spread evenly inside [m]
+    corners : (k, 3) of its convex hull, round edges by `exunet.bodies.surfaces.AROUND` corners [m]
+    volume, surface : of this hull [m3], [m2]
+    length  : its longest diagonal [m]
+    """
+
+    shape: Shape
+    centre: tuple[float, float, float]
+    points: Floats
+    corners: Floats
+    volume: float
+    surface: float
+    length: float
+
+
+@lru_cache(maxsize=16)
+def target_of(shape: Shape, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Target:
+    """A target of a shape with its centre of mass [m] in its frame; of a mesh it is the convex hull."""
+    meshes = [polyhedron(one) for one in shape.solids] + ([] if shape.mesh is None else [shape.mesh])
+    hulls = [ConvexHull(one.vertices) for one in meshes]
+    whole = ConvexHull(np.concatenate([hull.points[hull.vertices] for hull in hulls]))
+    corners = whole.points[whole.vertices]
+    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    chosen, draw = np.zeros((0, 3)), Halton(3, scramble=False)
+    while len(chosen) < POINTS:
+        points = low + size * draw.random(POINTS)
+        inside = np.zeros(len(points), dtype=bool)
+        for solid in shape.solids:
+            inside |= solid.contains(points)
+        if shape.mesh is not None:
+            inside |= _inside(hulls[-1].equations, points)
+        chosen = np.concatenate([chosen, points[inside]])
+    length = float(distance.pdist(corners).max())
+    return Target(shape, centre, chosen[:POINTS], corners, float(whole.volume), float(whole.area), length)
+
+
+def rule_of(result: Result) -> Verdict | None:
+    """The rule of its case; None: there is none."""
+    rule = result.provenance.get(RULE)
+    return None if rule is None else Verdict.model_validate_json(json.dumps(rule))
+
+
+def capture_of(result: Result, rule: Verdict) -> Measures:
+    """The measures of a result at its stored times."""
+    body = result.bodies[rule.target]
+    assert body.angular_velocity is not None
+    twists = np.concatenate([np.asarray(body.velocity[:]), np.asarray(body.angular_velocity[:])], axis=1)
+    poses, target, found = poses_of(body), target_of(shapes_of(result)[rule.target]), []
+    for first, last in row_ranges(len(result.time), _ROWS):
+        points = np.asarray(result.position[first:last]), np.asarray(result.velocity[first:last])
+        found.append(capture(result.net, rule, target, points, (poses[first:last], twists[first:last])))
+    return Measures(*(np.concatenate(one) for one in zip(*found, strict=True)))
+
+
+def capture(
+    net: Net, rule: Verdict, target: Target, points: tuple[Floats, Floats], body: tuple[Floats, Floats]
+) -> Measures:
+    """The measures of states.
+
+    points : positions and velocities of the nodes, (t, n_nodes, 3) each [m], [m/s]
+    body   : of the target, (t, 7) place [m] and attitude of its frame, (t, 6) velocity of its centre of mass
+             [m/s] and angular velocity in its own axes [rad/s]
+    """
+    nodes, mass = _nodes(net)
+    x, v = (values[:, nodes] for values in points)
+    pose, twist = body
+    turn = rotation_matrix(pose[:, 3:])
+    centre, speed = (np.einsum("n,tnk->tk", mass, values) / mass.sum() for values in (x, v))
+    spin = _spin(mass, x - centre[:, None], v - speed[:, None])
+    length = rule.length or target.length
+    most = achievable_area(net)
+    opened = mouth_area(net, points[0]) / most if 0.0 < most < np.inf else np.zeros(len(x))
+    hulls = [_of_hull(target, *one) for one in zip(x, pose[:, :3], turn, strict=True)]
+    enclosed, volume, surface, apart = np.array(hulls).reshape(-1, 4).T
+    offset = np.linalg.norm(centre - pose[:, :3] - turn @ target.centre, axis=1)
+    terms = [abs(volume / target.volume - 1.0), abs(surface / target.surface - 1.0), offset / length]
+    modified = [1.0 - enclosed, apart / length, opened]
+    return Measures(
+        enclosed,
+        sum((w * one for w, one in zip(rule.cqi_weights, terms, strict=True)), np.zeros(len(x))),
+        sum((w * one for w, one in zip(rule.mcqi_weights, modified, strict=True)), np.zeros(len(x))),
+        _mouth(net, points[0]),
+        np.linalg.norm(speed - twist[:, :3], axis=1),
+        np.linalg.norm(spin - np.einsum("tij,tj->ti", turn, twist[:, 3:]), axis=1),
+    )
+
+
+def _nodes(net: Net) -> tuple[Ints, Floats]:
+    """Those of the net without tethers, and their masses; of a net without elements all."""
+    nodes = np.unique(net.element_nodes[: net.n_net_elements])
+    nodes = nodes if len(nodes) else np.arange(net.n_nodes)
+    return nodes, net.mass[nodes]
+
+
+def _spin(mass: Floats, x: Floats, v: Floats) -> Floats:
+    """(t, 3) mean angular velocity [rad/s] of points about their centre; the least, of points in line."""
+    moment = np.einsum("n,tnk->tk", mass, np.cross(x, v))
+    square = np.einsum("n,tni,tnj->tij", mass, x, x)
+    inertia = np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3) - square
+    return np.einsum("tij,tj->ti", np.linalg.pinv(inertia, rcond=1e-12, hermitian=True), moment)
+
+
+def _mouth(net: Net, position: Floats) -> Floats:
+    corners = position[:, list(net.mouth)]
+    if corners.shape[1] < 2:
+        return np.zeros(len(position))
+    return np.array([float(distance.pdist(one).max()) for one in corners])
+
+
+def _of_hull(target: Target, x: Floats, place: Floats, turn: Floats) -> tuple[float, float, float, float]:
+    """Of points (n, 3): enclosed part, volume and surface of their hull, mean distance of the points."""
+    apart = _mean_distance(target, (x - place) @ turn)
+    try:
+        hull = ConvexHull(x)
+    except QhullError:  # flat
+        return 0.0, 0.0, _flat(x), apart
+    enclosed = np.count_nonzero(_inside(hull.equations, target.points @ turn.T + place)) / POINTS
+    return enclosed, float(hull.volume), float(hull.area), apart
+
+
+def _flat(x: Floats) -> float:
+    """Both sides [m2] of what points (n, 3) in a plane span; 0 of points in line."""
+    middle = x.mean(axis=0)
+    axes = np.linalg.svd(x - middle, full_matrices=False)[2][:2]
+    try:
+        return 2.0 * float(ConvexHull((x - middle) @ axes.T).volume)
+    except QhullError:
+        return 0.0
+
+
+def _mean_distance(target: Target, points: Floats) -> float:
+    """Of points in the target's frame (k, 3) from the target, 0 inside [m]."""
+    apart = np.full(len(points), np.inf)
+    for solid in target.shape.solids:
+        apart = np.minimum(apart, solid.distance(points))
+    if target.shape.mesh is not None:
+        hull = ConvexHull(target.shape.mesh.vertices)
+        depth = points @ hull.equations[:, :3].T + hull.equations[:, 3]
+        apart = np.minimum(apart, np.maximum(depth.max(axis=1), 0.0))
+    return float(apart.mean())
+
+
+def _inside(equations: Floats, points: Floats) -> NDArray[np.bool_]:
+    """(m,) True for points inside all half spaces (f, 4) n . x + d <= 0."""
+    return np.asarray((points @ equations[:, :3].T + equations[:, 3]).max(axis=1) <= 0.0)
