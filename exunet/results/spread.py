@@ -157,7 +157,12 @@ class Spread:
     @property
     def runs(self) -> int:
         """Number of moved starts."""
-        return len(self.courses) + len(self.finer_courses)
+        return len(self.moved)
+
+    @property
+    def moved(self) -> tuple[Course, ...]:
+        """The courses of all moved starts."""
+        return (*self.courses, *self.finer_courses)
 
     @property
     def time(self) -> Floats:
@@ -184,8 +189,7 @@ class Spread:
         ranged = {key: one for key, one in self.judged.items() if not one.predictable}
         story[CONVERGED] = known
         story[RANGES] = {key: [one.least, one.largest, one.converged] for key, one in ranged.items()}
-        every = (*self.courses, *self.finer_courses)
-        return ensemble_result(every, complete=True, verdict="ok", provenance=story)
+        return ensemble_result(self.moved, complete=True, verdict="ok", provenance=story)
 
     def words(self) -> str:
         """Which runs these are."""
@@ -222,7 +226,7 @@ class Spread:
             [value for course in courses if (value := one.value(course)) is not None]
             for courses in (self.courses, self.finer_courses)
         ]
-        courses, values = (*self.courses, *self.finer_courses), np.concatenate(groups)
+        courses, values = self.moved, np.concatenate(groups)
         if not len(values):
             return None
         places: tuple[tuple[int, int], ...] = ()

@@ -104,7 +104,7 @@ def _capture(course: Course, spread: Spread | str | None) -> dict[str, Any] | No
     """What became of the target, in this run and in moved starts; None of a case without [verdict]."""
     found = told(course)
     if found is not None and isinstance(spread, Spread):
-        found["moved_starts"] = outcomes(spread.courses)
+        found["moved_starts"] = outcomes(spread.moved)
     return found
 
 
