@@ -223,7 +223,7 @@ SCANNED = {
 
 
 @pytest.mark.parametrize("name", SCANNED)
-@pytest.mark.parametrize("divisions", [1, 4])
+@pytest.mark.parametrize("divisions", [1, pytest.param(4, marks=[pytest.mark.slow, pytest.mark.ci])])
 def test_no_threads_of_a_cut_net_meet(name: str, divisions: int) -> None:
     """Strings among them, in a small canister or in that which its refusal names; threads are 4 mm thick.
 
