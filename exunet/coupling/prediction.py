@@ -15,11 +15,16 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState, Vector
 from exunet.coupling.net_system import LARGEST_TURN, NetSystem
+from exunet.forces.cable_term import CableTerm
 from exunet.forces.held import held_by, mass_matrix
+from exunet.forces.reel import memory_name
+
+Floats = NDArray[np.float64]
 
 
 class Bound(NamedTuple):
@@ -85,10 +90,11 @@ def longest_step(net: NetSystem, bound: Bound) -> float:
 
     m is what resists a force at the port's nodes, by mass and inertia that the case states of the port's
     body; k the sum of EA / L, and c that of EA / L times the relaxation time, of all elements that end there,
-    as if all were taut and the other ends did not yield: the net can only be softer. A port that turns now
-    turns by `LARGEST_TURN` in a step at most.
-    Raises InputError for a port that holds masses, a packed net or what is on a drum, which resist its
-    acceleration more than its body does: no step is short enough for them.
+    as if all were taut and the other ends did not yield: the net can only be softer. The outlet of a reel
+    counts with the least length that it may come to, so that the step holds at all times. A port that turns
+    now turns by `LARGEST_TURN` in a step at most.
+    Raises InputError for a port that holds masses, a packed net or what may come onto a drum, which resist
+    its acceleration more than its body does: no step is short enough for them.
     """
     for port in net.ports:
         _refuse_heavy(net, port)
@@ -112,7 +118,7 @@ def _ratios(net: NetSystem, port: str) -> tuple[float, float]:
     number, kinematics = system.blocks.rigid.index(port), system.kinematics
     on, body, law = kinematics.body == number, system.bodies[number], system.forces.cable.law
     ends = np.isin(system.net.element_nodes, kinematics.point[on]).any(axis=1)
-    stiffness = (law.stiffness / law.natural_length)[ends]
+    stiffness = (law.stiffness / _least_lengths(system.forces.cable))[ends]
     damping = 0.0 if law.relaxation_time is None else float((stiffness * law.relaxation_time[ends]).sum())
     mobility = 0.0
     for arm in kinematics.arm[on]:
@@ -122,12 +128,26 @@ def _ratios(net: NetSystem, port: str) -> tuple[float, float]:
     return float(stiffness.sum()) * mobility, damping * mobility
 
 
+def _least_lengths(cable: CableTerm) -> Floats:
+    """(n_elements,) the least natural length each may come to [m]: less than now if it is an outlet."""
+    least = cable.law.natural_length.copy()
+    for winding in cable.reels:
+        reel = winding.reel
+        # at the drum the outlet stands for the first element, and at the far end it may come to be the last
+        of = [reel.elements[0]]
+        if reel.most_on_drum == len(reel.elements) - 1:
+            of.append(reel.elements[-1])
+        least[of] = cable.law.natural_length[of] * reel.least_outlet / reel.element_length
+    return least
+
+
 def _refuse_heavy(net: NetSystem, port: str) -> None:
     """Predicted from the acceleration before, an inertia that is held must be smaller than the body's."""
     system = net.simulation.start.system
     number = system.blocks.rigid.index(port)
     body, nothing = system.bodies[number], (np.zeros(0), np.zeros((0, 3)))
-    mass, arm = held_by(system.kinematics.held, number, net.simulation.start.state.memory)
+    most = {memory_name(one.reel): np.array([one.reel.most_on_drum]) for one in system.forces.cable.reels}
+    mass, arm = held_by(system.kinematics.held, number, {**net.simulation.start.state.memory, **most})
     own = mass_matrix(body.mass, np.array(body.inertia), *nothing)
     held = mass_matrix(body.mass, np.array(body.inertia), mass, arm) - own
     if len(mass) and not np.abs(np.linalg.eigvals(np.linalg.solve(own, held))).max() < 1.0:
