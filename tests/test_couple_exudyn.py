@@ -364,7 +364,9 @@ def test_faults_on_the_way_are_told_by_name(scene: Scene) -> None:
     with pytest.raises(exu.ModelError, match="the host starts at t = 5 s, the net is at 0 s"):
         host.solve("RK44", 40, startTime=5.0, endTime=5.24)
     host.solve("RK44", 40)
-    with pytest.raises(exu.ModelError, match="restore or reset the net, and couple anew"):
+    with pytest.raises(
+        exu.ModelError, match="restore a snapshot of the coupling, or reset the net and couple anew"
+    ):
         host.solve("RK44", 40)  # from its start, where the net is not
     coupling.detach()
     net.reset()

@@ -26,6 +26,7 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 _ZERO = (0.0, 0.0, 0.0)
 _SIZES = (3, 3, 4, 3)  # of the parts of a frame's state
+PER_FRAME = sum(_SIZES)
 
 
 class FrameState(NamedTuple):
@@ -95,6 +96,16 @@ class FrameState(NamedTuple):
 def _along(begin: Vector, duration: float, rate: Vector) -> Vector:
     (a, b, c), (d, e, f) = begin, rate
     return (a + duration * d, b + duration * e, c + duration * f)
+
+
+def frames_of(names: Sequence[str], values: Sequence[float]) -> dict[str, FrameState]:
+    """States by name, of the numbers of their parts, one state after the other; unchecked."""
+    return {name: _state_of(values[PER_FRAME * k :]) for k, name in enumerate(names)}
+
+
+def _state_of(values: Sequence[float]) -> FrameState:
+    x, y, z, u, v, w, a, b, c, d, i, j, k = values[:PER_FRAME]
+    return FrameState((x, y, z), (u, v, w), (a, b, c, d), (i, j, k))
 
 
 class Piece(NamedTuple):

@@ -49,6 +49,16 @@ class PortBook:
     passed: float = 0.0
     launch: float = 0.0
 
+    def numbers(self) -> Floats:
+        """(11,) all of it, for a snapshot."""
+        sums = [self.work, self.residual, self.largest, self.passed, self.launch]
+        return np.concatenate([self.impulse, self.angular_impulse, sums])
+
+    @classmethod
+    def of_numbers(cls, numbers: Floats) -> PortBook:
+        """What `numbers` gave."""
+        return cls(numbers[:3].copy(), numbers[3:6].copy(), *numbers[6:].tolist())
+
     def add(self, load: PortLoad, work: float, *, recoils: bool) -> float:
         """Take a step into the book; returns its residual [J].
 
@@ -87,6 +97,18 @@ class Books:
     def of(cls, names: tuple[str, ...]) -> Books:
         """Empty ones."""
         return cls({name: PortBook() for name in names})
+
+    def numbers(self) -> Floats:
+        """(4 + 11 n,) all but `cut`, for a snapshot."""
+        steps = [float(self.steps), float(self.repeated), self.shortest, self.longest]
+        return np.concatenate([steps, *(port.numbers() for port in self.ports.values())])
+
+    def with_numbers(self, numbers: Floats) -> Books:
+        """Of the same ports, with what `numbers` gave."""
+        steps, repeated, shortest, longest = numbers[:4].tolist()
+        rows = numbers[4:].reshape(len(self.ports), -1)
+        ports = {name: PortBook.of_numbers(row) for name, row in zip(self.ports, rows, strict=True)}
+        return Books(ports, int(steps), int(repeated), shortest, longest, self.cut)
 
     def add(self, loads: Mapping[str, PortLoad], works: Mapping[str, float], *, recoils: bool) -> float:
         """Take a step into the books, see `PortBook.add`; returns the energy [J] that the coupling added."""

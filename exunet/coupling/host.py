@@ -35,7 +35,7 @@ class Host(Protocol):
         """Go on to a time [s] under the mean force and torque of each load."""
 
     def snapshot(self) -> Any:
-        """All that it depends on from now on."""
+        """All that it depends on from now on; for files a `Snapshot` of exunet, or arrays by name."""
 
     def restore(self, snapshot: Any) -> None:
         """Go back to a snapshot; what follows is the same to the last bit."""

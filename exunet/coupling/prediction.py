@@ -11,14 +11,14 @@ must be below. Repeats contract by H^2 k / (6 m) + H c / (2 m).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState, Vector
+from exunet.bodies.port import PER_FRAME, FrameState, Vector, frames_of
 from exunet.coupling.net_system import LARGEST_TURN, NetSystem
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.held import held_by, mass_matrix
@@ -52,6 +52,26 @@ class Predictor:
     def before(self) -> tuple[float, Mapping[str, FrameState]] | None:
         """All that it remembers."""
         return self._before
+
+    def numbers(self) -> Floats:
+        """All that it remembers, port by port after the time; empty if there was no step."""
+        if self._before is None:
+            return np.zeros(0)
+        time, states = self._before
+        return np.concatenate([[time], *(np.concatenate(state) for state in states.values())])
+
+    @classmethod
+    def of_numbers(cls, ports: Sequence[str], numbers: Floats) -> Predictor:
+        """One that remembers what `numbers` gave."""
+        if not len(numbers):
+            return cls()
+        time, *values = numbers.tolist()
+        return cls((time, frames_of(ports, values)))
+
+    @staticmethod
+    def takes(ports: Sequence[str], numbers: Floats) -> bool:
+        """True if numbers may be what `numbers` gives for these ports."""
+        return numbers.dtype == np.float64 and numbers.shape in ((0,), (1 + PER_FRAME * len(ports),))
 
     def told(self, begin: float, until: float, now: Mapping[str, FrameState]) -> dict[str, FrameState]:
         """States at `until` [s], by those at `begin` and at the beginning of the step before.
