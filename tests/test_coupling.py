@@ -173,20 +173,25 @@ class Faulty:
     """A host that fails once, in the third call of `step`, in some way."""
 
     def __init__(self, host: exunet.BodiesHost, how: str) -> None:
-        self._host, self._how, self._calls = host, how, 0
+        self._host, self._how, self._calls, self._fails = host, how, 0, False
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._host, name)
 
     def step(self, until: float, loads: dict[str, Any]) -> None:
         self._calls += 1
-        if self._calls == 3 and self._how == "raises":
+        self._fails = self._calls == 3
+        if self._fails and self._how == "raises":
             raise RuntimeError("the host has failed")
         self._host.step(until, loads)
 
+    def restore(self, snapshot: Any) -> None:
+        self._fails = False
+        self._host.restore(snapshot)
+
     def frames(self) -> dict[str, FrameState]:
         found = self._host.frames()
-        if self._calls != 3 or self._how == "raises":
+        if not self._fails or self._how == "raises":
             return found
         wrong = (np.nan, 0.0, 0.0) if self._how == "tells NaN" else (9.0, 0.0, 0.0)
         return {name: state._replace(position=wrong) for name, state in found.items()}
