@@ -169,6 +169,48 @@ def test_a_host_that_is_another_net(tmp_path: Path) -> None:
     assert errors[0] / errors[1] > 0.8 * 4.0, errors
 
 
+TWO_PORTS = CHAIN.split("[bodies.first]")[0].replace("1.05, 0.0, 0.0], [2.0", "1.05, 0.4, 0.0], [2.0")
+ENDS = ("attachments.x = {{ point = [-1.0, 0.0, 0.0], node = {} }}\n",
+        "attachments.y = {{ point = [1.0, 0.0, 0.0], node = {} }}\n")  # fmt: skip
+BODY = """
+[bodies.{}]
+motion = "{}"
+mass = 2.0
+inertia = [0.2, 0.3, 0.4]
+position = [1.0, 0.0, 0.0]
+"""
+
+
+def test_two_ports_of_one_body(tmp_path: Path) -> None:
+    """A mass on two cables to both ends of a body: both pull, and the sum of what pulls bounds the step."""
+    ports = [BODY.format(name, "port") + end for name, end in zip("ab", ENDS, strict=True)]
+    (tmp_path / "net.toml").write_text(TWO_PORTS + "".join(ports).format(0, 2))
+    base = TWO_PORTS + BODY.format("base", "free")
+    (tmp_path / "whole.toml").write_text(base + "".join(ENDS).format(0, 2))
+    alone = base.replace("net.elements = [[0, 1], [1, 2]]", "net.elements = []")
+    alone = alone.replace("[0.1, 0.5, 0.1]", f"[{0.1 + LUMP}, 0.5, {0.1 + LUMP}]")
+    (tmp_path / "base.toml").write_text(alone + "".join(ENDS).format(0, 2))
+    known = exunet.Simulation(tmp_path / "whole.toml")
+    before = momenta(known)
+    known.advance_to(END)
+    errors = []
+    for step in (8e-3, 4e-3):
+        net = NetSystem(tmp_path / "net.toml")
+        host = exunet.BodiesHost(tmp_path / "base.toml", ports={"a": "base", "b": "base"})
+        both = Cosimulation(net, host, step=step)
+        both.advance_to(END)
+        given = sum(port.impulse for port in both.books.ports.values())
+        errors.append(
+            float(np.linalg.norm(host.simulation.state.bodies.position[0] - known.state.bodies.position[0]))
+        )
+        velocity = host.simulation.state.bodies.velocity[0]
+        assert np.abs((2.0 + 0.2 + 2.0 * LUMP) * velocity - given).max() < 1e-12  # N s; it was at rest
+        assert np.abs(momenta(net.simulation)[0] + given - before[0]).max() < 1e-12
+    assert errors[0] / errors[1] > 0.8 * 4.0, errors
+    # two cables alike, so twice the stiffness of one
+    assert both.longest == pytest.approx(longest_step(net, STABLE) / np.sqrt(2.0), rel=1e-12)
+
+
 class Faulty:
     """A host that fails once, in the third call of `step`, in some way."""
 

@@ -76,7 +76,7 @@ class Cosimulation:
         self._iterations = number
         if not net.ports:
             raise InputError('Cosimulation: the net has no port: give a body of its case motion = "port"')
-        self.longest = longest_step(net, STABLE if number == 1 else CONTRACTING)
+        self.longest = longest_step(net, STABLE if number == 1 else CONTRACTING, host.shared())
         self.books = Books.of(net.ports)
         if self._step > self.longest:
             self.books.cut = (

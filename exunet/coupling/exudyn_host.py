@@ -92,7 +92,8 @@ class ExudynCoupling:
             raise InputError(f"couple: no marker is given for port {', '.join(missing)}")
         self._ports = MarkedPorts("couple", mbs, {name: ports[name] for name in net.ports})
         self._longest = None if longest is None else _positive(longest)
-        self._largest = {bound: longest_step(net, bound) for bound in (STABLE, WEIGHING)}
+        shared = self._ports.shared()
+        self._largest = {bound: longest_step(net, bound, shared) for bound in (STABLE, WEIGHING)}
         mbs.Assemble()
         for name, start in self._ports.at_start().items():
             refuse_apart("couple", name, net.frame(name), start, net.simulation.start.net.size)

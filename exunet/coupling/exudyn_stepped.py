@@ -85,5 +85,9 @@ class ExudynHost:
         """See `exunet.coupling.host.Host`."""
         self._time = put_back("ExudynHost", self._mbs, snapshot)
 
+    def shared(self) -> tuple[tuple[str, ...], ...]:
+        """See `exunet.coupling.host.Host`."""
+        return self._ports.shared()
+
     def finish(self) -> None:
         """There are no guards: NaN is found where the markers are read."""

@@ -105,7 +105,7 @@ def _rate(before: Vector, now: Vector, duration: float) -> Vector:
     return ((d - a) / duration, (e - b) / duration, (f - c) / duration)
 
 
-def longest_step(net: NetSystem, bound: Bound) -> float:
+def longest_step(net: NetSystem, bound: Bound, shared: Sequence[Sequence[str]] = ()) -> float:
     """The longest macro step [s], by the port that is lightest for its stiffness; infinite if none has any.
 
     m is what resists a force at the port's nodes, by mass and inertia that the case states of the port's
@@ -113,16 +113,24 @@ def longest_step(net: NetSystem, bound: Bound) -> float:
     as if all were taut and the other ends did not yield: the net can only be softer. The outlet of a reel
     counts with the least length that it may come to, so that the step holds at all times. A port that turns
     now turns by `LARGEST_TURN` in a step at most.
+
+    shared : ports that are one body of the host's, together: what pulls at one adds to what pulls at another
     Raises InputError for a port that holds masses, a packed net or what may come onto a drum, which resist
     its acceleration more than its body does: no step is short enough for them.
     """
     for port in net.ports:
         _refuse_heavy(net, port)
-    return min((_longest_of(net, port, bound) for port in net.ports), default=math.inf)
+    return min((_longest_of(net, port, bound, _with(port, shared)) for port in net.ports), default=math.inf)
 
 
-def _longest_of(net: NetSystem, port: str, bound: Bound) -> float:
-    spring, damper = _ratios(net, port)
+def _with(port: str, shared: Sequence[Sequence[str]]) -> Sequence[str]:
+    """All ports that are the body of one."""
+    return next((group for group in shared if port in group), (port,))
+
+
+def _longest_of(net: NetSystem, port: str, bound: Bound, of_body: Sequence[str]) -> float:
+    ratios = [_ratios(net, one) for one in of_body]
+    spring, damper = (sum(one[k] for one in ratios) for k in range(2))
     spin = math.hypot(*net.frame(port).angular_velocity)
     turning = LARGEST_TURN / spin if spin > 0.0 else math.inf
     if not spring > 0.0:
