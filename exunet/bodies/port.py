@@ -149,6 +149,9 @@ class PrincipalState(NamedTuple):
     angular_velocity: Vector
 
 
+_Turning = FrameState | PrincipalState
+
+
 @dataclass(frozen=True)
 class FrameOf:
     """Between the states of a body's frame and those of its centre of mass and principal axes."""
@@ -267,6 +270,15 @@ def difference(one: Quaternion, other: Quaternion) -> Vector:
     """The rotation vector from one attitude to another, in the axes of the body [rad]; no longer than pi."""
     w, x, y, z = one
     return rotation_vector(times((w, -x, -y, -z), other))
+
+
+def rotation_between(begin: _Turning, end: _Turning) -> tuple[Vector, Vector]:
+    """The rotation vector from one state to another [rad], and its rate at the end [rad/s].
+
+    It is no longer than pi; its rate at the beginning is the angular velocity there.
+    """
+    angle = difference(begin.attitude, end.attitude)
+    return angle, _rate_of(angle, end.angular_velocity)
 
 
 def quaternion_of_matrix(matrix: Sequence[float]) -> Quaternion:

@@ -14,7 +14,8 @@ from exunet.bodies.port import FrameState, difference, turned
 from exunet.coupling.agreement import apart, refuse_apart
 from exunet.coupling.books import Books, work_on_host
 from exunet.coupling.host import Host
-from exunet.coupling.net_system import LARGEST_TURN, NetSystem, PortLoad
+from exunet.coupling.jumps import LARGEST_TURN, refuse_turn
+from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
 from exunet.coupling.snapshot import CoupledSnapshot, left_at, refuse_none
 from exunet.coupling.undo import Undo
@@ -228,10 +229,10 @@ class Cosimulation:
             if attempt:
                 self._back(kept)
                 self.books.repeated += 1
-            loads = net.step(until, told) if kept else self._undo.step(until, told)
+            loads = net.follow(until, told) if kept else self._undo.step(until, told)
             try:
                 host.step(until, loads)
-                found = self._read(before, (begin, until), recoils=recoils)
+                found = self._read(before, (begin, until))
             except BaseException:
                 if kept:
                     self._back(kept)
@@ -267,9 +268,7 @@ class Cosimulation:
         self._net.restore(kept[0])
         self._host.restore(kept[1])
 
-    def _read(
-        self, before: Mapping[str, FrameState], times: tuple[float, float], *, recoils: bool
-    ) -> dict[str, FrameState]:
+    def _read(self, before: Mapping[str, FrameState], times: tuple[float, float]) -> dict[str, FrameState]:
         """Where the host's bodies are at the end of a step between two times [s], unless no body can be."""
         told, net = self._host.frames(), self._net
         found = {}
@@ -278,8 +277,8 @@ class Cosimulation:
             if name not in told:
                 raise InputError(f"{who} is not there at t = {net.time:.6g} s")
             found[name] = FrameState.of(told[name], f"{who} at t = {net.time:.6g} s")
-            if not recoils:
-                net.refuse_jump(who, name, times, (before[name], found[name]))
+            self._predictor.refuse_jump(who, name, times, (before[name], found[name]), net.size)
+            refuse_turn(who, times, (before[name], found[name]))
         return found
 
     def _is_good(

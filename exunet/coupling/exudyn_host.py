@@ -51,7 +51,8 @@ def couple(
     the impulse of the net's steps to the last bit, and the error is of second order in the host's step; the
     report has its energy. A step that the host takes again, shorter, the net takes again too.
     Raises InputError for ports or markers that are missing or do not fit, if a marker is not where its port
-    is at the start, and if the net or the marker is coupled already; the system is then as it was.
+    is at the start, and if the net is coupled already; the system is then as it was. Several nets may be
+    coupled to one system, and to one body: the largest stable step of each is that of the body with it alone.
     """
     if not isinstance(net, NetSystem):
         raise InputError(f"couple: net: an exunet.NetSystem, got {type(net).__name__}")
@@ -301,6 +302,9 @@ class ExudynCoupling:
         loads, handed, before = self._open
         begin, end = next((load.begin, load.end) for load in loads.values())
         recoils, duration = self._net.recoils(begin, end), end - begin
+        for name in self._net.ports:
+            who = f"couple: the host's body at port {name}"
+            self._predictor.refuse_jump(who, name, (begin, end), (before[name], now[name]), self._net.size)
         mean = np.concatenate([part for name in self._net.ports for part in loads[name][-2:]])
         applied = self._handover.take(mean, handed, duration, jumps=recoils)
         works = {

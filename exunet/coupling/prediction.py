@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.bodies.port import PER_FRAME, FrameState, Vector, frames_of
-from exunet.coupling.net_system import LARGEST_TURN, NetSystem
+from exunet.coupling.jumps import LARGEST_TURN, OWN, Accelerations, refuse_jump
+from exunet.coupling.net_system import NetSystem
 from exunet.forces.cable_term import CableTerm
 from exunet.forces.held import held_by, mass_matrix
 from exunet.forces.reel import memory_name
@@ -90,6 +91,24 @@ class Predictor:
             )
             for name, state in now.items()
         }
+
+    def refuse_jump(
+        self,
+        who: str,
+        name: str,
+        times: tuple[float, float],
+        states: tuple[FrameState, FrameState],
+        size: float,
+    ) -> None:
+        """Raise InputError if a host's body gets elsewhere in a step than it moves, see that function.
+
+        name : of the port, by which the step before is remembered
+        """
+        last, (begin, _) = Accelerations(), states
+        if self._before is not None and self._before[0] < times[0]:
+            time, before = self._before
+            last = Accelerations.between(times[0] - time, before[name], begin)
+        refuse_jump(who, times, states, last, OWN, size)
 
     def forget(self) -> None:
         """A jump of the velocity does not go on: the next step is predicted at constant velocity."""

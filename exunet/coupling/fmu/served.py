@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import count
 from pathlib import Path
 from typing import NamedTuple
@@ -101,6 +101,9 @@ class Model:
         ]
 
 
+Step = Callable[[float, Mapping[str, FrameState]], dict[str, PortLoad]]
+
+
 class _Kept(NamedTuple):
     """A state that the host keeps.
 
@@ -157,19 +160,32 @@ class Served:
         inputs = values[model.first_input : model.first_input + len(signals.inputs)].tolist()
         frames = signals.frames(inputs)
         start, told = net.time, frames
+        go: Step = net.step
         if model.ports:
             at_end, longest = bool(values[model.n_parameters]), float(values[model.n_parameters + 1])
             self._refuse_long(end - start, at_end=at_end, longest=longest)
             if not at_end:
+                go = self._following(start, frames)
                 told = self._predictor.told(start, end, frames)
         signals.let_wrenches_act(net, inputs)
-        loads = net.step(end, told)
+        loads = go(end, told)
         net.finish()
         if net.recoils(start, end):  # a jump, which does not go on
             self._predictor.forget()
         else:
             self._predictor.keep(start, frames)
         return self._with_outputs(values, loads)
+
+    def _following(self, start: float, frames: Mapping[str, FrameState]) -> Step:
+        """How the net is to take states that are predicted from inputs at a time [s], unless these jump."""
+        net, _ = self._built()
+        if self._predictor.before is None:  # at the start, where the net is; or after a throw, which jumps
+            return net.follow if start > net.simulation.start.state.time else net.step
+        time, before = self._predictor.before
+        for name, state in frames.items():
+            told = FrameState.of(state, f"step: port {name}")
+            net.refuse_jump(f"step: port {name}", name, (time, start), (before[name], told))
+        return net.follow
 
     def _refuse_long(self, step: float, *, at_end: bool, longest: float) -> None:
         largest = longest or self._largest[at_end]
