@@ -99,6 +99,22 @@ def test_what_may_come_onto_the_drum_counts_as_held(file: Path) -> None:
         longest_step(NetSystem(file, [*heavy, PULL, "bodies.chaser.mass=0.9"]), STABLE)
 
 
+@pytest.mark.parametrize(("mass", "doubted"), [(2.0, False), (20.0, True)])
+def test_the_report_doubts_a_coupling_whose_case_has_another_mass(
+    file: Path, mass: float, doubted: bool
+) -> None:
+    """A body of 2 kg; with the 20 kg of the case, the step may be 3 times as long as is stable."""
+    alone = BodiesHost.of_ports(NetSystem(file))
+    net = NetSystem(file, [f"bodies.chaser.mass={mass}"])
+    both = Cosimulation(net, alone, step=0.4)
+    assert both.longest == pytest.approx(0.1803 * math.sqrt(mass / 2.0), rel=0.01)
+    both.advance_to(8.0)
+    port = both.books.ports["chaser"]
+    assert bool(both.books.doubts) == doubted == (abs(port.residual) > 0.1 * port.passed)
+    words = "WARNING: port chaser: the coupling has added"
+    assert (words in str(both.books)) == doubted
+
+
 def test_steps_beyond_it_are_cut_and_energy_stays(file: Path) -> None:
     """Cut to half of what the whole tether would allow, with which this run gained 4 J, and then diverged."""
     net = NetSystem(file)
