@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from exunet.coupling.native_items import add_to as add_to
     from exunet.coupling.net_system import NetSystem as NetSystem
     from exunet.coupling.net_system import PortLoad as PortLoad
+    from exunet.coupling.snapshot import CoupledSnapshot as CoupledSnapshot
     from exunet.figures import figure as figure
     from exunet.figures import save_figures as save_figures
     from exunet.figures.ensemble import ensemble_figure as ensemble_figure
@@ -95,6 +96,7 @@ API = {
         "BodiesHost": "exunet.coupling.host",
         "ExudynHost": "exunet.coupling.exudyn_stepped",
         "Books": "exunet.coupling.books",
+        "CoupledSnapshot": "exunet.coupling.snapshot",
         "add_to": "exunet.coupling.native_items",
         "NativeItems": "exunet.coupling.native_items",
         "export_fmu": "exunet.coupling.fmu.export",

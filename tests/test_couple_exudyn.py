@@ -22,6 +22,7 @@ from exudyn.itemInterface import (
     ObjectGround,
     ObjectRigidBody,
 )
+from exudyn.rigidBodyUtilities import InertiaCuboid
 
 import exunet
 from exunet import InputError, NetSystem
@@ -274,6 +275,14 @@ def test_an_explicit_host_is_set_back(scene: Scene, iterations: int) -> None:
     assert ends[0] == ends[1]
 
 
+def test_ports_at_markers_of_one_body_are_known(scene: Scene) -> None:
+    own, other = Host(scene), {"referencePosition": [9.0, 0.0, 0.0], "inertia": InertiaCuboid(1.0, [1.0] * 3)}
+    far = own.mbs.AddMarker(MarkerBodyRigid(bodyNumber=own.mbs.CreateRigidBody(**other)))
+    ports = {"a": own.marker, "b": far, "c": own.centre}
+    host = exunet.ExudynHost(own.mbs, ports, step=1e-3)
+    assert sorted(host.shared()) == [("a", "c"), ("b",)]
+
+
 def test_hosts_that_cannot_be_set_back_are_refused(scene: Scene) -> None:
     own = Host(scene)
     for arguments, words in (
@@ -399,7 +408,9 @@ def test_faults_on_the_way_are_told_by_name(scene: Scene) -> None:
     with pytest.raises(exu.ModelError, match="the host starts at t = 5 s, the net is at 0 s"):
         host.solve("RK44", 40, startTime=5.0, endTime=5.24)
     host.solve("RK44", 40)
-    with pytest.raises(exu.ModelError, match="restore or reset the net, and couple anew"):
+    with pytest.raises(
+        exu.ModelError, match="restore a snapshot of the coupling, or reset the net and couple anew"
+    ):
         host.solve("RK44", 40)  # from its start, where the net is not
     coupling.detach()
     net.reset()
@@ -440,6 +451,11 @@ def test_what_has_no_items_is_refused(scene: Scene, tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=words):
             exunet.add_to(host.mbs, scene.net, ports)
+    launch = Path(__file__).parents[1] / "cases/bodies/launch.toml"
+    with pytest.raises(InputError, match=r"the recoil of a throw from port chaser \(initial\.frame\.body\)"):
+        exunet.add_to(
+            host.mbs, launch, {"chaser": host.object}, ["engine.loop=compiled", "bodies.chaser.motion=port"]
+        )
     apart = Host(scene)  # whose node is the centre of mass, and not the origin of the frame
     point = apart.mbs.AddObject(ObjectGround())
     for number, words in (

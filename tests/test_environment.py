@@ -197,3 +197,39 @@ def test_a_step_that_a_guard_stops_truncates_the_episode():
         environment.step(np.zeros(6))
     assert environment.reset()[0][0] == 0.0
     assert environment.step(np.zeros(6))[0][0] == 0.1
+
+
+class Counts:
+    """A controller that counts how often it has acted."""
+
+    period = 0.01
+
+    def __init__(self) -> None:
+        self.acted = 0
+
+    def act(self, simulation: Any) -> None:
+        self.acted += 1
+
+    def state(self) -> dict[str, Any]:
+        return {"acted": self.acted}
+
+    def restore(self, state: Any) -> None:
+        self.acted = int(state["acted"])
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+@pytest.mark.parametrize("moved", [0.0, 1e-6])
+def test_a_controller_stays_at_a_reset(moved: float) -> None:
+    """Five periods in one of the environment; set back at the next reset."""
+    case = Path(__file__).parents[1] / "cases/bodies/snap.toml"
+    actions = {"wrench/chaser": (-20.0, 20.0)}
+    env = exunet.NetEnvironment(
+        case, ["engine.loop=compiled"], actions=actions, observations=["time"], period=0.05, moved=moved
+    )
+    counts = Counts()
+    env.simulation.attach(counts)
+    for seed in (1, 2):
+        env.reset(seed=seed)
+        env.step(np.zeros(6))
+        assert counts.acted == 5

@@ -26,6 +26,7 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 _ZERO = (0.0, 0.0, 0.0)
 _SIZES = (3, 3, 4, 3)  # of the parts of a frame's state
+PER_FRAME = sum(_SIZES)
 
 
 class FrameState(NamedTuple):
@@ -97,6 +98,16 @@ def _along(begin: Vector, duration: float, rate: Vector) -> Vector:
     return (a + duration * d, b + duration * e, c + duration * f)
 
 
+def frames_of(names: Sequence[str], values: Sequence[float]) -> dict[str, FrameState]:
+    """States by name, of the numbers of their parts, one state after the other; unchecked."""
+    return {name: _state_of(values[PER_FRAME * k :]) for k, name in enumerate(names)}
+
+
+def _state_of(values: Sequence[float]) -> FrameState:
+    x, y, z, u, v, w, a, b, c, d, i, j, k = values[:PER_FRAME]
+    return FrameState((x, y, z), (u, v, w), (a, b, c, d), (i, j, k))
+
+
 class Piece(NamedTuple):
     """How a body moves from an instant on, as one piece of an `exunet.bodies.guide.Guide`.
 
@@ -136,6 +147,9 @@ class PrincipalState(NamedTuple):
     velocity: Vector
     attitude: Quaternion
     angular_velocity: Vector
+
+
+_Turning = FrameState | PrincipalState
 
 
 @dataclass(frozen=True)
@@ -264,6 +278,15 @@ def difference(one: Quaternion, other: Quaternion) -> Vector:
     """The rotation vector from one attitude to another, in the axes of the body [rad]; no longer than pi."""
     w, x, y, z = one
     return rotation_vector(times((w, -x, -y, -z), other))
+
+
+def rotation_between(begin: _Turning, end: _Turning) -> tuple[Vector, Vector]:
+    """The rotation vector from one state to another [rad], and its rate at the end [rad/s].
+
+    It is no longer than pi; its rate at the beginning is the angular velocity there.
+    """
+    angle = difference(begin.attitude, end.attitude)
+    return angle, _rate_of(angle, end.angular_velocity)
 
 
 def quaternion_of_matrix(matrix: Sequence[float]) -> Quaternion:

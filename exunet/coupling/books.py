@@ -13,6 +13,10 @@ from exunet.coupling.net_system import PortLoad
 
 Floats = NDArray[np.float64]
 
+# Residual in parts of the energy that went through a port, beyond which the books doubt the coupling. On a
+# spring at the largest stable step it is 0.07; a fifth beyond that it is 0.1, at twice that step 0.8.
+DOUBTFUL = 0.1
+
 
 def work_on_host(
     force: Floats, torque: Floats, duration: float, before: FrameState, after: FrameState
@@ -48,6 +52,16 @@ class PortBook:
     largest: float = 0.0
     passed: float = 0.0
     launch: float = 0.0
+
+    def numbers(self) -> Floats:
+        """(11,) all of it, for a snapshot."""
+        sums = [self.work, self.residual, self.largest, self.passed, self.launch]
+        return np.concatenate([self.impulse, self.angular_impulse, sums])
+
+    @classmethod
+    def of_numbers(cls, numbers: Floats) -> PortBook:
+        """What `numbers` gave."""
+        return cls(numbers[:3].copy(), numbers[3:6].copy(), *numbers[6:].tolist())
 
     def add(self, load: PortLoad, work: float, *, recoils: bool) -> float:
         """Take a step into the book; returns its residual [J].
@@ -88,6 +102,18 @@ class Books:
         """Empty ones."""
         return cls({name: PortBook() for name in names})
 
+    def numbers(self) -> Floats:
+        """(4 + 11 n,) all but `cut`, for a snapshot."""
+        steps = [float(self.steps), float(self.repeated), self.shortest, self.longest]
+        return np.concatenate([steps, *(port.numbers() for port in self.ports.values())])
+
+    def with_numbers(self, numbers: Floats) -> Books:
+        """Of the same ports, with what `numbers` gave."""
+        steps, repeated, shortest, longest = numbers[:4].tolist()
+        rows = numbers[4:].reshape(len(self.ports), -1)
+        ports = {name: PortBook.of_numbers(row) for name, row in zip(self.ports, rows, strict=True)}
+        return Books(ports, int(steps), int(repeated), shortest, longest, self.cut)
+
     def add(self, loads: Mapping[str, PortLoad], works: Mapping[str, float], *, recoils: bool) -> float:
         """Take a step into the books, see `PortBook.add`; returns the energy [J] that the coupling added."""
         step = next(load.end - load.begin for load in loads.values())
@@ -100,6 +126,18 @@ class Books:
         """Energy [J] that the coupling has added to host and net together, by all ports."""
         return sum(port.residual for port in self.ports.values())
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """A sentence for each port whose residual is more than a tenth of the energy that went through it."""
+        return tuple(
+            f"WARNING: port {name}: the coupling has {'added' if port.residual > 0.0 else 'taken out'} "
+            f"{abs(port.residual):.4g} J, more than a tenth of the {port.passed:.4g} J that went through: "
+            "its motion is not to be trusted. Use shorter steps; mass and inertia of the body in the case "
+            "must be the host's, since the largest stable step is by them"
+            for name, port in self.ports.items()
+            if abs(port.residual) > DOUBTFUL * port.passed
+        )
+
     def __str__(self) -> str:
         rows = [
             f"macro steps {self.steps} ({self.shortest:.4g} to {self.longest:.4g} s), "
@@ -108,6 +146,7 @@ class Books:
             else "no macro step yet"
         ]
         rows += [self.cut] if self.cut else []
+        rows += self.doubts
         for name, port in self.ports.items():
             rows += [
                 f"port {name}: impulse {_vector(port.impulse)} N s, angular impulse about the scene's origin "

@@ -7,17 +7,22 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState, difference, turned
 from exunet.coupling.agreement import apart, refuse_apart
 from exunet.coupling.books import Books, work_on_host
 from exunet.coupling.host import Host
-from exunet.coupling.net_system import LARGEST_TURN, NetSystem, PortLoad
+from exunet.coupling.jumps import LARGEST_TURN, refuse_turn
+from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
+from exunet.coupling.snapshot import CoupledSnapshot, left_at, refuse_none
 from exunet.coupling.undo import Undo
 from exunet.simulation.arguments import finite_number, whole_number
 from exunet.simulation.snapshot import Snapshot
+
+Floats = NDArray[np.float64]
 
 _SHORTEST = 1e-3  # of the step asked for: a macro step below it means that no step will do
 _RECOIL = 1e-6  # of a macro step, over which a throw at the start recoils
@@ -45,6 +50,9 @@ class Cosimulation:
                  None: equal steps
     Raises InputError for arguments that make no sense, and if ports and the host's bodies start apart.
 
+    `snapshot` and `restore` take net, host and what the coupling remembers back together; what follows is
+    then the same to the last bit. A net or a host that was set back by itself is refused.
+
     A host that fails, or tells states that are none, leaves the books and the net as they were before the
     step, and itself too where steps are repeated. Where it has gone on alone, `advance_to` refuses to go on.
     """
@@ -69,7 +77,7 @@ class Cosimulation:
         self._iterations = number
         if not net.ports:
             raise InputError('Cosimulation: the net has no port: give a body of its case motion = "port"')
-        self.longest = longest_step(net, STABLE if number == 1 else CONTRACTING)
+        self.longest = longest_step(net, STABLE if number == 1 else CONTRACTING, host.shared())
         self.books = Books.of(net.ports)
         if self._step > self.longest:
             self.books.cut = (
@@ -80,7 +88,10 @@ class Cosimulation:
         self._next = self._step
         self._predictor, self._undo = Predictor(), Undo(net)
         self._refuse_other_times()
-        self._found = self._refuse_apart()
+        self._found = self._of_host()
+        for name, state in self._found.items():
+            refuse_apart("Cosimulation", name, net.frame(name), state, net.simulation.start.net.size)
+        self._left = left_at(net)
 
     @property
     def time(self) -> float:
@@ -99,14 +110,67 @@ class Cosimulation:
                 f"advance_to: must be later than the time reached, {self.time:g} s, got {until!r}"
             )
         self._refuse_other_times()
-        for stop in self._stops(end):
-            self._stretch_to(stop)
+        self._refuse_set_back()
+        try:
+            for stop in self._stops(end):
+                self._stretch_to(stop)
+        finally:
+            self._left = left_at(self._net)
+
+    def snapshot(self) -> CoupledSnapshot:
+        """Net, host, and all that the coupling remembers; in memory, or in a file by its `save`."""
+        self._refuse_other_times()
+        self._refuse_set_back()
+        self._net.finish()
+        self._host.finish()
+        parts = self._net.snapshot(), self._host.snapshot()
+        return CoupledSnapshot("Cosimulation", self._net.ports, *parts, self._memory())
+
+    def restore(self, snapshot: CoupledSnapshot) -> None:
+        """Go back, or on, to a snapshot of net and host of the same cases, coupled in the same way.
+
+        What follows is the same to the last bit. Raises InputError for another coupling, net or host; net and
+        coupling are then as they were.
+        """
+        given = refuse_none("Cosimulation", snapshot)
+        given.refuse_other("Cosimulation", self._net, self._memory())
+        self._net.finish()
+        here = self._net.snapshot()
+        self._net.restore(given.net)
+        try:
+            self._host.restore(given.host)
+        except BaseException:
+            self._net.restore(here)
+            raise
+        memory = given.memory
+        self._predictor = Predictor.of_numbers(self._net.ports, memory["before"])
+        self._next = min(float(memory["next"][0]), self._step)
+        self.books = self.books.with_numbers(memory["books"])
+        self._undo = Undo(self._net)
+        self._found, self._left = self._of_host(), left_at(self._net)
+
+    def _memory(self) -> dict[str, Floats]:
+        return {
+            "before": self._predictor.numbers(),
+            "next": np.array([self._next]),
+            "books": self.books.numbers(),
+        }
 
     def _refuse_other_times(self) -> None:
         if not abs(self._host.time - self._net.time) <= _SAME_TIME * self._step:
             raise InputError(
                 f"Cosimulation: the host is at t = {self._host.time:.9g} s, the net at "
-                f"{self._net.time:.9g} s: restore both to one time, and make a new Cosimulation"
+                f"{self._net.time:.9g} s: restore both by a snapshot of the Cosimulation, or begin anew with "
+                "both at the start"
+            )
+
+    def _refuse_set_back(self) -> None:
+        """The coupling goes on from where it has left net and host; it remembers steps before that."""
+        if left_at(self._net) != self._left or self._of_host() != self._found:
+            raise InputError(
+                f"Cosimulation: at t = {self._net.time:.9g} s net or host are not where the coupling left "
+                "them: set both back by its own snapshot and restore, since it remembers the steps before, "
+                "or begin anew with both at the start"
             )
 
     def _stops(self, end: float) -> list[float]:
@@ -165,10 +229,10 @@ class Cosimulation:
             if attempt:
                 self._back(kept)
                 self.books.repeated += 1
-            loads = net.step(until, told) if kept else self._undo.step(until, told)
+            loads = net.follow(until, told) if kept else self._undo.step(until, told)
             try:
                 host.step(until, loads)
-                found = self._read(before, (begin, until), recoils=recoils)
+                found = self._read(before, (begin, until))
             except BaseException:
                 if kept:
                     self._back(kept)
@@ -204,9 +268,7 @@ class Cosimulation:
         self._net.restore(kept[0])
         self._host.restore(kept[1])
 
-    def _read(
-        self, before: Mapping[str, FrameState], times: tuple[float, float], *, recoils: bool
-    ) -> dict[str, FrameState]:
+    def _read(self, before: Mapping[str, FrameState], times: tuple[float, float]) -> dict[str, FrameState]:
         """Where the host's bodies are at the end of a step between two times [s], unless no body can be."""
         told, net = self._host.frames(), self._net
         found = {}
@@ -215,8 +277,8 @@ class Cosimulation:
             if name not in told:
                 raise InputError(f"{who} is not there at t = {net.time:.6g} s")
             found[name] = FrameState.of(told[name], f"{who} at t = {net.time:.6g} s")
-            if not recoils:
-                net.refuse_jump(who, name, times, (before[name], found[name]))
+            self._predictor.refuse_jump(who, name, times, (before[name], found[name]), net.size)
+            refuse_turn(who, times, (before[name], found[name]))
         return found
 
     def _is_good(
@@ -238,16 +300,13 @@ class Cosimulation:
         size = self._net.simulation.start.net.size
         return all(apart(told[name], found[name], size) <= self._agreement for name in told)
 
-    def _refuse_apart(self) -> dict[str, FrameState]:
-        """The states of the host's bodies, if they are those of the ports."""
+    def _of_host(self) -> dict[str, FrameState]:
+        """The states of the host's bodies at the ports now."""
         found = self._host.frames()
         if missing := [name for name in self._net.ports if name not in found]:
             raise InputError(f"Cosimulation: the host has no body for port {', '.join(missing)}")
-        size = self._net.simulation.start.net.size
-        for name in self._net.ports:
-            state = FrameState.of(found[name], f"Cosimulation: the host's body at port {name}")
-            refuse_apart("Cosimulation", name, self._net.frame(name), state, size)
-        return {name: found[name] for name in self._net.ports}
+        who = "Cosimulation: the host's body at port"
+        return {name: FrameState.of(found[name], f"{who} {name}") for name in self._net.ports}
 
 
 def _work_between(load: PortLoad, one: FrameState, other: FrameState) -> float:

@@ -14,10 +14,12 @@ from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState
 from exunet.coupling.agreement import refuse_apart
 from exunet.coupling.books import Books, work_on_host
+from exunet.coupling.exudyn_state import EXACT, put_back, state_of
 from exunet.coupling.handover import Handover, weights_of
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.prediction import STABLE, WEIGHING, Predictor, longest_step
+from exunet.coupling.snapshot import CoupledSnapshot, left_at, refuse_none
 from exunet.coupling.undo import Undo
 
 Floats = NDArray[np.float64]
@@ -49,7 +51,8 @@ def couple(
     the impulse of the net's steps to the last bit, and the error is of second order in the host's step; the
     report has its energy. A step that the host takes again, shorter, the net takes again too.
     Raises InputError for ports or markers that are missing or do not fit, if a marker is not where its port
-    is at the start, and if the net or the marker is coupled already; the system is then as it was.
+    is at the start, and if the net is coupled already; the system is then as it was. Several nets may be
+    coupled to one system, and to one body: the largest stable step of each is that of the body with it alone.
     """
     if not isinstance(net, NetSystem):
         raise InputError(f"couple: net: an exunet.NetSystem, got {type(net).__name__}")
@@ -111,7 +114,8 @@ class ExudynCoupling:
             raise InputError(f"couple: no marker is given for port {', '.join(missing)}")
         self._ports = MarkedPorts("couple", mbs, {name: ports[name] for name in net.ports})
         self._longest = None if longest is None else _positive(longest)
-        self._largest = {bound: longest_step(net, bound) for bound in (STABLE, WEIGHING)}
+        shared = self._ports.shared()
+        self._largest = {bound: longest_step(net, bound, shared) for bound in (STABLE, WEIGHING)}
         mbs.Assemble()
         for name, start in self._ports.at_start().items():
             refuse_apart("couple", name, net.frame(name), start, net.simulation.start.net.size)
@@ -127,6 +131,8 @@ class ExudynCoupling:
         self._open: _Open | None = None
         self._handover = Handover(np.zeros(6 * len(net.ports)))
         self._solver: Any = None  # of the run of the host that goes on
+        self._method = ""  # of that run; none yet
+        self._left = left_at(net)
         self._threw = False  # in the step before, a part of which a method that weighs applies in this one
 
     @property
@@ -150,6 +156,77 @@ class ExudynCoupling:
         self._book_what_ended()
         parts = self._handover.in_transit.reshape(-1, 6)[:, :3]
         return dict(zip(self._net.ports, parts.copy(), strict=True))
+
+    def snapshot(self) -> CoupledSnapshot:
+        """Net, user's system, and all that the coupling remembers, between two runs of the host.
+
+        In memory, or in a file by its `save`. Raises InputError within a step of the host, after a run by a
+        method that keeps more than the engine gives (velocity Verlet, implicit and adaptive ones), and for a
+        net that was set back by itself.
+        """
+        self._refuse_detached("snapshot")
+        self._refuse_set_back()
+        self._book_what_ended()
+        if self._open is not None:
+            raise InputError("couple: snapshot: the host is within a step: wait until its run has ended")
+        if self._method and self._method not in EXACT:
+            raise InputError(
+                f"couple: snapshot: the host's last run was by {self._method}, which keeps accelerations or "
+                f"steps that Exudyn does not give, so that it could not be repeated: use {', '.join(EXACT)}"
+            )
+        self._net.finish()
+        self._write_books()
+        state = state_of(self._mbs, self._net.time)
+        return CoupledSnapshot("couple", self._net.ports, self._net.snapshot(), state, self._memory())
+
+    def restore(self, snapshot: CoupledSnapshot) -> None:
+        """Go back, or on, to a snapshot of the same net and system, coupled alike; between two runs.
+
+        The next run starts from there, with its time as `startTime`; runs by the methods of `ExudynHost` give
+        the same to the last bit, if what else is in the system follows from state and time. Raises InputError
+        for another coupling, net or system; all is then as it was.
+        """
+        self._refuse_detached("restore")
+        given = refuse_none("couple", snapshot)
+        given.refuse_other("couple", self._net, self._memory())
+        self._net.finish()
+        here = self._net.snapshot()
+        self._net.restore(given.net)
+        try:
+            put_back("couple", self._mbs, given.host)
+        except BaseException:
+            self._net.restore(here)
+            raise
+        memory = given.memory
+        self._predictor = Predictor.of_numbers(self._net.ports, memory["before"])
+        self._handover = Handover.of_numbers(memory)
+        self._books = self._books.with_numbers(memory["books"])
+        self._threw = bool(memory["threw"][0])
+        self._open, self._solver, self._method = None, None, ""
+        self._ended.clear()
+        self._undo, self._left = Undo(self._net), left_at(self._net)
+        self._ports.let_act(self._handover.acting.reshape(-1, 6))
+
+    def _memory(self) -> dict[str, Floats]:
+        return {
+            "before": self._predictor.numbers(),
+            "books": self._books.numbers(),
+            "threw": np.array([float(self._threw)]),
+            **self._handover.numbers(),
+        }
+
+    def _refuse_detached(self, what: str) -> None:
+        if not self._attached:
+            raise InputError(f"couple: {what}: the coupling was detached")
+
+    def _refuse_set_back(self) -> None:
+        """The coupling goes on from where it has left the net; it remembers the steps before that."""
+        if left_at(self._net) != self._left:
+            raise InputError(
+                f"couple: the net, at t = {self._net.time:.9g} s, is not where the coupling left it: set "
+                "net and host back by the coupling's own snapshot and restore, since it remembers the steps "
+                "before, or detach, reset the net and couple anew"
+            )
 
     def detach(self) -> None:
         """End the coupling: no force acts any more, and the pre-step function is what it was before.
@@ -184,6 +261,7 @@ class ExudynCoupling:
         starts = solver is None or solver is not self._solver
         if starts:
             self._ports.look_up()
+            self._refuse_set_back()
         now = self._ports.now()
         if until <= self._net.time:
             self._take_back(until)
@@ -198,7 +276,7 @@ class ExudynCoupling:
         recoils = net.recoils(begin, until)
         handed = self._handover.handed(mean, until - begin, jumps=recoils)
         self._ports.let_act(handed.reshape(-1, 6))
-        self._open = _Open(loads, recoils, mean, handed, now)
+        self._open, self._left = _Open(loads, recoils, mean, handed, now), left_at(net)
         return True
 
     def _follow(self, solver: Any) -> None:
@@ -212,9 +290,11 @@ class ExudynCoupling:
         if abs(begin - self._net.time) > _SAME_TIME:
             raise InputError(
                 f"couple: the host starts at t = {begin:.9g} s, the net is at {self._net.time:.9g} s: set "
-                "timeIntegration.startTime, or restore or reset the net, and couple anew"
+                "timeIntegration.startTime, restore a snapshot of the coupling, or reset the net and couple "
+                "anew"
             )
         self._handover.begin(weights_of(settings.timeIntegration))
+        self._method = settings.timeIntegration.solverType.name
         self._solver = solver
 
     def _refuse_long(self, begin: float, until: float) -> None:
@@ -232,7 +312,8 @@ class ExudynCoupling:
         if self._open is None or not self._undo.begin < until:
             raise InputError(
                 f"couple: the host steps to t = {until:.6g} s, but the net is at {self._net.time:.6g} s, and "
-                f"its last step began at {self._undo.begin:.6g} s: restore or reset the net, and couple anew"
+                f"its last step began at {self._undo.begin:.6g} s: restore a snapshot of the coupling, or "
+                "reset the net and couple anew"
             )
         self._undo.back()
         self._books.repeated += 1
@@ -249,6 +330,9 @@ class ExudynCoupling:
         assert self._open is not None
         loads, recoils, mean, handed, before = self._open
         begin, end = next((load.begin, load.end) for load in loads.values())
+        for name in self._net.ports:
+            who = f"couple: the host's body at port {name}"
+            self._predictor.refuse_jump(who, name, (begin, end), (before[name], now[name]), self._net.size)
         applied = self._handover.take(mean, handed, end - begin, jumps=recoils)
         late = self._threw and self._handover.weights is not None
         self._ended.append(_Ended(loads, applied, recoils or late, before, now))

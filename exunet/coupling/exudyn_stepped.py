@@ -11,12 +11,10 @@ import numpy as np
 from exunet.backends.exudyn.loading import exudyn
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState
+from exunet.coupling.exudyn_state import EXACT, put_back, state_of
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import PortLoad
 from exunet.simulation.arguments import finite_number
-
-# Their steps depend on nothing but coordinates, velocities, data and time, which the engine gives and takes.
-_METHODS = ("ExplicitMidpoint", "RK33", "RK44", "RK67")
 
 
 class ExudynHost:
@@ -39,9 +37,9 @@ class ExudynHost:
             raise InputError(f"ExudynHost: mbs: a system of Exudyn, got {type(mbs).__name__}")
         if not isinstance(ports, Mapping):
             raise InputError(f"ExudynHost: ports: the number of a marker by the name of each, got {ports!r}")
-        if method not in _METHODS:
+        if method not in EXACT:
             raise InputError(
-                f"ExudynHost: method {method!r} cannot be set back to the last bit: {', '.join(_METHODS)}; "
+                f"ExudynHost: method {method!r} cannot be set back to the last bit: {', '.join(EXACT)}; "
                 "any other with exunet.couple, which repeats no steps"
             )
         number = finite_number(step)
@@ -57,7 +55,8 @@ class ExudynHost:
         self._settings = settings
         self._method = getattr(self._engine.DynamicSolverType, method)
         self._time = 0.0
-        self._set(mbs.systemData.GetSystemState(self._engine.ConfigurationType.Initial))
+        start = mbs.systemData.GetSystemState(self._engine.ConfigurationType.Initial)
+        mbs.systemData.SetSystemState(start, self._engine.ConfigurationType.Current)
 
     @property
     def time(self) -> float:
@@ -81,18 +80,15 @@ class ExudynHost:
 
     def snapshot(self) -> Any:
         """See `exunet.coupling.host.Host`."""
-        state = self._mbs.systemData.GetSystemState()
-        return self._time, [np.array(part) for part in state]
+        return state_of(self._mbs, self._time)
 
     def restore(self, snapshot: Any) -> None:
         """See `exunet.coupling.host.Host`."""
-        self._time, state = snapshot
-        self._set(state)
+        self._time = put_back("ExudynHost", self._mbs, snapshot)
+
+    def shared(self) -> tuple[tuple[str, ...], ...]:
+        """See `exunet.coupling.host.Host`."""
+        return self._ports.shared()
 
     def finish(self) -> None:
         """There are no guards: NaN is found where the markers are read."""
-
-    def _set(self, state: Any) -> None:
-        kinds = self._engine.ConfigurationType
-        for kind in (kinds.Initial, kinds.Current):
-            self._mbs.systemData.SetSystemState(state, kind)

@@ -16,6 +16,7 @@ that is handed over adds up to the impulse of the net.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -79,6 +80,31 @@ class Handover:
 
     def __post_init__(self) -> None:
         self._given = self._rate = self._owed = np.zeros_like(self.in_transit)
+
+    def numbers(self) -> dict[str, Floats]:
+        """All but the weights, which each run of the host tells anew; for a snapshot."""
+        mean = np.zeros(0) if self._mean is None else self._mean
+        return {
+            "in_transit": self.in_transit,
+            "given": self._given,
+            "rate": self._rate,
+            "owed": self._owed,
+            "mean": mean,
+            "step": np.array([self._step]),
+        }
+
+    @classmethod
+    def of_numbers(cls, numbers: Mapping[str, Floats]) -> Handover:
+        """What `numbers` gave; its force acts still."""
+        one = cls(numbers["in_transit"])
+        one._given, one._rate, one._owed = (numbers[name] for name in ("given", "rate", "owed"))
+        one._mean, one._step = numbers["mean"] if len(numbers["mean"]) else None, float(numbers["step"][0])
+        return one
+
+    @property
+    def acting(self) -> Floats:
+        """(n,) forces and torques that were handed over last."""
+        return self._given
 
     def begin(self, weights: Weights | None) -> None:
         """A solver starts: its accelerations are those of the force that was handed over last."""

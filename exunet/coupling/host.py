@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -35,10 +35,13 @@ class Host(Protocol):
         """Go on to a time [s] under the mean force and torque of each load."""
 
     def snapshot(self) -> Any:
-        """All that it depends on from now on."""
+        """All that it depends on from now on; for files a `Snapshot` of exunet, or arrays by name."""
 
     def restore(self, snapshot: Any) -> None:
         """Go back to a snapshot; what follows is the same to the last bit."""
+
+    def shared(self) -> tuple[tuple[str, ...], ...]:
+        """Ports that are one body, together; a port that has a body of its own need not be named."""
 
     def finish(self) -> None:
         """Let its own guards, if it has any, look at all states."""
@@ -48,7 +51,8 @@ class BodiesHost:
     """A case of exunet whose free bodies a net is tied to: bodies alone, or another net with its bodies.
 
     case  : with a free body for each port
-    ports : names of ports, each with the name of the body that it is; None: alike, all free bodies
+    ports : names of ports, each with the name of the body that it is; None: alike, all free bodies. Several
+            ports may be one body
     """
 
     def __init__(
@@ -65,7 +69,7 @@ class BodiesHost:
         if wrong := [name for name in self._bodies.values() if name not in free]:
             known = ", ".join(free) or "none"
             raise InputError(f"BodiesHost: there is no free body {', '.join(wrong)}: {known}")
-        self._sim = Simulation(start, wrenches=tuple(self._bodies.values()))
+        self._sim = Simulation(start, wrenches=tuple(dict.fromkeys(self._bodies.values())))
         numbers = {name: start.system.blocks.rigid.index(body) for name, body in self._bodies.items()}
         self._frames = {name: (k, FrameOf.body(start.system.bodies[k])) for name, k in numbers.items()}
 
@@ -97,9 +101,12 @@ class BodiesHost:
 
     def step(self, until: float, loads: Mapping[str, PortLoad]) -> None:
         """See `Host`."""
+        wrenches: dict[str, Floats] = {}
         for name, load in loads.items():
-            wrench = np.concatenate([load.force, load.torque])
-            self._sim.set_input(input_name(self._bodies[name]), wrench)
+            wrench, body = np.concatenate([load.force, load.torque]), self._bodies[name]
+            wrenches[body] = wrenches[body] + wrench if body in wrenches else wrench
+        for body, wrench in wrenches.items():
+            self._sim.set_input(input_name(body), wrench)
         self._sim.advance_to(until)
 
     def snapshot(self) -> Any:
@@ -110,9 +117,21 @@ class BodiesHost:
         """See `Host`."""
         self._sim.restore(snapshot)
 
+    def shared(self) -> tuple[tuple[str, ...], ...]:
+        """See `Host`."""
+        return together(self._bodies)
+
     def finish(self) -> None:
         """See `Host`."""
         self._sim.settle()
+
+
+def together(owners: Mapping[str, Hashable]) -> tuple[tuple[str, ...], ...]:
+    """Ports by their owners."""
+    groups: dict[Hashable, list[str]] = {}
+    for port, owner in owners.items():
+        groups.setdefault(owner, []).append(port)
+    return tuple(map(tuple, groups.values()))
 
 
 def _ports_alone(net: NetSystem) -> Scene:

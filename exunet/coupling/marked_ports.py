@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from exunet.backends.exudyn.loading import exudyn, exudyn_items
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState, quaternion_of_matrix
+from exunet.coupling.host import together
 from exunet.simulation.arguments import whole_number
 
 Floats = NDArray[np.float64]
@@ -59,6 +60,16 @@ class MarkedPorts:
         """Where the markers are at the start, of a system that is assembled."""
         start = self._engine.ConfigurationType.Initial
         return {name: self._read(name, marker, start) for name, marker in self._first.items()}
+
+    def shared(self) -> tuple[tuple[str, ...], ...]:
+        """Ports at markers of one body, or one node, together."""
+        return together({name: self._owner(number) for name, number in self._first.items()})
+
+    def _owner(self, marker: int) -> tuple[str, int]:
+        """What a marker is on, by the engine's key and number."""
+        item = self._mbs.GetMarker(marker)
+        key = next((key for key in ("bodyNumber", "nodeNumber") if key in item), "")
+        return (key, int(item[key])) if key else ("marker", marker)
 
     def add_loads(self) -> None:
         """Add a force and a torque at each marker, zero at first, and assemble the system."""

@@ -61,7 +61,7 @@ def add_to(
     Raises CaseError for a case that cannot be simulated, InputError for ports that are missing or unknown,
     for objects that are no rigid bodies or do not start where the ports do, and for what has no items of
     Exudyn: effects other than gravity, linear orbits and dampings, events (such as breaks, reels and
-    ejections), and bodies of prescribed motion.
+    ejections), a throw from a port, whose recoil is the user's body's, and bodies of prescribed motion.
     """
     if not hasattr(mbs, "systemData"):
         raise InputError(f"add_to: mbs: a system of Exudyn, got {type(mbs).__name__}")
@@ -94,6 +94,10 @@ def _refuse(start: Start) -> None:
         words.append(f"bodies that are fixed or prescribed ({', '.join(moved)})")
     if forces.switches or kinematics.held:
         words.append("events: breaks, reels, ejections, thrusts")
+    throw = system.throw
+    if throw is not None and throw.body in kinematics.ports:
+        carrier = system.blocks.rigid[throw.body]
+        words.append(f"the recoil of a throw from port {carrier} (initial.frame.body), which is the host's")
     if forces.kernels:
         words.append(f"a nonlinear force (effects on: {', '.join(switched_on(start.scene.effects))})")
     if forces.linear is not None and _couples_attached(system):

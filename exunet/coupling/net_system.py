@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,11 +17,11 @@ from exunet.bodies.port import (
     FrameOf,
     FrameState,
     PrincipalState,
-    difference,
     mean_place,
     piece_between,
 )
 from exunet.case.casefile import Case, load
+from exunet.coupling.jumps import TOLD, Accelerations, refuse_jump, refuse_turn
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
@@ -31,16 +30,6 @@ from exunet.system.states import States
 from exunet.system.system import State
 
 Floats = NDArray[np.float64]
-
-# How far a port may get in a step, at the largest speed of both ends and of the beginning of the one before,
-# in parts of this step and the one before, whose prediction it may have to make good: a body at constant
-# acceleration from rest goes half of it. What is beyond that, and beyond round-off of the net's size or of a
-# turn, is a jump.
-_FARTHEST = 2.0
-_ROUND_OFF = 1e-9
-# How far a body may turn in a step [rad], at the larger angular velocity of both ends. Two attitudes tell no
-# turn beyond pi, and a force held over the step is far from one that turns with the body.
-LARGEST_TURN = 1.0
 
 
 class PortLoad(NamedTuple):
@@ -122,7 +111,11 @@ class NetSystem:
             )
             for k in system.kinematics.ports
         }
-        self._nearest = _ROUND_OFF * max(1e-3, system.net.size)
+
+    @property
+    def size(self) -> float:
+        """Of the net at rest, by which places are compared [m]."""
+        return self._sim.start.net.size
 
     @property
     def ports(self) -> tuple[str, ...]:
@@ -166,8 +159,16 @@ class NetSystem:
         """Go on to a time [s] while each port goes to the state that `frames` tells for that time.
 
         Raises InputError for a time that is not later, for ports that are missing or unknown, for a state
-        with NaN or infinity, and for one that is farther away than its velocity allows.
+        with NaN or infinity, for one that is not where its velocities lead (`exunet.coupling.jumps` says how
+        far off it may be), and for one that has turned by more than 1 rad.
         """
+        return self._step(until, frames, may_jump=False)
+
+    def follow(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
+        """As `step`, for states that a coupling has predicted from such of a host that do not jump."""
+        return self._step(until, frames, may_jump=True)
+
+    def _step(self, until: float, frames: Mapping[str, FrameState], *, may_jump: bool) -> dict[str, PortLoad]:
         time, end = self.time, finite_number(until)
         if end is None or not end > time:
             raise InputError(
@@ -179,8 +180,12 @@ class NetSystem:
         for name, port in self._ports.items():
             begin = port.state(view)
             begins[name], before[name] = port.frame.frame(begin), port.given(view) - self._thrown(port)
-            self.refuse_jump(f"step: port {name}", name, (time, end), (begins[name], told[name]))
-            pieces[name] = piece_between(time, end - time, begin, port.frame.principal(told[name]))
+            last, who = port.frame.principal(told[name]), f"step: port {name}"
+            refuse_turn(who, (time, end), (begin, last))
+            if not may_jump:
+                of_last = self._last(name, begin, time)
+                refuse_jump(who, (time, end), (begin, last), of_last, TOLD, self.size)
+            pieces[name] = piece_between(time, end - time, begin, last)
         for name, piece in pieces.items():
             self._sim.steer(name, piece)
         try:
@@ -256,41 +261,23 @@ class NetSystem:
     def refuse_jump(
         self, who: str, name: str, times: tuple[float, float], states: tuple[FrameState, FrameState]
     ) -> None:
-        """Raise InputError if a body gets farther in a step than it moves, or turns too far.
+        """Raise InputError if a state that the net is told for a port, of a name, is not where it moves to.
 
-        who, name     : for the words of the error; its port
+        who           : for the words of the error
         times, states : where the step begins and ends [s]
         """
-        (start, stop), (begin, end) = times, states
-        way = math.dist(begin.position, end.position)
-        angle = math.hypot(*difference(begin.attitude, end.attitude))
-        both = max(math.hypot(*begin.angular_velocity), math.hypot(*end.angular_velocity))
+        port = self._ports[name]
+        begin, end = (port.frame.principal(state) for state in states)
+        refuse_jump(who, times, (begin, end), self._last(name, begin, times[0]), TOLD, self.size)
+
+    def _last(self, name: str, begin: PrincipalState, time: float) -> Accelerations:
+        """Of a port in the step before, which has ended at a time [s]."""
         last = self._sim.steered(name)
-        allowed = _FARTHEST * (stop - min(start, last.time))
-        # A body that stops may be told at rest at both ends, where the first was predicted.
-        fastest = max(
-            math.hypot(*last.position[2].tolist()), math.hypot(*begin.velocity), math.hypot(*end.velocity)
-        )
-        turning = max(math.hypot(*last.turning[2].tolist()), both)
-        far, twisted = way > allowed * fastest + self._nearest, angle > allowed * turning + _ROUND_OFF
-        turn = max(angle, both * (stop - start))
-        if not far and not twisted and turn <= LARGEST_TURN * (1.0 + 1e-6):
-            return
-        step = f"in the step from {start:.6g} s to {stop:.6g} s"
-        if far or twisted:
-            words = (
-                f"position changes by {way:.3g} m, at {fastest:.3g} m/s at most"
-                if far
-                else f"attitude changes by {angle:.3g} rad, at {turning:.3g} rad/s at most"
-            )
-            raise InputError(
-                f"{who} jumps: {step} its {words}. Tell the state at the end of the step, or restore a "
-                "snapshot"
-            )
-        raise InputError(
-            f"{who} turns too far: {step} by {turn:.3g} rad, at {both:.3g} rad/s. "
-            f"More than {LARGEST_TURN:g} rad in a step is not followed: use shorter steps"
-        )
+        if not last.time < time:
+            return Accelerations()
+        speed, spin = last.position[2].tolist(), last.turning[2].tolist()
+        before = PrincipalState(begin.position, tuple(speed), begin.attitude, tuple(spin))
+        return Accelerations.between(time - last.time, before, begin)
 
 
 def _load(begin: float, end: float, given: Floats, before: FrameState, after: FrameState) -> PortLoad:

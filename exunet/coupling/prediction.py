@@ -11,15 +11,21 @@ must be below. Repeats contract by H^2 k / (6 m) + H c / (2 m).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exunet.base.errors import InputError
-from exunet.bodies.port import FrameState, Vector
-from exunet.coupling.net_system import LARGEST_TURN, NetSystem
+from exunet.bodies.port import PER_FRAME, FrameState, Vector, frames_of
+from exunet.coupling.jumps import LARGEST_TURN, OWN, Accelerations, refuse_jump
+from exunet.coupling.net_system import NetSystem
+from exunet.forces.cable_term import CableTerm
 from exunet.forces.held import held_by, mass_matrix
+from exunet.forces.reel import memory_name
+
+Floats = NDArray[np.float64]
 
 
 class Bound(NamedTuple):
@@ -48,6 +54,26 @@ class Predictor:
         """All that it remembers."""
         return self._before
 
+    def numbers(self) -> Floats:
+        """All that it remembers, port by port after the time; empty if there was no step."""
+        if self._before is None:
+            return np.zeros(0)
+        time, states = self._before
+        return np.concatenate([[time], *(np.concatenate(state) for state in states.values())])
+
+    @classmethod
+    def of_numbers(cls, ports: Sequence[str], numbers: Floats) -> Predictor:
+        """One that remembers what `numbers` gave."""
+        if not len(numbers):
+            return cls()
+        time, *values = numbers.tolist()
+        return cls((time, frames_of(ports, values)))
+
+    @staticmethod
+    def takes(ports: Sequence[str], numbers: Floats) -> bool:
+        """True if numbers may be what `numbers` gives for these ports."""
+        return numbers.dtype == np.float64 and numbers.shape in ((0,), (1 + PER_FRAME * len(ports),))
+
     def told(self, begin: float, until: float, now: Mapping[str, FrameState]) -> dict[str, FrameState]:
         """States at `until` [s], by those at `begin` and at the beginning of the step before.
 
@@ -66,6 +92,24 @@ class Predictor:
             for name, state in now.items()
         }
 
+    def refuse_jump(
+        self,
+        who: str,
+        name: str,
+        times: tuple[float, float],
+        states: tuple[FrameState, FrameState],
+        size: float,
+    ) -> None:
+        """Raise InputError if a host's body gets elsewhere in a step than it moves, see that function.
+
+        name : of the port, by which the step before is remembered
+        """
+        last, (begin, _) = Accelerations(), states
+        if self._before is not None and self._before[0] < times[0]:
+            time, before = self._before
+            last = Accelerations.between(times[0] - time, before[name], begin)
+        refuse_jump(who, times, states, last, OWN, size)
+
     def forget(self) -> None:
         """A jump of the velocity does not go on: the next step is predicted at constant velocity."""
         self._before = None
@@ -80,23 +124,32 @@ def _rate(before: Vector, now: Vector, duration: float) -> Vector:
     return ((d - a) / duration, (e - b) / duration, (f - c) / duration)
 
 
-def longest_step(net: NetSystem, bound: Bound) -> float:
+def longest_step(net: NetSystem, bound: Bound, shared: Sequence[Sequence[str]] = ()) -> float:
     """The longest macro step [s], by the port that is lightest for its stiffness; infinite if none has any.
 
     m is what resists a force at the port's nodes, by mass and inertia that the case states of the port's
     body; k the sum of EA / L, and c that of EA / L times the relaxation time, of all elements that end there,
-    as if all were taut and the other ends did not yield: the net can only be softer. A port that turns now
-    turns by `LARGEST_TURN` in a step at most.
-    Raises InputError for a port that holds masses, a packed net or what is on a drum, which resist its
-    acceleration more than its body does: no step is short enough for them.
+    as if all were taut and the other ends did not yield: the net can only be softer. The outlet of a reel
+    counts with the least length that it may come to, so that the step holds at all times. A port that turns
+    now turns by `LARGEST_TURN` in a step at most.
+
+    shared : ports that are one body of the host's, together: what pulls at one adds to what pulls at another
+    Raises InputError for a port that holds masses, a packed net or what may come onto a drum, which resist
+    its acceleration more than its body does: no step is short enough for them.
     """
     for port in net.ports:
         _refuse_heavy(net, port)
-    return min((_longest_of(net, port, bound) for port in net.ports), default=math.inf)
+    return min((_longest_of(net, port, bound, _with(port, shared)) for port in net.ports), default=math.inf)
 
 
-def _longest_of(net: NetSystem, port: str, bound: Bound) -> float:
-    spring, damper = _ratios(net, port)
+def _with(port: str, shared: Sequence[Sequence[str]]) -> Sequence[str]:
+    """All ports that are the body of one."""
+    return next((group for group in shared if port in group), (port,))
+
+
+def _longest_of(net: NetSystem, port: str, bound: Bound, of_body: Sequence[str]) -> float:
+    ratios = [_ratios(net, one) for one in of_body]
+    spring, damper = (sum(one[k] for one in ratios) for k in range(2))
     spin = math.hypot(*net.frame(port).angular_velocity)
     turning = LARGEST_TURN / spin if spin > 0.0 else math.inf
     if not spring > 0.0:
@@ -112,7 +165,7 @@ def _ratios(net: NetSystem, port: str) -> tuple[float, float]:
     number, kinematics = system.blocks.rigid.index(port), system.kinematics
     on, body, law = kinematics.body == number, system.bodies[number], system.forces.cable.law
     ends = np.isin(system.net.element_nodes, kinematics.point[on]).any(axis=1)
-    stiffness = (law.stiffness / law.natural_length)[ends]
+    stiffness = (law.stiffness / _least_lengths(system.forces.cable))[ends]
     damping = 0.0 if law.relaxation_time is None else float((stiffness * law.relaxation_time[ends]).sum())
     mobility = 0.0
     for arm in kinematics.arm[on]:
@@ -122,12 +175,26 @@ def _ratios(net: NetSystem, port: str) -> tuple[float, float]:
     return float(stiffness.sum()) * mobility, damping * mobility
 
 
+def _least_lengths(cable: CableTerm) -> Floats:
+    """(n_elements,) the least natural length each may come to [m]: less than now if it is an outlet."""
+    least = cable.law.natural_length.copy()
+    for winding in cable.reels:
+        reel = winding.reel
+        # at the drum the outlet stands for the first element, and at the far end it may come to be the last
+        of = [reel.elements[0]]
+        if reel.most_on_drum == len(reel.elements) - 1:
+            of.append(reel.elements[-1])
+        least[of] = cable.law.natural_length[of] * reel.least_outlet / reel.element_length
+    return least
+
+
 def _refuse_heavy(net: NetSystem, port: str) -> None:
     """Predicted from the acceleration before, an inertia that is held must be smaller than the body's."""
     system = net.simulation.start.system
     number = system.blocks.rigid.index(port)
     body, nothing = system.bodies[number], (np.zeros(0), np.zeros((0, 3)))
-    mass, arm = held_by(system.kinematics.held, number, net.simulation.start.state.memory)
+    most = {memory_name(one.reel): np.array([one.reel.most_on_drum]) for one in system.forces.cable.reels}
+    mass, arm = held_by(system.kinematics.held, number, {**net.simulation.start.state.memory, **most})
     own = mass_matrix(body.mass, np.array(body.inertia), *nothing)
     held = mass_matrix(body.mass, np.array(body.inertia), mass, arm) - own
     if len(mass) and not np.abs(np.linalg.eigvals(np.linalg.solve(own, held))).max() < 1.0:

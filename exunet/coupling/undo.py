@@ -34,13 +34,13 @@ class Undo:
         return self._taken[-2][0] if len(self._taken) > 1 else self._kept.time
 
     def step(self, until: float, frames: Mapping[str, FrameState]) -> dict[str, PortLoad]:
-        """As `NetSystem.step`."""
+        """As `NetSystem.follow`."""
         if self._net.time != (self._taken[-1][0] if self._taken else self._kept.time):
             self._keep()  # somebody has set the net back
         if len(self._taken) >= self._every:
             self._keep()
             self._every = min(_MOST, 2 * self._every)
-        loads = self._net.step(until, frames)
+        loads = self._net.follow(until, frames)
         self._taken.append((until, frames))
         return loads
 
@@ -49,6 +49,6 @@ class Undo:
         again = self._taken[:-1]
         self._net.restore(self._kept)
         for until, frames in again:
-            self._net.step(until, frames)
+            self._net.follow(until, frames)
         self._taken = again
         self._every = _LEAST

@@ -137,6 +137,25 @@ class Reel:
         """Of the whole tether [m]."""
         return self.element_length * len(self.elements)
 
+    @property
+    def winds_up(self) -> bool:
+        """True if the tether may ever become shorter, by its drives or by a script."""
+        return self.is_commanded or any(one.rate > 0.0 or one.takes_up > 0.0 for one in self.drives)
+
+    @property
+    def least_outlet(self) -> float:
+        """The least reference length that the outlet may come to, at any time [m]."""
+        now, part = self.outlet(self.on_drum, self.wound), self.element_length
+        if not self.winds_up:  # a node that comes off the drum leaves an outlet of half an element
+            stays = not self.on_drum or all(one.is_locked for one in self.drives)
+            return now if stays else min(now, (LARGEST_OUTLET - 1.0) * part)
+        return LEAST_OUTLET * part if len(self.elements) > 1 else self.shortest
+
+    @property
+    def most_on_drum(self) -> int:
+        """The largest number of inner nodes that may come to be on the drum, at any time."""
+        return len(self.elements) - 1 if self.winds_up else self.on_drum
+
     def outlet(self, on_drum: int, wound: float) -> float:
         """Reference length of the outlet [m]."""
         return (on_drum + 1) * self.element_length - wound

@@ -196,6 +196,14 @@ class Simulation:
         """
         self._control = Control(controller, self.time)
 
+    def controlled_as(self, other: Simulation) -> None:
+        """Let the controller of another simulation, if any, act here, set back as by `reset` of that one."""
+        control = other._control
+        if control is not None:
+            control.refuse_untold()
+            control.reset(self.time)
+        self._control = control
+
     def _go_to(self, time: float) -> None:
         control = self._control
         while control is not None and control.due < time:

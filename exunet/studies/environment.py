@@ -157,7 +157,9 @@ class NetEnvironment(Env):
             drawn = int(self.np_random.integers(2**63))
             place = perturbed(self._start.net, self._start.position, self._moved, (drawn, 0))
             bodies = perturbed_bodies(self._start, self._moved, (drawn, 1))
-            self._sim = Simulation(self._start.moved(place, None, bodies))
+            anew = Simulation(self._start.moved(place, None, bodies))
+            anew.controlled_as(self._sim)
+            self._sim = anew
         else:
             self._sim.reset()
         return self._observation(), {}

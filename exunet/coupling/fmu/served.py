@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import count
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from exunet.base.blob import pack_arrays, unpack_arrays
 from exunet.base.errors import ExunetError, InputError
 from exunet.bodies.making import make_body
-from exunet.bodies.port import FrameState
+from exunet.bodies.port import FrameState, frames_of
 from exunet.bodies.rigid import rotation_matrix
 from exunet.case.casefile import Case
 from exunet.case.stored_times import stored_times
@@ -23,10 +23,8 @@ from exunet.coupling.fmu.parameters import Parameters
 from exunet.coupling.fmu.signals import (
     AT_END,
     LONGEST,
-    PER_PORT,
     Look,
     Signals,
-    frames_of,
     free_bodies_of,
     ports_of,
 )
@@ -103,19 +101,19 @@ class Model:
         ]
 
 
-Before = tuple[float, Mapping[str, FrameState]] | None
+Step = Callable[[float, Mapping[str, FrameState]], dict[str, PortLoad]]
 
 
 class _Kept(NamedTuple):
     """A state that the host keeps.
 
     snapshot : None before there is a net
-    before   : what the predictor of the ports' motions remembers
+    before   : what the predictor of the ports' motions remembers, see `Predictor.numbers`
     """
 
     overrides: tuple[str, ...]
     snapshot: Snapshot | None
-    before: Before
+    before: Floats
 
 
 class Served:
@@ -162,19 +160,32 @@ class Served:
         inputs = values[model.first_input : model.first_input + len(signals.inputs)].tolist()
         frames = signals.frames(inputs)
         start, told = net.time, frames
+        go: Step = net.step
         if model.ports:
             at_end, longest = bool(values[model.n_parameters]), float(values[model.n_parameters + 1])
             self._refuse_long(end - start, at_end=at_end, longest=longest)
             if not at_end:
+                go = self._following(start, frames)
                 told = self._predictor.told(start, end, frames)
         signals.let_wrenches_act(net, inputs)
-        loads = net.step(end, told)
+        loads = go(end, told)
         net.finish()
         if net.recoils(start, end):  # a jump, which does not go on
             self._predictor.forget()
         else:
             self._predictor.keep(start, frames)
         return self._with_outputs(values, loads)
+
+    def _following(self, start: float, frames: Mapping[str, FrameState]) -> Step:
+        """How the net is to take states that are predicted from inputs at a time [s], unless these jump."""
+        net, _ = self._built()
+        if self._predictor.before is None:  # at the start, where the net is; or after a throw, which jumps
+            return net.follow if start > net.simulation.start.state.time else net.step
+        time, before = self._predictor.before
+        for name, state in frames.items():
+            told = FrameState.of(state, f"step: port {name}")
+            net.refuse_jump(f"step: port {name}", name, (time, start), (before[name], told))
+        return net.follow
 
     def _refuse_long(self, step: float, *, at_end: bool, longest: float) -> None:
         largest = longest or self._largest[at_end]
@@ -198,7 +209,7 @@ class Served:
         """Keep the state as it is; returns its number."""
         number = next(self._numbers)
         snapshot = None if self._net is None else self._net.snapshot()
-        self._kept[number] = _Kept(self._overrides, snapshot, self._predictor.before)
+        self._kept[number] = _Kept(self._overrides, snapshot, self._predictor.numbers())
         return number
 
     def restore(self, number: int) -> None:
@@ -209,7 +220,7 @@ class Served:
         if self._net is None or kept.overrides != self._overrides:
             self._make(kept.overrides)
         self._built()[0].restore(kept.snapshot)
-        self._predictor = Predictor(kept.before)
+        self._predictor = Predictor.of_numbers(self._model.ports, kept.before)
 
     def free(self, number: int) -> None:
         """Forget a state that was kept."""
@@ -220,8 +231,8 @@ class Served:
         kept = self._own(number)
         of_net = b"" if kept.snapshot is None else kept.snapshot.as_bytes()
         header = {"token": self.content.token, "overrides": list(kept.overrides)}
-        before, net = self._numbers_of(kept.before), np.frombuffer(of_net, dtype=np.uint8)
-        return pack_arrays(KIND, FORMAT, header, {"values": values, "before": before, "net": net})
+        net = np.frombuffer(of_net, dtype=np.uint8)
+        return pack_arrays(KIND, FORMAT, header, {"values": values, "before": kept.before, "net": net})
 
     def unpack(self, content: bytes, size: int) -> tuple[int, Floats]:
         """Keep a state that `pack` gave, of this FMU; returns its number and the host's numbers (size,)."""
@@ -235,28 +246,14 @@ class Served:
             or values.dtype != np.float64
             or values.shape != (size,)
             or not {"net", "before"} <= arrays.keys()
-            or arrays.get("before", values).shape not in ((0,), (1 + PER_PORT * len(self._model.ports),))
+            or not Predictor.takes(self._model.ports, arrays["before"])
         ):
             raise InputError("the FMU state is damaged: it has not what a state has")
         of_net = arrays["net"].tobytes()
         number = next(self._numbers)
         snapshot = Snapshot.of_bytes(of_net) if of_net else None
-        self._kept[number] = _Kept(tuple(overrides), snapshot, self._before_of(arrays["before"]))
+        self._kept[number] = _Kept(tuple(overrides), snapshot, arrays["before"])
         return number, values
-
-    def _numbers_of(self, before: Before) -> Floats:
-        """What a predictor remembers, as numbers."""
-        if before is None:
-            return np.zeros(0)
-        states = [np.concatenate(before[1][name]) for name in self._model.ports]
-        return np.concatenate([[before[0]], *states])
-
-    def _before_of(self, numbers: Floats) -> Before:
-        """What `_numbers_of` gave."""
-        if not len(numbers):
-            return None
-        time, *values = numbers.tolist()
-        return time, frames_of(self._model.ports, values)
 
     def _own(self, number: int) -> _Kept:
         if number not in self._kept:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.bodies.port import FrameOf, FrameState, PrincipalState
+from exunet.bodies.port import PER_FRAME, FrameOf, FrameState, PrincipalState, frames_of
 from exunet.case.scene import Scene
 from exunet.coupling.fmu.variables import QUATERNION, Causality, Variable, structured, vector
 from exunet.coupling.net_system import NetSystem, PortLoad
@@ -37,7 +37,7 @@ LONGEST = Variable(
     "s",
     low=0.0,
 )
-PER_PORT, PER_BODY = 13, 6  # inputs of each
+PER_BODY = 6  # inputs of each
 
 
 class Look:
@@ -68,16 +68,6 @@ def ports_of(scene: Scene) -> tuple[str, ...]:
 def free_bodies_of(scene: Scene) -> tuple[str, ...]:
     """The bodies that move by the forces on them, on which the host may let a wrench act."""
     return tuple(name for name, body in scene.bodies.items() if body.motion == "free")
-
-
-def frames_of(ports: Sequence[str], values: Sequence[float]) -> dict[str, FrameState]:
-    """The states of ports by the values of their inputs, unchecked; others may follow these."""
-    return {name: _state_of(values[PER_PORT * k :]) for k, name in enumerate(ports)}
-
-
-def _state_of(values: Sequence[float]) -> FrameState:
-    x, y, z, u, v, w, a, b, c, d, i, j, k = values[:PER_PORT]
-    return FrameState((x, y, z), (u, v, w), (a, b, c, d), (i, j, k))
 
 
 class Signals:
@@ -120,7 +110,7 @@ class Signals:
 
     def let_wrenches_act(self, net: NetSystem, values: Sequence[float]) -> None:
         """Give the forces and torques of the inputs to the free bodies."""
-        first, sim = PER_PORT * len(self.ports), net.simulation
+        first, sim = PER_FRAME * len(self.ports), net.simulation
         for name in self.bodies:
             sim.set_input(input_name(name), values[first : first + PER_BODY])
             first += PER_BODY

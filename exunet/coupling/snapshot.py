@@ -1,0 +1,117 @@
+"""A snapshot of a coupling: net, host, and what the scheme between them remembers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.base.blob import read_arrays, write_arrays
+from exunet.base.errors import InputError
+from exunet.base.files import path_of
+from exunet.coupling.net_system import NetSystem
+from exunet.simulation.snapshot import Snapshot, group_of, grouped
+
+Floats = NDArray[np.float64]
+KIND, FORMAT = "exunet coupling snapshot", 1
+_MAY_BE_EMPTY = ("before", "mean")  # of a memory, where there was no step before
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledSnapshot:
+    """What `Cosimulation.restore`, or the `restore` of what `couple` gave, goes back to.
+
+    scheme : "Cosimulation" or "couple"
+    ports  : names, in the net's order
+    net    : of the net
+    host   : what the host gave; of a file if that is a `Snapshot`, or arrays by name
+    memory : numbers that the scheme remembers, by name
+    """
+
+    scheme: str
+    ports: tuple[str, ...]
+    net: Snapshot
+    host: Any
+    memory: Mapping[str, Floats]
+
+    @property
+    def time(self) -> float:
+        """The instant [s]."""
+        return self.net.time
+
+    def save(self, path: str | Path) -> None:
+        """Write it to a file, whole or not at all.
+
+        Raises InputError if that cannot be written, or for a host whose snapshot is neither exunet's nor
+        arrays by name.
+        """
+        path = path_of(path, "CoupledSnapshot.save")
+        if isinstance(self.host, Snapshot):
+            host = {"snapshot": _as_numbers(self.host)}
+        elif isinstance(self.host, Mapping) and all(
+            isinstance(one, np.ndarray) for one in self.host.values()
+        ):
+            host = dict(self.host)
+        else:
+            raise InputError(
+                f"{path}: a host whose snapshot is a {type(self.host).__name__} is not of a file: give an "
+                "exunet.Snapshot, or NumPy arrays by name, from its `snapshot`"
+            )
+        header = {
+            "scheme": self.scheme,
+            "ports": list(self.ports),
+            "host": "exunet" if isinstance(self.host, Snapshot) else "arrays",
+        }
+        arrays = {"net": _as_numbers(self.net), **grouped("host", host), **grouped("memory", self.memory)}
+        write_arrays(path, KIND, FORMAT, header, arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> CoupledSnapshot:
+        """Read what `save` wrote; raises InputError if the file is damaged or of another kind or version."""
+        header, arrays = read_arrays(path_of(path, "CoupledSnapshot.load"), KIND, FORMAT)
+        host: Any = group_of("host", arrays)
+        if header["host"] == "exunet":
+            host = Snapshot.of_bytes(host["snapshot"].tobytes())
+        net = Snapshot.of_bytes(arrays["net"].tobytes())
+        return cls(header["scheme"], tuple(header["ports"]), net, host, group_of("memory", arrays))
+
+    def refuse_other(self, scheme: str, net: NetSystem, like: Mapping[str, Floats]) -> None:
+        """Raise InputError if it is of another kind of coupling or of other ports.
+
+        like : a memory of the coupling
+        """
+        if self.scheme != scheme or self.ports != net.ports:
+            raise InputError(
+                f"{scheme}: restore: the snapshot of t = {self.time:g} s is of a {self.scheme} with ports "
+                f"{', '.join(self.ports)}, this is one with {', '.join(net.ports)}"
+            )
+        sound = self.memory.keys() == like.keys() and all(
+            part.shape == like[name].shape
+            for name, part in self.memory.items()
+            if name not in _MAY_BE_EMPTY or (len(part) and len(like[name]))
+        )
+        if not sound:
+            raise InputError(f"{scheme}: restore: the snapshot of t = {self.time:g} s is damaged")
+
+
+def refuse_none(scheme: str, snapshot: object) -> CoupledSnapshot:
+    """The snapshot, if it is one; raises InputError."""
+    if not isinstance(snapshot, CoupledSnapshot):
+        raise InputError(
+            f"{scheme}: restore: needs what its `snapshot` or `CoupledSnapshot.load` gave, got {snapshot!r}"
+        )
+    return snapshot
+
+
+def left_at(net: NetSystem) -> tuple[Any, ...]:
+    """Where a net stands, as far as a coupling can tell: time, bodies, and what these have been given."""
+    view = net.simulation.view
+    return view.time, view.first_order.tobytes(), *(part.tobytes() for part in view.bodies.parts())
+
+
+def _as_numbers(snapshot: Snapshot) -> NDArray[np.uint8]:
+    return np.frombuffer(snapshot.as_bytes(), dtype=np.uint8)
