@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from exunet.backends.exudyn.build import build
 from exunet.backends.exudyn.model import Model
 from exunet.case.casefile import load
+from exunet.codegen.force_table import ForceTable, Takes
+from exunet.codegen.kernel import Kernel
 from exunet.simulation.preparation import Start, prepare
 
 Floats = NDArray[np.float64]
@@ -33,6 +35,16 @@ def effects(names: Iterable[str]) -> list[str]:
     """Overrides that switch these effects on."""
     keys = {name: "orbit" if "orbit" in name else name for name in names}
     return [f"effects.{key}={EFFECTS[name]}" for name, key in keys.items()]
+
+
+def text_of(kernel: Kernel) -> str:
+    """Of all that is compiled for a kernel."""
+    return "\n".join((kernel.source, *kernel.sources))
+
+
+def no_table(takes: Takes = Takes.NOTHING) -> ForceTable:
+    """Of steps whose forces a test gives in another way."""
+    return ForceTable((), takes, (), {})
 
 
 def planar(*overrides: str, on: Iterable[str] = ()) -> Start:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from seen_elements import seen_of
+from starts import no_table
 
 from exunet.backends.compiled import many_steps
 from exunet.backends.compiled.work_space import motion_at
@@ -72,7 +73,7 @@ def by_hand(state: Any, tolerance: float, time: float) -> tuple[float, float, fl
 def compiled(state: Any, tolerance: float, time: float, **changed: Any) -> tuple[float, float]:
     x, v, a = (part.ravel().copy() for part in state)
     inverse = np.repeat(1.0 / MASS, 3)
-    motion = motion_at(x, v, inverse, (), np.zeros((0, 3)), 12)
+    motion = motion_at(x, v, inverse, no_table(), np.zeros((0, 3)), 12)
     motion.work[0] = a
     seen = seen_of(ENDS, LENGTH, STIFFNESS, 2.0 * TAU)._replace(**changed)
     return many_steps.jump_ahead(WITHIN, tolerance, time, motion, seen)
@@ -145,7 +146,7 @@ def on_threads(
     law = Law(ones, 16.0 * ones, 0.5 * ones)
     found = jumps.jump_ahead(blocks, law, within, tolerance, 0.0, (x, v, a))
     inverse = np.repeat([0.0, 1.0, 1.0], 3)
-    motion = motion_at(x.ravel(), v.ravel(), inverse, (), np.zeros((0, 3)), 9)
+    motion = motion_at(x.ravel(), v.ravel(), inverse, no_table(), np.zeros((0, 3)), 9)
     motion.work[0] = a.ravel()
     seen = seen_of(THREADS, ones, 16.0 * ones, ones)
     return found, many_steps.jump_ahead(within, tolerance, 0.0, motion, seen)

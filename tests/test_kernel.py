@@ -1,25 +1,27 @@
-"""The specialised kernel: against eq. (3) written out, the same bits each time, and where it is kept."""
+"""The kernel: against eq. (3) written out, the same bits each time, and where it is kept."""
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from starts import planar, states
+from starts import planar, states, text_of
 
 from exunet.base.errors import MissingExtra
 from exunet.codegen import compile as compiling
 from exunet.codegen.compile import compiled_module, require_numba
 from exunet.codegen.drivers import Place
-from exunet.codegen.kernel import net_kernel
+from exunet.codegen.force_table import compiled_rows
+from exunet.codegen.kernel import Kernel, net_kernel
 from exunet.forces.loops import Index
-from exunet.forces.terms import KernelCall
+from exunet.forces.terms import KernelCall, KernelTerm
 from exunet.system.energy import elastic
 
 SOURCE = '"""A module."""\n\nimport numpy as np\n\n\n@called\ndef twice(x):\n    return {factor} * x\n'
@@ -51,7 +53,7 @@ def test_the_forces_tell_the_elastic_energy(on: tuple[str, ...]) -> None:
     kernel = net_kernel(start.system.forces)
     for position, velocity in states(start).values():
         x, v, force = position.ravel().copy(), velocity.ravel().copy(), np.zeros(position.size)
-        held, _ = kernel.module.forces(0.0, x, v, kernel.data(), force)
+        held, _ = kernel.module.forces(0.0, x, v, kernel.table().rows, force)
         expected = float(elastic(start.system.forces, position))
         assert held == pytest.approx(expected, rel=1e-11, abs=1e-300)
 
@@ -62,20 +64,20 @@ def test_the_same_bits_each_time_and_whatever_came_before() -> None:
     kernel, tried = net_kernel(start.system.forces), states(start)
     first = {name: kernel.forces(0.0, *state) for name, state in tried.items()}
     assert len({forces.tobytes() for forces in first.values()}) == len(tried)  # states that tell them apart
-    data, before = kernel.data(), kernel.data()
+    table, before = kernel.table(), kernel.table().data
     for name in reversed(tried):
         x, v = (part.ravel().copy() for part in tried[name])
         added, every = np.zeros(x.size), np.arange(x.size, dtype=Index)
-        kernel.module.forces(0.0, x, v, data, added)
+        kernel.module.forces(0.0, x, v, table.rows, added)
         values, out = np.full((5, x.size), np.nan), np.full(x.size, np.nan)
         values[2] = values[4] = 0.0  # no forces from outside, references at the origin
         place = Place(np.stack([every, every]), np.zeros(0, dtype=Index), 0, 0, values)
-        kernel.module.engine_forces(0.0, x, v, kernel.module.hold((data, place)), out)
+        kernel.module.engine_forces(0.0, x, v, kernel.module.hold((table.rows, place)), out)
         for found in (added, out):
             assert found.reshape(-1, 3).tobytes() == first[name].tobytes()
         assert x.tobytes() == tried[name][0].tobytes()
         assert v.tobytes() == tried[name][1].tobytes()
-    for first_value, value in zip(chain(*before), chain(*data), strict=True):
+    for first_value, value in zip(chain(*before), chain(*table.data), strict=True):
         np.testing.assert_array_equal(first_value, value)
 
 
@@ -100,12 +102,69 @@ def test_scenes_that_differ_in_numbers_share_one_compiled_kernel() -> None:
         planar(push % ("2", "0.3,0.4", "[0,0,1],[0,0,5]"), "net.size=4.0", "net.cable.youngs_modulus=1e9"),
     ]
     kernels = [net_kernel(start.system.forces) for start in scenes]
-    assert len({kernel.source for kernel in kernels}) == 1
+    assert len({text_of(kernel) for kernel in kernels}) == 1
     for kernel, start in zip(kernels, scenes, strict=True):
         kernel.forces(0.0, start.position, start.velocity)
     compiled = kernels[0].module.forces
     assert all(kernel.module.forces is compiled for kernel in kernels)
     assert len(compiled.signatures) == 1
+    assert len({kernel.table().rows["add"].tobytes() for kernel in kernels}) == 1
+
+
+def test_a_force_is_compiled_once_whatever_it_is_joined_with() -> None:
+    """What is compiled for a scene are its kinds of forces, each alone: all scenes share the rest."""
+    alone, joined = (net_kernel(planar(on=on).system.forces) for on in ((), ("gravity", "mass_damping")))
+    assert joined.source == alone.source
+    assert set(alone.sources) < set(joined.sources)
+    first, others = (kernel.table().rows["add"].tolist() for kernel in (alone, joined))
+    assert others[0] == first[0]
+    assert len(set(others)) == len(others) == 3
+
+
+def add_push(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
+    for c in range(force.size):
+        force[c] += 1.0
+
+
+add_one = add_push
+
+
+def add_push(t: float, x: Any, v: Any, data: Any, force: Any) -> None:  # type: ignore[no-redef]
+    for c in range(force.size):
+        force[c] += 2.0
+
+
+def test_forces_of_one_name_do_not_disturb_each_other() -> None:
+    start = planar()
+    both = Kernel((KernelTerm("nodes", add_one), KernelTerm("nodes", add_push)))
+    push = both.forces(0.0, start.position, start.velocity)
+    np.testing.assert_array_equal(push.ravel(), np.full(push.size, 3.0))
+
+
+@pytest.mark.parametrize("value", [True, "a", None])
+def test_data_that_compiled_code_cannot_take_are_refused(value: object) -> None:
+    class Data(NamedTuple):
+        value: Any
+
+    def add(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
+        """Nothing."""
+
+    with pytest.raises(TypeError, match="must be arrays, float or int"):
+        compiled_rows([KernelCall(add, Data(value))], [""], [Data(value)], lanes=False)
+
+
+def test_rows_keep_what_they_point_to() -> None:
+    """The data of a table that nobody else has, others being made and forgotten between."""
+    start = planar(on=("gravity",))
+    kernel = net_kernel(start.system.forces)
+    rows = kernel.table().rows
+    expected = kernel.forces(0.0, start.position, start.velocity).ravel()
+    for _ in range(100):
+        gc.collect()
+        kernel.table()
+        found = np.zeros(start.position.size)
+        kernel.module.forces(0.0, start.position.ravel().copy(), start.velocity.ravel().copy(), rows, found)
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_kernels_are_kept_in_the_cache_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

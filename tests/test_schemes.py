@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from seen_elements import seen_of
+from starts import no_table
 
 from exunet.backends.compiled import many_steps, schemes
 from exunet.backends.compiled.work_space import (
@@ -37,15 +38,16 @@ def under(monkeypatch: pytest.MonkeyPatch) -> Callable[[Force], None]:
         monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
         monkeypatch.setattr(many_steps, "borrowed", lambda value: value, raising=False)
         for module in (schemes, many_steps):
-            for name in ("BODIES", "FIRST_ORDER", "TAKES_ENERGY", "TOLD", "JUMPS", "REMEMBERS"):
+            for name in ("BODIES", "FIRST_ORDER"):
                 monkeypatch.setattr(module, name, False, raising=False)
+        monkeypatch.setattr(many_steps, "remember", lambda *state: None, raising=False)
 
     return use
 
 
 def at_start(x: float = 0.0, v: float = 0.0) -> Motion:
     """One coordinate at START; the work space holds its acceleration, and nothing else that is known."""
-    motion = motion_at(np.array([x]), np.array([v]), np.ones(1), (), np.zeros((0, 3)), 1)
+    motion = motion_at(np.array([x]), np.array([v]), np.ones(1), no_table(), np.zeros((0, 3)), 1)
     motion.work[:] = np.nan
     many_steps.begin(START, False, motion)
     return motion

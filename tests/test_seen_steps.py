@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from seen_elements import seen_of
+from starts import no_table
 
 from exunet.backends.compiled import many_steps, schemes, work
 from exunet.backends.compiled.work_space import (
@@ -20,6 +21,7 @@ from exunet.backends.compiled.work_space import (
     clock_at,
     motion_at,
 )
+from exunet.codegen.force_table import Takes
 from exunet.forces import cable
 from exunet.forces.cable import Law
 
@@ -125,21 +127,15 @@ def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "power", power, raising=False)
     monkeypatch.setattr(work, "extra_work", lambda h, *state: 0.5 * h, raising=False)
     for module in (schemes, many_steps, work):
-        for name, value in (
-            ("BODIES", False),
-            ("FIRST_ORDER", False),
-            ("TAKES_ENERGY", True),
-            ("TOLD", False),
-            ("JUMPS", False),
-            ("REMEMBERS", False),
-        ):
-            monkeypatch.setattr(module, name, bool(value), raising=False)
+        for name in ("BODIES", "FIRST_ORDER"):
+            monkeypatch.setattr(module, name, False, raising=False)
+    monkeypatch.setattr(many_steps, "remember", lambda *state: None, raising=False)
 
 
 def moving() -> tuple[Motion, np.ndarray, Seen, Kept]:
     """At FIRST where x = t^3 / 6, v = t^2 / 2, which the force t continues."""
     state = (np.array([FIRST**3 / 6.0]), np.array([FIRST**2 / 2.0]))
-    motion = motion_at(*state, np.ones(1), (), np.zeros((0, 3)), 1)
+    motion = motion_at(*state, np.ones(1), no_table(Takes.INTEGRATED), np.zeros((0, 3)), 1)
     seen = seen_of(np.zeros((0, 2), dtype=int), half=np.ones(1), look_above=np.inf)
     many_steps.begin(FIRST, False, motion)
     kept = Kept(np.zeros(90), np.zeros((90, 1)), np.zeros((90, 1)), np.zeros(90))

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from small_nets import thrown
+from starts import text_of
 from test_effects_together import STRONG
 
 import exunet
 from exunet.backends.compiled.side_by_side import side_by_side_kernel
 from exunet.codegen.compile import WIDTH
+from exunet.codegen.kernel import Kernel
 from exunet.methods.method import Method
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies import ensemble, measured_runs
@@ -117,7 +119,7 @@ def test_an_ensemble_of_a_case_is_the_same_side_by_side(monkeypatch: pytest.Monk
     begin = start(end=0.2, **DAMPED)
     found = []
     for pays in (0.0, np.inf):
-        monkeypatch.setattr(ensemble, "kept_before", lambda source: False)
+        monkeypatch.setattr(Kernel, "compiled_before", False)
         monkeypatch.setattr(ensemble, "_PAYS", pays)
         found.append(exunet.ensemble(begin, 10, perturb=1e-6))
     for key, values in found[0].headlines.items():
@@ -150,11 +152,11 @@ def test_steps_that_each_run_chooses_cannot_go_side_by_side() -> None:
 def test_what_pays(monkeypatch: pytest.MonkeyPatch) -> None:
     """A kernel that is compiled already always does; another one for many runs."""
     begin = start()
-    monkeypatch.setattr(ensemble, "kept_before", lambda source: False)
+    monkeypatch.setattr(Kernel, "compiled_before", False)
     assert kernel_of_many(begin, 2) is None
     assert kernel_of_many(begin, 10**6) is not None
     assert kernel_of_many(begin, 10**6, together=False) is None
-    monkeypatch.setattr(ensemble, "kept_before", lambda source: True)
+    monkeypatch.setattr(Kernel, "compiled_before", True)
     assert kernel_of_many(begin, 2) is not None
 
 
@@ -168,7 +170,7 @@ def test_one_text_for_all_numbers() -> None:
     plan = replace(begin.plan, method=Method.RK44)
     assert kernels[0] is not None
     assert kernels[1] is not None
-    assert kernels[0].source == kernels[1].source
+    assert text_of(kernels[0]) == text_of(kernels[1])
     other = side_by_side_kernel(begin.system, plan)
     assert other is not None
-    assert other.source != kernels[0].source
+    assert text_of(other) != text_of(kernels[0])

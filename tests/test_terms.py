@@ -8,18 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from starts import CASES, EFFECTS, model, planar, states
+from starts import CASES, EFFECTS, model, planar, states, text_of
 
 from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
 from exunet.backends.exudyn.probe import Probe
 from exunet.backends.protocol import Batch
 from exunet.case.casefile import load
-from exunet.codegen.compile import interpreted_module
-from exunet.codegen.kernel import net_kernel, term_kernel
+from exunet.codegen.kernel import Kernel, net_kernel, term_kernel
 from exunet.forces.cable import Law, elastic_energy, tension, viscous_tension
 from exunet.forces.cable_term import CableTerm, ElementLaw
 from exunet.forces.loops import Elements
-from exunet.forces.terms import KernelTerm
 from exunet.forces.total import Forces
 from exunet.methods.plan import Plan
 from exunet.simulation.preparation import Start, prepare
@@ -58,10 +56,9 @@ def test_every_form_has_the_same_forces(on: tuple[str, ...]) -> None:
 def test_interpreted_and_compiled_kernels_are_one() -> None:
     start = planar(on=("rayleigh_damping", "material_damping", "two-body orbit"))
     kernel = net_kernel(start.system.forces)
-    plain = interpreted_module(kernel.source)
+    plain = Kernel(start.system.forces, compiled=False)
     for position, velocity in states(start).values():
-        force = np.zeros(position.size)
-        plain.add_forces(0.0, position.ravel(), velocity.ravel(), kernel.data(), force)
+        force = plain.forces(0.0, position, velocity).ravel()
         compiled = kernel.forces(0.0, position, velocity).ravel()
         np.testing.assert_allclose(force, compiled, rtol=1e-13, atol=1e-13 * np.abs(compiled).max())
 
@@ -100,11 +97,11 @@ MARKS = {
 
 def test_absent_effects_have_no_code_and_no_data() -> None:
     bare = net_kernel(Forces.of(planar().net))
-    assert [type(data) for data in bare.data()] == [Elements]
-    assert not any(mark in bare.source for mark in MARKS.values())
+    assert [type(data) for data in bare.table().data] == [Elements]
+    assert not any(mark in text_of(bare) for mark in MARKS.values())
     for name, mark in MARKS.items():
         start = planar(on=[name])
-        present = net_kernel(start.system.forces).source
+        present = text_of(net_kernel(start.system.forces))
         assert mark in present
         others = {other for other in MARKS.values() if other != mark}
         if "orbit" in name:  # has a Coriolis force
@@ -117,23 +114,10 @@ def test_zero_coefficients_are_absent() -> None:
         assert not planar(f"effects.{keys}").system.forces.dissipates
 
 
-def other_add(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
-    """Does nothing."""
-
-
-def test_two_functions_of_one_name_are_refused() -> None:
-    term = KernelTerm("nodes", other_add)
-    namesake = KernelTerm("nodes", type(other_add)(other_add.__code__, {}, "other_add"))
-    with pytest.raises(ValueError, match="share the name other_add"):
-        net_kernel(Forces.of(planar().net, [term, namesake]))
-
-
 def integrate(start: Start, end: float, times: int, tolerance: float, compiled: bool = True) -> Batch:
     """States, with the energy taken out; small nets are interpreted faster than compiled."""
     plan = Plan("DOPRI5", tolerance=tolerance, first_step=1e-6, least_step=1e-12)
-    kernel = loop_kernel(start.system)
-    if not compiled:
-        kernel.__dict__["module"] = interpreted_module(kernel.source)
+    kernel = loop_kernel(start.system, compiled=compiled)
     return CompiledIntegration(start.system, start.state, plan, kernel).through(np.linspace(0.0, end, times))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from starts import no_table
 
 from exunet.backends.compiled import many_steps, schemes
 from exunet.backends.compiled.work_space import Motion, motion_at
@@ -37,22 +38,16 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(schemes, "add_forces", add_forces, raising=False)
     monkeypatch.setattr(many_steps, "borrowed", lambda value: value, raising=False)
     for module in (schemes, many_steps):
-        for name, value in (
-            ("BODIES", True),
-            ("FIRST_ORDER", True),
-            ("TAKES_ENERGY", False),
-            ("JUMPS", False),
-            ("REMEMBERS", False),
-            ("TOLD", False),
-        ):
-            monkeypatch.setattr(module, name, bool(value), raising=False)
+        for name in ("BODIES", "FIRST_ORDER"):
+            monkeypatch.setattr(module, name, True, raising=False)
+    monkeypatch.setattr(many_steps, "remember", lambda *state: None, raising=False)
 
 
 def at_start() -> Motion:
     v = np.concatenate([np.zeros(CENTRES), SPIN.ravel()])
     inverse = np.concatenate([np.ones(CENTRES), (1.0 / INERTIA).ravel()])
     x = np.concatenate([np.zeros(CENTRES), ATTITUDE.ravel()])
-    return motion_at(x, v, inverse, (), INERTIA.copy(), CENTRES)
+    return motion_at(x, v, inverse, no_table(), INERTIA.copy(), CENTRES)
 
 
 def exact(h: float) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""Force laws to compiled functions, specialised to the terms that a scene has."""
+"""Force laws to compiled functions."""

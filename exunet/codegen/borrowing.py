@@ -49,18 +49,19 @@ class _BorrowedModel(models.StructModel):
 @intrinsic
 def borrowed(typingctx: Any, value: Any) -> Any:
     """An array, or a tuple of tuples and arrays, that must not outlive the one given; in compiled code."""
-    kind = _borrowed(value)
+    kind = borrowed_kind(value)
     return kind(value), lambda context, builder, signature, args: args[0]  # the same words in memory
 
 
-def _borrowed(kind: types.Type) -> types.Type:
+def borrowed_kind(kind: types.Type) -> types.Type:
+    """The type of a borrowed value of this type."""
     if isinstance(kind, types.Array):
         return Borrowed(kind.dtype, kind.ndim, kind.layout)
     if isinstance(kind, types.BaseTuple):
-        parts = [_borrowed(one) for one in kind]  # type: ignore[attr-defined]
+        parts = [borrowed_kind(one) for one in kind]  # type: ignore[attr-defined]
         return types.BaseTuple.from_types(parts, getattr(kind, "instance_class", None))
     if isinstance(kind, HeldType):
-        return Loan(_borrowed(kind.field_dict["value"]))  # type: ignore[arg-type]
+        return Loan(borrowed_kind(kind.field_dict["value"]))  # type: ignore[arg-type]
     return kind
 
 

@@ -12,9 +12,11 @@ import os
 import platform
 import sys
 import tempfile
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 from exunet.base.errors import MissingExtra
 from exunet.base.version import installed_version
@@ -31,6 +33,8 @@ import functools
 from numba import njit
 
 from exunet.codegen.borrowing import Held, borrowed
+from exunet.codegen.pointers import call_add, call_place, call_potential, call_power, call_remember
+from exunet.codegen.pointers import call_told, call_work, whole, zero_of
 
 called = functools.partial(njit, cache={cache}, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 inside = functools.partial(called, no_cpython_wrapper=True)
@@ -77,15 +81,34 @@ def compiled_module(source: str) -> ModuleType:
 
 
 def _name(source: str) -> str:
-    versions = f"{numba_version()} {platform.python_version()} {platform.machine()} {version_of('borrowing')}"
+    own = " ".join(version_of(name) for name in ("borrowing", "pointers"))
+    versions = f"{numba_version()} {platform.python_version()} {platform.machine()} {own}"
     return KERNELS + hashlib.sha256((versions + source).encode()).hexdigest()[:20]
+
+
+def _called(function: Callable[..., Any], *arguments: Any) -> Any:
+    return function(*arguments)
+
+
+def _work(f: Any, h: Any, x0: Any, v0: Any, x: Any, v: Any, x1: Any, v1: Any, data: Any) -> Any:
+    return f(h, (x0, v0), (x, v), (x1, v1), data)
+
+
+_INTERPRETED = {
+    "borrowed": lambda value: value,
+    "Held": lambda value: SimpleNamespace(value=value),
+    "zero_of": lambda array: 0.0,
+    "call_work": _work,
+    **dict.fromkeys(
+        ("call_add", "call_place", "call_potential", "call_power", "call_remember", "call_told"), _called
+    ),
+}
 
 
 def interpreted_module(source: str) -> ModuleType:
     """The same module as plain Python: correct, but some hundred times slower."""
     module = ModuleType("exunet_kernel_interpreted")
-    module.__dict__["borrowed"] = lambda value: value
-    module.__dict__["Held"] = lambda value: SimpleNamespace(value=value)
+    module.__dict__.update(_INTERPRETED)
     exec(source.replace(f"{CALLED}\n", "").replace(f"{INSIDE}\n", ""), module.__dict__)
     return module
 

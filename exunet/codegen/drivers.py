@@ -1,4 +1,4 @@
-"""What calls a kernel's `add_forces`, `potential` and `power` from outside, compiled together with them."""
+"""What calls a kernel's sums (`exunet.codegen.sums`) from outside, compiled together with them."""
 
 from __future__ import annotations
 
@@ -10,13 +10,9 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     from exunet.codegen.borrowing import Held, borrowed
+    from exunet.codegen.sums import add_forces, potential, power, remember
 
     BODIES = True
-
-    def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> Any: ...
-    def potential(x: Any, data: Any) -> float: ...
-    def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
-    def remember(t: float, x: Any, v: Any, data: Any) -> None: ...
 
 
 class Place(NamedTuple):
@@ -44,7 +40,7 @@ def hold(value: Any) -> Any:
 
 def engine_forces(t: float, q: Any, q_t: Any, held: Any, out: Any) -> None:
     """Forces on the engine's coordinates into out, from all of these, q, q_t; held : from `hold`, of the
-    kernel's data and a `Place`.
+    rows of a `ForceTable` and a `Place`.
 
     out : (n_free + 6 n_bodies,) forces on the free coordinates of points [N], then on each body the force
           [N] and the torque in its axes [N m]
@@ -113,22 +109,25 @@ def quaternion(q: Any, first: int, x: Any, place: int) -> None:
 
 def forces(t: float, x: Any, v: Any, data: Any, force: Any) -> Any:
     """`add_forces`, for Python."""
-    return add_forces(t, x, v, borrowed(data), force)
+    return add_forces(t, borrowed(x), borrowed(v), borrowed(data), borrowed(force))
 
 
 def potentials(positions: Any, data: Any, out: Any) -> None:
     """Potential energy of each row of states x (k, n_x) into out (k,)."""
     own = borrowed(data)
+    x = borrowed(positions)
     for row in range(out.size):
-        out[row] = potential(positions[row], own)
+        out[row] = potential(x[row], own)
 
 
-def powers(times: Any, positions: Any, velocities: Any, data: Any, out: Any) -> None:
-    """Power taken out in each row of states x (k, n_x), v (k, n_v) into out (k,)."""
+def powers(times: Any, positions: Any, velocities: Any, data: Any, scratch: Any, out: Any) -> None:
+    """Power taken out in each row of states x (k, n_x), v (k, n_v) into out (k,); scratch : (n_force,)."""
     own = borrowed(data)
-    scratch = np.empty(positions.shape[1])  # no less than n_force
+    x = borrowed(positions)
+    v = borrowed(velocities)
+    forces = borrowed(scratch)
     for row in range(out.size):
-        out[row] = power(times[row], positions[row], velocities[row], own, scratch)
+        out[row] = power(times[row], x[row], v[row], own, forces)
 
 
 HELPERS = (quaternion, take_bodies, take_state)

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.codegen import drivers
-from exunet.codegen.compile import compiled_module, interpreted_module, numba_installed
+from exunet.codegen.compile import compiled_module, interpreted_module, kept_before, numba_installed
+from exunet.codegen.entries import call_source
+from exunet.codegen.force_table import ForceTable, compiled_rows, interpreted_rows, takes
 from exunet.codegen.generate import module_source
 from exunet.forces.terms import Constraint, Function, KernelTerm, Term, copied
 from exunet.forces.total import Forces
@@ -22,7 +24,8 @@ Floats = NDArray[np.float64]
 class Kernel:
     """The forces of some terms; `extra` functions and their `helpers`, which need `imports`, join `drivers`.
 
-    The text of the module depends on the kinds of the terms only, so scenes that differ in numbers share one.
+    lanes    : the functions take states of several runs at once (see `exunet.codegen.lanes`)
+    compiled : machine code, as far as Numba is installed; else plain Python, some hundred times slower
     """
 
     def __init__(
@@ -34,12 +37,15 @@ class Kernel:
         bodies: bool = False,
         first_order: bool = False,
         imports: tuple[str, ...] = (),
+        lanes: bool = False,
+        compiled: bool = True,
     ) -> None:
         self._terms = tuple(terms)
-        calls = [call for term in self._terms for call in term.calls]
+        self.calls = tuple(call for term in self._terms for call in term.calls)
+        self.takes = takes(self.calls)
+        self._lanes, self._compiled = lanes, compiled and numba_installed()
         of_bodies = [term for term in self._terms if isinstance(term, KernelTerm | Constraint)]
         self.source = module_source(
-            calls,
             (*drivers.DRIVERS, *extra),
             (*drivers.HELPERS, *helpers),
             bodies=bodies or any(isinstance(term, Constraint) or term.bodies for term in of_bodies),
@@ -48,31 +54,39 @@ class Kernel:
         )
 
     @cached_property
-    def module(self) -> ModuleType:
-        """Compiled where Numba is installed, else interpreted."""
-        return compiled_module(self.source) if numba_installed() else interpreted_module(self.source)
+    def sources(self) -> tuple[str, ...]:
+        """Texts of the modules of its calls, in order; scenes of other numbers share them."""
+        return tuple(call_source(call, lanes=self._lanes) for call in self.calls)
 
-    def data(self, memory: Mapping[str, Floats] | None = None) -> tuple[Any, ...]:
-        """A copy of the data of all terms as the functions of the module take them.
+    @property
+    def compiled_before(self) -> bool:
+        """True if all of it was compiled before and kept; needs Numba."""
+        return all(kept_before(source) for source in (self.source, *self.sources))
+
+    @cached_property
+    def module(self) -> ModuleType:
+        """Compiled or interpreted."""
+        return compiled_module(self.source) if self._compiled else interpreted_module(self.source)
+
+    def table(self, memory: Mapping[str, Floats] | None = None) -> ForceTable:
+        """All terms with a copy of their data, as the functions of the module take their rows.
 
         memory : values of the terms' memories by name; a name that is absent has its initial value
         Arrays are contiguous and writable: all of them have the same compiled code.
         """
-        return self.data_and_memories(memory)[0]
-
-    def data_and_memories(
-        self, memory: Mapping[str, Floats] | None = None
-    ) -> tuple[tuple[Any, ...], dict[str, Floats]]:
-        """The same, and the memories in it that compiled code changes itself, by name: not copies."""
         every: list[Any] = []
         kept = {}
         for term in self._terms:
-            for call, data in zip(term.calls, term.data_at(memory or {}), strict=True):
+            for data in term.data_at(memory or {}):
                 own = copied(data)
                 if term.memory is not None and term.memory.kept_in:
                     kept[term.memory.name] = getattr(own, term.memory.kept_in)
-                every.append(self.module.hold(own) if call.held and numba_installed() else own)
-        return tuple(every), kept
+                every.append(own)
+        if self._compiled:
+            rows: Any = compiled_rows(self.calls, self.sources, every, lanes=self._lanes)
+        else:
+            rows = interpreted_rows(self.calls, every)
+        return ForceTable(rows, self.takes, tuple(every), kept)
 
     def forces(
         self, time: float, position: Floats, velocity: Floats, memory: Mapping[str, Floats] | None = None
@@ -80,20 +94,22 @@ class Kernel:
         """(n_points, 3) [N] from position and velocity (n_points, 3), of points alone."""
         force = np.zeros(position.size)
         x, v = (np.array(a, dtype=float).ravel() for a in (position, velocity))
-        self.module.forces(time, x, v, self.data(memory), force)
+        self.module.forces(time, x, v, self.table(memory).rows, force)
         return force.reshape(-1, 3)
 
     def potential(self, x: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
         """Potential energy of the terms that have one [J]; (k, n_x) -> (k,)."""
         energy = np.empty(len(x))
-        self.module.potentials(np.array(x, dtype=float), self.data(memory), energy)
+        self.module.potentials(np.array(x, dtype=float), self.table(memory).rows, energy)
         return energy
 
     def power(self, time: Floats, x: Floats, v: Floats, memory: Mapping[str, Floats] | None = None) -> Floats:
         """Power that the terms without a potential take out [W]; (k,), (k, n_x), (k, n_v) -> (k,)."""
         taken = np.empty(len(time))
         x, v = np.array(x, dtype=float), np.array(v, dtype=float)
-        self.module.powers(np.array(time, dtype=float), x, v, self.data(memory), taken)
+        self.module.powers(
+            np.array(time, dtype=float), x, v, self.table(memory).rows, np.zeros(x.shape[1]), taken
+        )
         return taken
 
     def rates(
@@ -101,9 +117,9 @@ class Kernel:
     ) -> Floats:
         """Rates of the `number` first-order states; (k,), (k, n_x), (k, n_v) -> (k, number)."""
         force = np.zeros((len(time), v.shape[1] + number))
-        x, v, data = np.array(x, dtype=float), np.array(v, dtype=float), self.data(memory)
+        x, v, rows = np.array(x, dtype=float), np.array(v, dtype=float), self.table(memory).rows
         for row, t in enumerate(time.tolist()):
-            self.module.forces(t, x[row], v[row], data, force[row])
+            self.module.forces(t, x[row], v[row], rows, force[row])
         return force[:, v.shape[1] :]
 
 

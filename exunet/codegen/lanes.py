@@ -58,7 +58,7 @@ class Holds(types.Type):
         super().__init__("Holds")
 
 
-_LANES, _HOLDS = Lanes(), Holds()
+LANES, _HOLDS = Lanes(), Holds()
 
 
 @register_model(Lanes)
@@ -114,12 +114,12 @@ def _define(operators: tuple[Any, ...], result: types.Type, build: Callable[[Any
             return (lambda a, b: operation(a, b)) if _has_lanes(a, b) else None
 
 
-_define((operator.add, operator.iadd), _LANES, lambda b, x, y: b.fadd(x, y))
-_define((operator.sub, operator.isub), _LANES, lambda b, x, y: b.fsub(x, y))
-_define((operator.mul, operator.imul), _LANES, lambda b, x, y: b.fmul(x, y))
-_define((operator.truediv, operator.itruediv), _LANES, lambda b, x, y: b.fdiv(x, y))
-_define((max,), _LANES, lambda b, x, y: b.select(b.fcmp_ordered(">", y, x), y, x))
-_define((min,), _LANES, lambda b, x, y: b.select(b.fcmp_ordered("<", y, x), y, x))
+_define((operator.add, operator.iadd), LANES, lambda b, x, y: b.fadd(x, y))
+_define((operator.sub, operator.isub), LANES, lambda b, x, y: b.fsub(x, y))
+_define((operator.mul, operator.imul), LANES, lambda b, x, y: b.fmul(x, y))
+_define((operator.truediv, operator.itruediv), LANES, lambda b, x, y: b.fdiv(x, y))
+_define((max,), LANES, lambda b, x, y: b.select(b.fcmp_ordered(">", y, x), y, x))
+_define((min,), LANES, lambda b, x, y: b.select(b.fcmp_ordered("<", y, x), y, x))
 _define((operator.gt,), _HOLDS, lambda b, x, y: b.fcmp_ordered(">", x, y))
 _define((operator.lt,), _HOLDS, lambda b, x, y: b.fcmp_ordered("<", x, y))
 
@@ -132,7 +132,7 @@ def _of_one(llvm: str) -> Any:
             name = f"llvm.{llvm}.v{WIDTH}f64"
             return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
 
-        return _LANES(a), generate
+        return LANES(a), generate
 
     return operation
 
@@ -142,7 +142,7 @@ _root, _absolute = _of_one("sqrt"), _of_one("fabs")
 
 @intrinsic
 def _negative(typingctx: Any, a: Any) -> Any:
-    return _LANES(a), lambda context, builder, signature, args: builder.fneg(args[0])
+    return LANES(a), lambda context, builder, signature, args: builder.fneg(args[0])
 
 
 @overload(math.sqrt)
@@ -177,7 +177,7 @@ def _choose_any(holds):
 @intrinsic
 def lanes_of(typingctx: Any, array: Any) -> Any:
     """A C array (..., n, WIDTH) of floats as a `Borrowed` (..., n) of `Lanes`; in compiled code."""
-    kind = Borrowed(_LANES, array.ndim - 1, "C")
+    kind = Borrowed(LANES, array.ndim - 1, "C")
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         held, view = make_array(array)(context, builder, args[0]), make_array(kind)(context, builder)

@@ -44,9 +44,9 @@ class KernelCall:
     add     : module-level function add(t, x, v, data, force) that adds its forces [N], torques [N m] and
               rates of first-order states to `force`; x, v, force are flat arrays over all blocks, in the
               subset of Python that Numba compiles. It may use `math`, `np` and its `helpers`, no other global
-              name. The names of the functions of a kernel's calls differ
-    data    : a named tuple of arrays and numbers. They are data of the compiled function, not text in it:
-              scenes with the same kinds of forces share one kernel
+              name
+    data    : a named tuple of arrays, floats and ints. They are data of the compiled function, not text in
+              it: a kind of force is compiled once, for all scenes
     helpers : module-level functions that the others call
     jumps   : the force jumps where an element becomes taut (see `exunet.forces.jumps`)
     elastic : `add` returns the elastic energy [J] that it finds on its way

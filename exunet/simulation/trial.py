@@ -14,7 +14,7 @@ import numpy as np
 from exunet.backends.compiled.loop import loop_kernel
 from exunet.base.errors import ExunetError, Interrupted
 from exunet.case.stored_times import stored_times
-from exunet.codegen.compile import kept_before, numba_installed, require_numba
+from exunet.codegen.compile import numba_installed, require_numba
 from exunet.methods.keys import AUTO
 from exunet.methods.method import METHODS, Kind, TimeLoop
 from exunet.simulation.pace import Left, Pace
@@ -45,7 +45,7 @@ class Trial:
 
 def is_compiled(start: Start) -> bool:
     """True if the compiled loop for this scene has been compiled before, so that a trial begins at once."""
-    return numba_installed() and kept_before(loop_kernel(start.system).source)
+    return numba_installed() and loop_kernel(start.system).compiled_before
 
 
 def try_out(start: Start, budget: float) -> Trial | None:

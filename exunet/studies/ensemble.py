@@ -23,7 +23,7 @@ from exunet.bodies.rigid import RigidStates
 from exunet.bodies.shapes import Shape
 from exunet.case.stored_times import stored_times
 from exunet.case.verdict import Verdict
-from exunet.codegen.compile import WIDTH, kept_before
+from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import effects_of
 from exunet.methods.method import COMPILED_METHODS
@@ -339,7 +339,7 @@ def kernel_of_many(start: Start, runs: int, together: bool | None = None) -> Ker
     together : True, False: wanted or not; None: if it is compiled already, or the runs take long
     """
     kernel = None if together is False else side_by_side_kernel(start.system, start.plan)
-    if kernel is None or together or kept_before(kernel.source):
+    if kernel is None or together or kernel.compiled_before:
         return kernel
     return kernel if runs * seconds_of_a_course(start, None) / (os.cpu_count() or 1) > _PAYS else None
 
@@ -349,4 +349,4 @@ def way_of(start: Start, runs: int) -> tuple[float, bool]:
     kernel = kernel_of_many(start, runs)
     if kernel is None:
         return 1.0, not is_compiled(start)
-    return _GAIN, not kept_before(kernel.source)
+    return _GAIN, not kernel.compiled_before

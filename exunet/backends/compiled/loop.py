@@ -47,11 +47,21 @@ _ATTEMPTS = 2000  # steps between two looks at the keyboard
 _THINNED = 64  # steps of which one is handed over
 
 
-def loop_kernel(system: System) -> Kernel:
-    """The system's forces and the loop around them; raises MissingExtra without Numba."""
+def loop_kernel(system: System, *, compiled: bool = True) -> Kernel:
+    """The system's forces and the loop around them; raises MissingExtra without Numba.
+
+    compiled : False: in plain Python
+    """
     require_numba('engine.loop = "compiled"')
-    bodies, first_order = bool(system.bodies), bool(system.blocks.states)
-    return Kernel(system.forces, LOOP, STEPS, bodies=bodies, first_order=first_order, imports=IMPORTS)
+    return Kernel(
+        system.forces,
+        LOOP,
+        STEPS,
+        bodies=bool(system.bodies),
+        first_order=bool(system.blocks.states),
+        imports=IMPORTS,
+        compiled=compiled,
+    )
 
 
 WITHOUT_LIMIT = 2**62
@@ -70,7 +80,8 @@ class CompiledIntegration:
         self._verlet = plan.method == Method.VELOCITY_VERLET
         self._kernel, self._module = kernel, kernel.module
         self._memory: Arrays = state.memory
-        self._motion = motion_of(system, state, kernel.data(state.memory))
+        self._table = kernel.table(state.memory)
+        self._motion = motion_of(system, state, self._table)
         self._clock = clock_at(state.time, plan.first_step)
         self._time, self._tiny = self._clock["time"], self._clock["tiny"]
         self._seen = seen_nothing(system)
@@ -156,7 +167,6 @@ class CompiledLoop(CompiledIntegration):
         self._moving = self._layout.unpack(self._motion.x, self._motion.v)  # views
         self._pushed = False
         self._ports = _steady_ports(system, state)
-        self._kept_in_kernel: dict[str, Floats] = {}
         self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
         if state.memory:
             self._remember(state.memory)
@@ -169,7 +179,7 @@ class CompiledLoop(CompiledIntegration):
 
     def _recall(self) -> None:
         """Take over the memories that the kernel has changed itself."""
-        for name, values in self._kept_in_kernel.items():
+        for name, values in self._table.kept.items():
             self._events.memory[name][:] = values
 
     def state(self) -> State:
@@ -201,7 +211,7 @@ class CompiledLoop(CompiledIntegration):
         return self._ports[port]
 
     def _steer_all(self) -> None:
-        data, blocks = self._motion.data, self._system.blocks
+        data, blocks = self._table.data, self._system.blocks
         # A guided body that holds masses has forces on it that jump with its acceleration.
         self._bears = any(isinstance(part, OnGuided) for part in data)
         self._sites = {name: sites_of(data, blocks.centre(name)) for name in self._ports}
@@ -231,8 +241,8 @@ class CompiledLoop(CompiledIntegration):
         kinetic, of_elements = float(peaks["kinetic"][0]), self._seen.of_elements
         extremes = Extremes(largest, kinetic, self.largest_tensions, of_elements)
         self._observer.between(until, extremes)
-        if self._kept_in_kernel:
-            kept = {name: values.copy() for name, values in self._kept_in_kernel.items()}
+        if self._table.kept:
+            kept = {name: values.copy() for name, values in self._table.kept.items()}
             self._observer.remembered(until, kept)
         if not math.isfinite(np.dot(self._motion.x, self._motion.x)):  # a square may overflow; no harm
             self.hand_over()
@@ -297,8 +307,8 @@ class CompiledLoop(CompiledIntegration):
     def _remember(self, memory: Arrays) -> None:
         """Let the forces, and what looks at tensions, take all memories into account."""
         self._memory = memory
-        data, self._kept_in_kernel = self._kernel.data_and_memories(memory)
-        self._motion = self._motion._replace(data=data)
+        self._table = self._kernel.table(memory)
+        self._motion = self._motion._replace(data=self._table.rows)
         self._steer_all()
         self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
         self._hold()

@@ -1,6 +1,6 @@
 """The steps of `many_steps` on vectors of runs (`exunet.codegen.lanes`): the same text, another type.
 
-The text of these functions is copied into a kernel's specialised module, beside that of the steps.
+The text of these functions is copied into a kernel's module, beside that of the steps.
 """
 
 from __future__ import annotations
@@ -62,6 +62,7 @@ def in_lanes(run: Any) -> Any:
         m.inertia,
         m.push,
         m.data,
+        m.takes,
         lanes_of(m.work),
         lanes_of(m.z1),
         lanes_of(m.rates),

@@ -1,6 +1,6 @@
 """Many steps in compiled code: with equal steps, or with steps chosen from an error estimate.
 
-The text of these functions is copied into a kernel's specialised module, after those of `schemes`. Their
+The text of these functions is copied into a kernel's module, after those of `schemes`. Their
 arguments are those of `arrays`: a `Motion` m, or a whole `Run` with the room for the states that the guards
 look at, which is filled from `row` on: one step in `every`, the last, and those of so much elastic energy
 that an element may be too long. `equal_steps` and `chosen_steps` return the number of rows that are filled;
@@ -26,20 +26,15 @@ from exunet.backends.compiled.schemes import (
 )
 from exunet.backends.compiled.work import work_of_step
 from exunet.backends.compiled.work_space import EqualSteps
+from exunet.codegen.force_table import Takes
 
 TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that count as a collapse
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     from exunet.codegen.borrowing import borrowed
+    from exunet.codegen.sums import power, remember
 
-    TAKES_ENERGY = False
-    TOLD = False
     BODIES = True
-    JUMPS = True
-    REMEMBERS = True
-
-    def remember(t: float, x: Any, v: Any, data: Any) -> None: ...
-    def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
 
 
 def begin(t: float, verlet: bool, m: Any) -> None:
@@ -216,7 +211,7 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
     s = stages_of(m.work)
     h = (until - start) / number
     watts = 0.0
-    simpson = TAKES_ENERGY and not (TOLD and verlet)
+    simpson = m.takes == Takes.INTEGRATED or (m.takes == Takes.TOLD and not verlet)
     if simpson:
         watts = power(start + first * h, m.x, m.v, m.data, s.scratch)
     for step in range(first, min(number, first + limit)):
@@ -230,8 +225,7 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
         if simpson:
             watts = work_of_step(t, h, watts, s.a1, m)
         accept(m)
-        if REMEMBERS:
-            remember(end, m.x, m.v, m.data)
+        remember(end, m.x, m.v, m.data)
         see(end, held, m.x, m.v, seen)
         now["steps"] += 1
         now["time"] = end
@@ -258,12 +252,12 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
     s = stages_of(m.work)
     least = control.least
     watts = 0.0
-    if TAKES_ENERGY:
+    if m.takes != Takes.NOTHING:
         watts = power(now["time"], m.x, m.v, m.data, s.scratch)
     for _ in range(limit):
         wanted = min(now["step"], control.longest)
         across = False
-        if JUMPS and now["beyond"] > 0.0:
+        if now["beyond"] > 0.0:
             after, over = jump_ahead(now["beyond"], control.tolerance, now["time"], m, seen)
             if after == np.inf:
                 if now["rejected"] == 0.0:
@@ -286,7 +280,7 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
         error /= control.tolerance
         if not (error <= 1.0 or ((h <= least or across) and error < np.inf)):
             now["rejections"] += 1
-            if JUMPS and now["beyond"] == 0.0:
+            if now["beyond"] == 0.0:
                 after, over = jump_ahead(h, control.tolerance, now["time"], m, seen)
                 now["beyond"] = h if after < np.inf else 0.0
             now["rejected"] = 1.0
@@ -297,11 +291,10 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
                 break
             continue
         now["tiny"] = now["tiny"] + 1.0 if h <= 4.0 * least and not across else 0.0
-        if TAKES_ENERGY:
+        if m.takes != Takes.NOTHING:
             watts = work_of_step(now["time"], h, watts, s.a7, m)
         accept(m)
-        if REMEMBERS:
-            remember(until if h == rest else now["time"] + h, m.x, m.v, m.data)
+        remember(until if h == rest else now["time"] + h, m.x, m.v, m.data)
         see(now["time"] + h, held, m.x, m.v, seen)
         for c in range(m.push.size):
             s.a1[c] = s.a7[c]
@@ -369,7 +362,10 @@ def through_equal(verlet: bool, times: Any, step: float, run: Any) -> int:
     return row
 
 
-IMPORTS = ("from exunet.backends.compiled.work_space import EqualSteps, Stages",)
+IMPORTS = (
+    "from exunet.backends.compiled.work_space import EqualSteps, Stages",
+    "from exunet.codegen.force_table import Takes",
+)
 STEPS = (
     schemes.stages_of,
     schemes.add_gyroscopic,

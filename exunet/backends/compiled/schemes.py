@@ -1,7 +1,7 @@
 """Single steps of the compiled loop: velocity Verlet, the classical Runge-Kutta method, Dormand-Prince 5(4).
 
-The text of these functions is copied into a kernel's specialised module (see `exunet.codegen.generate`),
-beside its `add_forces`. A step starts from the state x, v of a `Motion` m at time t [s], is h long, and
+The text of these functions is copied into a kernel's module (see `exunet.codegen.generate`), beside
+`add_forces`. A step starts from the state x, v of a `Motion` m at time t [s], is h long, and
 leaves its result in x1 and v1 of its stages. `exunet.forces.blocks` says what stands where in them: m.c,
 which v moves, comes first in x, and m.z, what is of first order, behind it.
 """
@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from exunet.backends.compiled.work_space import Stages
+from exunet.codegen.force_table import Takes
 
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     BODIES = True
     FIRST_ORDER = True
-    TOLD = True
 
-    def add_forces(t: float, x: Any, v: Any, data: Any, force: Any) -> Any: ...
+    from exunet.codegen.sums import add_forces
 
 
 def stages_of(work: Any) -> Any:
@@ -175,7 +175,7 @@ def verlet_step(t: float, h: float, m: Any) -> float:
         held, watts = accelerate_without_spin(t + h, s.x1, s.v1, m, s.a1)
     else:
         held, watts = accelerate(t + h, s.x1, s.v1, m, s.a1)
-    if TOLD:
+    if m.takes == Takes.TOLD:
         m.taken[0] += h * watts
     for c in range(m.v.size):
         s.v1[c] += 0.5 * h * s.a1[c]

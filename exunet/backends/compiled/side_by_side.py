@@ -25,7 +25,7 @@ from exunet.backends.compiled.work_space import (
 )
 from exunet.backends.protocol import Largest
 from exunet.codegen.compile import WIDTH
-from exunet.codegen.generate import tells_all_power
+from exunet.codegen.force_table import Takes, takes
 from exunet.codegen.kernel import Kernel
 from exunet.forces.terms import KernelCall
 from exunet.methods.method import METHODS, Kind, Method
@@ -49,7 +49,7 @@ def side_by_side_kernel(system: System, plan: Plan) -> Kernel | None:
     if not all(call.of_many for call in _calls(system)):
         return None
     steps = many_runs.IN_PLACE if _in_place(system, plan) else many_runs.STEPS
-    return Kernel(system.forces, many_runs.LOOP, steps, imports=many_runs.IMPORTS)
+    return Kernel(system.forces, many_runs.LOOP, steps, imports=many_runs.IMPORTS, lanes=True)
 
 
 def _calls(system: System) -> list[KernelCall]:
@@ -58,9 +58,8 @@ def _calls(system: System) -> list[KernelCall]:
 
 def _in_place(system: System, plan: Plan) -> bool:
     """True if a step needs no room beside the state: what it works on then fits into a smaller cache."""
-    calls = _calls(system)
-    told = tells_all_power(calls) or not any(call.dissipates for call in calls)
-    return plan.method == Method.VELOCITY_VERLET and told
+    integrated = takes(_calls(system)) == Takes.INTEGRATED
+    return plan.method == Method.VELOCITY_VERLET and not integrated
 
 
 class StatesOfRuns(NamedTuple):
@@ -146,7 +145,8 @@ def _motion_of(system: System, states: Sequence[State], kernel: Kernel, *, in_pl
         inverse=system.layout.inverse_mass(system, states[0].memory),
         inertia=np.zeros((0, 3)),
         push=np.zeros(n),
-        data=kernel.data(),
+        data=kernel.table().rows,
+        takes=int(kernel.takes),
         work=work,
         z1=none,
         rates=np.zeros((7, 0, WIDTH)),

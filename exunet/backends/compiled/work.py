@@ -1,6 +1,6 @@
 """The work that terms without a potential take out in a step of the compiled loop.
 
-The text of these functions is copied into a kernel's specialised module, after those of `schemes`.
+The text of these functions is copied into a kernel's module, after those of `schemes`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from exunet.backends.compiled.schemes import first_order_rates, stages_of, turn
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     FIRST_ORDER = True
 
-    def power(t: float, x: Any, v: Any, data: Any, scratch: Any) -> float: ...
-    def extra_work(h: float, begin: Any, middle: Any, end: Any, data: Any) -> float: ...
+    from exunet.codegen.sums import extra_work, power
 
 
 def work_of_step(t: float, h: float, power_at_start: float, a: Any, m: Any) -> float:

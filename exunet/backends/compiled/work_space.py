@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.protocol import Largest
+from exunet.codegen.force_table import ForceTable
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
@@ -53,7 +54,8 @@ class Motion(NamedTuple):
     inverse : (n_force,) 1 / mass or inertia; zero for what is held still, 1 for first-order states
     inertia : (n_bodies, 3) principal moments [kg m2]
     push    : (n_force,) forces [N], and torques in body axes [N m], from outside
-    data    : the kernel's
+    data    : rows of the kernel's `ForceTable`
+    takes   : a `Takes`: how the energy is known that the forces take out
     work    : (17, n_x) the rows of `Stages`
     z1      : (n_z,) view of the row x1: what is of first order at a stage, and at the step's end
     rates   : (7, n_z) its rates in the stages
@@ -67,7 +69,8 @@ class Motion(NamedTuple):
     inverse: Floats
     inertia: Floats
     push: Floats
-    data: tuple[Any, ...]
+    data: Any
+    takes: int
     work: Floats
     z1: Floats
     rates: Floats
@@ -198,15 +201,15 @@ class EqualSteps(NamedTuple):
     limit: int
 
 
-def motion_of(system: System, state: State, data: tuple[Any, ...]) -> Motion:
+def motion_of(system: System, state: State, table: ForceTable) -> Motion:
     """A system in a state; the accelerations are still to be computed."""
     x, v = (np.array(part) for part in system.layout.pack(state.moving))
     inverse = system.layout.inverse_mass(system, state.memory)
-    return motion_at(x, v, inverse, data, system.body_inertia.copy(), system.blocks.centres)
+    return motion_at(x, v, inverse, table, system.body_inertia.copy(), system.blocks.centres)
 
 
 def motion_at(
-    x: Floats, v: Floats, inverse: Floats, data: tuple[Any, ...], inertia: Floats, centres: int
+    x: Floats, v: Floats, inverse: Floats, table: ForceTable, inertia: Floats, centres: int
 ) -> Motion:
     """A state x, v, of which it keeps the arrays, under no force from outside; centres: n_c."""
     work = np.zeros((len(Stages._fields), len(x)))
@@ -219,7 +222,8 @@ def motion_at(
         inverse=inverse,
         inertia=inertia,
         push=np.zeros(len(inverse)),
-        data=data,
+        data=table.rows,
+        takes=int(table.takes),
         work=work,
         z1=work[Stages._fields.index("x1"), first_order],
         rates=np.zeros((7, len(x) - centres)),

@@ -25,7 +25,6 @@ class AppliedKernel:
     """The forces of a kernel on the points of `model`, on its bodies, and constant ones from outside.
 
     bodies : True if a term of the kernel acts on a rigid body
-    remembered : the memories that compiled code changes itself, by name; not copies
     Where the coordinates stand is only known once the model is assembled, so it is looked up at first use.
     """
 
@@ -34,13 +33,18 @@ class AppliedKernel:
     ) -> None:
         self._model, self._kernel, self._bodies = model, kernel, bodies
         self._system, self._blocks = system, (blocks := system.blocks)
-        self._data, self.remembered = kernel.data_and_memories(memory)
+        self._table = kernel.table(memory)
         self._moving = system.moving(memory)
         self._run: Callable[..., None] = kernel.module.engine_forces
         self._states = slice(blocks.n_x - blocks.n_states, blocks.n_x)
         self._place: Place | None = None
         self._held: Any = None  # data and place, for the compiled code
         self._push = np.zeros(blocks.n_force)
+
+    @property
+    def remembered(self) -> Mapping[str, Floats]:
+        """The memories that compiled code changes itself, by name; not copies."""
+        return self._table.kept
 
     def evaluate(self, t: float, q: Floats, q_t: Floats, out: Floats) -> None:
         """Forces on free coordinates of points, and on bodies, into out; see `Model.applied_forces`."""
@@ -56,7 +60,7 @@ class AppliedKernel:
 
     def _hold(self) -> Place:
         place = self._where() if self._place is None else self._place
-        self._place, self._held = place, self._kernel.module.hold((self._data, place))
+        self._place, self._held = place, self._kernel.module.hold((self._table.rows, place))
         return place
 
     def rates(self, t: float, q: Floats, q_t: Floats, out: Floats) -> Floats:
@@ -97,7 +101,7 @@ class AppliedKernel:
 
     def remember(self, memory: Mapping[str, Floats]) -> None:
         """Take all memories as they are now."""
-        self._data, self.remembered = self._kernel.data_and_memories(memory)
+        self._table = self._kernel.table(memory)
         self._moving = self._system.moving(memory)
         self._held = None
 

@@ -155,7 +155,7 @@ def _rates_of(names: list[str], system: System) -> Callable[[State], Floats]:
     first = [system.blocks.rate(f"{name}/{QUANTITIES[0][0]}") for name in names]
 
     def rates(state: State) -> Floats:
-        motion = motion_of(system, state, kernel.data(state.memory))
+        motion = motion_of(system, state, kernel.table(state.memory))
         kernel.module.begin(state.time, False, motion)
         return np.sum([motion.work[a1, at : at + 6] for at in first], axis=0)
 
@@ -218,7 +218,7 @@ def _of_loop(system: System) -> Callable[[State], Changes]:
     kernel = loop_kernel(system)
 
     def changes(state: State) -> Changes:
-        motion = motion_of(system, state, kernel.data(state.memory))
+        motion = motion_of(system, state, kernel.table(state.memory))
         kernel.module.begin(state.time, False, motion)
         rates = motion.work[Stages._fields.index("a1"), : system.blocks.n_v]
         points, centres, angular = np.split(rates, (3 * system.blocks.n_points, system.blocks.centres))
@@ -260,7 +260,7 @@ def _by_kernel(case: BothCodes) -> Callable[[State], tuple[Floats, Floats]]:
     kernel, point = loop_kernel(system), system.kinematics.point
 
     def implied(state: State) -> tuple[Floats, Floats]:
-        motion = motion_of(system, state, kernel.data(state.memory))
+        motion = motion_of(system, state, kernel.table(state.memory))
         kernel.module.begin(state.time, False, motion)
         moving = system.layout.unpack(motion.x, motion.v)
         return moving.position[point], moving.velocity[point]

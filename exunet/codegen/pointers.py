@@ -1,0 +1,212 @@
+"""Calls of compiled functions by their addresses, and data that they find by theirs.
+
+The steps of the compiled loop and the functions of each kind of force are compiled apart: the steps call by
+address, so they need not be compiled anew for another scene, nor a force for another set of forces. A call
+costs some nanoseconds.
+
+Importing this module imports Numba, so only compiled code and what makes it may do so.
+"""
+
+# mypy: allow-untyped-defs, allow-untyped-decorators, allow-subclassing-any, allow-untyped-calls
+# (Numba demands the overloads' signatures without annotations.)
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from numba.core import cgutils, errors, types
+from numba.core.imputils import lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import infer_getattr, models, register_model
+
+from exunet.codegen.borrowing import Borrowed, borrowed_kind, intrinsic
+
+
+class At(types.Type):
+    """Where a named tuple of arrays and numbers stands in memory; its fields are attributes."""
+
+    def __init__(self, kind: types.BaseTuple) -> None:
+        self.kind = kind
+        super().__init__(name=f"At({kind})")
+
+
+class Anywhere(types.Type):
+    """An `At` whose tuple the caller does not know."""
+
+    def __init__(self) -> None:
+        super().__init__("Anywhere")
+
+
+ANYWHERE = Anywhere()
+register_model(At)(models.OpaqueModel)
+register_model(Anywhere)(models.OpaqueModel)
+
+
+def kind_at(kind: types.Type) -> At:
+    """The type of the place of a tuple of this type, whose arrays nobody counts there."""
+    return At(borrowed_kind(kind))  # type: ignore[arg-type]
+
+
+@infer_getattr
+class _FieldsAt(AttributeTemplate):
+    key = At
+
+    def generic_resolve(self, value: Any, attr: Any) -> Any:  # type: ignore[override]
+        """The type of a field."""
+        fields: Any = getattr(value.kind, "fields", ())
+        return value.kind.types[fields.index(attr)] if attr in fields else None
+
+
+def _tuple_at(context: Any, builder: Any, kind: types.Type, place: Any) -> Any:
+    return builder.bitcast(place, context.get_value_type(kind).as_pointer())
+
+
+@lower_getattr_generic(At)
+def _load_field(context: Any, builder: Any, at: At, value: Any, name: str) -> Any:
+    number = at.kind.fields.index(name)  # type: ignore[attr-defined]
+    return builder.load(cgutils.gep_inbounds(builder, _tuple_at(context, builder, at.kind, value), 0, number))
+
+
+@intrinsic
+def whole(typingctx: Any, place: Any) -> Any:
+    """The tuple that stands at a place."""
+
+    def load(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.load(_tuple_at(context, builder, place.kind, args[0]))
+
+    return place.kind(place), load
+
+
+@intrinsic
+def zero_of(typingctx: Any, array: Any) -> Any:
+    """Zero, of the type of an array's numbers."""
+
+    def zero(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return cgutils.get_null_value(context.get_value_type(array.dtype))
+
+    return array.dtype(array), zero
+
+
+def state_of(number: types.Type) -> Borrowed:
+    """The type of a flat array of numbers as the functions of a force take it."""
+    return Borrowed(number, 1, "C")
+
+
+# The arguments of the functions of a force (see `exunet.forces.terms.KernelCall`) between the address of the
+# function and its result: a number, the place of its data, or an array of the state.
+_TIME, _DATA, _STATE = "time", "data", "state"
+_ARGUMENTS = {
+    "place": (_TIME, _STATE, _STATE, _DATA),
+    "add": (_TIME, _STATE, _STATE, _DATA, _STATE),
+    "told": (_TIME, _STATE, _STATE, _DATA, _STATE),
+    "potential": (_STATE, _DATA),
+    "power": (_TIME, _STATE, _STATE, _DATA),
+    "work": (_TIME, *6 * (_STATE,), _DATA),
+    "remember": (_TIME, _STATE, _STATE, _DATA),
+}
+_RETURNS = ("told", "potential", "power", "work")  # a number; the others nothing
+
+
+def signature_of(
+    name: str, number: types.Type, data: types.Type
+) -> tuple[types.Type, tuple[types.Type, ...]]:
+    """Result and arguments of a function of a force, for states of such numbers."""
+    of = {_TIME: types.float64, _DATA: data, _STATE: state_of(number)}
+    return number if name in _RETURNS else types.none, tuple(of[one] for one in _ARGUMENTS[name])
+
+
+def _number_in(kinds: tuple[types.Type, ...], name: str) -> types.Type:
+    """Of the arrays among the arguments, which are flat and contiguous."""
+    states = [kind for kind, of in zip(kinds, _ARGUMENTS[name], strict=True) if of == _STATE]
+    for kind in states:
+        if not isinstance(kind, types.Array) or (kind.ndim, kind.layout) != (1, "C"):
+            raise errors.NumbaTypeError(f"a force is asked with {kind}, which is no flat array")
+    return states[0].dtype  # type: ignore[attr-defined]
+
+
+def _through(name: str) -> Callable[..., Any]:
+    """A call by address, for compiled code: its arguments are the address and those of the function."""
+
+    def typed(kinds: tuple[types.Type, ...]) -> Any:
+        _, *given = kinds
+        result, wanted = signature_of(name, _number_in(tuple(given), name), ANYWHERE)
+
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            convention = context.call_conv
+            function = convention.get_function_type(result, wanted).as_pointer()
+            passed = [
+                builder.inttoptr(value, context.get_value_type(ANYWHERE)) if kind == ANYWHERE else value
+                for kind, value in zip(wanted, args[1:], strict=True)
+            ]
+            callee = builder.inttoptr(args[0], function)
+            status, value = convention.call_function(builder, callee, result, wanted, passed)
+            with cgutils.if_unlikely(builder, status.is_error):
+                convention.return_status_propagate(builder, status)
+            return value
+
+        return result(*kinds), generate
+
+    return typed
+
+
+_place, _add, _told, _potential, _power, _work, _remember = (_through(name) for name in _ARGUMENTS)
+
+
+@intrinsic
+def call_place(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any) -> Any:
+    """`KernelCall.place` by its address f, with the data that stand at an address; so the others."""
+    return _place((f, t, x, v, data))
+
+
+@intrinsic
+def call_add(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any, force: Any) -> Any:
+    """`KernelCall.add`, of one that returns nothing."""
+    return _add((f, t, x, v, data, force))
+
+
+@intrinsic
+def call_told(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any, force: Any) -> Any:
+    """`KernelCall.add`, of one that returns an energy or a power."""
+    return _told((f, t, x, v, data, force))
+
+
+@intrinsic
+def call_potential(typingctx: Any, f: Any, x: Any, data: Any) -> Any:
+    """`KernelCall.potential`."""
+    return _potential((f, x, data))
+
+
+@intrinsic
+def call_power(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any) -> Any:
+    """`KernelCall.power`."""
+    return _power((f, t, x, v, data))
+
+
+@intrinsic
+def call_work(
+    typingctx: Any, f: Any, h: Any, x0: Any, v0: Any, x: Any, v: Any, x1: Any, v1: Any, data: Any
+) -> Any:
+    """`KernelCall.work`, its states one by one."""
+    return _work((f, h, x0, v0, x, v, x1, v1, data))
+
+
+@intrinsic
+def call_remember(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any) -> Any:
+    """`KernelCall.remember`."""
+    return _remember((f, t, x, v, data))
+
+
+__all__ = [
+    "call_add",
+    "call_place",
+    "call_potential",
+    "call_power",
+    "call_remember",
+    "call_told",
+    "call_work",
+    "kind_at",
+    "signature_of",
+    "whole",
+    "zero_of",
+]
