@@ -99,7 +99,7 @@ class CableTerm:
                 loops.add_viscous_tension,
                 data,
                 work=loops.viscous_work,
-                helpers=(loops.excess_and_rate,),
+                helpers=(loops.excess, loops.parting),
                 jumps=True,
                 elastic=True,
             ),

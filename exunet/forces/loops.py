@@ -125,11 +125,14 @@ def viscous_work(h: float, begin: Any, middle: Any, end: Any, elements: Any) -> 
     for e in range(factor.size):
         i = first[e]
         j = second[e]
-        s0, r0 = excess_and_rate(begin, i, j, square[e])
-        s1, r1 = excess_and_rate(middle, i, j, square[e])
-        s2, r2 = excess_and_rate(end, i, j, square[e])
+        s0 = excess(begin[0], i, j, square[e])
+        s1 = excess(middle[0], i, j, square[e])
+        s2 = excess(end[0], i, j, square[e])
         if s0 <= 0.0 and s1 <= 0.0 and s2 <= 0.0:
             continue
+        r0 = parting(begin, i, j)
+        r1 = parting(middle, i, j)
+        r2 = parting(end, i, j)
         q0 = max(s0 + twice_time[e] * r0, 0.0) if s0 > 0.0 else 0.0
         q1 = max(s1 + twice_time[e] * r1, 0.0) if s1 > 0.0 else 0.0
         q2 = max(s2 + twice_time[e] * r2, 0.0) if s2 > 0.0 else 0.0
@@ -142,14 +145,21 @@ def viscous_work(h: float, begin: Any, middle: Any, end: Any, elements: Any) -> 
     return total
 
 
-def excess_and_rate(state: Any, i: int, j: int, square: float) -> Any:
-    """d . d - square [m2] and d . dv [m2/s] of the nodes whose coordinates begin at i and j."""
+def excess(x: Any, i: int, j: int, square: float) -> float:
+    """d . d - square [m2] of the nodes whose coordinates begin at i and j."""
+    dx = x[j] - x[i]
+    dy = x[j + 1] - x[i + 1]
+    dz = x[j + 2] - x[i + 2]
+    return dx * dx + dy * dy + dz * dz - square
+
+
+def parting(state: Any, i: int, j: int) -> float:
+    """d . dv [m2/s] of these nodes."""
     x, v = state
     dx = x[j] - x[i]
     dy = x[j + 1] - x[i + 1]
     dz = x[j + 2] - x[i + 2]
-    rate = dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
-    return dx * dx + dy * dy + dz * dz - square, rate
+    return dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
 
 
 def add_velocity_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> float:

@@ -10,11 +10,13 @@ import pytest
 from contact_scenes import THROWN
 
 import exunet
+from exunet.forces.contact import near_loops
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.system.effect_survey import survey
 
 WINDOW = 2  # of `look`: how long the choice is right
+CLOSER = -0.02  # [m] along z: 0.9 cm above the box, less than a tenth of its ball's radius of 17 cm
 
 
 @pytest.fixture
@@ -57,11 +59,11 @@ def test_effects_are_surveyed_where_bodies_are(start: Start) -> None:
 def test_a_step_that_is_tried_again_chooses_again(start: Start) -> None:
     """What a rejected attempt chose far away is not taken for the state nearby; later in time it lasts."""
     term, data = threads_of(start)
-    near = looked_at(start, term, data, 0.0, 0.0)
+    near = looked_at(start, term, data, 0.0, CLOSER)
     assert near
     assert looked_at(start, term, data, 1.0, 1000.0) == []
     assert looked_at(start, term, data, 1.0 + 0.5 * data.look[WINDOW], 1000.0) == []
-    assert looked_at(start, term, data, 0.5, 0.0) == near
+    assert looked_at(start, term, data, 0.5, CLOSER) == near
 
 
 def test_the_depth_of_a_rejected_attempt_does_not_stop_a_run(start: Start) -> None:
@@ -83,3 +85,25 @@ def test_the_depth_of_a_rejected_attempt_does_not_stop_a_run(start: Start) -> No
         found = term.memory.wrong(data.kept)
         assert words in found
         assert bool(found) == bool(words)
+
+
+def test_a_body_far_away_is_not_asked_at_each_step(start: Start) -> None:
+    """However it turns: for 1 km at 8 (0.62 rad/s 1 km + 6 m/s), less the sizes of both."""
+    term, data = threads_of(start)
+    looked_at(start, term, data, 0.0, 1000.0)
+    spin, speed = np.linalg.norm([0.3, 0.2, 0.5]), np.linalg.norm([0.1, 0.05, 1.0])
+    assert data.look[WINDOW] == pytest.approx(1000.0 / (8.0 * (spin * 1000.0 + speed + 5.0)), rel=1e-3)
+
+
+def test_threads_between_boxes_and_ball_are_not_near(start: Start) -> None:
+    """The distance from the box around the solid: 1 cm beside a face, and none where boxes meet."""
+    term, data = threads_of(start)
+    box = data.boxes[0]
+    for gap, found in ((0.01, 0.01), (0.0, 0.0), (-0.005, 0.0)):
+        for node in (data.first[0], data.second[0]):
+            data.own[node : node + 3] = [0.0, 0.0, box[5] + data.thick[0] + gap]
+        assert near_loops.clearance(data, 0) == pytest.approx(found, abs=1e-15)
+    data.own[data.first[0] : data.first[0] + 3] = box[3:] + [0.03, 0.04, data.thick[0]]
+    data.own[data.second[0] : data.second[0] + 3] = box[3:] + [0.06, 0.09, 0.12]
+    corner = np.hypot(0.03 - data.thick[0], 0.04 - data.thick[0])
+    assert near_loops.clearance(data, 0) == pytest.approx(corner, rel=1e-12)

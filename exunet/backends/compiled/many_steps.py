@@ -100,14 +100,15 @@ def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
             i = 3 * ends[e, 0]
             j = 3 * ends[e, 1]
             square = 0.0
-            along = 0.0
             for c in range(3):
                 d = x[j + c] - x[i + c]
                 square += d * d
-                along += d * (v[j + c] - v[i + c])
             length = seen.length[e]
             excess = square - length * length
             if excess > 0.0:
+                along = 0.0
+                for c in range(3):
+                    along += (x[j + c] - x[i + c]) * (v[j + c] - v[i + c])
                 viscous = viscous or seen.twice_time[e] > 0.0
                 pull = (excess + seen.twice_time[e] * along) * math.sqrt(square) / (2.0 * length**3)
                 tension = seen.stiffness[e] * pull

@@ -61,7 +61,7 @@ class ThreadContact(NamedTuple):
     thick    : (m,) radius of the thread [m]
     spring, relaxation : (m,) k_t [N/m] and theta [s] of friction
     kind, numbers, place, turn, rounding, boxes : as `Cores`
-    middle, radius, allowed, least : as `Surface`
+    radius, allowed, least : as `Surface`
     centre, attitude, spin : where the entries of the body begin, see `exunet.forces.blocks`
     taken    : where in force the rates of the energies that damping and friction take stand
     stiffness, damping : K [N/m2], a [s/m]
@@ -73,8 +73,10 @@ class ThreadContact(NamedTuple):
                that is too deep, or 0; sum of the forces across the surface [N]
     near     : (m,) numbers of the pairs that are looked at, in order
     listed   : (m,) 1.0 for these
-    look     : (4,) how many there are, when they were chosen [s], how long they are right [s], and the
-               largest speed of any thread against the body then [m/s]
+    look     : (5,) how many there are, when they were chosen [s], how long they are right [s], their
+               largest speed against the body then [m/s], and how many nodes they have
+    nodes    : (k,) where the coordinates of the nodes of all pairs begin
+    near_nodes : (k,) of those that are looked at, as many as `look` says; wanted : (n_nodes,) 1 for these
     frame    : (3, 3) work space: the rotation of the body
     own      : (3 n_nodes,) work space: places of the nodes in the body's axes [m]
     lines    : (n, 6) work space: the thread in the axes of each core, where it begins and to where it goes
@@ -94,7 +96,6 @@ class ThreadContact(NamedTuple):
     turn: Floats
     rounding: Floats
     boxes: Floats
-    middle: Floats
     radius: float
     allowed: float
     least: float
@@ -112,6 +113,9 @@ class ThreadContact(NamedTuple):
     near: Ints
     listed: Floats
     look: Floats
+    nodes: Ints
+    near_nodes: Ints
+    wanted: Ints
     frame: Floats
     own: Floats
     lines: Floats
@@ -150,7 +154,6 @@ def thread_contact(
         spring,
         2.0 * rubbing.damping * np.sqrt(mass / spring),
         *cores,
-        surface.middle,
         surface.radius,
         surface.allowed,
         surface.least,
@@ -167,7 +170,10 @@ def thread_contact(
         np.zeros(6),
         np.zeros(len(element), dtype=np.int64),
         np.zeros(len(element)),
-        np.array([0.0, 0.0, -1.0, 0.0]),
+        np.array([0.0, 0.0, -1.0, 0.0, 0.0]),
+        3 * np.unique(ends),
+        np.zeros(np.unique(ends).size, dtype=np.int64),
+        np.zeros(net.n_nodes, dtype=np.int64),
         np.zeros((3, 3)),
         np.zeros(3 * net.n_nodes),
         np.zeros((len(cores.kind), 6)),
@@ -237,7 +243,8 @@ def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
         return
     turn_into(x, c.attitude, c.frame)
     own = c.own
-    for i in range(0, own.size, 3):
+    for one in range(int(c.look[4])):
+        i = c.near_nodes[one]
         own[i], own[i + 1], own[i + 2] = place_in_body(x, i, c.centre, c.frame)
     for one in range(number):
         add_thread(x, v, c, c.near[one], force)

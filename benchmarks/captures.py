@@ -1,0 +1,330 @@
+"""What a capture costs: a 20 x 20 net with contact of threads and friction on a free, tumbling box.
+
+    python benchmarks/captures.py [--meshes 20] [--no-mujoco]
+
+Beside a bare loop in C of the same work (bare_capture.c: cable law with viscous stress, each thread tested
+against the box, contact with damping and friction, nothing observed), window by window of one throw, by turns;
+then what parts of the forces take once the net is wrapped, what a body out of reach costs, the engine's fused
+form, and MuJoCo where it is installed (tendons, knots as spheres). One process, so one core. Takes some three
+minutes and writes captures.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import os
+import platform
+import statistics
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import exunet
+from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
+from exunet.codegen.kernel import Kernel
+from exunet.forces.contact.status import status_of
+
+HERE = Path(__file__).parent
+Floats = NDArray[np.float64]
+WINDOW, WINDOWS = 0.05, 20  # s
+FUSED_UNTIL = 6  # windows
+ROUNDS = 9
+
+SCENE = """
+format = 1
+title = "A net around a tumbling box"
+[time]
+end = 1.0
+output_step = 0.05
+[solver]
+method = "VelocityVerlet"
+step = {step}
+[engine]
+loop = "compiled"
+[net]
+topology = "square"
+size = 5.0
+mesh = {mesh}
+[net.cable]
+diameter = 0.001
+density = 1390.0
+youngs_modulus = 70e9
+[net.bullets]
+mass = 0.2
+[initial]
+packing = 0.98
+velocity = [0.0, 0.0, 5.0]
+[effects.material_damping]
+relaxation_time = 1e-6
+[bodies.box]
+shape = "box"
+size = [1.0, 1.0, 1.0]
+edge_radius = 0.02
+mass = 100.0
+position = [0.1, 0.1, {ahead}]
+velocity = [0.0, 0.0, 0.0]
+angular_velocity = [0.3, 0.4, 0.2]
+"""
+CONTACT = """
+[effects.contact]
+threads = ["box"]
+law = "linear"
+stiffness = 2e4
+restitution = 0.5
+impact_speed = 2.0
+friction = 0.3
+friction_law = "regularised"
+slip_speed = 0.01
+"""
+
+
+def simulation(meshes: int, *overrides: str, contact: bool = True, ahead: float = 1.0) -> exunet.Simulation:
+    """Of the scene, at its start; the step is 0.7 of sqrt(rho / E) times the mesh."""
+    step = 0.7 * (5.0 / meshes) * (1390.0 / 70e9) ** 0.5
+    text = SCENE.format(step=f"{step:.3g}", mesh=5.0 / meshes, ahead=ahead) + (CONTACT if contact else "")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "capture.toml"
+        path.write_text(text)
+        return exunet.Simulation(path, list(overrides))
+
+
+class Box(ctypes.Structure):
+    _fields_ = [  # noqa: RUF012 - as ctypes wants it
+        ("half", ctypes.c_double * 3), ("rounding", ctypes.c_double), ("radius", ctypes.c_double),
+        ("mass", ctypes.c_double), ("inertia", ctypes.c_double * 3), ("stiffness", ctypes.c_double),
+        ("damping", ctypes.c_double), ("friction", ctypes.c_double), ("slip", ctypes.c_double),
+    ]  # fmt: skip
+
+
+class Bare:
+    """The bare loop, from the start of a simulation on."""
+
+    def __init__(self, sim: exunet.Simulation, folder: Path) -> None:
+        library = folder / "bare_capture.so"
+        source = str(HERE / "bare_capture.c")
+        command = ["gcc", "-O3", "-march=native", "-fPIC", "-shared", "-o", str(library), source, "-lm"]
+        subprocess.run(command, check=True)
+        self._march = ctypes.CDLL(str(library)).march
+        self._march.restype = ctypes.c_long
+        system, net, law = sim.start.system, sim.start.net, sim.start.system.forces.cable.law
+        touched = next(d for d in loop_kernel(system).table().data if hasattr(d, "slip_speed"))
+        state, bodies = sim.state, sim.state.bodies
+        self._step = sim.plan.step or 0.0
+        self._sizes = net.n_nodes, net.n_elements
+        mass, inertia = system.blocks.inertia.mass[0], system.blocks.inertia.moments[0]
+        # The ends of ctypes take pointers; the arrays stay here.
+        self._arrays = [
+            net.element_nodes.astype(np.int32),
+            law.natural_length.copy(),
+            law.stiffness.copy(),
+            2.0 * np.asarray(law.relaxation_time) * np.ones(net.n_elements),
+            np.full(net.n_elements, float(touched.thick.max())),
+            1.0 / net.mass,
+        ]
+        self._box = Box(
+            (ctypes.c_double * 3)(*touched.numbers[0]), touched.rounding[0], touched.radius, mass,
+            (ctypes.c_double * 3)(*inertia), touched.stiffness, touched.damping, touched.friction,
+            touched.slip_speed,
+        )  # fmt: skip
+        self.position, self.velocity = state.position.ravel().copy(), state.velocity.ravel().copy()
+        turning = bodies.attitude[0], bodies.angular_velocity[0]
+        self.body = np.concatenate([bodies.position[0], bodies.velocity[0], *turning])
+        self._force = np.zeros_like(self.position)
+
+    def advance(self, duration: float) -> tuple[int, int]:
+        """Steps, and how many threads touch at the end."""
+        steps = round(duration / self._step)
+        n, m = self._sizes
+        arrays = [a.ctypes.data_as(ctypes.c_void_p) for a in self._arrays]
+        moving = [
+            a.ctypes.data_as(ctypes.c_void_p) for a in (self.position, self.velocity, self.body, self._force)
+        ]
+        box, h = ctypes.byref(self._box), ctypes.c_double(self._step)
+        return steps, self._march(n, m, *arrays, box, *moving, h, ctypes.c_long(steps))
+
+
+def throw(meshes: int, folder: Path) -> tuple[list[str], float, exunet.Simulation]:
+    """Rows of a table, the whole ratio, and the simulation wrapped around the box."""
+    sim = simulation(meshes)
+    bare = Bare(sim, folder)
+    sim.advance(1e-3)  # what is compiled is compiled, or loaded
+    sim.reset()
+    rows, times = [], np.zeros((WINDOWS, 2))
+    for k in range(WINDOWS):
+        before = sim.counts.right_hand_sides
+        began = time.perf_counter()
+        sim.advance(WINDOW)
+        middle = time.perf_counter()
+        steps, touching = bare.advance(WINDOW)
+        times[k] = middle - began, time.perf_counter() - middle
+        count = sim.counts.right_hand_sides - before
+        ours = int(status_of(sim.state.memory["contact/threads/box"]).touching)
+        rows.append(
+            f"| {sim.time:.2f} | {1e6 * times[k, 0] / count:.1f} | {1e6 * times[k, 1] / steps:.1f} | "
+            f"{times[k, 0] / times[k, 1]:.2f} | {WINDOW / times[k, 0]:.2f} | {ours} | {touching} |"
+        )
+    whole = times.sum(axis=0)
+    ratios = times[:, 0] / times[:, 1]
+    low, middle, high = statistics.quantiles(ratios.tolist(), n=4)
+    rows.append(
+        f"| whole | {1e6 * whole[0] / sim.counts.right_hand_sides:.1f} | "
+        f"{1e6 * whole[1] / round(WINDOWS * WINDOW / (sim.plan.step or 1.0)):.1f} | {whole[0] / whole[1]:.2f} "
+        f"(windows: median {middle:.2f}, quartiles {low:.2f} to {high:.2f}) | "
+        f"{WINDOWS * WINDOW / whole[0]:.2f} | | |"
+    )
+    return rows, float(whole[0] / whole[1]), sim
+
+
+def shares(sim: exunet.Simulation) -> list[str]:
+    """Microseconds of one evaluation of the forces, whole and by term, in the state of a simulation."""
+    system, state = sim.start.system, sim.state
+    kernel = Kernel(system.forces, bodies=True)
+    table = kernel.table(state.memory)
+    x, v = (np.array(part) for part in system.layout.pack(state.moving))
+    force = np.zeros(system.blocks.n_force)
+
+    def each(rows: Any) -> float:
+        kernel.module.forces(state.time, x, v, rows, force)
+        found = []
+        for _ in range(ROUNDS):
+            began = time.perf_counter()
+            for _ in range(500):
+                kernel.module.forces(state.time, x, v, rows, force)
+            found.append((time.perf_counter() - began) / 500)
+        return 1e6 * statistics.median(found)
+
+    names = [type(data).__name__ for data in table.data]
+    parts = {name: each(table.rows[k : k + 1].copy()) for k, name in enumerate(names)}
+    near = next(data for data in table.data if hasattr(data, "near_nodes"))
+    far = system.layout.pack(state.moving)[0].copy()
+    far[system.blocks.centre("box")] += 1e3  # the broad phase alone, chosen anew
+    held, x[:] = x.copy(), far
+    near.look[2] = -1.0
+    row = names.index(type(near).__name__)
+    parts["broad phase, nothing in reach"] = each(table.rows[row : row + 1].copy())
+    x[:] = held
+    return [f"| {name} | {value:.2f} |" for name, value in parts.items()]
+
+
+def out_of_reach(meshes: int) -> tuple[float, float, float]:
+    """Median and quartiles of the ratio with contact, the body 1 km away, to the same without contact."""
+    made = []
+    for contact in (True, False):
+        start = simulation(meshes, contact=contact, ahead=1000.0).start
+        plan = simulation(meshes, contact=contact, ahead=1000.0).plan
+        made.append(CompiledIntegration(start.system, start.state, plan, loop_kernel(start.system)))
+    ratios = []
+    at = 0.0
+    for turn in range(2 * ROUNDS + 1):
+        spent = {}
+        for which in (0, 1) if turn % 2 else (1, 0):
+            began = time.perf_counter()
+            made[which].through(np.array([at, at + 0.02]))
+            spent[which] = time.perf_counter() - began
+        at += 0.02
+        if turn:
+            ratios.append(spent[0] / spent[1])
+    low, middle, high = statistics.quantiles(ratios, n=4)
+    return middle, low, high
+
+
+def fused(meshes: int) -> list[str]:
+    """Microseconds a right-hand side of the engine's fused form, window by window."""
+    sim = simulation(meshes, 'engine={loop="exudyn", net="fused"}')
+    sim.advance(1e-3)
+    rows = []
+    for _ in range(FUSED_UNTIL):
+        before, began = sim.counts.right_hand_sides, time.perf_counter()
+        sim.advance(WINDOW)
+        spent = time.perf_counter() - began
+        rows.append(f"| {sim.time:.2f} | {1e6 * spent / (sim.counts.right_hand_sides - before):.1f} |")
+    return rows
+
+
+def mujoco(meshes: int) -> list[str]:
+    """Microseconds a step of MuJoCo, window by window: tendons, knots as spheres, a free box."""
+    import mujoco as engine
+
+    sim = simulation(meshes)
+    net, law, state = sim.start.net, sim.start.system.forces.cable.law, sim.state
+    step = sim.plan.step
+    nodes = []
+    for k, (mass, place) in enumerate(zip(net.mass, state.position, strict=True)):
+        slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+        where = " ".join(repr(float(c)) for c in place)
+        nodes.append(
+            f'<body pos="{where}">{slides}<inertial pos="0 0 0" mass="{float(mass)!r}" diaginertia="1 1 1"/>'
+            f'<site name="s{k}"/><geom size="0.0205" contype="1" conaffinity="2" condim="3" '
+            'friction="0.3 0 0"/></body>'
+        )
+    tendons = [
+        f'<spatial springlength="0 {float(length)!r}" stiffness="{float(ea / length)!r}" '
+        f'damping="{float(1e-6 * ea / length)!r}"><site site="s{i}"/><site site="s{j}"/></spatial>'
+        for (i, j), length, ea in zip(net.element_nodes, law.natural_length, law.stiffness, strict=True)
+    ]
+    box = (
+        '<body pos="0.1 0.1 1"><freejoint/><geom type="box" size="0.48 0.48 0.48" mass="100" contype="2" '
+        'conaffinity="1" friction="0.3 0 0"/></body>'
+    )
+    model = engine.MjModel.from_xml_string(
+        f'<mujoco><option gravity="0 0 0" timestep="{step!r}"/><worldbody>{"".join(nodes)}{box}</worldbody>'
+        f"<tendon>{''.join(tendons)}</tendon></mujoco>"
+    )
+    data = engine.MjData(model)
+    data.qvel[: 3 * net.n_nodes] = state.velocity.ravel()
+    data.qvel[-3:] = [0.3, 0.4, 0.2]
+    rows, steps = [], round(WINDOW / (step or 1.0))
+    for k in range(FUSED_UNTIL):
+        began = time.perf_counter()
+        engine.mj_step(model, data, steps)
+        spent = time.perf_counter() - began
+        ended = abs(data.time - (k + 1) * steps * (step or 1.0)) < 1e-9
+        note = "" if ended else ", reset to its start"
+        rows.append(f"| {(k + 1) * WINDOW:.2f} | {1e6 * spent / steps:.0f} | {data.ncon}{note} |")
+    return [f"MuJoCo {engine.__version__}:", "", "| until [s] | a step [µs] | contacts |", "|---|---|---|", *rows]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--meshes", type=int, default=20)
+    parser.add_argument("--no-mujoco", action="store_true")
+    arguments = parser.parse_args()
+    lines = ["# What a capture costs", "", __doc__.split("\n\n")[2].replace("\n", " "), ""]
+    lines += [f"exunet {exunet.__version__}, {platform.platform()}, {os.cpu_count()} cores, Python "
+              f"{platform.python_version()}. Times of this machine at its load then; ratios matter.", ""]  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        for meshes in dict.fromkeys((arguments.meshes, 40)):
+            rows, ratio, sim = throw(meshes, Path(folder))
+            print(f"{meshes} x {meshes}: {ratio:.2f} times the bare loop", flush=True)
+            lines += [f"## {meshes} x {meshes}, {sim.start.net.n_elements} threads, step {sim.plan.step:.3g} s", ""]
+            lines += [
+                "| until [s] | a right-hand side [µs] | a step of the bare loop [µs] | ratio | times real time "
+                "| threads that touch | of the bare loop |",
+                "|---|---|---|---|---|---|---|", *rows, "",
+            ]  # fmt: skip
+            if meshes == arguments.meshes:
+                lines += ["One evaluation of the forces, wrapped:", "", "| part | µs |", "|---|---|"]
+                lines += [*shares(sim), ""]
+    middle, low, high = out_of_reach(arguments.meshes)
+    lines += [
+        f"A body out of reach: {100 * (middle - 1):+.1f} % of a step (quartiles {100 * (low - 1):+.1f} to "
+        f"{100 * (high - 1):+.1f} %), beside the same scene without contact.", "",
+        "The engine's fused form:", "", "| until [s] | a right-hand side [µs] |", "|---|---|",
+        *fused(arguments.meshes), "",
+    ]  # fmt: skip
+    if not arguments.no_mujoco:
+        try:
+            lines += [*mujoco(arguments.meshes), ""]
+        except ImportError:
+            lines += ["MuJoCo is not installed here.", ""]
+    (HERE / "captures.md").write_text("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
