@@ -51,8 +51,15 @@ def box_distance(a: float, b: float, c: float, x: float, y: float, z: float) -> 
     p = max(p, 0.0)
     q = max(q, 0.0)
     r = max(r, 0.0)
+    if p + q == 0.0:  # beside a face: neither a root nor a division
+        return r, 0.0, 0.0, k
+    if q + r == 0.0:
+        return p, i, 0.0, 0.0
+    if r + p == 0.0:
+        return q, 0.0, j, 0.0
     d = math.sqrt(p * p + q * q + r * r)
-    return d, i * p / d, j * q / d, k * r / d
+    part = 1.0 / d
+    return d, i * p * part, j * q * part, k * r * part
 
 
 def profile_distance(a: float, b: float, h: float, r: float, z: float) -> Any:
