@@ -3,10 +3,10 @@
     python benchmarks/captures.py [--meshes 20] [--no-mujoco]
 
 Beside a bare loop in C of the same work (bare_capture.c: cable law with viscous stress, each thread tested
-against the box, contact with damping and friction, nothing observed), window by window of one throw, by turns;
-then what parts of the forces take once the net is wrapped, what a body out of reach costs, the engine's fused
-form, and MuJoCo where it is installed (tendons, knots as spheres). One process, so one core. Takes some three
-minutes and writes captures.md.
+against the box, contact with damping and friction, nothing observed), window by window of one throw, by
+turns; then what parts of the forces take once the net is wrapped, what a body out of reach costs, the fused
+form of the engine, and MuJoCo where it is installed (tendons, knots as spheres). One process, so one core.
+Takes some three minutes and writes captures.md.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import os
 import platform
 import statistics
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -35,6 +36,10 @@ Floats = NDArray[np.float64]
 WINDOW, WINDOWS = 0.05, 20  # s
 FUSED_UNTIL = 6  # windows
 ROUNDS = 9
+HEAD = (
+    "| until [s] | a right-hand side [µs] | a step of the bare loop [µs] | ratio | times real time | "
+    "threads that touch | of the bare loop |\n|---|---|---|---|---|---|---|"
+)
 
 SCENE = """
 format = 1
@@ -95,7 +100,7 @@ def simulation(meshes: int, *overrides: str, contact: bool = True, ahead: float 
 
 
 class Box(ctypes.Structure):
-    _fields_ = [  # noqa: RUF012 - as ctypes wants it
+    _fields_ = [
         ("half", ctypes.c_double * 3), ("rounding", ctypes.c_double), ("radius", ctypes.c_double),
         ("mass", ctypes.c_double), ("inertia", ctypes.c_double * 3), ("stiffness", ctypes.c_double),
         ("damping", ctypes.c_double), ("friction", ctypes.c_double), ("slip", ctypes.c_double),
@@ -169,12 +174,12 @@ def throw(meshes: int, folder: Path) -> tuple[list[str], float, exunet.Simulatio
             f"| {sim.time:.2f} | {1e6 * times[k, 0] / count:.1f} | {1e6 * times[k, 1] / steps:.1f} | "
             f"{times[k, 0] / times[k, 1]:.2f} | {WINDOW / times[k, 0]:.2f} | {ours} | {touching} |"
         )
-    whole = times.sum(axis=0)
+    whole, steps = times.sum(axis=0), round(WINDOWS * WINDOW / (sim.plan.step or 1.0))
     ratios = times[:, 0] / times[:, 1]
     low, middle, high = statistics.quantiles(ratios.tolist(), n=4)
     rows.append(
         f"| whole | {1e6 * whole[0] / sim.counts.right_hand_sides:.1f} | "
-        f"{1e6 * whole[1] / round(WINDOWS * WINDOW / (sim.plan.step or 1.0)):.1f} | {whole[0] / whole[1]:.2f} "
+        f"{1e6 * whole[1] / steps:.1f} | {whole[0] / whole[1]:.2f} "
         f"(windows: median {middle:.2f}, quartiles {low:.2f} to {high:.2f}) | "
         f"{WINDOWS * WINDOW / whole[0]:.2f} | | |"
     )
@@ -287,7 +292,13 @@ def mujoco(meshes: int) -> list[str]:
         ended = abs(data.time - (k + 1) * steps * (step or 1.0)) < 1e-9
         note = "" if ended else ", reset to its start"
         rows.append(f"| {(k + 1) * WINDOW:.2f} | {1e6 * spent / steps:.0f} | {data.ncon}{note} |")
-    return [f"MuJoCo {engine.__version__}:", "", "| until [s] | a step [µs] | contacts |", "|---|---|---|", *rows]
+    return [
+        f"MuJoCo {engine.__version__}:",
+        "",
+        "| until [s] | a step [µs] | contacts |",
+        "|---|---|---|",
+        *rows,
+    ]
 
 
 def main() -> None:
@@ -296,18 +307,14 @@ def main() -> None:
     parser.add_argument("--no-mujoco", action="store_true")
     arguments = parser.parse_args()
     lines = ["# What a capture costs", "", __doc__.split("\n\n")[2].replace("\n", " "), ""]
-    lines += [f"exunet {exunet.__version__}, {platform.platform()}, {os.cpu_count()} cores, Python "
-              f"{platform.python_version()}. Times of this machine at its load then; ratios matter.", ""]  # fmt: skip
+    machine = f"{platform.platform()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    lines += [f"exunet {exunet.__version__}, {machine}. Ratios matter.", ""]
     with tempfile.TemporaryDirectory() as folder:
         for meshes in dict.fromkeys((arguments.meshes, 40)):
             rows, ratio, sim = throw(meshes, Path(folder))
-            print(f"{meshes} x {meshes}: {ratio:.2f} times the bare loop", flush=True)
-            lines += [f"## {meshes} x {meshes}, {sim.start.net.n_elements} threads, step {sim.plan.step:.3g} s", ""]
-            lines += [
-                "| until [s] | a right-hand side [µs] | a step of the bare loop [µs] | ratio | times real time "
-                "| threads that touch | of the bare loop |",
-                "|---|---|---|---|---|---|---|", *rows, "",
-            ]  # fmt: skip
+            sys.stderr.write(f"{meshes} x {meshes}: {ratio:.2f} times the bare loop\n")
+            threads, step = sim.start.net.n_elements, f"{sim.plan.step:.3g}"
+            lines += [f"## {meshes} x {meshes}, {threads} threads, step {step} s", "", HEAD, *rows, ""]
             if meshes == arguments.meshes:
                 lines += ["One evaluation of the forces, wrapped:", "", "| part | µs |", "|---|---|"]
                 lines += [*shares(sim), ""]

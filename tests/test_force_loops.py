@@ -68,16 +68,13 @@ def test_the_loops_have_the_tensions_and_the_energy_of_the_law(viscous: bool) ->
 
 
 def test_viscous_work_is_that_of_the_law_and_the_integral_of_its_power() -> None:
-    """The rule of `cable.viscous_work` element by element; Simpson's rule where each stress lasts."""
+    """Element by element by hand; Simpson's rule on the viscous power where a stress lasts."""
     lasting = 0
     for (x, v), (_, w) in zip(random_states(40), random_states(40), strict=True):
         h = float(RANDOM.uniform(0.05, 0.5))
         states = [(x + s * h * v, v + s * w) for s in (0.0, 0.5, 1.0)]
-        batch = [(place[None], speed[None]) for place, speed in states]
         flat = [(place.ravel(), speed.ravel()) for place, speed in states]
         found = loops.viscous_work(h, *flat, VISCOUS)
-        assert found == pytest.approx(cable.viscous_work(NET, LAW, np.array([h]), batch)[0], rel=1e-12)
-        # By hand, element by element.
         total = 0.0
         for e in range(len(ENDS)):
             stress, elastic, rate = [], [], []
@@ -101,8 +98,6 @@ def test_viscous_work_is_that_of_the_law_and_the_integral_of_its_power() -> None
 def test_an_element_at_its_length_has_no_stress_yet() -> None:
     """S11 = 0 where E11 = 0, however fast it lengthens: at the start, the middle or the end of a step."""
     speed = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    net: Any = SimpleNamespace(element_nodes=np.array([[0, 1]]))
-    law = Law(np.ones(1), np.full(1, 6.0), np.full(1, 0.5))
     for at in range(3):
         lengths = [1.25, 1.25, 1.25]
         lengths[at] = 1.0
@@ -115,8 +110,6 @@ def test_an_element_at_its_length_has_no_stress_yet() -> None:
         stored = 0.5 * (0.28125**2 * (lengths[2] > 1.0) - 0.28125**2 * (lengths[0] > 1.0))
         work = 6.0 * (0.3 / 6.0 * (power[0] + 4.0 * power[1] + power[2]) - stored)
         assert loops.viscous_work(0.3, *flat, element) == pytest.approx(work, rel=1e-13)
-        batch = [(place[None], rate[None]) for place, rate in states]
-        assert cable.viscous_work(net, law, np.array([0.3]), batch)[0] == pytest.approx(work, rel=1e-13)
 
 
 def test_tangents_are_the_derivatives_of_the_loops() -> None:

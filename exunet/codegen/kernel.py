@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from types import ModuleType
 from typing import Any
@@ -15,6 +15,7 @@ from exunet.codegen.compile import compiled_module, interpreted_module, kept_bef
 from exunet.codegen.entries import call_source
 from exunet.codegen.force_table import ForceTable, compiled_rows, interpreted_rows, takes
 from exunet.codegen.generate import module_source
+from exunet.forces.cable_term import CableTerm
 from exunet.forces.terms import Constraint, Function, KernelTerm, Term, copied
 from exunet.forces.total import Forces
 
@@ -112,6 +113,21 @@ class Kernel:
         )
         return taken
 
+    def work(
+        self,
+        step: Floats,
+        states: Sequence[tuple[Floats, Floats]],
+        memory: Mapping[str, Floats] | None = None,
+    ) -> Floats:
+        """Energy [J] taken out in steps (k,) [s], of the terms that tell it (`KernelCall.work`) -> (k,).
+
+        states : x (k, n_x) and v (k, n_v) at the start, the middle and the end of the steps
+        """
+        taken = np.empty(len(step))
+        begin, middle, end = (tuple(np.array(part, dtype=float) for part in pair) for pair in states)
+        self.module.works(np.array(step, dtype=float), begin, middle, end, self.table(memory).rows, taken)
+        return taken
+
     def rates(
         self, time: Floats, x: Floats, v: Floats, number: int, memory: Mapping[str, Floats] | None = None
     ) -> Floats:
@@ -126,6 +142,12 @@ class Kernel:
 def net_kernel(forces: Forces, extra: tuple[Function, ...] = ()) -> Kernel:
     """All forces of a scene on its points: the elements and every other term."""
     return Kernel(forces, extra)
+
+
+@lru_cache(maxsize=8)
+def cable_kernel(cable: CableTerm) -> Kernel:
+    """The elements alone."""
+    return Kernel((cable,))
 
 
 @lru_cache(maxsize=8)

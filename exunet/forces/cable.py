@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -119,33 +119,6 @@ def element_tension(
     along = np.einsum("...a,...a->...", spans(net, position), spans(net, velocity))
     rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
     return viscous_tension(length, rate, law.natural_length, law.stiffness, law.relaxation_time)
-
-
-def viscous_work(net: Net, law: Law, step: Floats, states: Sequence[tuple[Floats, Floats]]) -> Floats:
-    """Energy [J] that the viscous stress takes out in steps of length step (k,) [s] -> (k,).
-
-    states : position and velocity (k, n_nodes, 3) at the start, the middle and the end of the steps
-
-    Simpson's rule on the viscous power. Where an element's stress begins or ends within a step, or is cut off
-    (S11 = 0 while E11 > 0), on the power of the whole stress instead, less the change of the elastic energy:
-    an element that pulls no longer may lose all of its elastic energy in one long step of free flight.
-    """
-    viscous, whole, taut, stressed = [], [], [], []
-    for position, velocity in states:
-        span, rate = spans(net, position), spans(net, velocity)
-        strain = green_lagrange_strain(np.linalg.norm(span, axis=-1), law.natural_length)
-        change = np.einsum("...a,...a->...", span, rate) / law.natural_length**2
-        stress = np.where(strain > 0.0, np.maximum(strain + law.relaxation_time * change, 0.0), 0.0)
-        strain = np.maximum(strain, 0.0)
-        viscous.append((stress - strain) * change)
-        whole.append(stress * change)
-        taut.append(strain)
-        stressed.append(stress > 0.0)
-    always = np.logical_and.reduce(stressed)
-    power = [np.where(always, part, total) for part, total in zip(viscous, whole, strict=True)]
-    stored = np.where(always, 0.0, 0.5 * (taut[2] ** 2 - taut[0] ** 2))
-    work = step[:, None] / 6.0 * (power[0] + 4.0 * power[1] + power[2]) - stored
-    return work @ (law.stiffness * law.natural_length)
 
 
 def elastic_energy(law: Law, length: Floats) -> Floats:

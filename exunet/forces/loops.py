@@ -117,8 +117,11 @@ def add_viscous_tension(t: float, x: Any, v: Any, elements: Any, force: Any) -> 
 def viscous_work(h: float, begin: Any, middle: Any, end: Any, elements: Any) -> float:
     """Energy [J] that the viscous part of `add_viscous_tension` takes out in a step of length h [s].
 
-    begin, middle, end : positions and velocities (x, v). The rule is that of
-    `exunet.forces.cable.viscous_work`.
+    begin, middle, end : positions and velocities (x, v)
+
+    Simpson's rule on the viscous power. Where an element's stress begins or ends within a step, or is cut off
+    (S11 = 0 while E11 > 0), on the power of the whole stress instead, less the change of the elastic energy:
+    an element that pulls no longer may lose all of its elastic energy in one long step of free flight.
     """
     first, second, square, factor, twice_time = elements
     total = 0.0

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies import rigid
-from exunet.codegen.kernel import term_kernel
+from exunet.codegen.kernel import cable_kernel, term_kernel
 from exunet.forces import cable
 from exunet.forces.total import Forces
 from exunet.system.system import Memories, System
@@ -53,15 +53,9 @@ def work_taken(system: System, time: Floats, x: Floats, v: Floats, memory: Memor
     middle = power_taken(forces, time[:-1] + 0.5 * step, place, speed, memory)
     work = step / 6.0 * (ends[:-1] + ends[1:] + 4.0 * middle)
     if forces.cable.viscous:
-        flat = ((x[:-1], v[:-1]), (place, speed), (x[1:], v[1:]))
-        states = tuple(tuple(_of_nodes(system, part) for part in pair) for pair in flat)
-        work += cable.viscous_work(forces.cable.net, law_of(forces, memory), step, states)  # type: ignore[arg-type]
+        states = (x[:-1], v[:-1]), (place, speed), (x[1:], v[1:])
+        work += cable_kernel(forces.cable).work(step, states, memory)
     return work
-
-
-def _of_nodes(system: System, flat: Floats) -> Floats:
-    """(k, n_nodes, 3) of x or v."""
-    return flat[:, : 3 * system.net.n_nodes].reshape(len(flat), -1, 3)
 
 
 def _middle(

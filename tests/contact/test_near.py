@@ -97,13 +97,13 @@ def test_a_body_far_away_is_not_asked_at_each_step(start: Start) -> None:
 
 def test_threads_between_boxes_and_ball_are_not_near(start: Start) -> None:
     """The distance from the box around the solid: 1 cm beside a face, and none where boxes meet."""
-    term, data = threads_of(start)
+    _, data = threads_of(start)
     box = data.boxes[0]
     for gap, found in ((0.01, 0.01), (0.0, 0.0), (-0.005, 0.0)):
         for node in (data.first[0], data.second[0]):
             data.own[node : node + 3] = [0.0, 0.0, box[5] + data.thick[0] + gap]
         assert near_loops.clearance(data, 0) == pytest.approx(found, abs=1e-15)
-    data.own[data.first[0] : data.first[0] + 3] = box[3:] + [0.03, 0.04, data.thick[0]]
-    data.own[data.second[0] : data.second[0] + 3] = box[3:] + [0.06, 0.09, 0.12]
+    data.own[data.first[0] : data.first[0] + 3] = box[3:] + np.array([0.03, 0.04, data.thick[0]])
+    data.own[data.second[0] : data.second[0] + 3] = box[3:] + np.array([0.06, 0.09, 0.12])
     corner = np.hypot(0.03 - data.thick[0], 0.04 - data.thick[0])
     assert near_loops.clearance(data, 0) == pytest.approx(corner, rel=1e-12)

@@ -25,7 +25,7 @@ def is_near(t: float, c: Any) -> bool:
 
 
 def clearance(c: Any, k: int) -> float:
-    """Distance [m] that the pair k, whose nodes stand in c.own, keeps at least from the body; 0: it may touch.
+    """Distance [m] that the pair k, whose nodes stand in c.own, keeps at least from the body; 0: may touch.
 
     That of the boxes, along the body's principal axes, around the thread and around each solid.
     """
