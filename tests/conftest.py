@@ -30,10 +30,9 @@ def outside_of_the_project(tmp_path_factory: pytest.TempPathFactory) -> Iterator
     assert list(folder.iterdir()) == []
 
 
-# What compiles kernels of its own for the compiled loop or the fused net, 2 to 10 s each where no cache has
-# them: by file, or by file and test. They are slow tests that .ci/run runs; the quick ones try the same with
-# connectors in Exudyn's loop.
-COMPILES_ITS_OWN = (
+# The same physics in the compiled loop and in the fused net, by file, or by file and test: slow tests that
+# .ci/run runs. The quick ones try it with connectors in Exudyn's loop.
+OTHER_FORMS = (
     "test_bounce.py", "test_forces_on_bodies.py", "test_guides.py", "test_inputs_and_states.py",
     "test_sleeping.py", "test_thrust.py", "test_attachments.py", "test_effects_on_bodies.py",
     "test_tethers.py", "test_reels.py", "test_barrels.py", "test_ejection.py",
@@ -42,8 +41,37 @@ COMPILES_ITS_OWN = (
     "test_simulation.py::test_a_force_changes", "test_simulation.py::test_forces_on_several_points",
 )  # fmt: skip
 
-# Variants that take seconds each, or compile kernels that no other quick test needs; a quicker one of the
-# same test stays among the quick tests, so .ci/run leaves these out.
+# These take seconds each and have no quicker sibling: slow tests that .ci/run runs.
+TAKE_LONG = (
+    "test_folding.py::test_any_net_fits_or_is_told_what_would",
+    "test_folding.py::test_lengths_canister_and_determinism[4-star",
+    "test_folding.py::test_how_far_cut_nets_fold[octagon-12-1",
+    "test_shapes.py::test_a_satellite_of_four_solids_turns_alike_in_both_codes",
+    "test_schema.py::test_schema_and_reader_agree_on_every_pair_of_effects",
+    "test_casefile.py::test_any_value_is_read_or_refused",
+    "test_fmu_variables.py::test_the_same_case_gives_the_same_file_another_one_another_token",
+    "test_fuzz.py::test_forty_random_scenes",
+    "test_resume.py::test_a_resumed_run_has_the_moved_starts_of_the_run[9-0-0",
+    "test_expected_cost.py::test_the_reference_takes_what_is_told[nets/cut",
+    "test_effects.py::test_a_snap_that_breaks_loses_what_the_cable_held[stepping0-connectors",
+    "test_effects.py::test_both_codes_agree[molecular_drag",
+    "test_verify_answers.py::test_both_codes_give_the_known_answer[wave_small_stretch",
+    "reference/test_ref_contact.py::test_the_way_to_a_stop",
+    "reference/test_ref_contact.py::test_what_a_driven_body_gives[prescribed",
+    "reference/test_ref_reels.py::test_locked_is_a_tether_of_that_length[none",
+    "reference/test_ref_j2.py::test_energy_balances_in_a_strong_field",
+    "reference/test_ref_effects.py::test_books_close_with_everything_at_once[RK45-in orbit",
+    "reference/test_ref_bodies.py::test_full_inertia_keeps_its_books_over_ten_turns",
+    "reference/test_ref_bodies.py::test_order_2_of_verlet_and_energy_momentum",
+    "reference/test_ref_thrust.py::test_free_bullets_follow_the_integrals[Verlet",
+    "reference/test_ref_drag.py::test_energy_balances[RK4-air_drag",
+    "reference/test_ref_launch_body.py::test_a_bullet_that_has_left_is_not_pushed_again[Verlet-spring",
+    "reference/test_ref_eject.py::test_a_barrel_of_the_body_pushes_from_the_ejection_on",
+    "reference/test_ref_breaking.py::test_cooling_net_keeps_its_energy[RK4",
+)
+
+# Variants that take seconds each; a quicker one of the same test stays among the quick tests, so .ci/run
+# leaves these out.
 TAKES_SECONDS = (
     "reference/test_ref_contact.py::test_a_bullet_leaves_with_the_restitution[0.9",
     "reference/test_ref_contact.py::test_a_bullet_leaves_with_the_restitution[0.2",
@@ -114,7 +142,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         name = item.nodeid.removeprefix("tests/")
         form = name.partition("[")[2]
-        if ("compiled" in form or "fused" in form) and name.startswith(COMPILES_ITS_OWN):
+        another_form = ("compiled" in form or "fused" in form) and name.startswith(OTHER_FORMS)
+        if another_form or name.startswith(TAKE_LONG):
             item.add_marker(pytest.mark.slow)
             item.add_marker(pytest.mark.ci)
         elif name.startswith(TAKES_SECONDS):
