@@ -1,4 +1,4 @@
-"""What happens at one instant: commands of reels, nodes on and off drums, an ejection; in both codes alike."""
+"""What is due at one instant: commands of reels, nodes on and off drums, an ejection; in both codes alike."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from own_terms import FORMS
 import exunet
 import reference_impl
 
-# A body that carries a net of two nodes and turns, and one that drifts; a slack tether of four elements of 1 m.
+# A body that carries a net of two nodes and turns, and one that drifts. Tethers, slack, have elements of 1 m.
 SCENE = """
 format = 1
 title = "Round numbers"
