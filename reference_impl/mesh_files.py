@@ -4,11 +4,13 @@ STL: a header of 80 bytes, the number of triangles, and for each 12 floats and 2
 words `facet normal ... vertex x y z ... endfacet` (3D Systems, StereoLithography Interface Specification,
 1989).  Normals are passed over: the order of the corners tells the same.  OBJ: lines `v x y z`, and `f` with
 numbers of vertices from 1, or from -1 backwards (Wavefront, Advanced Visualizer, appendix B1); faces of more
-corners are fans of triangles.  Files of text that give no triangle at all are refused.
+corners are fans of triangles, and refused where these overlap.  Files of text that give no triangle at all
+are refused.
 """
 
 from __future__ import annotations
 
+import re
 import struct
 from pathlib import Path
 
@@ -16,6 +18,7 @@ import numpy as np
 
 from reference_impl.arrays import Floats
 
+ROUND_OFF = 1e-9  # of a face's area
 _HEADER = 84
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("more", "<u2")])
 
@@ -61,18 +64,35 @@ def _stl(content: bytes) -> Floats:
 
 
 def _obj(text: str) -> Floats:
-    lines = [line.split() for line in text.replace("\\\n", " ").splitlines()]
-    points = _numbers([words[1:4] for words in lines if words[:1] == ["v"]])
+    text = "\n".join(text.splitlines())
+    found = re.finditer(r"(?:\\\n|[^\n])+", text)
+    lines = [(one.start(), one[0].replace("\\\n", " ").split()) for one in found]
+    points = _numbers([words[1:4] for _, words in lines if words[:1] == ["v"]])
     faces, before = [], 0
-    for words in lines:
+    for begin, words in lines:
         before += words[:1] == ["v"]
         if words[:1] == ["f"]:
             named = [int(word.split("/")[0]) for word in words[1:]]
             ring = [number - 1 if number > 0 else before + number for number in named]
             if len(ring) < 3 or 0 in named or min(ring) < 0:
                 raise ValueError(f"not a face: {' '.join(words)}")
+            if len(ring) > 3 and _overlap(points[ring]):
+                line = 1 + text.count("\n", 0, begin)
+                raise ValueError(
+                    f"line {line}: a concave face, of which the triangles from its first corner overlap: "
+                    "write it as triangles"
+                )
             faces += [(ring[0], ring[k], ring[k + 1]) for k in range(1, len(ring) - 1)]
     return np.asarray(points[np.array(faces, dtype=np.intp).reshape(-1, 3)])
+
+
+def _overlap(corners: Floats) -> bool:
+    """Whether the triangles of a fan have more area, seen along the face's normal, than the face itself."""
+    rays = corners[1:] - corners[0]
+    doubled = np.cross(rays[:-1], rays[1:])
+    whole = np.sum(doubled, axis=0)  # Newell's normal
+    seen = doubled @ whole
+    return bool(np.sum(np.abs(seen)) > (1.0 + ROUND_OFF) * np.sum(seen))
 
 
 def _text(content: bytes) -> str:

@@ -24,9 +24,7 @@ from reference_impl.case import Case, Command
 from reference_impl.elements import Elements
 from reference_impl.net import Net
 
-ROUND_OFF = (
-    1e-9  # part of a piece within which the outlet is short enough for the next node to go on the drum
-)
+ROUND_OFF = 1e-9  # part of a piece within which the outlet has the length at which a node goes on or off
 SHORT, LONG = 0.25, 1.5  # lengths of the outlet, over l, at which a node goes on the drum, and off it
 LOCKED = -1  # number of the command before the first
 
@@ -88,7 +86,7 @@ class Reels:
         """(..., 2 R), over l: zero where a node goes on the drum, then where one comes off; below before."""
         over = self.outside(wound_up, held) / self.piece
         on = np.where(held < self.fullest, SHORT + ROUND_OFF - over, -np.inf)
-        off = np.where(held > 0.0, over - LONG, -np.inf)
+        off = np.where(held > 0.0, over - (LONG - ROUND_OFF), -np.inf)
         return np.concatenate((on, off), axis=-1)
 
     def orders(self, t: float) -> tuple[int, ...]:

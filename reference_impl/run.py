@@ -247,11 +247,14 @@ class Run:
         self.check_depth()
 
     def settle(self, reached: np.ndarray) -> None:
-        """Enters the mode after events; the elastic energy of what breaks leaves the system."""
+        """Enters the mode after events; the elastic energy of what breaks leaves the system.
+
+        Nodes go on and off drums reel by reel: one jumps with the body as the one before has left it.
+        """
         self.mode, breaks = self.watch.settle(self.t, self.y, self.mode, reached)
         if (reels := self.system.reels) is not None:
-            for number in np.flatnonzero(reached[: 2 * len(reels)]).tolist():
-                self.y = hand_over(self.layout, self.y, number % len(reels), onto=number < len(reels))
+            for reel, way in np.argwhere(reached[: 2 * len(reels)].reshape(2, -1).T).tolist():
+                self.y = hand_over(self.layout, self.y, reel, onto=way == 0)
         if breaks:
             self.breaks += breaks
             self.y = self.y.copy()

@@ -231,7 +231,8 @@ def test_balances_say_what_is_absolute_and_what_relative() -> None:
         "angular_gained_kg_m2_s": 0.0, "angular_residual_kg_m2_s": 0.0, "angular_size_kg_m2_s": 0.0,
     }  # fmt: skip
     table = dict(rows(summary))
-    assert table["energy balance"] == "largest error 3.9e-09 as a part of 43.5438 J in deformation"
+    words = "largest error 3.9e-09 as a part of 43.5438 J without the motion of centres of mass"
+    assert table["energy balance"] == words
     words = "changes by at most 2e-12 kg m/s, 5e-15 as a part of its size 400 kg m/s (in the scene's axes"
     why = "; by forces from outside, or error; besides what chaser gave)"
     assert table["momentum of all"] == words + why

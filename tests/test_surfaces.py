@@ -219,6 +219,38 @@ def test_a_surface_in_one_piece_that_goes_through_itself() -> None:
         assert goes_through_itself(TriangleMesh(vertices, cube.triangles)) == expected
 
 
+# A prism of 1 m on an L of 3 m2, of which the corners 1 and 4 see all others; each cap is one face.
+ELL = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+
+
+def ell(bottom: str, top: str) -> str:
+    vertices = "".join(f"v {x} {y} {z}\n" for z in (0, 1) for x, y in ELL)
+    sides = "".join(f"f {k + 1} {(k + 1) % 6 + 1} {(k + 1) % 6 + 7} {k + 7}\n" for k in range(6))
+    return f"# caps\n{vertices}f {bottom}\nf {top}\n{sides}"
+
+
+def test_a_concave_face_is_refused_unless_its_first_corner_sees_all_others(tmp_path: Path) -> None:
+    """Its triangles have the volume of the prism, but partly lie beside it, one on the other."""
+    pytest.importorskip("trimesh")
+    case = tmp_path / "case.toml"
+    text = "[bodies.target]\nshape = 'mesh'\nfile = 'ell.obj'\nunit = 'm'\ndensity = 100.0\n"
+    case.write_text(CASE.read_text() + text)
+    for bottom, top, line in (
+        ("6 5 4 3 2 1", "7 8 9 10 11 12", 14),  # from corner 6
+        ("1 6 5 4 3 2", "-4 -3 -2 -1 -6 -5", 15),  # from corner 9
+        ("6 5 4 \\\n 3 2 1", "7 8 9 10 11 12", 14),
+        ("1 6 5 4 3 2", "9 10 11 12 \\\n 7 8", 15),
+    ):
+        (tmp_path / "ell.obj").write_text(ell(bottom, top))
+        words = rf"case\.toml:\d+: bodies\.target\.file: .*ell\.obj:{line}: the face of 6 corners is concave"
+        with pytest.raises(exunet.CaseError, match=words):
+            prepare_case(exunet.load(case))
+    for bottom, top in (("1 6 5 4 3 2", "7 8 9 10 11 12"), ("4 3 2 1 6 5", "10/1/2 11/1/2 12/1/2 7 8 9")):
+        (tmp_path / "ell.obj").write_text(ell(bottom, top))
+        (target,) = prepare_case(exunet.load(case)).system.bodies
+        assert target.mass == pytest.approx(300.0, rel=1e-12)
+
+
 def test_a_mesh_file_that_goes_through_itself_is_refused(tmp_path: Path) -> None:
     """Two boxes of 1 x 2 x 3 m, shifted by half a metre, as one file: 12 m3 where there are 9."""
     trimesh = pytest.importorskip("trimesh")

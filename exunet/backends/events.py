@@ -96,13 +96,16 @@ class Events:
     def at(self, time: float, x: Floats, v: Floats) -> Iterator[tuple[str, Change]]:
         """What happens at the end of an accepted step; memories change, and the observer is notified.
 
+        Terms come in their order, the constraint last; a switch is asked again at once if its change says so.
+
         x, v : that the integrator changes as it is told, so that what happens next sees it
         """
         for name, switch in self._switches:
-            items = switch.crossed(time, x, v, self._seen(name))
-            if len(items):
+            more = True
+            while more and len(items := switch.crossed(time, x, v, self._seen(name))):
                 change = switch.change(time, x, v, self._seen(name), items, self.memory)
                 change = self._booked(self._at_rest(change, v), name, time, x, v)
                 yield name, change  # the integrator hands over the states before first
                 self.memory |= _memories(name, change)
                 self._observer.changed(time, name, change)
+                more = change.more

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from exunet.base.errors import InputError, MissingExtra
 from exunet.bodies.mass_properties import volume_of
+from exunet.bodies.obj_faces import refuse_overlapping_fans
 from exunet.bodies.shapes import TriangleMesh
 from exunet.bodies.surfaces import goes_through_itself
 
@@ -26,7 +27,7 @@ def read_mesh(path: Path, unit: str) -> TriangleMesh:
     """The closed surface in a file of this unit (a key of `METRES`), in metres.
 
     Raises MissingExtra without trimesh, and InputError if the file cannot be read or its surface is not that
-    of a body (see `closed`), or goes through itself.
+    of a body (see `closed`), has a face that is not what its triangles are, or goes through itself.
     """
     if path.suffix.lower() not in ENDINGS:
         raise InputError(f"{path}: must end in {', '.join(ENDINGS)}")
@@ -36,6 +37,8 @@ def read_mesh(path: Path, unit: str) -> TriangleMesh:
         words = f"{path}: meshes need trimesh, which is not installed: pip install 'exunet[mesh]'"
         raise MissingExtra(words)
     vertices, triangles = _read(path)
+    if path.suffix.lower() == ".obj":
+        refuse_overlapping_fans(path)
     mesh = closed(METRES[unit] * vertices, triangles, str(path))
     if goes_through_itself(mesh):
         words = "goes through itself, or has a piece inside another: what they share would count twice"

@@ -196,6 +196,7 @@ class Change:
     x, v        : the new state of all blocks, None: as it was
     awake       : (n_points,) which points are awake from now on (see `Blocks.awake`), None: as before; those
                   that go to sleep come to rest
+    more        : True if the switch is to be asked at once whether something else is due at this instant
     """
 
     memory: Floats
@@ -205,6 +206,7 @@ class Change:
     v: Floats | None = None
     awake: Floats | None = None
     work_given: float = 0.0
+    more: bool = False
 
 
 class Term(Protocol):

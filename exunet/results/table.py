@@ -86,7 +86,7 @@ def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     """Of the energy, and of the momenta of scenes with bodies, with the axes that these refer to."""
     energy, books = summary["energy"], summary.get("momentum")
     words = f"largest error {_short(energy['balance_error'])} as a part of {energy['in_deformation_J']:.6g} J"
-    found = [("energy balance", f"{words} in deformation")]
+    found = [("energy balance", f"{words} without the motion of centres of mass")]
     if not books:
         return found
     turning = "orbit" in summary["effects"]

@@ -20,6 +20,7 @@ Ints = NDArray[np.int64]
 
 _COMMAND, _ON, _OFF = range(3)
 _NOTHING = np.zeros(0, dtype=np.int64)
+_WITHIN = 0.999  # of CLOSE, at which a step is to end: round-off decides nothing
 
 
 class _Node(NamedTuple):
@@ -31,7 +32,7 @@ class _Node(NamedTuple):
 
 
 class Drum:
-    """The switch of a reel's term.
+    """The switch of a reel's term: at one instant first commands, then nodes until none is due.
 
     When a node goes onto the drum or comes off it, the body, what it holds already, and the node keep their
     momentum and angular momentum together, unless a guide moves the body; the energy that this takes is
@@ -79,7 +80,11 @@ class Drum:
         return int(memory[0]) + 1 < len(self._reel.elements)
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
-        """A step [s] at whose end, at the rate of now, the outlet has just reached a limit."""
+        """A step [s] at whose end, at the rate of now, the outlet is just within reach of a limit.
+
+        Not at the limit itself: a drive that slows down before its own limit may only come close to it. The
+        same step if it goes no farther beyond the limit than what is within reach.
+        """
         if not self.in_steps(memory):
             return step
         rate = float(pulls(x, v, self._outlet_at(memory))[0])
@@ -89,7 +94,9 @@ class Drum:
             way = self._largest - self._outlet(x, memory)
         else:
             return step
-        return min(step, max(least, way / abs(rate)))
+        if abs(rate) * step <= way + self._close:
+            return step
+        return min(step, max(least, (way - _WITHIN * self._close) / abs(rate)))
 
     def change(
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
@@ -99,7 +106,7 @@ class Drum:
         if _COMMAND in items:
             number = float(np.searchsorted(self._reel.times, time, side="right"))
             events = ({**told, "event": f"command {int(number)}"},)
-            return Change(np.array([memory[0], number]), events=events)
+            return Change(np.array([memory[0], number]), events=events, more=True)
         moving = Layout(self._blocks).unpack(x.copy(), v.copy()).completed(self._kinematics, time, every)
         on = _ON in items
         number = memory[0] + 1.0 if on else memory[0]
@@ -111,7 +118,7 @@ class Drum:
         x, v = Layout(self._blocks).pack(moved)
         words = "goes onto the drum" if on else "comes off the drum"
         event: dict[str, Any] = {**told, "event": f"node {node} {words}", "node": node}
-        return Change(after, None, (event,), x=x, v=v)
+        return Change(after, None, (event,), x=x, v=v, more=True)
 
     def _coming_off(self, moving: Moving, memory: Floats) -> _Node:
         """The last node that went onto the drum, on the line from there to the next one.

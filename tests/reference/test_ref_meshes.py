@@ -165,6 +165,34 @@ def test_files_are_beside_the_case(tmp_path, document, scene):
         read(case)
 
 
+# 2 m high over an L of 3 m2, whose inner corner is number 4; from corners 1 and 4 all others are seen
+ELL = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+WALLS = [f"f {k + 1} {(k + 1) % 6 + 1} {(k + 1) % 6 + 7} {k + 7}" for k in range(6)]
+PRISM = np.array([(x, y, z) for z in (0, 2) for x, y in ELL])
+
+
+@pytest.mark.parametrize("caps", [("1 6 5 4 3 2", "7 8 9 10 11 12"), ("4 3 2 1 6 5", "10 11 12 7 8 9")])
+def test_a_concave_face_seen_from_its_first_corner(body, caps):
+    """A square of 2 m less one of 1 m: the integral of y is 2.5 m3, of y^2 3 m4, over 3 m2."""
+    found = body(obj(PRISM, [f"f {cap}" for cap in caps] + WALLS), "ell.obj")
+    assert found.mass == pytest.approx(12.0, rel=1e-14)
+    assert found.centre_of_mass == pytest.approx([5 / 6, 5 / 6, 1.0], rel=1e-14)
+    assert found.inertia[0, 0] == pytest.approx(12 * (1 - 25 / 36 + 1 / 3), rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("caps", "line"),
+    [
+        (("6 5 4 3 2 1", "7 8 9 10 11 12"), 16),
+        (("1 6 5 4 3 2", "9 10 11 12 7 8"), 17),
+        (("1 6 5 \\\n4 3 2", "9 10 \\\n11 12 7 8"), 18),
+    ],
+)
+def test_a_concave_face_whose_triangles_overlap_is_refused(body, caps, line):
+    with pytest.raises(Refused, match=rf"ell\.obj: line {line}: a concave face"):
+        body(obj(PRISM, [f"f {cap}" for cap in caps] + WALLS), "ell.obj")
+
+
 OPEN = brick()[:-1]
 WRONG = np.concatenate((brick()[:-1], brick()[-1:, ::-1]))
 
