@@ -17,7 +17,7 @@ from exunet.coupling.host import Host
 from exunet.coupling.jumps import LARGEST_TURN, refuse_turn
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
-from exunet.coupling.snapshot import CoupledSnapshot, left_at, refuse_none
+from exunet.coupling.snapshot import CoupledSnapshot, Left, refuse_none
 from exunet.coupling.undo import Undo
 from exunet.simulation.arguments import finite_number, whole_number
 from exunet.simulation.snapshot import Snapshot
@@ -91,7 +91,7 @@ class Cosimulation:
         self._found = self._of_host()
         for name, state in self._found.items():
             refuse_apart("Cosimulation", name, net.frame(name), state, net.simulation.start.net.size)
-        self._left = left_at(net)
+        self._left = Left.of(net)
 
     @property
     def time(self) -> float:
@@ -115,7 +115,7 @@ class Cosimulation:
             for stop in self._stops(end):
                 self._stretch_to(stop)
         finally:
-            self._left = left_at(self._net)
+            self._left = Left.of(self._net)
 
     def snapshot(self) -> CoupledSnapshot:
         """Net, host, and all that the coupling remembers; in memory, or in a file by its `save`."""
@@ -147,7 +147,7 @@ class Cosimulation:
         self._next = min(float(memory["next"][0]), self._step)
         self.books = self.books.with_numbers(memory["books"])
         self._undo = Undo(self._net)
-        self._found, self._left = self._of_host(), left_at(self._net)
+        self._found, self._left = self._of_host(), Left.of(self._net)
 
     def _memory(self) -> dict[str, Floats]:
         return {
@@ -166,7 +166,7 @@ class Cosimulation:
 
     def _refuse_set_back(self) -> None:
         """The coupling goes on from where it has left net and host; it remembers steps before that."""
-        if left_at(self._net) != self._left or self._of_host() != self._found:
+        if not self._left.is_of(self._net) or self._of_host() != self._found:
             raise InputError(
                 f"Cosimulation: at t = {self._net.time:.9g} s net or host are not where the coupling left "
                 "them: set both back by its own snapshot and restore, since it remembers the steps before, "

@@ -19,7 +19,7 @@ from exunet.coupling.handover import Handover, weights_of
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.prediction import STABLE, WEIGHING, Predictor, longest_step
-from exunet.coupling.snapshot import CoupledSnapshot, left_at, refuse_none
+from exunet.coupling.snapshot import CoupledSnapshot, Left, refuse_none
 from exunet.coupling.undo import Undo
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,8 @@ def couple(
     the acceleration that the markers had; the host gets the mean force and torque, or, where its method
     weighs the forces of several steps, what makes it apply them (`exunet.coupling.handover`). So it receives
     the impulse of the net's steps to the last bit, and the error is of second order in the host's step; the
-    report has its energy. A step that the host takes again, shorter, the net takes again too.
+    report has its energy. A step that the host takes again, shorter, the net takes again too, with the inputs
+    that it had, and those that it was given since.
     Raises InputError for ports or markers that are missing or do not fit, if a marker is not where its port
     is at the start, and if the net is coupled already; the system is then as it was. Several nets may be
     coupled to one system, and to one body: the largest stable step of each is that of the body with it alone.
@@ -132,7 +133,7 @@ class ExudynCoupling:
         self._handover = Handover(np.zeros(6 * len(net.ports)))
         self._solver: Any = None  # of the run of the host that goes on
         self._method = ""  # of that run; none yet
-        self._left = left_at(net)
+        self._left = Left.of(net)
         self._threw = False  # in the step before, a part of which a method that weighs applies in this one
 
     @property
@@ -204,7 +205,7 @@ class ExudynCoupling:
         self._threw = bool(memory["threw"][0])
         self._open, self._solver, self._method = None, None, ""
         self._ended.clear()
-        self._undo, self._left = Undo(self._net), left_at(self._net)
+        self._undo, self._left = Undo(self._net), Left.of(self._net)
         self._ports.let_act(self._handover.acting.reshape(-1, 6))
 
     def _memory(self) -> dict[str, Floats]:
@@ -221,7 +222,7 @@ class ExudynCoupling:
 
     def _refuse_set_back(self) -> None:
         """The coupling goes on from where it has left the net; it remembers the steps before that."""
-        if left_at(self._net) != self._left:
+        if not self._left.is_of(self._net):
             raise InputError(
                 f"couple: the net, at t = {self._net.time:.9g} s, is not where the coupling left it: set "
                 "net and host back by the coupling's own snapshot and restore, since it remembers the steps "
@@ -276,7 +277,7 @@ class ExudynCoupling:
         recoils = net.recoils(begin, until)
         handed = self._handover.handed(mean, until - begin, jumps=recoils)
         self._ports.let_act(handed.reshape(-1, 6))
-        self._open, self._left = _Open(loads, recoils, mean, handed, now), left_at(net)
+        self._open, self._left = _Open(loads, recoils, mean, handed, now), Left.of(net)
         return True
 
     def _follow(self, solver: Any) -> None:
