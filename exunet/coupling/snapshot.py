@@ -17,7 +17,7 @@ from exunet.coupling.net_system import NetSystem
 from exunet.simulation.snapshot import Snapshot, group_of, grouped
 
 Floats = NDArray[np.float64]
-KIND, FORMAT = "exunet coupling snapshot", 1
+KIND, FORMAT = "exunet coupling snapshot", 2
 _ROUND_OFF = 1e-12  # of a quaternion
 _MAY_BE_EMPTY = ("before", "mean")  # of a memory, where there was no step before
 
