@@ -127,13 +127,14 @@ class Cosimulation:
         return CoupledSnapshot("Cosimulation", self._net.ports, *parts, self._memory())
 
     def restore(self, snapshot: CoupledSnapshot) -> None:
-        """Go back, or on, to a snapshot of net and host of the same cases, coupled in the same way.
+        """Go back, or on, to a snapshot of net and host of the same cases, coupled with the same arguments.
 
         What follows is the same to the last bit. Raises InputError for another coupling, net or host; net and
         coupling are then as they were.
         """
         given = refuse_none("Cosimulation", snapshot)
         given.refuse_other("Cosimulation", self._net, self._memory())
+        self._refuse_others_arguments(given)
         self._net.finish()
         here = self._net.snapshot()
         self._net.restore(given.net)
@@ -154,7 +155,16 @@ class Cosimulation:
             "before": self._predictor.numbers(),
             "next": np.array([self._next]),
             "books": self.books.numbers(),
+            "arguments": np.array([self._step, self._iterations, self._agreement, self._energy or np.inf]),
         }
+
+    def _refuse_others_arguments(self, given: CoupledSnapshot) -> None:
+        own = self._memory()["arguments"]
+        if not np.array_equal(given.memory["arguments"], own):
+            raise InputError(
+                f"Cosimulation: restore: the snapshot of t = {given.time:g} s is of one with "
+                f"{_told(given.memory['arguments'])}; this one has {_told(own)}"
+            )
 
     def _refuse_other_times(self) -> None:
         if not abs(self._host.time - self._net.time) <= _SAME_TIME * self._step:
@@ -313,6 +323,13 @@ def _work_between(load: PortLoad, one: FrameState, other: FrameState) -> float:
     """Work [J] of a load from one place and attitude to another at the same time."""
     turn = turned(one.attitude, difference(one.attitude, other.attitude))
     return float(load.force @ np.subtract(other.position, one.position) + load.torque @ np.array(turn))
+
+
+def _told(arguments: Floats) -> str:
+    """In words, as they are in force: `step` may have been cut."""
+    step, iterations, agreement, energy = arguments.tolist()
+    words = f"step={step:.6g}, iterations={int(iterations)}, agreement={agreement:g}"
+    return f"{words}, energy={energy:g}" if energy < math.inf else words
 
 
 def _positive(name: str, given: object) -> float:
