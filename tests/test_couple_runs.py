@@ -112,6 +112,23 @@ def test_a_pre_step_function_ends_the_run(scene: Scene, method: str) -> None:
     assert np.abs(momentum + coupling.in_transit["second"] - before).max() < 1e-12 * 1.8
 
 
+def test_books_are_read_in_a_pre_step_function(scene: Scene) -> None:
+    """In which the host's time is the end of the step that comes already."""
+    host, net = Host(scene), NetSystem(scene.net)
+    seen = list[int]()
+
+    def look(mbs: Any, t: float) -> bool:
+        report = coupling.report()
+        seen.append(report.steps if not report.cut else -1)
+        return True
+
+    host.mbs.SetPreStepUserFunction(look)
+    coupling = exunet.couple(host.mbs, net, {"second": host.marker})
+    host.solve("RK44", 24)
+    assert seen == list(range(24))
+    assert coupling.report().steps == 24
+
+
 def test_a_function_that_ends_the_run_and_does_not_call_the_coupling_s(scene: Scene) -> None:
     """The host is a step ahead of the net; the report stays readable and says so."""
     host, net, coupling = coupled(scene)

@@ -11,6 +11,7 @@ from weakref import WeakSet
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.backends.exudyn.loading import exudyn
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState
 from exunet.coupling.agreement import refuse_apart
@@ -209,6 +210,7 @@ class ExudynCoupling:
         self._predictor = Predictor.of_numbers(self._net.ports, memory["before"])
         self._handover = Handover.of_numbers(memory)
         self._books = self._books.with_numbers(memory["books"])
+        self._books.cut = ""
         self._threw = bool(memory["threw"][0])
         self._open, self._solver, self._over, self._method = None, None, self._stored_solver(), ""
         self._ended.clear()
@@ -357,8 +359,16 @@ class ExudynCoupling:
         self._open = None
 
     def _has_gone_on(self) -> bool:
-        """True if the host has left the net behind, so that where the open step has led to is not known."""
-        return self._open is not None and self._host_time() > self._net.time + _SAME_TIME
+        """True if the host has left the net behind, so that where the open step has led to is not known.
+
+        In a pre-step function its time is the end of the step that comes, its state still where that begins.
+        """
+        if self._open is None or self._host_time() <= self._net.time + _SAME_TIME:
+            return False
+        data, kinds = self._mbs.systemData, exudyn(quiet=False).ConfigurationType
+        begins = float(data.GetTime(kinds.StartOfStep))
+        both = (data.GetODE2Coordinates(kind) for kind in (kinds.StartOfStep, kinds.Current))
+        return abs(begins - self._net.time) > _SAME_TIME or not np.array_equal(*both)
 
     def _book_what_ended(self) -> None:
         """Book the last step if the host has ended it: in an earlier pre-step function, after the run."""
