@@ -140,6 +140,15 @@ def test_what_counts(tmp_path: Path) -> None:
     assert damped == pytest.approx(math.sqrt(spring) * 0.5 * _damping(0.5, 0.5), rel=1e-9)
 
 
+def test_bullets_count_beside_threads() -> None:
+    """The net of a capture: 7 + 7 threads of 1.5 m, and 4 bullets, on a sphere of 2 kg."""
+    case = Path(__file__).parents[1] / "cases" / "capture" / "free_sphere.toml"
+    net = NetSystem(case, ["engine.loop=compiled", "bodies.ball.motion=port"])
+    stiffness = 1e3 * 14 * 1.5 + 5e3 * 4
+    mobility = (1.0 + 1.0 / 0.4) / 2.0  # at its radius, whatever that is
+    assert ratios_of(net, "ball").spring == pytest.approx(stiffness * mobility, rel=1e-12)
+
+
 def _damping(restitution: float, speed: float) -> float:
     """a: d (1 + e) = ln((1 + d) / (1 - e d)) with d = a v, by bisection."""
     low, high = 1e-6, 1.0 / restitution - 1e-12
