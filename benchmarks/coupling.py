@@ -273,8 +273,9 @@ def main() -> None:
         "",
         "Place of the chaser's frame at the end against the same scene in one compiled system. All hosts are "
         "of second order where nothing is thrown. The recoil of the throw is spread over the first step, "
-        "which `Cosimulation` makes short, a millionth of the others: hosts in Exudyn, which step evenly, "
-        "have it to first order, and methods that weigh the forces of several steps with twice the error.",
+        "so that the place is behind by the recoil's speed times half of that step: of first order, with and "
+        "without repeats. `Cosimulation` makes this step short, a millionth of the others; hosts in Exudyn "
+        "step evenly, and methods that weigh the forces of several steps have twice the error.",
         "",
         *orders(),
         "",

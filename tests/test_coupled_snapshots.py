@@ -156,6 +156,24 @@ def test_what_a_snapshot_is_not_of(scene: Scene, tmp_path: Path) -> None:
         exunet.coupling.exudyn_state.put_back("couple", two, here.memory)
 
 
+@pytest.mark.parametrize("other", [{"step": 2 * STEP}, {"iterations": 20}, {"energy": 1e-5}], ids=str)
+def test_a_snapshot_of_other_arguments_is_refused(scene: Scene, other: dict[str, Any]) -> None:
+    """With another step it went on by the snapshot's, which neither of both had done."""
+    _, _, both = made(scene, "bodies")
+    both.advance_to(0.05)
+    here = both.snapshot()
+    other = {"step": STEP} | other
+    net = NetSystem(scene.net)
+    again = Cosimulation(net, BodiesHost.of_ports(net), **other)
+    with pytest.raises(InputError, match=r"is of one with step=0\.01, iterations=1, .*; this one has step="):
+        again.restore(here)
+    assert again.time == 0.0
+    again.advance_to(0.05)
+    with pytest.raises(InputError, match="is of one with step="):
+        both.restore(again.snapshot())
+    both.restore(here)
+
+
 @pytest.mark.parametrize("first", ["RK44", "VelocityVerlet"])
 def test_couple_goes_on_to_the_same_bits(scene: Scene, tmp_path: Path, first: str) -> None:
     """Between two runs, in the same system and in a new one; what velocity Verlet left in transit too."""

@@ -43,6 +43,7 @@ class PortBook:
     largest                  : [J] the largest of a step, by amount
     passed                   : [J] sum of the works' amounts, which the residual is a part of
     launch                   : [J] that throws of the net have given to the host's body beside that work
+    least, most              : [J] of what the work has come to at the ends of steps
     """
 
     impulse: Floats = field(default_factory=lambda: np.zeros(3))
@@ -52,10 +53,17 @@ class PortBook:
     largest: float = 0.0
     passed: float = 0.0
     launch: float = 0.0
+    least: float = 0.0
+    most: float = 0.0
+
+    @property
+    def one_way(self) -> float:
+        """Energy [J] that went through one way, at most, before it came back: the range of the work."""
+        return self.most - self.least
 
     def numbers(self) -> Floats:
-        """(11,) all of it, for a snapshot."""
-        sums = [self.work, self.residual, self.largest, self.passed, self.launch]
+        """(13,) all of it, for a snapshot."""
+        sums = [self.work, self.residual, self.largest, self.passed, self.launch, self.least, self.most]
         return np.concatenate([self.impulse, self.angular_impulse, sums])
 
     @classmethod
@@ -75,6 +83,7 @@ class PortBook:
         self.impulse = self.impulse + load.impulse
         self.angular_impulse = self.angular_impulse + load.angular_impulse
         self.work += load.work
+        self.least, self.most = min(self.least, self.work), max(self.most, self.work)
         self.passed += abs(load.work)
         self.residual += error
         self.largest = max(self.largest, abs(error))
@@ -103,7 +112,7 @@ class Books:
         return cls({name: PortBook() for name in names})
 
     def numbers(self) -> Floats:
-        """(4 + 11 n,) all but `cut`, for a snapshot."""
+        """(4 + 13 n,) all but `cut`, for a snapshot."""
         steps = [float(self.steps), float(self.repeated), self.shortest, self.longest]
         return np.concatenate([steps, *(port.numbers() for port in self.ports.values())])
 
@@ -128,15 +137,23 @@ class Books:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """A sentence for each port whose residual is more than a tenth of the energy that went through it."""
-        return tuple(
-            f"WARNING: port {name}: the coupling has {'added' if port.residual > 0.0 else 'taken out'} "
-            f"{abs(port.residual):.4g} J, more than a tenth of the {port.passed:.4g} J that went through: "
-            "its motion is not to be trusted. Use shorter steps; mass and inertia of the body in the case "
-            "must be the host's, since the largest stable step is by them"
-            for name, port in self.ports.items()
-            if abs(port.residual) > DOUBTFUL * port.passed
-        )
+        """A sentence for each port whose residual is more than a tenth of the energy that went through it.
+
+        Energy that is added is compared with what went one way: where amplitudes grow, the sum of amounts
+        grows with them, by more in each swing than the residual does.
+        """
+        found = []
+        for name, port in self.ports.items():
+            adds = port.residual > 0.0
+            energy, words = (port.one_way, " one way") if adds else (port.passed, "")
+            if abs(port.residual) > DOUBTFUL * energy:
+                found.append(
+                    f"WARNING: port {name}: the coupling has {'added' if adds else 'taken out'} "
+                    f"{abs(port.residual):.4g} J, more than a tenth of the {energy:.4g} J that went "
+                    f"through{words}: its motion is not to be trusted. Use shorter steps; mass and inertia "
+                    "of the body in the case must be the host's, since the largest stable step is by them"
+                )
+        return tuple(found)
 
     def __str__(self) -> str:
         rows = [

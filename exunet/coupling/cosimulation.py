@@ -17,7 +17,7 @@ from exunet.coupling.host import Host
 from exunet.coupling.jumps import LARGEST_TURN, refuse_turn
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
-from exunet.coupling.snapshot import CoupledSnapshot, left_at, refuse_none
+from exunet.coupling.snapshot import CoupledSnapshot, Left, refuse_none
 from exunet.coupling.undo import Undo
 from exunet.simulation.arguments import finite_number, whole_number
 from exunet.simulation.snapshot import Snapshot
@@ -91,7 +91,7 @@ class Cosimulation:
         self._found = self._of_host()
         for name, state in self._found.items():
             refuse_apart("Cosimulation", name, net.frame(name), state, net.simulation.start.net.size)
-        self._left = left_at(net)
+        self._left = Left.of(net)
 
     @property
     def time(self) -> float:
@@ -115,7 +115,7 @@ class Cosimulation:
             for stop in self._stops(end):
                 self._stretch_to(stop)
         finally:
-            self._left = left_at(self._net)
+            self._left = Left.of(self._net)
 
     def snapshot(self) -> CoupledSnapshot:
         """Net, host, and all that the coupling remembers; in memory, or in a file by its `save`."""
@@ -127,13 +127,14 @@ class Cosimulation:
         return CoupledSnapshot("Cosimulation", self._net.ports, *parts, self._memory())
 
     def restore(self, snapshot: CoupledSnapshot) -> None:
-        """Go back, or on, to a snapshot of net and host of the same cases, coupled in the same way.
+        """Go back, or on, to a snapshot of net and host of the same cases, coupled with the same arguments.
 
         What follows is the same to the last bit. Raises InputError for another coupling, net or host; net and
         coupling are then as they were.
         """
         given = refuse_none("Cosimulation", snapshot)
         given.refuse_other("Cosimulation", self._net, self._memory())
+        self._refuse_others_arguments(given)
         self._net.finish()
         here = self._net.snapshot()
         self._net.restore(given.net)
@@ -147,14 +148,23 @@ class Cosimulation:
         self._next = min(float(memory["next"][0]), self._step)
         self.books = self.books.with_numbers(memory["books"])
         self._undo = Undo(self._net)
-        self._found, self._left = self._of_host(), left_at(self._net)
+        self._found, self._left = self._of_host(), Left.of(self._net)
 
     def _memory(self) -> dict[str, Floats]:
         return {
             "before": self._predictor.numbers(),
             "next": np.array([self._next]),
             "books": self.books.numbers(),
+            "arguments": np.array([self._step, self._iterations, self._agreement, self._energy or np.inf]),
         }
+
+    def _refuse_others_arguments(self, given: CoupledSnapshot) -> None:
+        own = self._memory()["arguments"]
+        if not np.array_equal(given.memory["arguments"], own):
+            raise InputError(
+                f"Cosimulation: restore: the snapshot of t = {given.time:g} s is of one with "
+                f"{_told(given.memory['arguments'])}; this one has {_told(own)}"
+            )
 
     def _refuse_other_times(self) -> None:
         if not abs(self._host.time - self._net.time) <= _SAME_TIME * self._step:
@@ -166,7 +176,7 @@ class Cosimulation:
 
     def _refuse_set_back(self) -> None:
         """The coupling goes on from where it has left net and host; it remembers steps before that."""
-        if left_at(self._net) != self._left or self._of_host() != self._found:
+        if not self._left.is_of(self._net) or self._of_host() != self._found:
             raise InputError(
                 f"Cosimulation: at t = {self._net.time:.9g} s net or host are not where the coupling left "
                 "them: set both back by its own snapshot and restore, since it remembers the steps before, "
@@ -313,6 +323,13 @@ def _work_between(load: PortLoad, one: FrameState, other: FrameState) -> float:
     """Work [J] of a load from one place and attitude to another at the same time."""
     turn = turned(one.attitude, difference(one.attitude, other.attitude))
     return float(load.force @ np.subtract(other.position, one.position) + load.torque @ np.array(turn))
+
+
+def _told(arguments: Floats) -> str:
+    """In words, as they are in force: `step` may have been cut."""
+    step, iterations, agreement, energy = arguments.tolist()
+    words = f"step={step:.6g}, iterations={int(iterations)}, agreement={agreement:g}"
+    return f"{words}, energy={energy:g}" if energy < math.inf else words
 
 
 def _positive(name: str, given: object) -> float:

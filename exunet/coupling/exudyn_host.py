@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -10,6 +11,7 @@ from weakref import WeakSet
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.backends.exudyn.loading import exudyn
 from exunet.base.errors import InputError
 from exunet.bodies.port import FrameState
 from exunet.coupling.agreement import refuse_apart
@@ -18,14 +20,16 @@ from exunet.coupling.exudyn_state import EXACT, put_back, state_of
 from exunet.coupling.handover import Handover, weights_of
 from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import NetSystem, PortLoad
+from exunet.coupling.port_ratios import Ratios, ratios_of
 from exunet.coupling.prediction import STABLE, WEIGHING, Predictor, longest_step
-from exunet.coupling.snapshot import CoupledSnapshot, left_at, refuse_none
+from exunet.coupling.snapshot import CoupledSnapshot, Left, refuse_none
 from exunet.coupling.undo import Undo
 
 Floats = NDArray[np.float64]
 
 # A host starts at the net's time but for this [s]: Exudyn adds up times.
 _SAME_TIME = 1e-9
+_UNKNOWN = "couple: the host's method is not known: use mbs.SolveDynamic, with storeSolver=True, for each run"
 
 
 def couple(
@@ -49,10 +53,11 @@ def couple(
     the acceleration that the markers had; the host gets the mean force and torque, or, where its method
     weighs the forces of several steps, what makes it apply them (`exunet.coupling.handover`). So it receives
     the impulse of the net's steps to the last bit, and the error is of second order in the host's step; the
-    report has its energy. A step that the host takes again, shorter, the net takes again too.
+    report has its energy. A step that the host takes again, shorter, the net takes again too, with the inputs
+    that it had, and those that it was given since.
     Raises InputError for ports or markers that are missing or do not fit, if a marker is not where its port
     is at the start, and if the net is coupled already; the system is then as it was. Several nets may be
-    coupled to one system, and to one body: the largest stable step of each is that of the body with it alone.
+    coupled to one system, and to one body (that of their markers), where what they put on it adds up.
     """
     if not isinstance(net, NetSystem):
         raise InputError(f"couple: net: an exunet.NetSystem, got {type(net).__name__}")
@@ -96,7 +101,7 @@ class _Ended(NamedTuple):
 # between all else that a step does.
 _WAITING = 256
 
-_coupled: WeakSet[NetSystem] = WeakSet()  # nets that are in a coupling in force
+_in_force: WeakSet[ExudynCoupling] = WeakSet()  # until `detach`
 
 
 class ExudynCoupling:
@@ -106,7 +111,7 @@ class ExudynCoupling:
         self._mbs, self._net = mbs, net
         if not net.ports:
             raise InputError('couple: the net has no port: give a body of its case motion = "port"')
-        if net in _coupled:
+        if any(one._net is net for one in _in_force):
             raise InputError("couple: the net is in a coupling already: detach that one first")
         if unknown := [name for name in ports if name not in net.ports]:
             raise InputError(f"couple: there is no port {unknown[0]!r}: {', '.join(net.ports)}")
@@ -114,8 +119,8 @@ class ExudynCoupling:
             raise InputError(f"couple: no marker is given for port {', '.join(missing)}")
         self._ports = MarkedPorts("couple", mbs, {name: ports[name] for name in net.ports})
         self._longest = None if longest is None else _positive(longest)
-        shared = self._ports.shared()
-        self._largest = {bound: longest_step(net, bound, shared) for bound in (STABLE, WEIGHING)}
+        longest_step(net, STABLE)  # refuses a port for which no step is short enough
+        self._largest = math.inf  # of the run that goes on [s]
         mbs.Assemble()
         for name, start in self._ports.at_start().items():
             refuse_apart("couple", name, net.frame(name), start, net.simulation.start.net.size)
@@ -124,15 +129,17 @@ class ExudynCoupling:
         self._function = self._before_step
         mbs.SetPreStepUserFunction(self._function)
         self._attached = True
-        _coupled.add(net)
+        _in_force.add(self)
         self._undo, self._predictor = Undo(net), Predictor()
         self._books = Books.of(net.ports)
         self._ended: list[_Ended] = []
         self._open: _Open | None = None
         self._handover = Handover(np.zeros(6 * len(net.ports)))
         self._solver: Any = None  # of the run of the host that goes on
+        self._over = self._stored_solver()  # of a run before, not to be taken for a new one
+        self._number = 0  # of the step of the run that goes on, by its solver
         self._method = ""  # of that run; none yet
-        self._left = left_at(net)
+        self._left = Left.of(net)
         self._threw = False  # in the step before, a part of which a method that weighs applies in this one
 
     @property
@@ -167,6 +174,8 @@ class ExudynCoupling:
         self._refuse_detached("snapshot")
         self._refuse_set_back()
         self._book_what_ended()
+        if self._has_gone_on():
+            raise InputError(f"couple: snapshot: {self._books.cut}")
         if self._open is not None:
             raise InputError("couple: snapshot: the host is within a step: wait until its run has ended")
         if self._method and self._method not in EXACT:
@@ -201,10 +210,11 @@ class ExudynCoupling:
         self._predictor = Predictor.of_numbers(self._net.ports, memory["before"])
         self._handover = Handover.of_numbers(memory)
         self._books = self._books.with_numbers(memory["books"])
+        self._books.cut = ""
         self._threw = bool(memory["threw"][0])
-        self._open, self._solver, self._method = None, None, ""
+        self._open, self._solver, self._over, self._method = None, None, self._stored_solver(), ""
         self._ended.clear()
-        self._undo, self._left = Undo(self._net), left_at(self._net)
+        self._undo, self._left = Undo(self._net), Left.of(self._net)
         self._ports.let_act(self._handover.acting.reshape(-1, 6))
 
     def _memory(self) -> dict[str, Floats]:
@@ -221,7 +231,7 @@ class ExudynCoupling:
 
     def _refuse_set_back(self) -> None:
         """The coupling goes on from where it has left the net; it remembers the steps before that."""
-        if left_at(self._net) != self._left:
+        if not self._left.is_of(self._net):
             raise InputError(
                 f"couple: the net, at t = {self._net.time:.9g} s, is not where the coupling left it: set "
                 "net and host back by the coupling's own snapshot and restore, since it remembers the steps "
@@ -239,7 +249,7 @@ class ExudynCoupling:
         with suppress(InputError):  # the markers or the loads are not there any more
             self._book_what_ended()
         self._attached, self._open = False, None
-        _coupled.discard(self._net)
+        _in_force.discard(self)
         self._ports.let_go()
         if self._earlier_function() == self._function:
             self._mbs.SetPreStepUserFunction(self._earlier or 0)
@@ -253,12 +263,12 @@ class ExudynCoupling:
 
     def _before_step(self, mbs: Any, until: float) -> bool:
         """The net goes through the host's step to `until` [s], the end of this attempt."""
-        if self._earlier is not None and not self._earlier(mbs, until):
-            return False
+        # False ends the host's run, but only after this step
+        goes_on = self._earlier is None or bool(self._earlier(mbs, until))
         if not self._attached:
-            return True
-        solver = self._mbs.sys.get("dynamicSolver")
-        starts = solver is None or solver is not self._solver
+            return goes_on
+        solver = self._solver_of(until)
+        starts = solver is not self._solver
         if starts:
             self._ports.look_up()
             self._refuse_set_back()
@@ -276,16 +286,31 @@ class ExudynCoupling:
         recoils = net.recoils(begin, until)
         handed = self._handover.handed(mean, until - begin, jumps=recoils)
         self._ports.let_act(handed.reshape(-1, 6))
-        self._open, self._left = _Open(loads, recoils, mean, handed, now), left_at(net)
-        return True
+        self._open, self._left = _Open(loads, recoils, mean, handed, now), Left.of(net)
+        self._number = solver.it.currentStepIndex
+        return goes_on
+
+    def _stored_solver(self) -> Any:
+        return self._mbs.sys.get("dynamicSolver")
+
+    def _solver_of(self, until: float) -> Any:
+        """The solver that steps to a time [s], which SolveDynamic tells to the system.
+
+        Solvers that it does not tell leave that of an earlier run there, whose times and steps are others.
+        """
+        solver = self._stored_solver()
+        if solver is None or solver is self._over or abs(solver.it.currentTime - until) > _SAME_TIME:
+            raise InputError(_UNKNOWN)
+        again = until <= self._net.time
+        if solver is self._solver and not again and solver.it.currentStepIndex <= self._number:
+            raise InputError(_UNKNOWN)
+        return solver
 
     def _follow(self, solver: Any) -> None:
         """Each run of the host may have another method; SolveDynamic tells it to the system."""
         settings = self._mbs.sys.get("simulationSettings")
         if settings is None or solver is None:
-            raise InputError(
-                "couple: the host's method is not known: use mbs.SolveDynamic, with storeSolver=True"
-            )
+            raise InputError(_UNKNOWN)
         begin = float(settings.timeIntegration.startTime)
         if abs(begin - self._net.time) > _SAME_TIME:
             raise InputError(
@@ -295,16 +320,30 @@ class ExudynCoupling:
             )
         self._handover.begin(weights_of(settings.timeIntegration))
         self._method = settings.timeIntegration.solverType.name
+        bound = STABLE if self._handover.weights is None else WEIGHING
+        self._largest = longest_step(self._net, bound, self._ports.shared(), self._beside())
         self._solver = solver
 
+    def _beside(self) -> dict[str, Ratios]:
+        """By port, what other nets that are coupled to this system put on its body."""
+        found = dict.fromkeys(self._net.ports, Ratios())
+        for other in _in_force:
+            if other is not self and other._mbs is self._mbs:
+                for own, name in self._ports.on_one_body_with(other._ports):
+                    found[own] = found[own].plus(ratios_of(other._net, name))
+        return found
+
+    def _with_others(self) -> str:
+        others = any(ratios != Ratios() for ratios in self._beside().values())
+        return ", with what another net puts on the same body" if others else ""
+
     def _refuse_long(self, begin: float, until: float) -> None:
-        weighs = self._handover.weights is not None
-        longest = self._largest[WEIGHING if weighs else STABLE] if self._longest is None else self._longest
+        longest = self._largest if self._longest is None else self._longest
         if until - begin > longest * (1.0 + 1e-9):
             raise InputError(
                 f"couple: the host's step of {until - begin:.4g} s at t = {begin:.6g} s is beyond the "
                 f"largest stable one of its method, {longest:.4g} s, for the ports' masses, stiffnesses and "
-                "turns: use shorter steps, or couple(..., longest=...)"
+                f"turns{self._with_others()}: use shorter steps, or couple(..., longest=...)"
             )
 
     def _take_back(self, until: float) -> None:
@@ -319,9 +358,27 @@ class ExudynCoupling:
         self._books.repeated += 1
         self._open = None
 
+    def _has_gone_on(self) -> bool:
+        """True if the host has left the net behind, so that where the open step has led to is not known.
+
+        In a pre-step function its time is the end of the step that comes, its state still where that begins.
+        """
+        if self._open is None or self._host_time() <= self._net.time + _SAME_TIME:
+            return False
+        data, kinds = self._mbs.systemData, exudyn(quiet=False).ConfigurationType
+        begins = float(data.GetTime(kinds.StartOfStep))
+        both = (data.GetODE2Coordinates(kind) for kind in (kinds.StartOfStep, kinds.Current))
+        return abs(begins - self._net.time) > _SAME_TIME or not np.array_equal(*both)
+
     def _book_what_ended(self) -> None:
         """Book the last step if the host has ended it: in an earlier pre-step function, after the run."""
-        if self._open is not None and self._host_time() >= self._net.time - 1e-12:
+        if self._has_gone_on():
+            self._books.cut = (
+                f"the step to t = {self._net.time:.6g} s is not in the books: the host has gone on to "
+                f"t = {self._host_time():.6g} s without the net. A pre-step function that is set after "
+                "`couple` has to call the one before it in each step, also in one in which it ends the run"
+            )
+        elif self._open is not None and self._host_time() >= self._net.time - 1e-12:
             self._ports.look_up()  # somebody may have changed items since
             self._book(self._ports.now())
 

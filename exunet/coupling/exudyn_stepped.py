@@ -16,6 +16,8 @@ from exunet.coupling.marked_ports import MarkedPorts
 from exunet.coupling.net_system import PortLoad
 from exunet.simulation.arguments import finite_number
 
+_SAME_TIME = 1e-9  # by which its time may differ from where a run was to end [s]: Exudyn adds up times
+
 
 class ExudynHost:
     """A user's system with explicit dynamics, for `exunet.Cosimulation`, with repeats too.
@@ -76,6 +78,12 @@ class ExudynHost:
         integration.startTime, integration.endTime = self._time, until
         integration.numberOfSteps = max(1, math.ceil((until - self._time) / self._step * (1.0 - 1e-9)))
         self._mbs.SolveDynamic(self._settings, solverType=self._method, updateInitialValues=True)
+        self._time = float(self._mbs.systemData.GetTime())
+        if abs(self._time - until) > _SAME_TIME:
+            raise InputError(
+                f"ExudynHost: the run to t = {until:.6g} s ended at {self._time:.6g} s: a pre-step function "
+                "of the system has ended it"
+            )
         self._time = until
 
     def snapshot(self) -> Any:

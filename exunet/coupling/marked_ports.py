@@ -8,8 +8,8 @@ here in a step, so the numbers are kept until a solver starts, or there are more
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from itertools import count
+from collections.abc import Iterator, Mapping
+from itertools import count, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,7 +63,20 @@ class MarkedPorts:
 
     def shared(self) -> tuple[tuple[str, ...], ...]:
         """Ports at markers of one body, or one node, together."""
-        return together({name: self._owner(number) for name, number in self._first.items()})
+        return together(self._owners())
+
+    def on_one_body_with(self, other: MarkedPorts) -> Iterator[tuple[str, str]]:
+        """Each port, with each of another net's in the same system, that are one body."""
+        for (own, here), (name, there) in product(self._owners().items(), other._owners().items()):
+            if here == there:
+                yield own, name
+
+    def _owners(self) -> dict[str, tuple[str, int]]:
+        """What each port is on, by the markers' numbers of now."""
+        if self._loads:
+            self.look_up()
+            return {name: self._owner(of.marker) for name, of in self._found.items()}
+        return {name: self._owner(number) for name, number in self._first.items()}
 
     def _owner(self, marker: int) -> tuple[str, int]:
         """What a marker is on, by the engine's key and number."""

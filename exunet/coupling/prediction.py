@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import reduce
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +23,7 @@ from exunet.base.errors import InputError
 from exunet.bodies.port import PER_FRAME, FrameState, Vector, frames_of
 from exunet.coupling.jumps import LARGEST_TURN, OWN, Accelerations, refuse_jump
 from exunet.coupling.net_system import NetSystem
-from exunet.forces.cable_term import CableTerm
+from exunet.coupling.port_ratios import Ratios, ratios_of
 from exunet.forces.held import held_by, mass_matrix
 from exunet.forces.reel import memory_name
 
@@ -124,68 +126,43 @@ def _rate(before: Vector, now: Vector, duration: float) -> Vector:
     return ((d - a) / duration, (e - b) / duration, (f - c) / duration)
 
 
-def longest_step(net: NetSystem, bound: Bound, shared: Sequence[Sequence[str]] = ()) -> float:
+def longest_step(
+    net: NetSystem,
+    bound: Bound,
+    shared: Sequence[Sequence[str]] = (),
+    beside: Mapping[str, Ratios] = MappingProxyType({}),
+) -> float:
     """The longest macro step [s], by the port that is lightest for its stiffness; infinite if none has any.
 
-    m is what resists a force at the port's nodes, by mass and inertia that the case states of the port's
-    body; k the sum of EA / L, and c that of EA / L times the relaxation time, of all elements that end there,
-    as if all were taut and the other ends did not yield: the net can only be softer. The outlet of a reel
-    counts with the least length that it may come to, so that the step holds at all times. A port that turns
-    now turns by `LARGEST_TURN` in a step at most.
+    m is what resists a force at the port's nodes or surface, by mass and inertia that the case states of the
+    port's body; k and c are what elements and contact can put on it, see `exunet.coupling.port_ratios`. The
+    outlet of a reel counts with the least length that it may come to, so that the step holds at all times. A
+    port that turns now turns by `LARGEST_TURN` in a step at most.
 
     shared : ports that are one body of the host's, together: what pulls at one adds to what pulls at another
+    beside : by port, what else pulls at its body, such as another net
     Raises InputError for a port that holds masses, a packed net or what may come onto a drum, which resist
     its acceleration more than its body does: no step is short enough for them.
     """
     for port in net.ports:
         _refuse_heavy(net, port)
-    return min((_longest_of(net, port, bound, _with(port, shared)) for port in net.ports), default=math.inf)
+    own = {port: ratios_of(net, port) for port in net.ports}
+    longest = math.inf
+    for port in net.ports:
+        of_body = next((group for group in shared if port in group), (port,))
+        total = reduce(Ratios.plus, [own[one] for one in of_body], beside.get(port, Ratios()))
+        longest = min(longest, _longest_of(net, port, bound, total))
+    return longest
 
 
-def _with(port: str, shared: Sequence[Sequence[str]]) -> Sequence[str]:
-    """All ports that are the body of one."""
-    return next((group for group in shared if port in group), (port,))
-
-
-def _longest_of(net: NetSystem, port: str, bound: Bound, of_body: Sequence[str]) -> float:
-    ratios = [_ratios(net, one) for one in of_body]
-    spring, damper = (sum(one[k] for one in ratios) for k in range(2))
+def _longest_of(net: NetSystem, port: str, bound: Bound, ratios: Ratios) -> float:
     spin = math.hypot(*net.frame(port).angular_velocity)
     turning = LARGEST_TURN / spin if spin > 0.0 else math.inf
-    if not spring > 0.0:
+    if not ratios.spring > 0.0:
         return turning
-    half = 0.5 * bound.damper * damper
+    half = 0.5 * bound.damper * ratios.damper
     # the root of spring H^2 + 2 half H = bound, in the form that loses no digits
-    return min(turning, bound.spring / (half + math.sqrt(half * half + spring * bound.spring)))
-
-
-def _ratios(net: NetSystem, port: str) -> tuple[float, float]:
-    """k / m [1/s2] and c / m [1/s] of a port."""
-    system = net.simulation.start.system
-    number, kinematics = system.blocks.rigid.index(port), system.kinematics
-    on, body, law = kinematics.body == number, system.bodies[number], system.forces.cable.law
-    ends = np.isin(system.net.element_nodes, kinematics.point[on]).any(axis=1)
-    stiffness = (law.stiffness / _least_lengths(system.forces.cable))[ends]
-    damping = 0.0 if law.relaxation_time is None else float((stiffness * law.relaxation_time[ends]).sum())
-    mobility = 0.0
-    for arm in kinematics.arm[on]:
-        lever = np.cross(np.eye(3), arm)
-        turns = lever @ np.diag(1.0 / np.array(body.inertia)) @ lever.T
-        mobility = max(mobility, 1.0 / body.mass + float(np.linalg.eigvalsh(turns)[-1]))
-    return float(stiffness.sum()) * mobility, damping * mobility
-
-
-def _least_lengths(cable: CableTerm) -> Floats:
-    """(n_elements,) the least natural length each may come to [m]: less than now if it is an outlet."""
-    least = cable.law.natural_length.copy()
-    for winding in cable.reels:
-        reel = winding.reel
-        # at the drum the outlet stands for the first element, and at the far end it may come to be the last
-        of = [reel.elements[0]]
-        if reel.most_on_drum == len(reel.elements) - 1:
-            of.append(reel.elements[-1])
-        least[of] = cable.law.natural_length[of] * reel.least_outlet / reel.element_length
-    return least
+    return min(turning, bound.spring / (half + math.sqrt(half * half + ratios.spring * bound.spring)))
 
 
 def _refuse_heavy(net: NetSystem, port: str) -> None:

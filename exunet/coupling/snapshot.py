@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from exunet.coupling.net_system import NetSystem
 from exunet.simulation.snapshot import Snapshot, group_of, grouped
 
 Floats = NDArray[np.float64]
-KIND, FORMAT = "exunet coupling snapshot", 1
+KIND, FORMAT = "exunet coupling snapshot", 2
+_ROUND_OFF = 1e-12  # of a quaternion
 _MAY_BE_EMPTY = ("before", "mean")  # of a memory, where there was no step before
 
 
@@ -107,10 +108,30 @@ def refuse_none(scheme: str, snapshot: object) -> CoupledSnapshot:
     return snapshot
 
 
-def left_at(net: NetSystem) -> tuple[Any, ...]:
+class Left(NamedTuple):
     """Where a net stands, as far as a coupling can tell: time, bodies, and what these have been given."""
-    view = net.simulation.view
-    return view.time, view.first_order.tobytes(), *(part.tobytes() for part in view.bodies.parts())
+
+    time: float
+    given: Floats
+    bodies: tuple[Floats, ...]
+    attitude: Floats
+
+    @classmethod
+    def of(cls, net: NetSystem) -> Left:
+        """Where it stands now; copies."""
+        view = net.simulation.view
+        position, velocity, attitude, spin = (part.copy() for part in view.bodies.parts())
+        return cls(view.time, view.first_order.copy(), (position, velocity, spin), attitude)
+
+    def is_of(self, net: NetSystem) -> bool:
+        """True if a net stands there; attitudes to round-off, as a command has ports computed anew."""
+        now = Left.of(net)
+        parts = (self.given, *self.bodies), (now.given, *now.bodies)
+        return (
+            self.time == now.time
+            and all(np.array_equal(one, other) for one, other in zip(*parts, strict=True))
+            and bool(np.allclose(self.attitude, now.attitude, rtol=0.0, atol=_ROUND_OFF))
+        )
 
 
 def _as_numbers(snapshot: Snapshot) -> NDArray[np.uint8]:

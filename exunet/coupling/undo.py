@@ -14,7 +14,12 @@ _LEAST, _MOST = 4, 256
 
 
 class Undo:
-    """Steps of a net of which the last one can be taken back, to the last bit."""
+    """Steps of a net of which the last one can be taken back, to the last bit.
+
+    Forces, inputs and commands that the net was given between steps act in the steps that are taken again as
+    they did. Those given since the end of the step that is taken back stay: they are meant for what comes.
+    Those that a controller of the net gave within it are taken back with it.
+    """
 
     def __init__(self, net: NetSystem) -> None:
         self._net = net
@@ -25,6 +30,7 @@ class Undo:
         self._net.finish()  # a snapshot of states that wait to be looked at would be large
         self._kept = self._net.snapshot()
         self._taken: list[tuple[float, Mapping[str, FrameState]]] = []
+        self._acting = self._net.simulation.acting  # at the end of the last step
 
     @property
     def begin(self) -> float:
@@ -37,18 +43,24 @@ class Undo:
         """As `NetSystem.follow`."""
         if self._net.time != (self._taken[-1][0] if self._taken else self._kept.time):
             self._keep()  # somebody has set the net back
+        if self._net.simulation.acting is not self._acting:
+            self._keep()  # a command came, which steps that are taken again are not to be given late
         if len(self._taken) >= self._every:
             self._keep()
             self._every = min(_MOST, 2 * self._every)
         loads = self._net.follow(until, frames)
         self._taken.append((until, frames))
+        self._acting = self._net.simulation.acting
         return loads
 
     def back(self) -> None:
         """Take the last step back."""
-        again = self._taken[:-1]
+        again, simulation = self._taken[:-1], self._net.simulation
+        then, now = self._acting, simulation.acting
         self._net.restore(self._kept)
         for until, frames in again:
             self._net.follow(until, frames)
-        self._taken = again
+        self._taken, self._acting = again, simulation.acting
         self._every = _LEAST
+        if now is not then:
+            simulation.repeat_changes(then, now)

@@ -68,3 +68,12 @@ class Outside:
         changed = vector.copy()
         changed[where] = found
         return changed
+
+    def with_changes(self, vector: Floats, then: Floats, now: Floats) -> Floats:
+        """A new vector, with those forces and inputs of `now` that are not as they were `then`."""
+        changed = vector.copy()
+        of_a_point = [slice(k, k + 3) for k in range(0, 3 * self._blocks.n_points, 3)]
+        for where in (*of_a_point, *self._where.values()):
+            if not np.array_equal(then[where], now[where]):
+                changed[where] = now[where]
+        return changed

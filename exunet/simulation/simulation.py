@@ -361,6 +361,17 @@ class Simulation:
         """The piece that a port goes along, or went along last."""
         return self._integrator.steered(port)
 
+    @property
+    def acting(self) -> Floats:
+        """Forces and inputs that act from outside now, in a row; each change makes another array."""
+        return self._acting
+
+    def repeat_changes(self, then: Floats, now: Floats) -> None:
+        """Give each force and input that differs between two arrays of `acting` the value of the second."""
+        acting = self._outside.with_changes(self._acting, then, now)
+        self.settle()
+        self._act(acting)
+
     def _act(self, acting: Floats) -> bool:
         """Let this act from outside from now on; False if the simulation went back."""
         if acting is self._acting or np.array_equal(acting, self._acting):

@@ -136,9 +136,14 @@ def bullet_contact(
     )
 
 
+def steepest(data: BulletContact) -> float:
+    """The largest stiffness [N/m] of a bullet, while it is not too deep."""
+    return data.stiffness * data.exponent * float(data.allowed + data.thick) ** (data.exponent - 1.0)
+
+
 def _stiffness_rate(blocks: Blocks, body: str, surface: Surface, data: BulletContact) -> float:
     """Bound [1/s2] of what contact adds to the eigenvalues, while nothing is too deep; as of threads."""
-    slope = data.stiffness * data.exponent * (surface.allowed + data.thick) ** (data.exponent - 1.0)
+    slope = steepest(data)
     mass = blocks.net.mass[data.node.astype(np.int64) // 3]
     if not len(mass):
         return 0.0

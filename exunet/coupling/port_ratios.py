@@ -1,0 +1,100 @@
+"""What a net can put on the body of a port, for each kilogram of what resists there: stiffness and damping.
+
+Both are bounds: all elements at the port's nodes are taut and their other ends do not yield, and all threads
+and bullets that may touch the body do so at once, as far from its centre of mass as its surface reaches. The
+net can only be softer.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.coupling.net_system import NetSystem
+from exunet.forces.cable_term import CableTerm
+from exunet.forces.contact.bullets import BulletContact, steepest
+from exunet.forces.contact.threads import ThreadContact
+from exunet.forces.effects import switched_on
+
+Floats = NDArray[np.float64]
+
+
+class Ratios(NamedTuple):
+    """k / m [1/s2] and c / m [1/s], of which those of all that pulls at one body add up."""
+
+    spring: float = 0.0
+    damper: float = 0.0
+
+    def plus(self, other: Ratios) -> Ratios:
+        """Of both together."""
+        return Ratios(self.spring + other.spring, self.damper + other.damper)
+
+
+def ratios_of(net: NetSystem, port: str) -> Ratios:
+    """Of a port, by mass and inertia that the case states of its body."""
+    return _of_elements(net, port).plus(_of_contact(net, port))
+
+
+def _of_elements(net: NetSystem, port: str) -> Ratios:
+    """m resists a force at the port's nodes; k is the sum of EA / L, c that times the relaxation time."""
+    system = net.simulation.start.system
+    number, kinematics = system.blocks.rigid.index(port), system.kinematics
+    on, body, law = kinematics.body == number, system.bodies[number], system.forces.cable.law
+    ends = np.isin(system.net.element_nodes, kinematics.point[on]).any(axis=1)
+    stiffness = (law.stiffness / _least_lengths(system.forces.cable))[ends]
+    damping = 0.0 if law.relaxation_time is None else float((stiffness * law.relaxation_time[ends]).sum())
+    mobility = 0.0
+    for arm in kinematics.arm[on]:
+        lever = np.cross(np.eye(3), arm)
+        turns = lever @ np.diag(1.0 / np.array(body.inertia)) @ lever.T
+        mobility = max(mobility, 1.0 / body.mass + float(np.linalg.eigvalsh(turns)[-1]))
+    return Ratios(float(stiffness.sum()) * mobility, damping * mobility)
+
+
+def _least_lengths(cable: CableTerm) -> Floats:
+    """(n_elements,) the least natural length each may come to [m]: less than now if it is an outlet."""
+    least = cable.law.natural_length.copy()
+    for winding in cable.reels:
+        reel = winding.reel
+        # at the drum the outlet stands for the first element, and at the far end it may come to be the last
+        of = [reel.elements[0]]
+        if reel.most_on_drum == len(reel.elements) - 1:
+            of.append(reel.elements[-1])
+        least[of] = cable.law.natural_length[of] * reel.least_outlet / reel.element_length
+    return least
+
+
+def _of_contact(net: NetSystem, port: str) -> Ratios:
+    """k is that of threads of length L all along, K L, and of bullets at the largest depth that may be.
+
+    The damping of Hunt and Crossley's law, a F, and of regularised friction, mu F / v_s, go by the force F:
+    it is taken at the depth to which an impact of the body leads, at the speed for which the restitution is
+    given, or 1 / a where that is not, and at the largest depth that may be where neither is.
+    """
+    start = net.simulation.start
+    system, on = start.system, cast(Any, switched_on(start.scene.effects).get("contact"))
+    body, centre = system.bodies[system.blocks.rigid.index(port)], system.blocks.centre(port)
+    total = Ratios()
+    for term in system.forces.kernels:
+        data = term.data
+        if not isinstance(data, ThreadContact | BulletContact) or data.centre != centre:
+            continue
+        if isinstance(data, ThreadContact):
+            stiffness = data.stiffness * float(data.length.sum())
+        else:
+            stiffness = steepest(data) * len(data.node)
+        arm = float(np.linalg.norm(data.middle)) + data.radius
+        mobility = 1.0 / body.mass + arm**2 / min(body.inertia)
+        spring, depth = stiffness * mobility, data.allowed + float(np.max(data.thick, initial=0.0))
+        if speed := on.impact_speed or (1.0 / data.damping if data.damping else 0.0):
+            depth = min(depth, speed / math.sqrt(spring)) if spring else depth
+        damper = spring * depth * data.damping
+        if data.friction > 0.0 and data.slip_speed > 0.0:
+            damper += spring * depth * data.friction / data.slip_speed
+        elif data.friction > 0.0:
+            damper += float((data.spring * data.relaxation).sum()) * mobility
+        total = total.plus(Ratios(spring, damper))
+    return total

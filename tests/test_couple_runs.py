@@ -1,0 +1,208 @@
+"""Runs of a coupled system in Exudyn: which solver goes on, how a run ends, and two nets at one body."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+import pytest
+from coupled import Scene, momenta, spring
+from exudyn.itemInterface import MarkerBodyRigid, NodeRigidBodyRotVecLG, ObjectRigidBody
+from test_couple_exudyn import END, VELOCITY, Host
+
+import exunet
+from exunet import InputError, NetSystem
+from exunet.coupling.prediction import STABLE, longest_step
+
+# Each compiles kernels of its own.
+pytestmark = [pytest.mark.slow, pytest.mark.ci]
+
+HALF = 0.12  # s
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    return Scene(tmp_path_factory.mktemp("coupled"))
+
+
+def coupled(scene: Scene) -> tuple[Host, NetSystem, Any]:
+    host, net = Host(scene), NetSystem(scene.net)
+    return host, net, exunet.couple(host.mbs, net, {"second": host.marker})
+
+
+def settings(begin: float, end: float, steps: int) -> Any:
+    made = exu.SimulationSettings()
+    made.solution.file.write = False
+    time = made.timeIntegration
+    time.startTime, time.endTime, time.numberOfSteps = begin, end, steps
+    time.explicit.useLieGroupIntegration = True
+    return made
+
+
+def not_stored(host: Host, first: str) -> None:
+    """By the other method, and without a word to the system about it."""
+    other = exu.DynamicSolverType.TrapezoidalIndex2 if first == "RK44" else exu.DynamicSolverType.RK44
+    host.mbs.SolveDynamic(settings(HALF, END, 24), solverType=other, storeSolver=False)
+
+
+def own_solver(host: Host, _: str) -> None:
+    exu.MainSolverImplicitSecondOrder().SolveSystem(host.mbs, settings(HALF, END, 24))
+
+
+def solver_again(host: Host, first: str) -> None:
+    """The stored one, with other settings than those that are stored."""
+    other = settings(HALF, END, 24)
+    if first == "RK44":
+        other.timeIntegration.solverType = exu.DynamicSolverType.VelocityVerlet
+    host.mbs.sys["dynamicSolver"].SolveSystem(host.mbs, other)
+
+
+@pytest.mark.parametrize("solve", [not_stored, own_solver, solver_again])
+@pytest.mark.parametrize("first", ["RK44", "TrapezoidalIndex2"])
+def test_a_second_run_whose_method_is_not_told_is_refused(
+    scene: Scene, first: str, solve: Callable[[Host, str], None]
+) -> None:
+    """It was taken for one by the method of the first, and lost 0.03 of 1.2 N s."""
+    host, net, coupling = coupled(scene)
+    host.solve(first, 24, endTime=HALF)
+    state = host.mbs.systemData.GetSystemState()
+    host.mbs.systemData.SetSystemState(state, exu.ConfigurationType.Initial)
+    with pytest.raises(exu.ModelError, match=r"the host's method is not known: use mbs\.SolveDynamic"):
+        solve(host, first)
+    assert net.time == pytest.approx(HALF)
+    host.solve("RK44", 24, on=True, startTime=HALF)
+    momentum = momenta(net.simulation)[0] + host.body.mass * host.of_centre(VELOCITY)
+    before = momenta(exunet.Simulation(scene.whole))[0]
+    assert np.abs(momentum + coupling.in_transit["second"] - before).max() < 1e-12 * 1.8
+
+
+def test_a_run_before_the_coupling_or_before_a_restore_tells_nothing(scene: Scene) -> None:
+    """One step, to the time at which the run before has ended."""
+    host, net = Host(scene), NetSystem(scene.net)
+    host.mbs.Assemble()
+    host.solve("RK44", 1, endTime=0.01)
+    coupling = exunet.couple(host.mbs, net, {"second": host.marker})
+    kinds = exu.DynamicSolverType.TrapezoidalIndex2
+    with pytest.raises(exu.ModelError, match="the host's method is not known"):
+        host.mbs.SolveDynamic(settings(0.0, 0.01, 1), solverType=kinds, storeSolver=False)
+    start = coupling.snapshot()
+    host.solve("RK44", 1, endTime=0.01)
+    coupling.restore(start)
+    with pytest.raises(exu.ModelError, match="the host's method is not known"):
+        host.mbs.SolveDynamic(settings(0.0, 0.01, 1), solverType=kinds, storeSolver=False)
+
+
+@pytest.mark.parametrize("method", ["RK44", "TrapezoidalIndex2"])
+def test_a_pre_step_function_ends_the_run(scene: Scene, method: str) -> None:
+    """The engine takes the step in which it does so; the net too, so that momentum is kept."""
+    host, net = Host(scene), NetSystem(scene.net)
+    host.mbs.SetPreStepUserFunction(lambda mbs, t: t < 0.095)
+    coupling = exunet.couple(host.mbs, net, {"second": host.marker})
+    host.solve(method, 24)
+    assert host.mbs.systemData.GetTime() == pytest.approx(0.1)
+    assert net.time == pytest.approx(0.1)
+    report = coupling.report()
+    assert (report.steps, report.cut) == (10, "")
+    momentum = momenta(net.simulation)[0] + host.body.mass * host.of_centre(VELOCITY)
+    before = momenta(exunet.Simulation(scene.whole))[0]
+    assert np.abs(momentum + coupling.in_transit["second"] - before).max() < 1e-12 * 1.8
+
+
+def test_books_are_read_in_a_pre_step_function(scene: Scene) -> None:
+    """In which the host's time is the end of the step that comes already."""
+    host, net = Host(scene), NetSystem(scene.net)
+    seen = list[int]()
+
+    def look(mbs: Any, t: float) -> bool:
+        report = coupling.report()
+        seen.append(report.steps if not report.cut else -1)
+        return True
+
+    host.mbs.SetPreStepUserFunction(look)
+    coupling = exunet.couple(host.mbs, net, {"second": host.marker})
+    host.solve("RK44", 24)
+    assert seen == list(range(24))
+    assert coupling.report().steps == 24
+
+
+def test_a_function_that_ends_the_run_and_does_not_call_the_coupling_s(scene: Scene) -> None:
+    """The host is a step ahead of the net; the report stays readable and says so."""
+    host, net, coupling = coupled(scene)
+    ours = host.mbs.GetPreStepUserFunction()["function"]
+    host.mbs.SetPreStepUserFunction(lambda mbs, t: t < 0.095 and ours(mbs, t))
+    host.solve("RK44", 24)
+    assert net.time == pytest.approx(0.09)
+    report = coupling.report()
+    assert report.steps == 8
+    words = r"the step to t = 0\.09 s is not in the books: the host has gone on to t = 0\.1 s without the net"
+    assert words.replace("\\", "") in report.cut
+    with pytest.raises(InputError, match=words):
+        coupling.snapshot()
+    coupling.detach()
+
+
+def test_a_host_that_is_set_back_says_that_its_run_was_ended(scene: Scene) -> None:
+    own, net = Host(scene), NetSystem(scene.net)
+    own.mbs.SetPreStepUserFunction(lambda mbs, t: t < 0.0225)
+    host = exunet.ExudynHost(own.mbs, {"second": own.marker}, step=1e-3)
+    both = exunet.Cosimulation(net, host, step=5e-3)
+    words = r"the run to t = 0\.025 s ended at 0\.023 s: a pre-step function of the system has ended it"
+    with pytest.raises(InputError, match=words):
+        both.advance_to(0.1)
+    assert net.time == pytest.approx(0.02)
+
+
+class Mass:
+    """The spring's mass in Exudyn, between as many nets as are given."""
+
+    def __init__(self, mass: float) -> None:
+        self.mbs: Any = exu.SystemContainer().AddSystem()
+        moves = {"initialCoordinates": [1.01, 0, 0, 0, 0, 0], "initialVelocities": [0.01, 0, 0, 0, 0, 0]}
+        node = self.mbs.AddNode(NodeRigidBodyRotVecLG(referenceCoordinates=[0.0] * 6, **moves))
+        body = self.mbs.AddObject(ObjectRigidBody(mass=mass, inertia=[1, 1, 1, 0, 0, 0], nodeNumber=node))
+        self.marker = self.mbs.AddMarker(MarkerBodyRigid(bodyNumber=body))
+
+    def solve(self, step: float, end: float) -> None:
+        self.mbs.SolveDynamic(settings(0.0, end, round(end / step)), solverType=exu.DynamicSolverType.RK44)
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.15, 1.35])
+def test_energy_that_grows_is_doubted(tmp_path: Path, factor: float) -> None:
+    """A case that says the body is heavier than it is: at 1.35 it had 5500 times its energy after 3 s."""
+    spring(tmp_path)
+    file = tmp_path / "spring.toml"
+    net = NetSystem(file, [f"bodies.b.mass={0.05 * factor}"])
+    host = Mass(0.05 + net.carried_mass("b"))
+    coupling = exunet.couple(host.mbs, net, {"b": host.marker})
+    host.solve(0.98 * longest_step(net, STABLE), 3.0)
+    report = coupling.report()
+    if factor == 1.0:
+        assert report.doubts == ()
+    else:
+        assert report.residual > 1e-3  # J, of 2.6e-6 J at the start
+        assert len(report.doubts) == 1
+        assert "port b: the coupling has added" in report.doubts[0]
+
+
+def test_two_nets_at_one_body_have_one_bound(tmp_path: Path) -> None:
+    """What they put on it adds up; alone, after `detach` of the other, each has its own again."""
+    nets = [spring(tmp_path)[0] for _ in range(2)]
+    host = Mass(0.05 + sum(net.carried_mass("b") for net in nets))
+    couplings = [exunet.couple(host.mbs, net, {"b": host.marker}) for net in nets]
+    alone = longest_step(nets[0], STABLE)
+    with pytest.raises(exu.ModelError, match="with what another net puts on the same body") as told:
+        host.solve(0.75 * alone, 1.0)
+    assert f"largest stable one of its method, {alone / math.sqrt(2.0):.4g} s" in str(told.value)
+    host.solve(0.7 * alone, 3.0)
+    for coupling in couplings:
+        assert coupling.report().residual < 0.0  # J: it takes out
+    couplings[0].detach()
+    nets[1].reset()
+    couplings[1].detach()
+    again = exunet.couple(host.mbs, nets[1], {"b": host.marker})
+    host.solve(0.75 * alone, 1.0)
+    assert again.report().residual < 0.0

@@ -1,0 +1,175 @@
+"""Commands to a coupled net between steps stay in force when a step is taken back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from coupled import Scene, momenta
+from test_couple_exudyn import Host
+
+import exunet
+from exunet import BodiesHost, Cosimulation, FrameState, InputError, NetSystem
+from exunet.coupling.snapshot import Left
+from exunet.coupling.undo import Undo
+
+# Each compiles kernels of its own.
+pytestmark = [pytest.mark.slow, pytest.mark.ci]
+
+WRENCH, STEP = "wrench/first", 0.005
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    return Scene(tmp_path_factory.mktemp("coupled"))
+
+
+def pushed(net: NetSystem, force: float) -> None:
+    net.simulation.set_input(WRENCH, [force, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+def ahead(net: NetSystem, duration: float = STEP) -> dict[str, FrameState]:
+    return {"second": net.frame("second").after(duration)}
+
+
+def arrays(net: NetSystem) -> dict[str, np.ndarray]:
+    return {**net.simulation.state.arrays(), **net.simulation.inputs}
+
+
+def assert_same_bits(one: NetSystem, other: NetSystem) -> None:
+    for name, values in arrays(one).items():
+        np.testing.assert_array_equal(arrays(other)[name], values, err_msg=name)
+
+
+def test_commands_between_steps_act_in_steps_that_are_taken_again(scene: Scene) -> None:
+    """As by a net that never took the longer steps, to the last bit; also a command that comes after one."""
+    net, plain = (NetSystem(scene.net, wrenches=("first",)) for _ in range(2))
+    undo = Undo(net)
+    for k in range(8):
+        for one in (net, plain):
+            if k in (1, 2, 5):
+                pushed(one, 10.0 * k)
+            one.simulation.set_force(1, [0.0, float(k // 4), 0.0])
+        undo.step(net.time + 2.0 * STEP, ahead(net, 2.0 * STEP))
+        if k == 3:
+            pushed(net, 7.0)  # for what comes
+        undo.back()
+        if k == 3:
+            pushed(plain, 7.0)
+        assert net.time == plain.time
+        assert_same_bits(net, plain)
+        undo.step(net.time + STEP, ahead(net))
+        plain.follow(plain.time + STEP, ahead(plain))
+        assert_same_bits(net, plain)
+
+
+class Ramp:
+    """Commands the net within its steps, 1 N more each 2 ms."""
+
+    period = 0.002
+
+    def __init__(self) -> None:
+        self.force = 0.0
+
+    def act(self, simulation: exunet.Simulation) -> None:
+        self.force += 1.0
+        simulation.set_input(WRENCH, [self.force, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+    def state(self) -> dict[str, float]:
+        return {"force": self.force}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        self.force = float(state["force"])
+
+
+def test_what_a_controller_commands_in_a_step_is_taken_back_with_it(scene: Scene) -> None:
+    net, plain = (NetSystem(scene.net, wrenches=("first",)) for _ in range(2))
+    for one in (net, plain):
+        one.simulation.attach(Ramp())
+    undo = Undo(net)
+    for k in range(4):
+        undo.step(net.time + 2.0 * STEP, ahead(net, 2.0 * STEP))
+        if k == 2:  # one force of its own, for what comes; the ramp's is taken back
+            net.simulation.set_force(1, [0.0, 1.0, 0.0])
+        undo.back()
+        if k == 2:
+            plain.simulation.set_force(1, [0.0, 1.0, 0.0])
+        assert_same_bits(net, plain)
+        undo.step(net.time + STEP, ahead(net))
+        plain.follow(plain.time + STEP, ahead(plain))
+        assert_same_bits(net, plain)
+
+
+def test_a_step_in_which_the_host_fails_takes_no_command_away(scene: Scene) -> None:
+    net = NetSystem(scene.net, wrenches=("first",))
+
+    class Failing(BodiesHost):
+        fails = False
+
+        def step(self, until: float, loads: Any) -> None:
+            if self.fails:
+                raise InputError("the host failed")
+            super().step(until, loads)
+
+    host = Failing(BodiesHost.of_ports(net).simulation.start.scene)
+    both = Cosimulation(net, host, step=STEP)
+    pushed(net, 50.0)
+    both.advance_to(0.02)
+    before, host.fails = arrays(net), True
+    with pytest.raises(InputError, match="the host failed"):
+        both.advance_to(0.025)
+    for name, values in before.items():
+        np.testing.assert_array_equal(arrays(net)[name], values, err_msg=name)
+    host.fails = False
+    both.advance_to(0.025)
+
+
+@pytest.mark.parametrize("attempt", [16, 17, 18, 19])
+def test_a_command_counts_in_the_steps_that_the_host_keeps(scene: Scene, attempt: int) -> None:
+    """By the momentum that it gives: 30 N from the beginning of an attempt on, rejected or not."""
+    host, net = Host(scene, spring=2e4), NetSystem(scene.net, wrenches=("first",))
+    ends: list[float] = []
+
+    def mine(mbs: Any, t: float) -> bool:
+        if len(ends) == attempt:
+            pushed(net, 30.0)
+        ends.append(t)
+        return True
+
+    host.mbs.SetPreStepUserFunction(mine)
+    coupling = exunet.couple(host.mbs, net, {"second": host.marker})
+    before = momenta(net.simulation)[0]
+    host.solve("DOPRI5", 10, relativeTolerance=0.0, absoluteTolerance=1e-7, initialStepSize=0.024)
+    report = coupling.report()
+    assert report.repeated > 3
+    assert any(after <= time for time, after in pairwise(ends[attempt:]))  # rejected later, if not at once
+    kept = [time for time, after in pairwise(ends[:attempt]) if after > time]
+    begin = (kept if ends[attempt] <= ends[attempt - 1] else [*kept, ends[attempt - 1]])[-1]
+    gained = momenta(net.simulation)[0] + report.ports["second"].impulse - before
+    expected = [30.0 * (net.time - begin), 0.0, 0.0]
+    np.testing.assert_allclose(gained, expected, atol=1e-11)  # N s, of 6
+
+
+def test_a_controller_between_the_steps_of_a_coupling(scene: Scene) -> None:
+    """Commands have ports computed anew, and attitudes change by round-off: no reason to refuse."""
+    net = NetSystem(scene.net, wrenches=("first",))
+    both = Cosimulation(net, BodiesHost.of_ports(net), step=STEP)
+    changed = 0
+    for k in range(1, 25):
+        before = net.simulation.view.bodies.attitude.copy()
+        pushed(net, 5.0 * k)
+        net.simulation.set_force(1, [1.0 * k, 0.0, 0.0])
+        changed += not np.array_equal(before, net.simulation.view.bodies.attitude)
+        both.advance_to(0.01 * k)
+    assert changed > 0
+    host, net = Host(scene), NetSystem(scene.net, wrenches=("first",))
+    exunet.couple(host.mbs, net, {"second": host.marker})
+    for k in range(24):
+        host.solve("RK44", 2, on=k > 0, startTime=0.01 * k, endTime=0.01 * k + 0.01)
+        pushed(net, 1.0 * k)
+    left = Left.of(net)
+    net.simulation.view.bodies.attitude[1] += 1e-9
+    assert not left.is_of(net)
