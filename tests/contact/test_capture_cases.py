@@ -12,6 +12,7 @@ from exunet.results.capture_headlines import first_contact, told
 from exunet.results.course import course_of
 from exunet.results.measures import energy_balance, momentum_books
 from exunet.results.passages import passages
+from exunet.results.touching import touching_threads
 
 CASES = Path(__file__).parents[2] / "cases" / "capture"
 
@@ -45,6 +46,9 @@ def test_a_net_that_nothing_closes_lets_go(name: str, enclosed: float, together:
     assert books["angular"].residual < 1e-8 * books["angular"].size
     assert energy_balance(result) < 1e-3
     assert passages(result, but=[found["target"]]) == []
+    # What a moving picture marks is as many as contact has counted.
+    counted = np.asarray(result.states[f"contact_{found['target']}/threads_touching"].values[:, 0])
+    assert [touching_threads(result, k).sum() for k in range(0, len(counted), 7)] == counted[::7].tolist()
 
 
 def test_a_net_that_flies_past_misses() -> None:
