@@ -35,6 +35,9 @@ BODY_FORCES = Tolerance(
     1e-12, "of the largest of a kind: as FORCES; arms, attitudes and w x J w add that of a few products"
 )
 BODY_PLACES = Tolerance(1e-14, "of the largest of a kind: one product with a rotation, and a sum")
+CONTACT = Tolerance(1e-9, "of the largest of a kind: quadrature across seams of parts; 3e-12 was seen")
+CONTACT_COUNT = Tolerance(0.0, "the states are made so that something presses in")
+CONTACT_RUN = Tolerance(1e-5, "of the net's size, before the horizon: kinks of contact cost RK44 its order")
 MASS = Tolerance(1e-14, "of the largest mass: both codes add halves of the same element masses")
 DAMPING = Tolerance(1e-12, "of the largest entry: a constant matrix, assembled in another order")
 STIFFNESS = Tolerance(3e-6, "of the largest entry: the engine differentiates in steps of 1e-8; 3e-7 was seen")

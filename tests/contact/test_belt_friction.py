@@ -1,7 +1,7 @@
 """A thread over a drum that slides under it: Euler and Eytelwein's relation of the tensions at both ends.
 
-One end of the thread is held, a mass hangs from the other, and the drum turns so that it drags the thread away
-from the held end: T_held = T_mass exp(mu phi) over the angle phi that it is wrapped.
+One end of the thread is held, a mass hangs from the other, and the drum turns so that it drags the thread
+away from the held end: T_held = T_mass exp(mu phi) over the angle phi that it is wrapped.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ TURN = 0.4  # rad until then; the drum slides at 0.1 m/s
 
 
 def drum(phi: float) -> str:
-    """The scene of a thread that is wrapped around a drum about y by an angle [rad]; the mass hangs at x > 0."""
+    """The scene of a thread that is wrapped by an angle [rad] around a drum about y; its mass is at x > 0."""
     reach = RADIUS + 0.5 * DIAMETER
     count = round(phi * reach / SIDE)
     angles = np.linspace(phi, 0.0, count + 1)  # from x towards z
