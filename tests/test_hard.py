@@ -20,7 +20,11 @@ from exunet.verification.ladder import Step
 from exunet.verification.tolerances import Tolerance
 
 CASES = Path(__file__).parent.parent / "cases" / "hard"
-SLOW_IN_LOOP = {"long_undamped", "mesh_50x50", "every_step", "odd_times"}
+SLOW_IN_LOOP = {"long_undamped", "mesh_50x50", "every_step", "odd_times"} | {
+    one.case
+    for one in GALLERY
+    if one.item == 11  # kernels of their own
+}
 IDS = {"ids": lambda value: value.case if isinstance(value, Hard) else str(value)}
 QUICK = [one for one in GALLERY if one.case not in SLOW_IN_LOOP]
 
@@ -72,11 +76,19 @@ def test_in_the_reference(one):
     hold(checks)
 
 
-def test_what_the_gallery_leaves_out_is_told():
-    one = next(one for one in GALLERY if one.case == "near_limit")
-    (row,) = hard.of_reference(one)
+@pytest.mark.slow
+@pytest.mark.ci
+def test_a_case_of_contact_in_the_compiled_loop():
+    hold(list(hard.of_form(next(one for one in GALLERY if one.case == "starts_in_contact"), "compiled")))
+
+
+@pytest.mark.parametrize(
+    ("case", "why"), [("near_limit", "quarter of an hour"), ("fast_bullet", "has no contact")]
+)
+def test_what_the_gallery_leaves_out_is_told(case, why):
+    (row,) = hard.of_reference(next(one for one in GALLERY if one.case == case))
     assert row.left_out
-    assert "quarter of an hour" in row.worst
+    assert why in row.worst
 
 
 def test_momenta_are_checked_in_the_reference():

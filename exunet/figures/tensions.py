@@ -78,7 +78,8 @@ def tension_map(result: Result, page: Page, peaks: Floats, largest: Judged | Non
         dots = net.reference_position[net.bullet_nodes][:, plane]
         ax.scatter(dots[:, 0], dots[:, 1], s=14, color=BLACK, zorder=3, linewidths=0)
     if peaks.any():
-        _colour_bar(figure, axes, ScalarMappable(Normalize(0.0, top), colors), _of(result))
+        shown = ScalarMappable(Normalize(0.0, top), colors)
+        colour_bar(figure, axes, shown, f"largest tension {_of(result)} [N]")
     return figure
 
 
@@ -127,13 +128,15 @@ def tension_colors() -> Colormap:
     return ListedColormap(colormaps["cividis_r"](np.linspace(0.1, 1.0, 256)), "tensions")
 
 
-def _colour_bar(figure: Figure, axes: list[Axes], shown: ScalarMappable, of: str) -> None:
-    """A bar above the panel, as wide as it."""
+def colour_bar(
+    figure: Figure, axes: list[Axes], shown: ScalarMappable, label: str, over: float = 0.0
+) -> None:
+    """A bar above the panel, as wide as it; over : what stands between them [inch]."""
     boxes = [ax.get_position() for ax in axes]
     left, right = min(box.x0 for box in boxes), max(box.x1 for box in boxes)
     top, height = max(box.y1 for box in boxes), figure.get_figheight()
-    place = (left, top + 0.07 / height, right - left, 0.09 / height)
+    place = (left, top + (0.07 + over) / height, right - left, 0.09 / height)
     bar = figure.colorbar(shown, cax=figure.add_axes(place, label=COLOR_BAR), orientation="horizontal")
     bar.ax.xaxis.set_ticks_position("top")
     bar.ax.xaxis.set_label_position("top")
-    bar.set_label(f"largest tension {of} [N]", labelpad=3)
+    bar.set_label(label, labelpad=3)

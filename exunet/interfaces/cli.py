@@ -412,6 +412,41 @@ def plot_command(
         typer.echo(path)
 
 
+@_command("animate")
+def animate_command(
+    result: Annotated[
+        Path, typer.Argument(help="result.h5 of a run, or its folder", metavar="RESULT", parser=_path)
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="file to write, .gif or .mp4 (default: animation.gif beside the result)",
+            metavar="FILE",
+            parser=_path,
+        ),
+    ] = None,
+    fps: Annotated[float, typer.Option("--fps", help="pictures a second", metavar="N")] = 25.0,
+    begin: Annotated[
+        float | None, typer.Option("--from", help="first time [s] (default: the first stored)", metavar="T")
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--until", help="last time [s] (default: the last stored)", metavar="T")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace a file that is there, once the new one is complete")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make a moving picture of a result, as GIF or MP4.
+
+    It has a picture for each stored time, or of more than 2000 those nearest to as many even times.
+    """
+    from exunet.interfaces.commands.animate import Span, animate
+
+    typer.echo(animate(result, out, fps, Span(begin, end), overwrite=overwrite, quiet=quiet))
+
+
 @_command("fmu")
 def fmu_command(
     case: CasePath,

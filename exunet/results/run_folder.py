@@ -27,7 +27,8 @@ FIGURES = (
     *("largest_tension", "momentum", "loads", "distances", "rotation", "contacts"),
     *("capture", "agreement"),
 )
-DESCRIPTIONS = (SUMMARY, SPREAD_FILE, *(f"{figure}.png" for figure in FIGURES))
+ANIMATION = "animation.gif"
+DESCRIPTIONS = (SUMMARY, SPREAD_FILE, ANIMATION, *(f"{figure}.png" for figure in FIGURES))
 
 _LISTED = 3  # names in a message
 

@@ -24,6 +24,7 @@ from exunet.results.from_rows import result_of_rows
 from exunet.results.loads import CARRIED
 from exunet.results.result import Result
 from exunet.results.store import MemoryStore, RowStore
+from exunet.results.touching import EDGES
 from exunet.simulation.element_peaks import ElementPeaks
 from exunet.simulation.envelope import Envelope
 from exunet.simulation.kept_series import KeptSeries, series_of
@@ -240,12 +241,20 @@ def first_story(start: Start) -> dict[str, Any]:
         "engine": start.scene.engine.model_dump(),
         "effects": sorted(switched_on(start.scene.effects)),
         **({} if (rule := start.scene.verdict) is None else {RULE: rule.model_dump()}),
+        **_edges(start),
         **_carried(start),
         "retries": [],
         "items": {},
         "build_seconds": 0.0,
         **dict.fromkeys(_COST, 0),
     }
+
+
+def _edges(start: Start) -> dict[str, Any]:
+    """By how much edges of bodies are rounded, for contact; nothing where none is."""
+    shapes = {one.name: one.shape for one in start.system.bodies if one.shape is not None}
+    found = {name: shape.edge_radius for name, shape in shapes.items() if shape.edge_radius > 0.0}
+    return {EDGES: found} if found else {}
 
 
 def _carried(start: Start) -> dict[str, Any]:

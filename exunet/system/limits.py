@@ -160,7 +160,9 @@ def contact_faults(system: System, start: State) -> list[Fault]:
         term.add(start.time, x, v, data, np.zeros(system.blocks.n_force))
         term.remember(start.time, x, v, data)
         if words := memory.wrong(getattr(data, memory.kept_in)):
-            faults.append(Fault("effects.contact", f"cannot start so: {words}"))
+            where = words.partition(":")[0]  # without what a run could change
+            reason = f"cannot start so: {where}. Give the net or the body another start, further apart"
+            faults.append(Fault("effects.contact", reason))
     return faults
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -20,9 +20,9 @@ from exunet.base.errors import CaseError, Interrupted, RunStopped
 from exunet.case.casefile import load
 from exunet.case.stored_times import stored_times
 from exunet.methods.method import METHODS, Form, Kind
-from exunet.results.measures import energy_balance
+from exunet.results.measures import energy_balance, momentum_books
 from exunet.results.result import Result
-from exunet.simulation.preparation import Start, prepare
+from exunet.simulation.preparation import Start, prepare, prepare_case
 from exunet.simulation.run import simulate
 from exunet.studies.both_codes import both_of
 from exunet.system.stability import largest_frequency, stable_step
@@ -51,6 +51,7 @@ ITEMS = {
     8: "Sizes and topologies",
     9: "Fast, taut and long",
     10: "Stored times",
+    11: "Contact",
 }
 
 
@@ -130,8 +131,71 @@ def _times(result: Result, start: Any) -> Iterator[Check]:
     yield Check("stored times", float(np.abs(result.time - asked).max()), tol.HARD_EXACT_TIMES)
 
 
+def _rebound(result: Result, start: Any) -> Iterator[Check]:
+    speed = result.velocity[:, result.net.bullet_nodes, 2]
+    wished = start.scene.effects.contact.restitution
+    off = float(np.abs(speed[-1] / speed[0] + wished).max())
+    yield Check("restitution at 100 m/s", off, tol.HARD_REBOUND)
+    coarse = ("solver.step=2.5e-4", "solver.force=true", "solver.retry=0")
+    outcome = _outcome(prepare(load(case_path("fast_bullet"), (*FORMS["compiled"], *coarse)).scene))
+    words = str(outcome) if isinstance(outcome, RunStopped) else "ran through"
+    told = "may pass through unseen" in words and _finite(getattr(outcome, "result", None))
+    yield Check("2.5 cm a step, forced: stopped", 0.0 if told else math.inf, tol.HARD_UNSEEN, words)
+
+
+def _rests_on_an_edge(result: Result, start: Any) -> Iterator[Check]:
+    """The tensions beside the element on the edge against the law's force on it, integrated by trapezia."""
+    contact, body = start.scene.effects.contact, start.scene.bodies["box"]
+    edge = body.edge_radius
+    reach = edge + math.sqrt(float(result.net.area[0]) / math.pi)
+    corner = body.position[2] + math.sqrt(2.0) * (0.5 * body.size[0] - edge)
+    x, middle = result.position[-1], result.net.n_elements // 2
+    across = np.linspace(x[middle, 0], x[middle + 1, 0], 200_001)
+    height = np.interp(across, x[middle : middle + 2, 0], x[middle : middle + 2, 2]) - corner
+    apart = np.hypot(across, height)
+    stretch = float(result.net.reference_length[middle]) / (x[middle + 1, 0] - x[middle, 0])
+    pushed = contact.stiffness * np.maximum(reach - apart, 0.0) * height / apart
+    force = stretch * float(np.trapezoid(pushed, across))
+    ways = np.diff(x, axis=0) / np.linalg.norm(np.diff(x, axis=0), axis=1)[:, None]
+    pulled = result.tension[-1][middle - 1] * ways[middle - 1, 2]
+    pulled -= result.tension[-1][middle + 1] * ways[middle + 1, 2]
+    yield Check("force of the edge, from the tensions'", abs(force / pulled - 1.0), tol.HARD_EDGE)
+
+
+def _parted(result: Result, _start: Any) -> Iterator[Check]:
+    upper, lower = (result.bodies[name].velocity[:, 2] for name in ("upper", "lower"))
+    apart = upper - lower
+    yield Check("bodies, closing still", max(0.0, -float(apart[-1])), tol.HARD_PARTED)
+    yield Check("speed gained by the bounce", max(0.0, float(apart[-1] / -apart[0]) - 1.0), tol.HARD_PARTED)
+
+
+def _wound_up(result: Result, _start: Any) -> Iterator[Check]:
+    spins = result.bodies["box"].angular_velocity
+    assert spins is not None
+    first, last = (float(np.linalg.norm(spins[k])) for k in (0, -1))
+    yield Check("spin left to the box", last / first, tol.HARD_WOUND)
+
+
+def _from_the_start(result: Result, start: Any) -> Iterator[Check]:
+    first = float(result.states["contact_ball/threads_first"].values[-1][0])
+    yield Check("first contact", first / float(start.plan.step), tol.HARD_AT_ONCE)
+    settings = (*FORMS["compiled"], "bodies.ball.position=[0.0, 0.0, 0.1]")
+    try:
+        prepare_case(load(case_path("starts_in_contact"), settings))
+        yield Check("start inside: refused", math.inf, tol.HARD_INSIDE)
+    except CaseError as refused:
+        words = r"starts_in_contact\.toml:\d+: effects\.contact: .* deeper than"
+        told = 0.0 if re.search(words, str(refused)) else math.inf
+        yield Check("start inside: refused", told, tol.HARD_INSIDE, str(refused))
+
+
 COARSE = {"method": "EM", "step": 0.01}
 FINE = {"method": "EM", "step": 1e-3}
+
+Touching = partial(
+    Hard, 11, energy=tol.HARD_FIXED, angular=tol.HARD_ANGULAR_FIXED,
+    reference="its energy-momentum method has no contact; exunet verify compares both codes there",
+)  # fmt: skip
 
 GALLERY = (
     Hard(1, "all_in_one_point"),
@@ -164,6 +228,15 @@ GALLERY = (
     Hard(9, "tether"),
     Hard(10, "every_step", tol.HARD_FIXED, angular=tol.HARD_ANGULAR_FIXED, more=_every_step),
     Hard(10, "odd_times", tol.HARD_FIXED, angular=tol.HARD_ANGULAR_FIXED, more=_times),
+    Touching("fast_bullet", more=_rebound),
+    Touching("over_an_edge", momentum=None, angular=None, more=_rests_on_an_edge),
+    Touching("closing_bodies", more=_parted),
+    Touching("light_target"),
+    Touching("heavy_target"),
+    Touching("stiff_contact"),
+    Touching("soft_contact"),
+    Touching("winding_up", more=_wound_up),
+    Touching("starts_in_contact", more=_from_the_start),
 )  # fmt: skip
 
 
@@ -240,6 +313,13 @@ def of_reference(hard: Hard) -> Iterator[Check]:
 def _balances(hard: Hard, states: Any) -> Iterator[Check]:
     """Energy and momenta of a result, or of the reference's states with its names."""
     yield Check("energy balance", energy_balance(states), hard.energy)
+    if getattr(states, "bodies", None):
+        books, bounds = momentum_books(states), {"linear": hard.momentum, "angular": hard.angular}
+        for name, bound in bounds.items():
+            if bound:
+                unaccounted = books[name].residual / books[name].size
+                yield Check(f"{name} momentum, unaccounted", unaccounted, replace(bound, unit="of its size"))
+        return
     shares = states.net.mass * np.linalg.norm(states.velocity, axis=-1)
     if hard.momentum:
         change = _change(states.momentum) / float(shares.sum(axis=1).max())

@@ -15,7 +15,7 @@ from exunet.codegen.compile import numba_installed
 from exunet.methods.method import Form
 from exunet.studies.both_codes import BothCodes, NotCovered, read_both
 from exunet.studies.neighbours import MOVE
-from exunet.verification import at_states, growth, horizon, matrices, stepping, symmetry, topology
+from exunet.verification import at_states, contact, growth, horizon, matrices, stepping, symmetry, topology
 from exunet.verification.answers import ANSWERS, BODY_ANSWERS, Answer
 from exunet.verification.bodies.at_states import STATES
 from exunet.verification.bodies.scenes import BODY_CASES, body_scenes
@@ -33,6 +33,7 @@ RUNGS = {
     6: "Known answers",
     7: "Horizon",
     8: "Bodies",
+    9: "Contact",
 }
 MOST_ELEMENTS = 2000  # larger nets are compared at given states and over one step, not over whole runs
 # The paper's case, with its damping, without, and packed as the paper says elsewhere.
@@ -40,7 +41,7 @@ PAPER = ("planar_deployment", "planar_undamped", "planar_deployment_006")
 LONG_ANSWERS = {"snap_from_slack"}
 QUICK_PART = 0.5  # of the run that --quick follows
 WHOLE_RUNS = "rungs 4, 5 and 7"
-QUICK_STATES = 10  # of each kind of states of bodies
+QUICK_STATES = 10  # of each kind of states of bodies, and in contact
 
 
 @dataclass(frozen=True)
@@ -103,6 +104,7 @@ class Ladder:
         yield from self._answers()
         yield from self._horizons()
         yield from self._bodies()
+        yield from self._contacts()
 
     def _states(self) -> Iterator[Step]:
         for case in self._named:
@@ -208,6 +210,20 @@ class Ladder:
             return
         for scene in runs:
             yield Step(8, scene.name, scene.trajectories)
+
+    def _contacts(self) -> Iterator[Step]:
+        """The scenes of rung 9: what contact does at states, and whole runs."""
+        states = QUICK_STATES if self._quick else contact.STATES
+        for name in shipped(contact.CONTACT_CASES):
+            yield Step(9, name, partial(_in_contact, name, contact.at_states, states))
+            if self._quick:
+                yield _without(9, name, "whole runs", "leaves out whole runs")
+            else:
+                yield Step(9, name, partial(_in_contact, name, contact.over_a_run))
+
+
+def _in_contact(name: str, checks: Callable[..., Iterator[Check]], *how: int) -> Iterator[Check]:
+    return checks(read_both(shipped_case(contact.CONTACT_CASES, name)), *how)
 
 
 def _without(rung: int, subject: str, what: str, why: str) -> Step:

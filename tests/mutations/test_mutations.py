@@ -5,6 +5,7 @@ from importlib import import_module
 import pytest
 from plant import EXUDYN, PLANTED, REFERENCE
 from plant_bodies import SNAP
+from plant_contact import BULLETS, THREADS
 
 from exunet.interfaces.commands.verify import PLANTED as REPORT_WORDS
 from exunet.verification.check import Check
@@ -33,6 +34,8 @@ FOR_CI = {
     "torque_sign",
     "gyroscopic_sign",
     "reference_torque_sign",
+    "contact_torque_sign",
+    "friction_without_limit",
 }
 _MARKS = {True: [pytest.mark.slow, pytest.mark.ci], False: [pytest.mark.slow]}
 
@@ -42,12 +45,12 @@ CASES = shipped() | shipped("verification/trajectories")
 def first_failure(case="planar_deployment"):
     """The first check that fails on the quick ladder over one case; None if all hold.
 
-    For a scene of rung 8, which every ladder has, that of its rows alone.
+    For a scene of rung 8 or 9, which every ladder has, that of its rows alone.
     """
-    of_bodies = case not in CASES
-    cases = [] if of_bodies else read_cases([CASES[case]])
-    for step in Ladder(cases, quick=True, paper=False).steps():
-        if of_bodies and (step.rung, step.subject) != (8, case):
+    of_rung = 9 if case in (THREADS, BULLETS) else None if case in CASES else 8
+    ladder = Ladder([] if of_rung else read_cases([CASES[case]]), quick=True, paper=False)
+    for step in ladder._contacts() if of_rung == 9 else ladder.steps():
+        if of_rung and (step.rung, step.subject) != (of_rung, case):
             continue
         for finding in step.run():
             if isinstance(finding, Check) and not finding.holds:
@@ -80,12 +83,14 @@ def test_a_planted_error_is_caught(name, monkeypatch):
 def test_without_a_planted_error_the_ladder_holds():
     assert first_failure() is None
     assert first_failure(SNAP) is None
+    assert first_failure(THREADS) is None
+    assert first_failure(BULLETS) is None
 
 
 def test_the_report_tells_how_many_are_planted_and_both_codes_have_some():
     """Rungs 5 and 7 follow whole runs; what changes those shows at a lower rung first."""
-    assert len(PLANTED) == 73
-    assert "plants seventy-three errors in both codes" in " ".join(REPORT_WORDS.split())
+    assert len(PLANTED) == 87
+    assert "plants eighty-seven errors in both codes" in " ".join(REPORT_WORDS.split())
     assert {error.code for error in PLANTED.values()} == {EXUDYN, REFERENCE}
-    assert {error.rung for error in PLANTED.values()} == {1, 2, 3, 4, 6, 8, None}
+    assert {error.rung for error in PLANTED.values()} == {1, 2, 3, 4, 6, 8, 9, None}
     assert set(PLANTED) >= QUICK | FOR_CI

@@ -370,7 +370,7 @@ def touch_several(c: Any, thick: float, v: Any, w: Any, low: float, high: float,
                 d, _, _, _ = distance_at(c, n, s)
                 near = min(near, d)
     parts, first, last = rule_for(half, near)
-    parts = max(parts, 4)
+    parts = max(parts, parts_of_seam(c, thick, v, w, low, high))
     cut = high
     if c.damping > 0.0:
         begins = opening_of_several(c, thick, v, w, low)
@@ -400,6 +400,27 @@ def touch_several(c: Any, thick: float, v: Any, w: Any, low: float, high: float,
                         sums[3] += own * p
                         sums[4] += own * q
                         sums[5] += own * r
+
+
+def parts_of_seam(c: Any, thick: float, v: Any, w: Any, low: float, high: float) -> int:
+    """Equal parts of a piece that touches several cores: enough for where one becomes deeper than another.
+
+    The eighth powers of the depths p change over there while their difference changes by p / 8.
+    """
+    middle = 0.5 * (low + high)
+    least, most = np.inf, -np.inf
+    for n in range(c.kind.size):
+        if c.spans[n, 0] < middle < c.spans[n, 1]:
+            begin, _, _, _ = distance_at(c, n, low)
+            end, _, _, _ = distance_at(c, n, high)
+            least = min(least, end - begin)
+            most = max(most, end - begin)
+    deep = np.inf
+    for s in (low, middle, high):
+        depth, _, _, _, _ = depth_at(c, thick, v, w, s)
+        deep = min(deep, depth)
+    ratio = 8.0 * (most - least) / max(deep, 1e-3 * (most - least) + 1e-300)
+    return int(min(max(ratio, 4.0), 64.0))
 
 
 def depth_at(c: Any, thick: float, v: Any, w: Any, s: float) -> Any:
@@ -457,6 +478,7 @@ TOUCHING = (
     split_at_edges,
     order,
     depth_at,
+    parts_of_seam,
     opening,
     opening_of_several,
     cut_between,

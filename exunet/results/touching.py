@@ -1,0 +1,76 @@
+"""Which threads touch bodies at a stored time, found from the stored states.
+
+Results store how many threads touch a body, not which.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.bodies.between import seen_from
+from exunet.bodies.crossing import least_along
+from exunet.bodies.shapes import Solid
+from exunet.bodies.touched import core_of_solid
+from exunet.results.clearance import shapes_of
+from exunet.results.course import CONTACT
+from exunet.results.result import Result
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+EDGES = "edge_radii"  # in the story of a result: of the bodies that have one, by name [m]
+THREADS, BULLETS = "threads", "bullets"
+_LEAST = 1e-12  # m, of a core's length: one that is flat has a side to be near to as well
+
+
+def contacts_at(result: Result, k: int) -> dict[str, dict[str, int]]:
+    """How many threads and bullets touch each body at stored time k, by body, as far as contact is stored."""
+    found: dict[str, dict[str, int]] = {}
+    for name, one in result.states.items():
+        if name.startswith(CONTACT) and name.endswith("_touching"):
+            body, _, series = name.removeprefix(CONTACT).rpartition("/")
+            found.setdefault(body, {})[series.removesuffix("_touching")] = int(one.values[k][0])
+    return found
+
+
+def touching_threads(result: Result, k: int) -> Bools:
+    """(n_elements,) True for those that touch a body at stored time k, of bodies whose contact is stored.
+
+    A thread touches where its axis is nearer to a core than the rounding and its own radius together.
+    """
+    net, found = result.net, np.zeros(result.net.n_elements, dtype=bool)
+    position, shapes = np.asarray(result.position[k]), shapes_of(result)
+    thick = np.sqrt(net.area / np.pi)
+    for name, counts in contacts_at(result, k).items():
+        if not counts.get(THREADS):
+            continue
+        body = result.bodies[name]
+        assert body.attitude is not None
+        pose = np.concatenate([body.position[k], body.attitude[k]])
+        seen = seen_from(np.broadcast_to(pose, (len(position), len(pose))), position)
+        start, end = (seen[net.element_nodes[:, side]] for side in (0, 1))
+        near = np.zeros(len(found), dtype=bool)
+        for solid in shapes[name].solids:
+            core, rounding = _core(solid, result.provenance.get(EDGES, {}).get(name, 0.0))
+            near |= least_along(core.distance, start, end) < rounding + thick
+        if body.nodes is not None:
+            near &= ~np.isin(net.element_nodes, body.nodes).any(axis=1)
+        found |= near
+    return found
+
+
+@lru_cache(maxsize=256)
+def _core(solid: Solid, edge: float) -> tuple[Solid, float]:
+    """The core of a solid, and its rounding [m]."""
+    (a, b, c), shift, rounding = core_of_solid(solid, edge)
+    numbers = {
+        "box": (2.0 * a, 2.0 * b, 2.0 * c),
+        "cylinder": (a, max(2.0 * b, _LEAST), 0.0),
+        "sphere": (0.0, 0.0, 0.0),
+        "capsule": (0.0, 2.0 * a, 0.0),
+        "frustum": (a, b, max(2.0 * c, _LEAST)),
+    }[solid.kind]
+    return Solid(solid.kind, numbers, solid.place_of(shift), solid.attitude), rounding

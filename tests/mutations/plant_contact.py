@@ -1,0 +1,140 @@
+"""Errors in contact, for the list in `plant`; each fails in rung 9, in the scene named."""
+
+from __future__ import annotations
+
+from plant import EXUDYN, REFERENCE, of_text, planted
+
+from exunet.forces.contact import bullets, core_loops, frame_loops, friction_loops, threads, touching_loops
+from exunet.forces.effects import contact
+from reference_impl.contacts import Group
+
+THREADS, BULLETS = "threads", "bullets"
+BOTH = (threads, bullets)
+
+
+def _of_text(name, scene, what, owner, function, old, new, users=()):
+    of_text(name, 9, what, owner, function, old, new, scene, users=users)
+
+
+ARM, OWN = "force[s] -= p[1] * f[2]", "d - (v[s + 1] * p[2] - v[s + 2] * p[1]),"
+ON_B, HALF = "(length * sums[3], length * sums[4], length * sums[5])", "0.5 * length * sums"
+DRAGGED, ELASTIC = "-stiffness * most / wanted", "elastic = c.stiffness * depth"
+_of_text(
+    "contact_torque_sign",
+    BULLETS,
+    "torque of contact with the wrong sign in one part",
+    frame_loops,
+    "push_point",
+    ARM,
+    ARM.replace("-=", "+="),
+    BOTH,
+)
+_of_text(
+    "contact_without_reaction",
+    THREADS,
+    "no force on the touched body",
+    frame_loops,
+    "push_point",
+    "force[c + axis] -= d",
+    "force[c + axis] -= 0.0 * d",
+    BOTH,
+)
+_of_text(
+    "contact_without_spin",
+    BULLETS,
+    "speed against the body's point without its rotation",
+    frame_loops,
+    "velocity_against_body",
+    OWN,
+    "d,",
+    BOTH,
+)
+_of_text(
+    "contact_shared_by_halves",
+    THREADS,
+    "force on a thread shared to its ends by halves",
+    threads,
+    "add_thread",
+    ON_B,
+    f"({HALF}[0], {HALF}[1], {HALF}[2])",
+)
+_of_text(
+    "contact_that_pulls",
+    THREADS,
+    "threads that leave fast are pulled back",
+    touching_loops,
+    "sum_place",
+    "max(1.0 + c.damping * rate, 0.0)",
+    "(1.0 + c.damping * rate)",
+)
+_of_text(
+    "friction_across",
+    BULLETS,
+    "friction against motion across the surface",
+    friction_loops,
+    "along_surface",
+    "return a[0] - across * n[0],",
+    "return a[0],",
+)
+_of_text(
+    "friction_without_limit",
+    THREADS,
+    "friction that holds whatever the force across",
+    friction_loops,
+    "friction",
+    DRAGGED,
+    "-stiffness",
+    BOTH,
+)
+_of_text(
+    "friction_in_the_middle",
+    THREADS,
+    "friction in the middle of a thread",
+    threads,
+    "add_thread",
+    "at = sums[7] / sums[6]",
+    "at = 0.5",
+)
+_of_text(
+    "one_side_of_a_box",
+    BULLETS,
+    "the normal of one side of a box turned round",
+    core_loops,
+    "box_distance",
+    "k = 1.0 if z >= 0.0 else -1.0",
+    "k = 1.0",
+)
+_of_text(
+    "hertz_is_linear",
+    BULLETS,
+    "force of Hertz's law in proportion to the depth",
+    bullets,
+    "add_bullet",
+    f"{ELASTIC}**c.exponent",
+    ELASTIC,
+)
+_of_text(
+    "parts_share_wrongly",
+    THREADS,
+    "force in a seam of parts shared by another power",
+    touching_loops,
+    "depth_at",
+    "after = (own / both) ** 7",
+    "after = (own / both) ** 8",
+)
+
+
+@planted(9, "damping by the formula for restitutions near 1", EXUDYN, BULLETS)
+def damping_near_one(patch):
+    patch.setattr(contact, "damping_of", lambda restitution, speed: 1.5 * (1.0 - restitution) / speed)
+
+
+@planted(9, "contact of twice the stiffness", REFERENCE, THREADS)
+def reference_contact_doubled(patch):
+    right = Group.push
+    patch.setattr(Group, "push", lambda self, p: 2.0 * right(self, p))
+
+
+@planted(9, "energy of contact without its power", REFERENCE, BULLETS)
+def reference_contact_energy(patch):
+    patch.setattr(Group, "stored", lambda self, p: self.factor * p ** (self.power + 1.0))

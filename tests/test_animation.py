@@ -1,0 +1,227 @@
+"""Moving pictures of results: what they show, what is written, what is refused and what is left behind."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from result_samples import net, result, square_net, unfolding
+
+import exunet
+from exunet.base.errors import InputError, MissingExtra
+from exunet.bodies.packed import packed
+from exunet.bodies.shapes import Shape, Solid
+from exunet.bodies.wireframe import wireframe
+from exunet.figures import movie_files
+from exunet.figures.animation import MOST_PICTURES, chosen_states, film, save_animation
+from exunet.figures.style import RED, drawing
+from exunet.interfaces.commands.animate import Span, animate
+from exunet.results.result import BodyStates, Result, TermStates
+from exunet.results.touching import EDGES, touching_threads
+
+SMALL = unfolding(square_net(strings=True), lift=0.3, times=5)
+EDGE = 0.1  # m
+# Lines along z beside a box of 1 m: a centimetre in its side, a centimetre in the sharp corner, which is
+# rounded away there (from the core's edge 0.09 sqrt(2) > 0.1), a centimetre off its side.
+BESIDE = [(0.49, 0.0), (0.49, 0.49), (0.51, 0.0)]
+
+
+def met() -> Result:
+    """A box and three threads along it, at two times; the first 10 m away."""
+    of = net([(x, y, z) for x, y in BESIDE for z in (-2.0, 2.0)], [(0, 1), (2, 3), (4, 5)], bullets=(0,))
+    shape = Shape((Solid("box", (1.0, 1.0, 1.0)),), edge_radius=EDGE)
+    far = np.array([[10.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    upright, still = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), np.zeros((2, 3))
+    box = BodyStates(
+        1.0, np.eye(3), far, still, upright, still, wireframe(shape), **packed(shape, np.zeros(3))
+    )
+    series = {
+        "threads_touching": [0.0, 1.0],
+        "threads_first": [-1.0, 0.7],
+        "bullets_touching": [0.0, 2.0],
+        "bullets_first": [-1.0, 0.8],
+    }
+    states = {
+        f"contact_box/{name}": TermStates("1", np.array(values)[:, None]) for name, values in series.items()
+    }
+    whole = result(of, [0.0, 1.0], np.stack([of.reference_position] * 2))
+    story = whole.provenance | {EDGES: {"box": EDGE}}
+    return replace(whole, bodies={"box": box}, states=states, provenance=story)
+
+
+def reddish(picture: np.ndarray) -> int:
+    """Pixels of the mark of a thread that touches: `RED` at half strength over white."""
+    mark = 0.5 * 255.0 + 0.5 * np.array([int(RED[k : k + 2], 16) for k in (1, 3, 5)])
+    return int((np.abs(picture - mark).max(axis=2) < 4.0).sum())
+
+
+def test_threads_that_touch_are_found() -> None:
+    scene = met()
+    assert touching_threads(scene, 0).tolist() == [False, False, False]
+    assert touching_threads(scene, 1).tolist() == [True, False, False]
+    sharp = replace(scene, provenance={})
+    assert touching_threads(sharp, 1).tolist() == [True, True, False]
+    held = replace(scene.bodies["box"], nodes=np.array([0]))
+    assert not touching_threads(replace(scene, bodies={"box": held}), 1).any()
+
+
+@pytest.mark.parametrize(
+    ("solid", "beside"),
+    [
+        (Solid("cylinder", (0.5, 1.0, 0.0)), (0.5, 0.0)),
+        (Solid("sphere", (0.5, 0.0, 0.0)), (0.5, 0.0)),
+        (Solid("capsule", (0.5, 1.0, 0.0)), (0.5, 0.0)),
+        (Solid("frustum", (0.5, 0.5, 1.0)), (0.5, 0.0)),
+        (Solid("cylinder", (0.5, 2.0 * EDGE, 0.0)), (0.5, 0.0)),  # whose core is flat
+    ],
+)
+def test_a_thread_touches_within_its_radius(solid: Solid, beside: tuple[float, float]) -> None:
+    """The radius of a thread of 1 mm2 is sqrt(1e-6 / pi) m; it is 1 % nearer, and 1 % farther."""
+    scene, thick = met(), np.sqrt(1e-6 / np.pi)
+    box = replace(scene.bodies["box"], **packed(Shape((solid,)), np.zeros(3)))
+    near = np.array(beside)[:, None] + np.array([[0.99, 1.01, 3.0], [0.0, 0.0, 0.0]]) * thick
+    position = np.repeat(near.T, 2, axis=0)
+    position = np.column_stack([position, np.tile([-2.0, 2.0], 3)])
+    scene = replace(scene, bodies={"box": box}, position=np.stack([position] * 2))
+    assert touching_threads(scene, 1).tolist() == [True, False, False]
+
+
+def test_what_touches_is_marked_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    real = sys.modules["exunet.figures.animation"].fitted
+
+    def fitted(text: str, *rest: float) -> str:
+        told.append(text)
+        return real(text, *rest)
+
+    monkeypatch.setattr("exunet.figures.animation.fitted", fitted)
+    with drawing():
+        picture = film(met(), [0, 1])
+        before, after, again = picture(0), picture(1), picture(0)
+    assert reddish(after) > 3 * reddish(before) > 0  # which the legend has
+    assert np.array_equal(before, again)  # nothing of a picture stays in the next
+    assert told == [
+        "t = 0.0 s, flight, nothing touched yet",
+        "t = 1.0 s, contact: 1 element and 2 bullets on box",
+        "t = 0.0 s, flight, nothing touched yet",
+    ]
+    assert all(side % 2 == 0 for side in before.shape[:2])  # as H.264 needs
+
+
+def test_a_body_that_is_left_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = met()
+    gone = {
+        name: replace(one, values=np.zeros((2, 1)) if name.endswith("touching") else one.values)
+        for name, one in scene.states.items()
+    }
+    told: list[str] = []
+    monkeypatch.setattr("exunet.figures.animation._write_over", lambda axes, words: told.append(words))
+    with drawing():
+        film(replace(scene, states=gone), [0, 1])(1)
+    assert told == ["t = 1.0 s, apart after contact"]
+
+
+def test_a_gif_has_a_picture_for_each_stored_time(tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    count = save_animation(SMALL, tmp_path / "a.gif", 30.0, 0.2, None, lambda *one: seen.append(one))
+    assert count == 4
+    assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    with Image.open(tmp_path / "a.gif") as made:
+        assert (made.n_frames, made.info["loop"]) == (4, 0)
+        ticks, first = [], np.asarray(made.convert("RGB"))
+        for k in range(4):
+            made.seek(k)
+            ticks.append(made.info["duration"])
+        # A thirtieth of a second in hundredths: 3, 4, 3, 3.
+        assert ticks == [30, 40, 30, 30]
+        assert (first != np.asarray(made.convert("RGB"))).any()
+
+
+def test_many_times_are_thinned_evenly() -> None:
+    time = np.linspace(0.0, 1.0, 5 * MOST_PICTURES + 1)
+    chosen = chosen_states(time, 0.5, None)
+    assert len(chosen) == MOST_PICTURES
+    assert (chosen[0], chosen[-1]) == (len(time) // 2, len(time) - 1)
+    assert set(np.diff(chosen)) <= {2, 3}  # 5000 stored times over 2000 pictures
+    assert chosen_states(time, 0.5, 0.5) == [len(time) // 2]
+
+
+def test_an_mp4_is_written(tmp_path: Path) -> None:
+    if shutil.which("ffmpeg") is None:
+        pytest.importorskip("imageio_ffmpeg")
+    save_animation(SMALL, tmp_path / "a.mp4", 25.0)
+    assert (tmp_path / "a.mp4").read_bytes()[4:8] == b"ftyp"  # ISO/IEC 14496-12
+    assert [one.name for one in tmp_path.iterdir()] == ["a.mp4"]
+
+
+def test_ffmpeg_that_fails_is_told_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "ffmpeg"
+    program.write_text("#!/bin/sh\necho 'no encoder\nof that name' >&2\nexit 7\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
+    with pytest.raises(InputError, match=r"^\S+: ffmpeg could not write it: no encoder of that name$"):
+        save_animation(SMALL, tmp_path / "a.mp4", 25.0)
+    assert [one.name for one in tmp_path.iterdir()] == ["ffmpeg"]
+
+
+def test_without_ffmpeg_the_way_out_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(movie_files, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtra, match=r"exunet\[movie\].*\.gif needs neither"):
+        save_animation(SMALL, tmp_path / "a.mp4", 25.0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_leaves_nothing(tmp_path: Path) -> None:
+    def interrupted(done: int, total: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    (tmp_path / "a.gif").write_text("an older one")
+    with pytest.raises(KeyboardInterrupt):
+        save_animation(SMALL, tmp_path / "a.gif", 25.0, progress=interrupted)
+    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("a.gif", "an older one")]
+
+
+@pytest.mark.parametrize(
+    ("name", "fps", "span", "words"),
+    [
+        ("a.avi", 25.0, Span(), "must end in .gif or .mp4"),
+        ("a.gif", 0.0, Span(), "fps: must be above 0 and at most 50 for .gif, got 0"),
+        ("a.gif", 60.0, Span(), "at most 50 for .gif, got 60"),
+        ("a.gif", float("nan"), Span(), "got nan"),
+        ("a.gif", 25.0, Span(2.0), "no time is stored from 2 s to inf s: stored are 5 times from 0 s to 1 s"),
+        ("a.gif", 25.0, Span(0.6, 0.4), "no time is stored from 0.6 s to 0.4 s"),
+        ("none/a.gif", 25.0, Span(), "cannot be written: No such file or directory"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_line(
+    tmp_path: Path, name: str, fps: float, span: Span, words: str
+) -> None:
+    exunet.save(SMALL, tmp_path / "result.h5")
+    with pytest.raises(InputError, match=r"^[^\n]+$") as refused:
+        animate(tmp_path / "result.h5", tmp_path / name, fps, span, overwrite=False, quiet=True)
+    assert words in str(refused.value)
+    assert [one.name for one in tmp_path.iterdir()] == ["result.h5"]
+
+
+def test_a_file_that_is_there_stays_unless_asked(tmp_path: Path) -> None:
+    exunet.save(SMALL, tmp_path / "result.h5")
+    (tmp_path / "animation.gif").write_text("an older one")
+    with pytest.raises(InputError, match="there is a file of that name: give another --out, or --overwrite"):
+        animate(tmp_path, None, 25.0, Span(), overwrite=False, quiet=True)
+    assert (tmp_path / "animation.gif").read_text() == "an older one"
+    assert animate(tmp_path, None, 25.0, Span(), overwrite=True, quiet=True) == tmp_path / "animation.gif"
+    with Image.open(tmp_path / "animation.gif") as made:
+        assert made.n_frames == 5
+
+
+def test_the_same_result_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a.gif", "b.gif"):
+        save_animation(SMALL, tmp_path / name, 25.0)
+    assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
