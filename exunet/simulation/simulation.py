@@ -24,7 +24,7 @@ from exunet.case.scene import Scene
 from exunet.forces.reel import command_name
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
-from exunet.net.reel import asked_of
+from exunet.net.drive import asked_of
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.control import Control, Controller
 from exunet.simulation.monitor import Monitor
@@ -347,7 +347,7 @@ class Simulation:
             words = "the case has commands for its reel" if tether in reels else "there is no such reel"
             raise InputError(f"command: tether {tether!r}: {words}; a script may command: {_listed(mine)}")
         try:
-            drive = asked_of(mine[tether], mode, rate, force)
+            drive = asked_of(mine[tether].damping, mode, rate, force)
         except ValueError as error:
             raise InputError(f"command: tether {tether!r}: {_reasons(error)}") from error
         values = [1.0, drive.rate, drive.force, drive.gives_way, drive.takes_up]
