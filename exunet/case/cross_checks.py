@@ -20,7 +20,7 @@ from exunet.forces import effects
 from exunet.forces.requirements import RestOfCase
 from exunet.methods import keys as solver
 from exunet.methods.method import COMPILED_METHODS, TimeLoop
-from exunet.net import explicit, folding, tether
+from exunet.net import closing, explicit, folding, tether
 from exunet.net.base import ThrownNetTable, other_length
 
 MAX_STATES = 10_000_000
@@ -47,6 +47,8 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _bodies(scene),
         _tethers(scene),
         _reels(scene),
+        inside(scene, "closing", closing.cross_checks),
+        _name_of_the_line(scene),
         _choice(scene),
         within("effects", effects.cross_checks(scene)),
         _verdict(scene),
@@ -91,6 +93,14 @@ def _reels(scene: Scene) -> Iterator[Fault]:
             table = getattr(scene.effects, effect)
             if table is not None and getattr(table, "beta", 1.0) != 0.0:
                 yield Fault(f"effects.{effect}", f"excludes tethers.{name}.reel: {reason}")
+
+
+def _name_of_the_line(scene: Scene) -> Iterator[Fault]:
+    if not scene.is_given("closing"):
+        return
+    words = "the closing line has this name in results: rename it"
+    for table, names in (("bodies", scene.bodies), ("tethers", scene.tethers)):
+        yield from (Fault(f"{table}.{name}", words) for name in names if name.lower() == closing.NAME)
 
 
 def _states_fit(scene: Scene) -> Iterator[Fault]:

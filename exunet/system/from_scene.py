@@ -11,6 +11,9 @@ from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks, Inertia, Poses
+from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.closing import Drawstring, way_of
+from exunet.forces.closing import states_of as states_of_line
 from exunet.forces.cores import Surface
 from exunet.forces.effects import (
     breaking_limits,
@@ -26,6 +29,7 @@ from exunet.forces.reel import Winding, reel_term, states_of
 from exunet.methods.method import METHODS, Kind
 from exunet.net import weave
 from exunet.net.arrays import Net
+from exunet.net.closing import ClosingLine, closing_of, with_mass_of
 from exunet.net.reel import Reel
 from exunet.net.tether import reels_of, with_tethers
 from exunet.system.bodies import BodiesAtStart, bodies_at_start
@@ -45,6 +49,9 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     woven = weave(scene.net)
     net, tied = with_tethers(woven, scene.tethers)
     net = _with_strength(net, scene)
+    closing = None if scene.closing is None else closing_of(net, scene.closing)
+    line = closing if isinstance(closing, ClosingLine) else None
+    net = net if line is None else with_mass_of(net, line)
     reels = reels_of(net, scene.tethers)
     rigid = bodies_at_start(scene, net, tied, reels, faults)
     axes = net_axes(scene.initial.frame, rigid)
@@ -70,7 +77,8 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     of_reels = (state for reel in reels for state in states_of(reel))
     lines = _with_lines(scene, net)
     given = (state for name in lines for state in impulses_of(name))
-    states = (*rigid.given, *of_reels, *first_order_states(scene.effects), *given)
+    of_line = () if line is None else states_of_line(line, position, _free_ratio(scene))
+    states = (*rigid.given, *of_reels, *of_line, *first_order_states(scene.effects), *given)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
@@ -92,9 +100,30 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)
         cable = replace(forces.cable, reels=windings)
         forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
+    if line is not None:
+        drawstring = _drawstring(line, blocks, scene, faults)
+        forces = replace(forces, kernels=(*forces.kernels, drawstring.term()))
     system = System(blocks, forces, rigid.bodies, kinematics, throw)
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
+
+
+def _free_ratio(scene: Scene) -> float:
+    """Length of a cable that is free of stress over that in the reference configuration."""
+    warm = getattr(scene.effects, "thermal_strain", None)
+    return 1.0 if warm is None else float(np.sqrt(1.0 + 2.0 * warm.free_strain))
+
+
+def _drawstring(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault]) -> Drawstring:
+    """The closing line, with the free strain and the viscous stress that all cables have."""
+    ratio, damped = _free_ratio(scene), getattr(scene.effects, "material_damping", None)
+    time = 0.0 if damped is None or line.friction > 0.0 else float(damped.relaxation_time)
+    way = float(way_of(line, blocks.position).sum())
+    if not way <= STRETCH_BOUND * ratio * line.length:
+        words = f"its way through the rings is {way:.6g} m at the start, {way / (ratio * line.length):.4g} times "
+        words += f"as long; above {STRETCH_BOUND:g} it is outside the cable law's validity. Give a longer one"
+        faults.append(Fault("closing.length", words))
+    return Drawstring(line, blocks, ratio, time)
 
 
 def _surfaces(scene: Scene, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> dict[str, Surface]:
