@@ -148,10 +148,10 @@ class Drawstring:
     def rates(self) -> tuple[float, float]:
         """Bounds [1/s2], [1/s] of what the line adds to the eigenvalues, while its strain is not above 1 %.
 
-        Along the line, EA over its least length times the sum of |dL/dx|^2 / m: a ring turns it by half a turn
-        at most. Without friction the line stretches as a whole, with friction it may stretch between any two
-        rings alone; there it is taken to have its even share of the least length. Across the line, its tension
-        over the diameter of the rings, where they meet (3/2, the largest curvature of the way).
+        Along the line, EA over its least length times the sum of |dL/dx|^2 / m: a ring turns it by half a
+        turn at most. Without friction the line stretches as a whole, with friction it may stretch between any
+        two rings alone; there it is taken to have its even share of the least length. Across the line, its
+        tension over the diameter of the rings, where they meet (3/2, the largest curvature of the way).
         """
         line, mass = self.line, self.blocks.mass
         free = np.ones(len(mass), dtype=bool)
@@ -196,8 +196,10 @@ def too_long(values: Floats) -> str:
     stretch = float(values[Status._fields.index("stretch")])
     if stretch <= STRETCH_BOUND:
         return ""
-    words = f"the closing line is {stretch:.4g} times as long as when free of stress; above {STRETCH_BOUND:g} "
-    return f"{words}it is outside the cable law's validity: make it stiffer, or its winch weaker (damping, force)"
+    words = (
+        f"the closing line is {stretch:.4g} times as long as when free of stress; above {STRETCH_BOUND:g} "
+    )
+    return f"{words}it is outside the cable law's validity: make it stiffer, or its winch weaker"
 
 
 class WinchCommands:

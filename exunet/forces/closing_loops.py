@@ -1,18 +1,19 @@
 """The closing line as scalar loops, in the subset of Python that Numba compiles.
 
-Between two neighbours on its path, d apart, the line has the way d to go; within the diameter D of a ring it goes
-round them, D (3/8 + 3/4 u^2 - u^4/8) with u = d / D, so that way, slope and curvature are continuous and the
-pull of two rings that meet falls to zero with their distance. The slope h = dway/dd is 1, and 3/2 u - u^3/2 there.
+Between two neighbours on its path, d apart, the line has the way d to go; within the diameter D of a ring it
+goes round them, D (3/8 + 3/4 u^2 - u^4/8) with u = d / D, so that way, slope and curvature are continuous and
+the pull of two rings that meet falls to zero with their distance. The slope h = dway/dd is 1, and there
+3/2 u - u^3/2.
 
 Without friction the line has one strain: that of its whole way L over its natural length L1 = r (length - s),
-with stretch lambda = L / L1, e = (lambda^2 - 1) / 2, tension N = E1A e lambda and energy U = E1A e^2 L1 / 2. As of
+with stretch lambda = L / L1, e = (lambda^2 - 1) / 2, tension N = E1A e lambda, energy U = E1A e^2 L1 / 2. As of
 the outlet of a reel (`exunet.forces.reel_loops`), the winch feels r (N lambda - E1A e^2 / 2).
 
-With friction each piece between two rings has its own length of line l_k, free of stress, and its own tension.
-The line slides through a ring only where the tensions beside it have the ratio e^(mu phi h h'), phi the angle by
-which it turns there; it moves to where the tension is higher. The l_k are a memory: in a step they are those at
-its start, less what must have slid for no ratio to be exceeded. That has one solution: with the energy-like
-functions whose slope is ln N(l_k), a sum of convex functions and of mu phi |slide| is least.
+With friction each piece between two rings has its own length of line l_k, free of stress, and its own
+tension. The line slides through a ring only where the tensions beside it have the ratio e^(mu phi h h'), phi
+the angle by which it turns there; it moves to where the tension is higher. The l_k are a memory: in a step
+they are those at its start, less what must have slid for no ratio to be exceeded. That has one solution: with
+convex functions whose slope is -ln N(l_k), their sum and that of mu phi h h' |slide| is least.
 """
 
 from __future__ import annotations
@@ -65,8 +66,8 @@ class Line(NamedTuple):
     winch     : number of the piece at the winch
     strength  : [N]; infinite: not known
     rate_at_rest ... slows : of the drive, as in `exunet.forces.reel_loops.Outlet`
-    kept      : (STATUS,) the memory; with friction (STATUS + 2 n,), with the length of line in each piece [m],
-                and 1.0, -1.0 or 0.0 for rings through which the line slides forwards, backwards, or not
+    kept      : (STATUS,) the memory; with friction (STATUS + 2 n,), with the length of line in each piece
+                [m], and 1.0, -1.0 or 0.0 for rings through which the line slides forwards, backwards, or not
     pieces    : (n, 6) work space: d as a vector [m], its length [m], slope h, way [m]
     pull      : (2,) work space: tension at both ends in the state that was looked at last [N]
     Work space with friction, (n,) each, of a piece or of the ring after it:
@@ -106,7 +107,6 @@ class Line(NamedTuple):
     slides: Floats
     parting: Floats
     turning: Floats
-
 
 
 def lay_line(x: Any, line: Any) -> float:
@@ -152,7 +152,7 @@ def pull_piece(line: Any, k: int, tension: float, force: Any) -> None:
 
 
 def line_strain(x: Any, line: Any) -> Any:
-    """Natural length L1 [m], stretch and strain of a line without friction; the strain is 0 where it is slack."""
+    """Natural length L1 [m], stretch and strain of a line without friction; no strain where it is slack."""
     natural = line.whole - line.ratio * x[line.state[0]]
     stretch = lay_line(x, line) / natural
     return natural, stretch, max(0.0, 0.5 * (stretch - 1.0) * (stretch + 1.0))
@@ -288,7 +288,9 @@ def settle_block(line: Any, begin: int, end: int) -> None:
             line.tension[k] = 0.0
             line.material[k] = material * line.pieces[k, 5] / way if end > begin else material
         return
-    base = 1e3  # over E1A; of a piece all of whose line was wound up, so that it takes some from its neighbour
+    base = (
+        1e3  # over E1A; of a piece all of whose line was wound up, so that it takes some from its neighbour
+    )
     if material > 1e-3 * way:
         base = (way - material) / slope  # where the tangent from no tension ends, below the root
         for _ in range(60):
@@ -414,7 +416,7 @@ def power_in_block(line: Any, w: float, begin: int, end: int) -> float:
 
 
 def add_rubbing_line(t: float, x: Any, v: Any, line: Any, force: Any) -> None:
-    """The tension of each piece on its nodes, the rate of winding, power of the winch, and what friction takes."""
+    """The tension of each piece on its nodes, and the rates of the line's states."""
     settle_line(x, line)
     n = line.pieces.shape[0]
     w = winding_rate(x[line.state[0]], line.tension[line.winch], line)
@@ -433,7 +435,7 @@ def add_rubbing_line(t: float, x: Any, v: Any, line: Any, force: Any) -> None:
 
 
 def rubbing_potential(x: Any, line: Any) -> float:
-    """Elastic energy [J], a state of its own: it depends on where the line has slid, which x does not tell."""
+    """Elastic energy [J], a state of its own: it depends on where the line has slid, not on x alone."""
     energy: float = x[line.state[0] + 3]
     return energy
 
@@ -454,6 +456,6 @@ def remember_rubbing(t: float, x: Any, v: Any, line: Any) -> None:
 LAID = (lay_line, parting_of, pull_piece, remember_pull)
 SMOOTH = (line_strain, line_pulls)
 RUBBING = (
-    stretch_at, turn_of, settle_line, settle_block, slides_otherwise, rate_of_turn, felt_in, power_of_friction,
-    power_in_block,
+    stretch_at, turn_of, settle_line, settle_block, slides_otherwise, rate_of_turn, felt_in,
+    power_of_friction, power_in_block,
 )  # fmt: skip

@@ -2,7 +2,8 @@
 
 A closing line is one length of cord between two nodes, its ends, that runs through rings at other nodes; a
 closed loop has both ends at its first ring. Where the ends are nearer to each other, or the rings to their
-neighbours, than the diameter of a ring, the line still has its way round the ring to go (`exunet.forces.closing`).
+neighbours, than the diameter of a ring, the line still has its way round the ring to go (see
+`exunet.forces.closing_loops`).
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ class Closing(Table):
         description="a line through rings, or threads of the edge that become shorter", examples=["line"]
     )
     rings: Literal["edge", "corners"] | None = Field(
-        None, description='of a line: at all nodes of the net\'s edge, or at the corners of its mouth'
+        None, description="of a line: at all nodes of the net's edge, or at the corners of its mouth"
     )
     nodes: Annotated[tuple[NodeNumber, ...], FromArray] | None = Field(
         None,
@@ -91,7 +92,9 @@ class Closing(Table):
         None, description="mass per length of the line [kg/m], lumped at the rings", examples=[1e-3]
     )
     ring_diameter: Positive | None = Field(
-        None, description="of the rings, the least distance of two at which they do not touch [m]", examples=[0.005]
+        None,
+        description="of the rings, the least distance of two at which they do not touch [m]",
+        examples=[0.005],
     )
     friction: NonNegative | None = Field(
         None, description="coefficient mu of the line in the rings, 0: none", examples=[0.1]
@@ -106,7 +109,9 @@ class Closing(Table):
         None, description="of a perimeter: from when on its threads become shorter [s]", examples=[1.0]
     )
     rate: Positive | None = Field(
-        None, description="part of their length by which they become shorter each second [1/s]", examples=[0.5]
+        None,
+        description="part of their length by which they become shorter each second [1/s]",
+        examples=[0.5],
     )
     part: float | None = Field(
         None, gt=0.0, lt=1.0, description="of their length that is left in the end", examples=[0.2]
@@ -155,7 +160,9 @@ def _ends(keys: Closing) -> Iterator[Fault]:
 def _winch(winch: Winch, keys: Closing) -> Iterator[Fault]:
     yield from cross_checks_of_drive(winch)
     if keys.length is not None and winch.shortest >= keys.length:
-        words = f"must be below length = {keys.length:g} m, got {winch.shortest:g} m: there is nothing to wind up"
+        words = (
+            f"must be below length = {keys.length:g} m, got {winch.shortest:g} m: there is nothing to wind up"
+        )
         yield Fault("shortest", words)
 
 
@@ -203,7 +210,7 @@ class ClosingLine:
 
 @dataclass(frozen=True)
 class Perimeter:
-    """Elements that become shorter: from `at` [s] on by `rate` [1/s] of their length, until `part` is left."""
+    """Elements that become shorter: from `at` [s] by `rate` [1/s] of their length, until `part` is left."""
 
     elements: tuple[int, ...]
     at: float
@@ -220,9 +227,9 @@ def closing_of(net: Net, keys: Closing) -> ClosingLine | Perimeter:
         own = range(net.n_net_elements)
         elements = tuple(e for e in own if frozenset(net.element_nodes[e].tolist()) in pairs)
         return Perimeter(elements, keys.at, keys.rate, keys.part)
-    numbers = (getattr(keys, name) for name in OF_A_LINE)
-    winch = keys.winch
-    line = ClosingLine(_path(net, keys), *numbers, keys.strength)
+    length, stiffness, density, diameter, friction = (getattr(keys, name) for name in OF_A_LINE)
+    winch, path = keys.winch, _path(net, keys)
+    line = ClosingLine(path, length, stiffness, density, diameter, friction, keys.strength)
     if winch is None:
         return line
     return replace(
@@ -238,7 +245,7 @@ def closing_of(net: Net, keys: Closing) -> ClosingLine | Perimeter:
 
 
 def with_mass_of(net: Net, line: ClosingLine) -> Net:
-    """The net with the mass of a line at its nodes: an equal share of each piece, half at either end of it."""
+    """The net with the mass of a line at its nodes: an equal share of each piece, half at either end."""
     if line.linear_density == 0.0:
         return net
     mass, path = net.mass.copy(), np.array(line.path)

@@ -83,7 +83,7 @@ class EnergyScale:
         self._forces, self._layout, self._driven = system.forces, system.layout, system.driven
         outer = tuple(term for term in system.forces.kernels if not term.internal)
         self._outer = replace(system.forces, kernels=outer)
-        self._given = bool(system.kinematics.guides or system.forces.cable.reels)
+        self._given = any(one.gives for one in system.blocks.states)
         self._free, self._before = free_parts(system), system.lost_at_start
         self._rest = start.flat[0][0]
         kinetic = energy.kinetic(system.mass, start.velocity[0]) + start.kinetic_of_bodies[0] @ system.driven

@@ -25,11 +25,13 @@ from exunet.forces.effects import (
 )
 from exunet.forces.from_outside import FIXED_NODES, with_reactions
 from exunet.forces.from_outside import states_of as impulses_of
+from exunet.forces.perimeter import Shortening
+from exunet.forces.perimeter import states_of as states_of_perimeter
 from exunet.forces.reel import Winding, reel_term, states_of
 from exunet.methods.method import METHODS, Kind
 from exunet.net import weave
 from exunet.net.arrays import Net
-from exunet.net.closing import ClosingLine, closing_of, with_mass_of
+from exunet.net.closing import ClosingLine, Perimeter, closing_of, with_mass_of
 from exunet.net.reel import Reel
 from exunet.net.tether import reels_of, with_tethers
 from exunet.system.bodies import BodiesAtStart, bodies_at_start
@@ -78,6 +80,7 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     lines = _with_lines(scene, net)
     given = (state for name in lines for state in impulses_of(name))
     of_line = () if line is None else states_of_line(line, position, _free_ratio(scene))
+    of_line = states_of_perimeter(closing) if isinstance(closing, Perimeter) else of_line
     states = (*rigid.given, *of_reels, *of_line, *first_order_states(scene.effects), *given)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
@@ -100,10 +103,14 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)
         cable = replace(forces.cable, reels=windings)
         forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
+    if isinstance(closing, Perimeter):
+        shortening = Shortening(closing, blocks, forces.cable.law)
+        cable = replace(forces.cable, shortening=shortening)
+        forces = replace(forces, cable=cable, kernels=(*forces.kernels, shortening.term()))
     if line is not None:
         drawstring = _drawstring(line, blocks, scene, faults)
         forces = replace(forces, kernels=(*forces.kernels, drawstring.term()))
-    system = System(blocks, forces, rigid.bodies, kinematics, throw)
+    system = System(blocks, forces, rigid.bodies, kinematics, throw, line)
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
 
@@ -120,7 +127,9 @@ def _drawstring(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fa
     time = 0.0 if damped is None or line.friction > 0.0 else float(damped.relaxation_time)
     way = float(way_of(line, blocks.position).sum())
     if not way <= STRETCH_BOUND * ratio * line.length:
-        words = f"its way through the rings is {way:.6g} m at the start, {way / (ratio * line.length):.4g} times "
+        words = (
+            f"its way through the rings is {way:.6g} m at the start, {way / (ratio * line.length):.4g} times "
+        )
         words += f"as long; above {STRETCH_BOUND:g} it is outside the cable law's validity. Give a longer one"
         faults.append(Fault("closing.length", words))
     return Drawstring(line, blocks, ratio, time)
