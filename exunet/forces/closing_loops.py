@@ -6,8 +6,8 @@ the pull of two rings that meet falls to zero with their distance. The slope h =
 3/2 u - u^3/2.
 
 Without friction the line has one strain: that of its whole way L over its natural length L1 = r (length - s),
-with stretch lambda = L / L1, e = (lambda^2 - 1) / 2, tension N = E1A e lambda, energy U = E1A e^2 L1 / 2. As of
-the outlet of a reel (`exunet.forces.reel_loops`), the winch feels r (N lambda - E1A e^2 / 2).
+with stretch lambda = L / L1, e = (lambda^2 - 1) / 2, tension N = E1A e lambda, energy U = E1A e^2 L1 / 2. The
+winch feels r (N lambda - E1A e^2 / 2), as of the outlet of a reel (`exunet.forces.reel_loops`).
 
 With friction each piece between two rings has its own length of line l_k, free of stress, and its own
 tension. The line slides through a ring only where the tensions beside it have the ratio e^(mu phi h h'), phi
