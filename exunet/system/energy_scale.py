@@ -43,7 +43,8 @@ def free_parts(system: System) -> FreeParts:
     """The parts of a system that nothing holds."""
     net, mass = system.net, np.append(system.mass, system.body_mass[system.driven])
     n = len(mass)
-    i, j = net.element_nodes.T
+    path = np.array([] if system.line is None else system.line.path, dtype=np.int64)
+    i, j = np.concatenate([net.element_nodes.T, np.stack([path[:-1], path[1:]])], axis=1)
     links = csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
     part = connected_components(links, directed=False)[1]
     # Points that sleep hold too, and bodies that guides move stop what touches them.
