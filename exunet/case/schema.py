@@ -163,7 +163,7 @@ def template(topology: str = "square") -> str:
 def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
     """Lines of the keys of a table that are not tables, those that it needs first."""
     node = resolve(path, topology)
-    first = node.get("then", {}).get("required", ())  # of the kind that the template shows
+    first = node["then"]["required"] if path == ("closing",) else ()  # of the kind that the template shows
     given = {*node.get("required", ()), *first, *_chosen(node), *(_OF_PARTS if "parts" in path else ())}
     keys = {name: _plain(raw, topology) for name, raw in _properties(node, path).items()}
     for name in sorted(keys, key=lambda name: name not in given):

@@ -106,7 +106,9 @@ def _closing(start: Start) -> list[tuple[str, str]]:
         return [("closing", f"the edge, from {keys.at:g} s on, to {keys.part:g} of its length")]
     way = float(way_of(line, start.position).sum())
     kind = "a loop" if line.path[0] == line.path[-1] else "open"
-    words = f"a line of {line.length:g} m, {kind}, nodes: {len(set(line.path))}, way at the start: {way:.4g} m"
+    words = (
+        f"a line of {line.length:g} m, {kind}, nodes: {len(set(line.path))}, way at the start: {way:.4g} m"
+    )
     if line.has_winch:
         words += f"; winch, to {line.shortest:g} m, commands: {len(line.times)}"
     return [("closing", words)]
