@@ -126,6 +126,49 @@ def test_energy_and_momenta_are_kept_while_rings_meet(tmp_path: Path, form: str)
         assert headline(key).key == key
 
 
+BODIES = (
+    "net.fixed=",
+    "bodies.left={mass=2.0, inertia=[0.2, 0.3, 0.4], position=[-1.2, 0.0, 0.1], "
+    "angular_velocity=[0.3, -0.2, 0.5], attachments={a={node=0, point=[0.2, 0.0, -0.1]}}}",
+    "bodies.right={mass=3.0, inertia=[0.4, 0.3, 0.4], position=[1.2, 0.1, 0.0], velocity=[0.5, 0.0, 0.0], "
+    "attachments={a={node=2, point=[-0.2, -0.1, 0.0]}}}",
+)
+
+
+@EVERY
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_a_line_between_two_bodies(tmp_path: Path, form: str, friction: float) -> None:
+    """Its ends are nodes that are fixed to bodies, its winch pulls: momenta are kept, and the books close."""
+    winch = "closing.winch={shortest=1.0, damping=10.0, commands=[{at=0.1, mode='tension', force=5.0}]}"
+    soft = ("closing.stiffness=1e3", "time.end=1.0", f"closing.friction={friction}")
+    result = exunet.run(case_of(tmp_path, BEAD, form, *BODIES, winch, *soft))
+    assert state(result, "wound_up")[-1] > 0.2
+    assert np.ptp(result.momentum, axis=0).max() < 1e-11
+    assert np.ptp(result.angular_momentum, axis=0).max() < 1e-8
+    balance = result.kinetic + result.potential + result.dissipated
+    work = state(result, "work")[-1]
+    assert work > 0.1
+    assert np.ptp(balance) < 1e-5 * work
+    if friction == 0.0:
+        found = headlines_of(course_of(result))
+        assert found["closing_work_J"] == work
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_moved_starts_have_the_headlines_of_the_run(tmp_path: Path) -> None:
+    case = case_of(tmp_path, HOIST % (0.3, 25.0), "engine.loop=compiled", "time.end=0.5")
+    every = exunet.ensemble(case, runs=2, perturb=1e-12)
+    run = headlines_of(course_of(exunet.run(case)))
+    keys = {key for key in run if key.startswith("closing")}
+    assert keys == {
+        "closing_largest_tension_N", "closing_time_of_largest_tension_s", "closing_margin",
+        "closing_wound_up_m", "closing_work_J",
+    }  # fmt: skip
+    for key in keys - {"closing_margin", "closing_time_of_largest_tension_s"}:
+        assert every.headlines[key] == pytest.approx(run[key], rel=1e-6)
+
+
 # A winch at (-1, 0, 0) lifts 1 kg that hangs 2 m below a ring at the origin, in which the line turns by 90
 # degrees. Before, the line has everywhere the weight as tension: EA (s^3 - s) / 2 = 9.81 N.
 STRETCH = brentq(lambda s: 5e3 * (s**3 - s) - 9.81, 1.0, 1.1)
