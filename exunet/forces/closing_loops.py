@@ -279,7 +279,7 @@ def settle_block(line: Any, begin: int, end: int) -> None:
     for k in range(begin, end + 1):
         if k > begin:
             ratio += line.slides[k - 1] * line.limit[k - 1]
-        line.factor[k] = math.exp(ratio)
+        line.factor[k] = math.exp(max(-300.0, min(300.0, ratio)))  # no number overflows
         material += line.old[k]
         way += line.pieces[k, 5]
         slope += line.pieces[k, 5] * line.factor[k]

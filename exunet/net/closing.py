@@ -96,8 +96,8 @@ class Closing(Table):
         description="of the rings, the least distance of two at which they do not touch [m]",
         examples=[0.005],
     )
-    friction: NonNegative | None = Field(
-        None, description="coefficient mu of the line in the rings, 0: none", examples=[0.1]
+    friction: float | None = Field(
+        None, ge=0.0, le=2.0, description="coefficient mu of the line in the rings, 0: none", examples=[0.1]
     )
     strength: Positive | None = Field(
         None,

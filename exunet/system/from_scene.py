@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from exunet.base.errors import Fault
+from exunet.base.errors import LARGEST, Fault
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
@@ -28,6 +28,7 @@ from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.perimeter import Shortening
 from exunet.forces.perimeter import states_of as states_of_perimeter
 from exunet.forces.reel import Winding, reel_term, states_of
+from exunet.forces.terms import KernelTerm
 from exunet.methods.method import METHODS, Kind
 from exunet.net import weave
 from exunet.net.arrays import Net
@@ -108,8 +109,8 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         cable = replace(forces.cable, shortening=shortening)
         forces = replace(forces, cable=cable, kernels=(*forces.kernels, shortening.term()))
     if line is not None:
-        drawstring = _drawstring(line, blocks, scene, faults)
-        forces = replace(forces, kernels=(*forces.kernels, drawstring.term()))
+        drawn = _drawn(line, blocks, scene, faults)
+        forces = replace(forces, kernels=(*forces.kernels, *drawn))
     system = System(blocks, forces, rigid.bodies, kinematics, throw, line)
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
@@ -121,8 +122,11 @@ def _free_ratio(scene: Scene) -> float:
     return 1.0 if warm is None else float(np.sqrt(1.0 + 2.0 * warm.free_strain))
 
 
-def _drawstring(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault]) -> Drawstring:
-    """The closing line, with the free strain and the viscous stress that all cables have."""
+def _drawn(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault]) -> tuple[KernelTerm, ...]:
+    """The term of the closing line, with the free strain and the viscous stress that all cables have.
+
+    None for numbers that cannot be computed with, which `faults` then says.
+    """
     ratio, damped = _free_ratio(scene), getattr(scene.effects, "material_damping", None)
     time = 0.0 if damped is None or line.friction > 0.0 else float(damped.relaxation_time)
     way = float(way_of(line, blocks.position).sum())
@@ -132,7 +136,14 @@ def _drawstring(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fa
         )
         words += f"as long; above {STRETCH_BOUND:g} it is outside the cable law's validity. Give a longer one"
         faults.append(Fault("closing.length", words))
-    return Drawstring(line, blocks, ratio, time)
+    drawstring = Drawstring(line, blocks, ratio, time)
+    if not max(drawstring.rates) <= LARGEST:
+        words = (
+            "leads to numbers outside the range of floating-point: give it, or the scene, realistic values"
+        )
+        faults.append(Fault("closing", words, beyond_floats=True))
+        return ()
+    return (drawstring.term(),)
 
 
 def _surfaces(scene: Scene, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> dict[str, Surface]:

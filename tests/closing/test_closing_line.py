@@ -166,7 +166,8 @@ def test_moved_starts_have_the_headlines_of_the_run(tmp_path: Path) -> None:
         "closing_wound_up_m", "closing_work_J",
     }  # fmt: skip
     for key in keys - {"closing_margin", "closing_time_of_largest_tension_s"}:
-        assert every.headlines[key] == pytest.approx(run[key], rel=1e-6)
+        # Steps end at other instants, and at their ends the line begins to slide or sticks.
+        assert every.headlines[key] == pytest.approx(run[key], rel=1e-4)
 
 
 # A winch at (-1, 0, 0) lifts 1 kg that hangs 2 m below a ring at the origin, in which the line turns by 90
@@ -370,6 +371,11 @@ def test_arrays_and_loops_say_the_same_of_an_edge(tmp_path: Path) -> None:
         (["closing.length=1.0"], "closing.length: its way through the rings is 3 m at the start"),
         (["closing.rate=0.5"], 'is for kind = "perimeter"'),
         (["closing.winch.shortest=4.0"], "there is nothing to wind up"),
+        (
+            ["closing.friction=3.0"],
+            "closing.friction: must be a number not less than 0 and not greater than 2",
+        ),
+        (["closing.stiffness=1e305"], "closing: leads to numbers outside the range of floating-point"),
         (["closing.winch.damping="], "needs the damping of the drive"),
         (["closing.kind=perimeter"], 'is for kind = "line"'),
         (["bodies.closing={mass=1.0, inertia=[1.0, 1.0, 1.0]}"], "the closing line has this name in results"),
