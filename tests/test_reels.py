@@ -20,7 +20,7 @@ from exunet.bodies.rigid import rotation_matrix
 from exunet.forces import reel_loops
 from exunet.forces.held import mass_matrix
 from exunet.interfaces.commands.check import describe
-from exunet.net.reel import Drive
+from exunet.net.drive import Drive
 from exunet.results.course import course_of
 from exunet.results.headlines import headline, headlines_of
 from exunet.simulation.preparation import Start, prepare_case

@@ -20,7 +20,7 @@ from exunet.forces import effects
 from exunet.forces.requirements import RestOfCase
 from exunet.methods import keys as solver
 from exunet.methods.method import COMPILED_METHODS, TimeLoop
-from exunet.net import explicit, folding, tether
+from exunet.net import closing, explicit, folding, tether
 from exunet.net.base import ThrownNetTable, other_length
 
 MAX_STATES = 10_000_000
@@ -47,6 +47,9 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _bodies(scene),
         _tethers(scene),
         _reels(scene),
+        inside(scene, "closing", closing.cross_checks),
+        _name_of_the_line(scene),
+        _perimeter(scene),
         _choice(scene),
         within("effects", effects.cross_checks(scene)),
         _verdict(scene),
@@ -88,9 +91,37 @@ def _reels(scene: Scene) -> Iterator[Fault]:
         if name.lower() in bodies:
             yield Fault(f"tethers.{name}", "a body has this name, and a result what either gives: rename one")
         for effect, reason in _NOT_WITH_REELS.items():
-            table = getattr(scene.effects, effect)
-            if table is not None and getattr(table, "beta", 1.0) != 0.0:
+            if _is_on(scene, effect):
                 yield Fault(f"effects.{effect}", f"excludes tethers.{name}.reel: {reason}")
+
+
+def _is_on(scene: Scene, effect: str) -> bool:
+    """True if an effect is on; `rayleigh_damping` with its beta."""
+    table = getattr(scene.effects, effect)
+    return table is not None and getattr(table, "beta", 1.0) != 0.0
+
+
+_NOT_WITH_A_PERIMETER = {
+    "breaking": "threads that become shorter do not break",
+    "bending": "its stiffness is of threads that keep their length",
+    "rayleigh_damping": "its beta damps threads as if they kept their length; use material_damping",
+}
+
+
+def _perimeter(scene: Scene) -> Iterator[Fault]:
+    if scene.closing is None or scene.closing.kind != "perimeter":
+        return
+    for effect, reason in _NOT_WITH_A_PERIMETER.items():
+        if _is_on(scene, effect):
+            yield Fault(f"effects.{effect}", f'excludes closing.kind = "perimeter": {reason}')
+
+
+def _name_of_the_line(scene: Scene) -> Iterator[Fault]:
+    if not scene.is_given("closing"):
+        return
+    words = "the closing line has this name in results: rename it"
+    for table, names in (("bodies", scene.bodies), ("tethers", scene.tethers)):
+        yield from (Fault(f"{table}.{name}", words) for name in names if name.lower() == closing.NAME)
 
 
 def _states_fit(scene: Scene) -> Iterator[Fault]:

@@ -16,6 +16,7 @@ from exunet.methods.keys import Solver
 from exunet.methods.method import NetForm, TimeLoop
 from exunet.net import NetKeys
 from exunet.net.canister import Fold
+from exunet.net.closing import Closing
 from exunet.net.tether import Tethers
 
 if TYPE_CHECKING:
@@ -199,6 +200,7 @@ class Scene(Table):
         description="cables from the net or a body to a body, by any names",
         json_schema_extra={"additionalProperties": False},
     )
+    closing: Closing | None = Field(None, description="what closes the mouth of the net")
     verdict: Verdict | None = Field(None, description="when the target counts as captured")
     effects: Effects = Field(default_factory=_Effects, description="a table present switches its effect on")
 

@@ -44,6 +44,7 @@ _CHOSEN = (
     "impact_speed",
     "friction_law",
     "enclosed",
+    "rings",
 )
 _OF_PARTS = ("size",)  # of a box, the first of the shapes that a part may have
 _BODY, _TETHER = "chaser", "tow"  # names of these in the template
@@ -162,7 +163,8 @@ def template(topology: str = "square") -> str:
 def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
     """Lines of the keys of a table that are not tables, those that it needs first."""
     node = resolve(path, topology)
-    given = {*node.get("required", ()), *_chosen(node), *(_OF_PARTS if "parts" in path else ())}
+    first = node["then"]["required"] if path == ("closing",) else ()  # of the kind that the template shows
+    given = {*node.get("required", ()), *first, *_chosen(node), *(_OF_PARTS if "parts" in path else ())}
     keys = {name: _plain(raw, topology) for name, raw in _properties(node, path).items()}
     for name in sorted(keys, key=lambda name: name not in given):
         if keys[name].get("type") != "object":

@@ -14,6 +14,7 @@ from exunet.forces import cable, loops
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import Law
 from exunet.forces.loops import Index
+from exunet.forces.perimeter import Shortening
 from exunet.forces.reel import Winding
 from exunet.forces.terms import Change, Input, KernelCall, Memories, Memory, Switch
 from exunet.net.arrays import Net
@@ -59,11 +60,15 @@ class ElementLaw:
 
 @dataclass(frozen=True, eq=False)
 class CableTerm:
-    """All elements of a net under one law, but for those on drums and the outlets of reels."""
+    """All elements of a net under one law.
+
+    But for those on drums and the outlets of reels, and threads of the edge that become shorter.
+    """
 
     net: Net
     changes: ElementLaw = field(default_factory=ElementLaw)
     reels: tuple[Winding, ...] = ()
+    shortening: Shortening | None = None
     acts_on: str = field(default="elements", init=False)
     damping_rate: float = field(default=0.0, init=False)
     has_potential: bool = field(default=False, init=False)  # beside the elastic energy of the elements
@@ -133,12 +138,26 @@ class CableTerm:
     def carrying(self, memory: Memories) -> Floats | None:
         """(n_elements,) 1.0 for elements that carry at these memories, 0.0 for others; None: all do."""
         intact = memory.get(_INTACT)
-        if not self.reels:
+        if not self.leaves_some:
             return intact
         carrying = np.ones(self.net.n_elements) if intact is None else intact.copy()
         for winding in self.reels:
             carrying[list(winding.left_out(memory))] = 0.0
+        if self.shortening is not None:
+            carrying[list(self.shortening.elements)] = 0.0
         return carrying
+
+    @property
+    def leaves_some(self) -> bool:
+        """True if it leaves some elements to other terms."""
+        return bool(self.reels) or self.shortening is not None
+
+    def seen_elsewhere(self, memory: Memories, x: Floats, v: Floats) -> Iterator[tuple[Any, Floats, Floats]]:
+        """The elements that other terms have, and their strain and tension [N] in k states of one memory."""
+        for winding in self.reels:
+            yield winding.outlets(memory, x, v)
+        if self.shortening is not None:
+            yield self.shortening.seen(memory, x, v)
 
     @cached_property
     def switch(self) -> Breaking | None:

@@ -32,7 +32,7 @@ class Outlet(NamedTuple):
               the work done
     base      : reference length of the outlet were nothing wound up [m]; least: below which it is not taken
     ratio, stiffness, time : L1 / L0, E1A [N], relaxation time [s]
-    rate_at_rest, force, gives_way, takes_up : of the drive, see `exunet.net.reel.Drive`
+    rate_at_rest, force, gives_way, takes_up : of the drive, see `exunet.net.drive.Drive`
     asked     : (5,) 1.0 if a script commands the drive, else 0.0; then these four, in its words
     largest_rate : [m/s]
     longest_wound : s at which winding stops [m]; slows : distance from there, and from 0, within which the

@@ -11,38 +11,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
-from exunet.base.table import FromArray, NonNegative, Positive, Table
+from exunet.base.table import Positive
+from exunet.net.drive import Drive, DriveKeys, cross_checks_of_drive, softest
 
 LEAST_OUTLET = 0.25  # of an element; next to a whole one it raises the highest frequency by 1/8
 CLOSE = 1e-9  # of an element, within which the outlet counts as having reached that
 LARGEST_OUTLET = 1.5  # with which a node comes off, and leaves an outlet of half an element
-Mode = Literal["lock", "brake", "rate", "tension"]
-_NEEDS = {"lock": (), "brake": ("force",), "rate": ("rate",), "tension": ("force",)}
-_WITHOUT_LIMIT = 1e9  # [m/s]
-_MAY_HAVE = {"rate": ("force",)}
 
 
-class Command(Table):
-    """What the drive of a reel does from a time on."""
-
-    at: NonNegative = Field(description="from when on [s]", examples=[2.0])
-    mode: Mode = Field(description="lock: holds; brake: pays out under more than force; rate: winds; tension")
-    rate: float | None = Field(
-        None, description="of winding up, negative: of paying out [m/s]; of mode rate", examples=[0.2]
-    )
-    force: NonNegative | None = Field(
-        None, description="above which it gives way, or that it holds [N]; not of mode lock", examples=[20.0]
-    )
-
-
-class ReelKeys(Table):
+class ReelKeys(DriveKeys):
     """A drum at an end of the tether that is tied to a body."""
 
     at: Literal["start", "end"] = Field("start", description="at which end of the tether, one on a body")
@@ -54,40 +36,6 @@ class ReelKeys(Table):
         description="length outside at which winding stops [m]; absent: a quarter of an element",
         examples=[1.0],
     )
-    largest_rate: Positive | None = Field(
-        None, description="limit of the rate either way [m/s]; absent: none", examples=[1.0]
-    )
-    damping: Positive | None = Field(
-        None,
-        description="force over that of the command, per rate at which the drive gives way [N s/m]",
-        examples=[200.0],
-    )
-    commands: Annotated[tuple[Command, ...], FromArray] = Field(
-        (),
-        description="in the order of their times; before the first the reel is locked",
-        examples=[[{"at": 0.0, "mode": "brake", "force": 20.0}]],
-    )
-
-
-@dataclass(frozen=True)
-class Drive:
-    """What a command asks for, as numbers of one law: see `exunet.forces.reel_loops.winding_rate`.
-
-    rate      : of winding up without a pull, or up to `force` [m/s]
-    force     : [N]
-    gives_way : rate of paying out per force above `force` [m/(N s)]
-    takes_up  : rate of winding up per force below it [m/(N s)]
-    """
-
-    rate: float = 0.0
-    force: float = 0.0
-    gives_way: float = 0.0
-    takes_up: float = 0.0
-
-    @property
-    def is_locked(self) -> bool:
-        """True if it does not turn, whatever pulls."""
-        return self.rate == self.gives_way == 0.0
 
 
 @dataclass(frozen=True)
@@ -129,8 +77,7 @@ class Reel:
     @property
     def softest(self) -> Drive:
         """The drive that gives way and takes up the most of all that a script may ask for."""
-        give = 0.0 if self.damping is None or not self.is_commanded else 1.0 / self.damping
-        return Drive(gives_way=give, takes_up=give)
+        return softest(self.damping if self.is_commanded else None)
 
     @property
     def length(self) -> float:
@@ -174,31 +121,20 @@ def reel_of(
     if (on_drum + 1) * part - wound <= (LEAST_OUTLET + CLOSE) * part and on_drum < number - 1:
         on_drum += 1
     shortest = max(keys.shortest or 0.0, LEAST_OUTLET * part)
-    rate = _WITHOUT_LIMIT if keys.largest_rate is None else keys.largest_rate
-    drives = (Drive(), *(_drive(one, keys.damping) for one in keys.commands))
-    times = tuple(one.at for one in keys.commands)
     return Reel(
-        name, body, nodes, elements, part, wound, on_drum, shortest, rate, times, drives, keys.damping
+        name,
+        body,
+        nodes,
+        elements,
+        part,
+        wound,
+        on_drum,
+        shortest,
+        keys.rate_limit,
+        keys.times,
+        keys.drives,
+        keys.damping,
     )
-
-
-def asked_of(reel: Reel, mode: str, rate: float | None, force: float | None) -> Drive:
-    """The drive of a command that a script gives, by the rules of those of a case; raises ValueError."""
-    given = {"at": 0.0, "mode": mode, "rate": rate, "force": force}
-    command = Command.model_validate({key: value for key, value in given.items() if value is not None})
-    keys = ReelKeys.model_validate(
-        {"commands": [command]} | ({"damping": reel.damping} if reel.damping else {})
-    )
-    if faults := list(_of_command(0, command, keys)):
-        raise ValueError("; ".join(fault.reason for fault in faults))
-    return _drive(command, reel.damping)
-
-
-def _drive(command: Command, damping: float | None) -> Drive:
-    rate, force = command.rate or 0.0, command.force or 0.0
-    gives_way = 1.0 / damping if command.force is not None and damping is not None else 0.0
-    takes_up = gives_way if command.mode == "tension" else 0.0
-    return Drive(rate, force, gives_way, takes_up)
 
 
 def cross_checks_of_reel(reel: ReelKeys, body: str | None, length: float, divisions: int) -> Iterator[Fault]:
@@ -213,27 +149,4 @@ def cross_checks_of_reel(reel: ReelKeys, body: str | None, length: float, divisi
     outside = length if reel.paid_out is None else reel.paid_out
     if reel.shortest is not None and outside < reel.shortest <= length:
         yield Fault("shortest", f"is above the {outside:g} m outside at time 0: winding would never begin")
-    every = (_of_command(k, one, reel) for k, one in enumerate(reel.commands) if one is not None)
-    valid = ((k, one) for k, one in enumerate(reel.commands) if one is not None)
-    yield from each(*every, *(_in_order(*pair) for pair in pairwise(valid)))
-
-
-def _in_order(before: tuple[int, Command], after: tuple[int, Command]) -> Iterator[Fault]:
-    (_, first), (k, second) = before, after
-    if second.at <= first.at:
-        words = f"must be greater than the time before it, {first.at:g} s, got {second.at:g}"
-        yield Fault(f"commands[{k}].at", words)
-
-
-def _of_command(number: int, command: Command, reel: ReelKeys) -> Iterator[Fault]:
-    where = f"commands[{number}]"
-    needs = _NEEDS[command.mode]
-    may = (*needs, *_MAY_HAVE.get(command.mode, ()))
-    for key in ("rate", "force"):
-        value = getattr(command, key)
-        if value is None and key in needs:
-            yield Fault(where, f'mode "{command.mode}" needs {key}')
-        if value is not None and key not in may:
-            yield Fault(f"{where}.{key}", f'mode "{command.mode}" has none')
-    if command.force is not None and reel.damping is None:
-        yield Fault(f"{where}.force", "needs the damping of the reel's drive")
+    yield from cross_checks_of_drive(reel)

@@ -6,7 +6,7 @@ not depend on which states a case stores.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -18,6 +18,7 @@ from exunet.bodies.approach import Mover
 from exunet.bodies.kinematics import GIVEN
 from exunet.case.verdict import Verdict
 from exunet.forces.from_outside import effects_of
+from exunet.net.closing import NAME
 from exunet.results.areas import achievable_area
 from exunet.results.capture import Measures, capture_of, rule_of
 from exunet.results.clearance import MOST_PAIRS, Nearest, Pair, movers_of, nearest, pairs_of
@@ -44,7 +45,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CONTACT = "contact_"  # before the name of the body, in the names of what is stored of contacts
-REEL_STATES = ("wound_up", "work")  # of a reel, after the name of its tether
+LINE = f"{NAME}/"  # before the names of what is stored of a closing line
+REEL_STATES = ("wound_up", "work")  # of a reel, after the name of its tether, and of a closing line's winch
 INTERVALS = 400  # between the instants of a course
 COURSE_BYTES = 3 * 8 * 16 * (INTERVALS + 1)  # of a course in memory, quantiles over many of them included
 
@@ -74,12 +76,14 @@ class Course:
                       these effects and of the net; (2, 0) without bodies
     ejection        : work of the ejection of the net until the end [J]; None: there is none in the scene
     tether_names    : of all tethers
-    reel_names, reel : (t, n_reels, 2) length of the tether that is wound up [m], work of the drum on it [J]
+    reel_names, reel : (t, n_reels, 2) of tethers with reels, and of a closing line: length that is wound up
+                      [m], work of the drum on it [J]
     groups          : of elements whose strength is known; None: of none
     pairs, movers   : of bodies whose distances are headlines, and these bodies in motion
     loaded, loaded_element : (t, n_groups) largest tension / strength in each group, and in which element
     rule            : when the target counts as captured; None: the case has none
     capture         : with the rule, the measures of the capture
+    line            : (t,) what is stored of a closing line, by name ("closing/largest" and so on)
     contact         : (t,) what is stored of contacts, by name ("contact_BODY/threads_touching" and so on)
     """
 
@@ -111,6 +115,7 @@ class Course:
     loaded_element: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
     rule: Verdict | None = None
     capture: Measures | None = None
+    line: Mapping[str, Floats] = field(default_factory=dict)
     contact: Mapping[str, Floats] = field(default_factory=dict)
 
     def at_every_second(self) -> Course:
@@ -129,9 +134,10 @@ class Course:
         names += ["loaded", "loaded_element"] if self.groups else []
         capture = None if self.capture is None else Measures(*(one[rows] for one in self.capture))
         contact = {name: values[rows] for name, values in self.contact.items()}
+        line = {name: values[rows] for name, values in self.line.items()}
         movers = {name: replace(one, path=one.path.every_second()) for name, one in self.movers.items()}
         thinned = {name: getattr(self, name)[rows] for name in names}
-        return replace(self, movers=movers, capture=capture, contact=contact, **thinned)
+        return replace(self, movers=movers, capture=capture, line=line, contact=contact, **thinned)
 
     @cached_property
     def nearest(self) -> dict[Pair, Nearest]:
@@ -183,7 +189,7 @@ def course_of(result: Result) -> Course:
         ends=ends_of_result(result),
         ejection=work_of_ejection(result.provenance),
         tether_names=tuple(result.net.tether_elements),
-        reel_names=(reels := _reels(result)),
+        reel_names=(reels := winches_of(result.states)),
         reel=_drums(result, reels),
         pairs=tuple(pairs),
         movers=movers,
@@ -192,17 +198,21 @@ def course_of(result: Result) -> Course:
         loaded_element=loaded_element,
         rule=rule,
         capture=None if rule is None else capture_of(result, rule),
-        contact={
-            name: np.asarray(one.values[:])[:, 0]
-            for name, one in result.states.items()
-            if name.startswith(CONTACT)
-        },
+        line=_series(result, LINE),
+        contact=_series(result, CONTACT),
     )
 
 
-def _reels(result: Result) -> tuple[str, ...]:
-    """The tethers that have one."""
-    return tuple(name for name in result.net.tether_elements if f"{name}/{REEL_STATES[0]}" in result.states)
+def _series(result: Result, prefix: str) -> dict[str, Floats]:
+    """(t,) of each single value that is stored under names that begin so."""
+    own = {name: one.values for name, one in result.states.items() if name.startswith(prefix)}
+    return {name: np.asarray(values[:])[:, 0] for name, values in own.items()}
+
+
+def winches_of(states: Iterable[str]) -> tuple[str, ...]:
+    """What is wound up by a drive, tethers or a closing line, by the names of all states."""
+    ending = f"/{REEL_STATES[0]}"
+    return tuple(name.removesuffix(ending) for name in states if name.endswith(ending))
 
 
 def _drums(result: Result, reels: tuple[str, ...]) -> Floats:

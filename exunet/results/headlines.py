@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.net.arrays import NET, TETHER
+from exunet.net.closing import NAME as LINE_NAME
 from exunet.results.body_headlines import (
     OF_A_BODY,
     OF_A_SCENE,
@@ -26,7 +27,7 @@ from exunet.results.body_headlines import (
 )
 from exunet.results.capture_headlines import OF_A_CAPTURE, headlines_of_capture, of_contact
 from exunet.results.clearance import Nearest
-from exunet.results.course import REEL_STATES, Course
+from exunet.results.course import LINE, REEL_STATES, Course
 from exunet.results.headline import Headline
 from exunet.results.margins import STRINGS, THREADS, Peak
 from exunet.results.measures import NEARLY_OPEN, deployment_of_course, stays_the_same
@@ -201,14 +202,18 @@ def of_reel(name: str) -> tuple[Headline, Headline]:
 
 
 def _wound_up(name: str) -> Headline:
-    words = f"length of {name} on the drum"
     value = partial(_of_drum, name, REEL_STATES.index("wound_up"))
-    return Headline(f"tether_{name}_wound_up", words, "m", value, least=1e-9, remark="at the end")
+    key, words = f"tether_{name}_wound_up", f"length of {name} on the drum"
+    if name == LINE_NAME:
+        key, words = f"{name}_wound_up", "length of the closing line wound up"
+    return Headline(key, words, "m", value, least=1e-9, remark="at the end")
 
 
 def _reel_work(name: str) -> Headline:
-    words = f"work of the reel of {name}"
     value = partial(_of_drum, name, REEL_STATES.index("work"))
+    if name == LINE_NAME:
+        return Headline(f"{name}_work", "work of the winch", "J", value, remark="on the closing line")
+    words = f"work of the reel of {name}"
     return Headline(f"tether_{name}_work_of_reel", words, "J", value, remark="on the tether")
 
 
@@ -217,6 +222,37 @@ def _of_drum(name: str, quantity: int, course: Course) -> float | None:
     if name not in course.reel_names:
         return None
     return float(course.reel[-1, course.reel_names.index(name), quantity])
+
+
+def _of_line(quantity: str) -> Callable[[Course], float | None]:
+    """At the end, of a closing line; None without one, or where it was never taut."""
+
+    def value(course: Course) -> float | None:
+        series = course.line.get(LINE + quantity)
+        return None if series is None or not course.line[f"{LINE}largest"][-1] > 0.0 else float(series[-1])
+
+    return value
+
+
+def _line_margin(course: Course) -> float | None:
+    load = _of_line("load")(course)
+    return 1.0 / load - 1.0 if load else None
+
+
+OF_A_LINE = (
+    Headline(
+        "closing_largest_tension", "largest tension of the closing line", "N", _of_line("largest"),
+        remark="of all steps",
+    ),
+    Headline(
+        "closing_time_of_largest_tension", "time of largest tension of the closing line", "s",
+        _of_line("largest_time"), at_a_step=True,
+    ),
+    Headline(
+        "closing_margin", "margin of the closing line", "", _line_margin, least=1e-4,
+        remark="strength / largest tension - 1",
+    ),
+)  # fmt: skip
 
 
 _JOINED = "+"  # between the names of a pair; no name has it
@@ -267,6 +303,7 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
         *map(of_margin, course.groups.names if course.groups else ()),
         *(_OF_THE_NET if course.tether_names and _is_taut(course) else ()),
         *chain.from_iterable(map(of_tether, course.tether_names)),
+        *(OF_A_LINE if course.line else ()),
         *map(_wound_up, course.reel_names),
         *headlines_of_bodies(course),
         *chain.from_iterable(_of_pair_both(_JOINED.join(pair)) for pair in course.pairs),
@@ -276,7 +313,17 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
     )
 
 
-_ONES = (*HEADLINES, *_OF_THE_NET, of_margin(THREADS), of_margin(STRINGS), *OF_A_SCENE, *OF_A_CAPTURE)
+_ONES = (
+    *HEADLINES,
+    *_OF_THE_NET,
+    of_margin(THREADS),
+    of_margin(STRINGS),
+    *OF_A_SCENE,
+    *OF_A_CAPTURE,
+    *OF_A_LINE,
+    _wound_up(LINE_NAME),
+    _reel_work(LINE_NAME),
+)
 _OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
     *OF_A_BODY,
     *OF_AN_EFFECT,

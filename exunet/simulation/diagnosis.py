@@ -17,23 +17,29 @@ Floats = NDArray[np.float64]
 
 
 def state_of_worst(system: System, state: State) -> str:
-    """The most stretched element and the fastest node of a finite state."""
-    net, position, velocity, time = system.net, state.position, state.velocity, state.time
+    """The most stretched element, where there are any, and the fastest node of a finite state."""
+    position, velocity = state.position, state.velocity
+    node = int(np.argmax(np.abs(velocity).max(axis=1)))
+    place = ", ".join(f"{x:.3g}" for x in position[node])
+    return (
+        f"at t = {state.time:.6g} s {_most_stretched(system, state)}the fastest node is {node} "
+        f"at ({place}) m, {math.hypot(*velocity[node]):.3g} m/s"
+    )
+
+
+def _most_stretched(system: System, state: State) -> str:
+    net, position = system.net, state.position
+    if not net.n_elements:
+        return ""
     law = energy.law_of(system.forces, state.memory)
     length = cable.lengths(net, position)
     element = int(np.argmax(length / law.natural_length))
     i, j = net.element_nodes[element]
     with np.errstate(over="ignore"):  # the largest finite numbers have no square
-        force = cable.element_tension(net, law, position, velocity)[element]
-    speed = np.abs(velocity).max(axis=1)
-    node = int(np.argmax(speed))
-    place = ", ".join(f"{x:.3g}" for x in position[node])
+        force = cable.element_tension(net, law, position, state.velocity)[element]
     stretch = length[element] / law.natural_length[element]
-    return (
-        f"at t = {time:.6g} s the most stretched element is {element} between nodes {i} and {j}, "
-        f"stretch {stretch:.6g}, force {force:.3g} N; the fastest node is {node} at ({place}) m, "
-        f"{math.hypot(*velocity[node]):.3g} m/s"
-    )
+    words = f"the most stretched element is {element} between nodes {i} and {j}, "
+    return f"{words}stretch {stretch:.6g}, force {force:.3g} N; "
 
 
 def step_advice(plan: Plan | None) -> str:

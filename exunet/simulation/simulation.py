@@ -24,7 +24,9 @@ from exunet.case.scene import Scene
 from exunet.forces.reel import command_name
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
-from exunet.net.reel import asked_of
+from exunet.net.closing import NAME, ClosingLine
+from exunet.net.drive import asked_of
+from exunet.net.reel import Reel
 from exunet.simulation.arguments import finite_number
 from exunet.simulation.control import Control, Controller
 from exunet.simulation.monitor import Monitor
@@ -335,19 +337,23 @@ class Simulation:
         self._act(acting)
 
     def command(self, tether: str, mode: str, rate: float | None = None, force: float | None = None) -> None:
-        """Command the reel of a tether from now on, until another command: modes and values as in a case.
+        """Command the reel of a tether, or the winch of a closing line, "closing", from now on, until another
+        command: modes and values as in a case.
 
         mode : "lock", "brake", "rate" or "tension"; rate [m/s], force [N]
         Raises InputError if there is no such reel, if the case has commands for it, or for values that do not
         go with the mode.
         """
-        reels = {winding.reel.name: winding.reel for winding in self._start.system.forces.cable.reels}
+        system = self._start.system
+        reels: dict[str, Reel | ClosingLine]
+        reels = {winding.reel.name: winding.reel for winding in system.forces.cable.reels}
+        reels |= {} if system.line is None or not system.line.has_winch else {NAME: system.line}
         mine = {name: reel for name, reel in reels.items() if reel.is_commanded}
         if tether not in mine:
             words = "the case has commands for its reel" if tether in reels else "there is no such reel"
             raise InputError(f"command: tether {tether!r}: {words}; a script may command: {_listed(mine)}")
         try:
-            drive = asked_of(mine[tether], mode, rate, force)
+            drive = asked_of(mine[tether].damping, mode, rate, force)
         except ValueError as error:
             raise InputError(f"command: tether {tether!r}: {_reasons(error)}") from error
         values = [1.0, drive.rate, drive.force, drive.gives_way, drive.takes_up]

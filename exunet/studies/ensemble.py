@@ -29,7 +29,7 @@ from exunet.forces.from_outside import effects_of
 from exunet.methods.method import COMPILED_METHODS
 from exunet.results.capture import Measures
 from exunet.results.clearance import Pair
-from exunet.results.course import Course
+from exunet.results.course import CONTACT, LINE, Course, winches_of
 from exunet.results.margins import Groups, Peak
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.kept_series import series_of
@@ -68,7 +68,7 @@ class Ensemble(Measured):
     loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
                      strength is known, and in which element
     capture       : (runs, t, 6) the fields of `exunet.results.capture.Measures`; (runs, t, 0) without a rule
-    contact       : (runs, t, n_series) what is stored of contacts
+    contact       : (runs, t, n_series) what is stored of contacts and of a closing line
     ends          : (runs, 2, n_bodies + n_outside + 1) records `exunet.results.ends.END` at the start and
                      at the end
     ejection      : (runs,) work of the ejection of the net [J]; zeros unless the scene `ejects` it
@@ -84,7 +84,7 @@ class Ensemble(Measured):
     pairs, shapes : of bodies with shapes, their names; their shapes, from their centres of mass
     groups        : of elements whose strength is known; None: of none
     rule          : of the capture; None: the case has none
-    contact_names : of the series of contacts
+    contact_names : of these series
     """
 
     time: Floats
@@ -147,8 +147,14 @@ class Ensemble(Measured):
             loaded_element=self.loaded_element[run],
             rule=self.rule,
             capture=None if self.rule is None else Measures(*self.capture[run].T),
-            contact={name: self.contact[run][:, k] for k, name in enumerate(self.contact_names)},
+            line=self._series(run, LINE),
+            contact=self._series(run, CONTACT),
         )
+
+    def _series(self, run: int, prefix: str) -> dict[str, Floats]:
+        """What is stored under names that begin so, of one of the runs."""
+        every = enumerate(self.contact_names)
+        return {name: self.contact[run][:, k] for k, name in every if name.startswith(prefix)}
 
     def _movers(self, run: int) -> dict[str, Mover]:
         """The bodies of `pairs` in one of the runs."""
@@ -316,7 +322,7 @@ def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensem
         guided=tuple(name for name, moves in zip(blocks.rigid, free, strict=True) if not moves),
         outside=effects_of(one.name for one in blocks.states),
         tether_names=tuple(start.net.tether_elements),
-        reel_names=tuple(winding.name for winding in start.system.forces.cable.reels),
+        reel_names=winches_of(one.name for one in blocks.states),
         pairs=tuple(shown_pairs(start.system)),
         shapes={
             body.name: from_centre(body.shape, np.array(body.centre))

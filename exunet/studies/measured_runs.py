@@ -24,7 +24,7 @@ from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.results import measures as metrics
 from exunet.results.capture import capture, target_of
 from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
-from exunet.results.course import REEL_STATES
+from exunet.results.course import REEL_STATES, winches_of
 from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
 from exunet.results.result import BodyStates
@@ -92,9 +92,9 @@ def shown_pairs(system: System) -> list[Pair]:
 
 def _drums(states: States) -> Floats:
     """(k, n_reels, 2) of each reel: wound up [m], work [J]."""
-    blocks, reels = states.system.blocks, states.system.forces.cable.reels
-    first = blocks.n_x - blocks.n_states
-    columns = [blocks.state(f"{one.name}/{what}") - first for one in reels for what in REEL_STATES]
+    blocks = states.system.blocks
+    reels, first = winches_of(one.name for one in blocks.states), blocks.n_x - blocks.n_states
+    columns = [blocks.state(f"{name}/{what}") - first for name in reels for what in REEL_STATES]
     return np.asarray(states.first_order[:, columns].reshape(len(states), len(reels), len(REEL_STATES)))
 
 

@@ -43,7 +43,8 @@ def free_parts(system: System) -> FreeParts:
     """The parts of a system that nothing holds."""
     net, mass = system.net, np.append(system.mass, system.body_mass[system.driven])
     n = len(mass)
-    i, j = net.element_nodes.T
+    path = np.array([] if system.line is None else system.line.path, dtype=np.int64)
+    i, j = np.concatenate([net.element_nodes.T, np.stack([path[:-1], path[1:]])], axis=1)
     links = csr_array((np.ones(len(i)), (i, j)), shape=(n, n))
     part = connected_components(links, directed=False)[1]
     # Points that sleep hold too, and bodies that guides move stop what touches them.
@@ -83,7 +84,7 @@ class EnergyScale:
         self._forces, self._layout, self._driven = system.forces, system.layout, system.driven
         outer = tuple(term for term in system.forces.kernels if not term.internal)
         self._outer = replace(system.forces, kernels=outer)
-        self._given = bool(system.kinematics.guides or system.forces.cable.reels)
+        self._given = any(one.gives for one in system.blocks.states)
         self._free, self._before = free_parts(system), system.lost_at_start
         self._rest = start.flat[0][0]
         kinetic = energy.kinetic(system.mass, start.velocity[0]) + start.kinetic_of_bodies[0] @ system.driven

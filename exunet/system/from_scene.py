@@ -6,11 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from exunet.base.errors import Fault
+from exunet.base.errors import LARGEST, Fault
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
 from exunet.forces.blocks import Blocks, Inertia, Poses
+from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.closing import Drawstring, way_of
+from exunet.forces.closing import states_of as states_of_line
 from exunet.forces.cores import Surface
 from exunet.forces.effects import (
     breaking_limits,
@@ -22,10 +25,14 @@ from exunet.forces.effects import (
 )
 from exunet.forces.from_outside import FIXED_NODES, with_reactions
 from exunet.forces.from_outside import states_of as impulses_of
+from exunet.forces.perimeter import Shortening
+from exunet.forces.perimeter import states_of as states_of_perimeter
 from exunet.forces.reel import Winding, reel_term, states_of
+from exunet.forces.terms import KernelTerm
 from exunet.methods.method import METHODS, Kind
 from exunet.net import weave
 from exunet.net.arrays import Net
+from exunet.net.closing import ClosingLine, Perimeter, closing_of, with_mass_of
 from exunet.net.reel import Reel
 from exunet.net.tether import reels_of, with_tethers
 from exunet.system.bodies import BodiesAtStart, bodies_at_start
@@ -45,6 +52,9 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     woven = weave(scene.net)
     net, tied = with_tethers(woven, scene.tethers)
     net = _with_strength(net, scene)
+    closing = None if scene.closing is None else closing_of(net, scene.closing)
+    line = closing if isinstance(closing, ClosingLine) else None
+    net = net if line is None else with_mass_of(net, line)
     reels = reels_of(net, scene.tethers)
     rigid = bodies_at_start(scene, net, tied, reels, faults)
     axes = net_axes(scene.initial.frame, rigid)
@@ -70,7 +80,9 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     of_reels = (state for reel in reels for state in states_of(reel))
     lines = _with_lines(scene, net)
     given = (state for name in lines for state in impulses_of(name))
-    states = (*rigid.given, *of_reels, *first_order_states(scene.effects), *given)
+    of_line = () if line is None else states_of_line(line, position, _free_ratio(scene))
+    of_line = states_of_perimeter(closing) if isinstance(closing, Perimeter) else of_line
+    states = (*rigid.given, *of_reels, *of_line, *first_order_states(scene.effects), *given)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
@@ -92,9 +104,46 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)
         cable = replace(forces.cable, reels=windings)
         forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
-    system = System(blocks, forces, rigid.bodies, kinematics, throw)
+    if isinstance(closing, Perimeter):
+        shortening = Shortening(closing, blocks, forces.cable.law)
+        cable = replace(forces.cable, shortening=shortening)
+        forces = replace(forces, cable=cable, kernels=(*forces.kernels, shortening.term()))
+    if line is not None:
+        drawn = _drawn(line, blocks, scene, faults)
+        forces = replace(forces, kernels=(*forces.kernels, *drawn))
+    system = System(blocks, forces, rigid.bodies, kinematics, throw, line)
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
+
+
+def _free_ratio(scene: Scene) -> float:
+    """Length of a cable that is free of stress over that in the reference configuration."""
+    warm = getattr(scene.effects, "thermal_strain", None)
+    return 1.0 if warm is None else float(np.sqrt(1.0 + 2.0 * warm.free_strain))
+
+
+def _drawn(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault]) -> tuple[KernelTerm, ...]:
+    """The term of the closing line, with the free strain and the viscous stress that all cables have.
+
+    None for numbers that cannot be computed with, which `faults` then says.
+    """
+    ratio, damped = _free_ratio(scene), getattr(scene.effects, "material_damping", None)
+    time = 0.0 if damped is None or line.friction > 0.0 else float(damped.relaxation_time)
+    way = float(way_of(line, blocks.position).sum())
+    if not way <= STRETCH_BOUND * ratio * line.length:
+        words = (
+            f"its way through the rings is {way:.6g} m at the start, {way / (ratio * line.length):.4g} times "
+        )
+        words += f"as long; above {STRETCH_BOUND:g} it is outside the cable law's validity. Give a longer one"
+        faults.append(Fault("closing.length", words))
+    drawstring = Drawstring(line, blocks, ratio, time)
+    if not max(drawstring.rates) <= LARGEST:
+        words = (
+            "leads to numbers outside the range of floating-point: give it, or the scene, realistic values"
+        )
+        faults.append(Fault("closing", words, beyond_floats=True))
+        return ()
+    return (drawstring.term(),)
 
 
 def _surfaces(scene: Scene, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> dict[str, Surface]:

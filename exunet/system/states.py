@@ -6,6 +6,7 @@ The guards, the record, the largest values and the books of a run share one such
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,8 +103,8 @@ class States:
     def strain(self) -> Floats:
         """(k, n_elements) Green-Lagrange strain E11, eq. (6); -1/2 of elements on drums."""
         strain = cable.green_lagrange_strain(self.length, self.system.net.reference_length)
-        for element, of_outlet, _ in self.outlets:
-            strain[:, element] = of_outlet
+        for element, found, _ in self.elsewhere:
+            strain[:, element] = found
         return np.asarray(strain)
 
     @cached_property
@@ -111,15 +112,14 @@ class States:
         """(k, n_elements) axial forces [N]."""
         net = self.system.net
         tension = cable.element_tension(net, self.law, self.position, self.velocity, self.length)
-        for element, _, of_outlet in self.outlets:
-            tension[:, element] = of_outlet
+        for element, _, found in self.elsewhere:
+            tension[:, element] = found
         return tension
 
     @cached_property
-    def outlets(self) -> list[tuple[int, Floats, Floats]]:
-        """Of each reel: the element at its drum, and its strain and tension (k,)."""
-        reels = self.system.forces.cable.reels
-        return [winding.outlets(self.memory, *self.flat) for winding in reels]
+    def elsewhere(self) -> list[tuple[Any, Floats, Floats]]:
+        """Elements that other terms have, outlets of reels or an edge; their strain and tension."""
+        return list(self.system.forces.cable.seen_elsewhere(self.memory, *self.flat))
 
     @cached_property
     def elastic(self) -> Floats:
@@ -186,5 +186,5 @@ class States:
 _SERIES = tuple(
     name
     for name, value in vars(States).items()
-    if isinstance(value, cached_property) and name not in ("law", "flat", "outlets")
+    if isinstance(value, cached_property) and name not in ("law", "flat", "elsewhere")
 )

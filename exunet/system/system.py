@@ -17,6 +17,7 @@ from exunet.forces.blocks import AWAKE, Blocks
 from exunet.forces.terms import Input, Memories
 from exunet.forces.total import Forces
 from exunet.net.arrays import Net
+from exunet.net.closing import ClosingLine
 from exunet.system.carried import Throw
 
 Floats = NDArray[np.float64]
@@ -32,6 +33,7 @@ class System:
     bodies : the rigid bodies, in the order of `blocks.rigid`: free ones, then those that guides move
     kinematics : what of it has no equations of motion; the constraint among the forces states the same
     throw  : the ejection of a net at time 0; None: there is none
+    line   : what runs through rings at the net's nodes; None: nothing does
     """
 
     blocks: Blocks
@@ -39,6 +41,7 @@ class System:
     bodies: tuple[RigidBody, ...] = ()
     kinematics: Kinematics = field(default_factory=Kinematics)
     throw: Throw | None = None
+    line: ClosingLine | None = None
 
     @property
     def net(self) -> Net:
@@ -123,13 +126,13 @@ class System:
     def given_work(self, first_order: Floats) -> Floats:
         """(...,) energy [J] that was given from outside, less what was taken, by states (..., n).
 
-        Of what terms count as first-order states themselves: work of guided bodies and of reels, what contact
-        takes.
+        Of what terms count as first-order states themselves: work of guided bodies and of drives, what
+        contact and the friction of a line take.
         """
         return self._sum_of(first_order, np.flatnonzero(self._gives))
 
     def put_in(self, first_order: Floats) -> Floats:
-        """(...,) energy [J] that guided bodies and reels have given; nothing is counted against it."""
+        """(...,) energy [J] that guided bodies and drives have given; nothing is counted against it."""
         return self._sum_of(first_order, np.flatnonzero(self._gives > 0.0))
 
     def _sum_of(self, first_order: Floats, columns: NDArray[np.int64]) -> Floats:

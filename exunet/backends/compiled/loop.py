@@ -158,8 +158,8 @@ class CompiledLoop(CompiledIntegration):
         self._events = Events(system, state.memory, observer)
         self._peaks["keep_above"][0] = least_energy_beyond(system)
         self.look_at_tensions()
-        # An outlet that does not turn is looked at here too; its energy is not among that of the elements.
-        if observer.asks_for_elements or system.forces.cable.reels:
+        # Elements that other terms have are looked at here too; their energy is not among the elements'.
+        if observer.asks_for_elements or system.forces.cable.leaves_some:
             self._peaks["look_above"][0] = -1.0
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)

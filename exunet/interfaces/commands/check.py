@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from exunet.backends.exudyn.build import expected_items
 from exunet.case.casefile import Case
 from exunet.case.stored_times import stored_times
+from exunet.forces.closing import way_of
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.interfaces.commands.body_rows import body_rows
 from exunet.interfaces.commands.estimates import estimated
@@ -46,6 +47,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         ("mass", _mass(start)),
         *body_rows(start),
         *_tethers(start),
+        *_closing(start),
         ("packing", _packing(start)),
         ("simulated time", f"{case.scene.time.end:g} s, {len(times)} stored states"),
         ("effects on", ", ".join(on) or "none"),
@@ -93,6 +95,23 @@ def _tethers(start: Start) -> list[tuple[str, str]]:
             words += f"; reel at {drum}, {out:g} m outside, commands: {len(reel.commands)}"
         found.append((f"tether {tether.name}", words))
     return found
+
+
+def _closing(start: Start) -> list[tuple[str, str]]:
+    """What closes the mouth: a line with its way and its winch, or threads that become shorter."""
+    keys, line = start.scene.closing, start.system.line
+    if keys is None:
+        return []
+    if line is None:
+        return [("closing", f"the edge, from {keys.at:g} s on, to {keys.part:g} of its length")]
+    way = float(way_of(line, start.position).sum())
+    kind = "a loop" if line.path[0] == line.path[-1] else "open"
+    words = (
+        f"a line of {line.length:g} m, {kind}, nodes: {len(set(line.path))}, way at the start: {way:.4g} m"
+    )
+    if line.has_winch:
+        words += f"; winch, to {line.shortest:g} m, commands: {len(line.times)}"
+    return [("closing", words)]
 
 
 def _tied(end: EndKeys) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.forces.effects import EFFECTS
 from exunet.interfaces.commands.printing import console
+from exunet.net import weave
+from exunet.net.closing import Perimeter, closing_of
 from exunet.results.headlines import DEPLOYMENT, headline
 from exunet.studies.ablation import FOUR, STARTS, SURE, Change, ProgressOfRuns, Toggled, ablate
 from exunet.studies.neighbours import MOVE
@@ -36,6 +39,8 @@ def show_effects(case: Case, *, asked: float | None, measure: bool) -> None:
     found, others = survey(case.scene), _others(case.scene)
     if others:
         out.print(of_the_net_alone(others))
+    if words := of_closing(case.scene):
+        out.print(words)
     out.print(_estimates(found, limit, "advice for the net" if others else "advice"))
     out.print("\nHow estimated:")
     out.print(_sources(found))
@@ -59,6 +64,28 @@ def of_the_net_alone(others: str) -> str:
         "effect that the net does not need may matter all the same: judge it by its acceleration, or measure "
         f"the whole scene with --ablate. Not modelled on bodies: {on_no_body}."
     )
+
+
+def of_closing(scene: Scene) -> str:
+    """What closes the mouth of a scene, estimated; "" if nothing does.
+
+    A tension N round a loop with the mass m draws it inward at 2 pi N / m; a line that becomes shorter at a
+    rate w makes its radius smaller by w / (2 pi).
+    """
+    keys = scene.closing
+    if keys is None:
+        return ""
+    net = weave(scene.net)
+    closing, share = closing_of(net, keys), "closing: on."
+    if isinstance(closing, Perimeter):
+        length = float(net.reference_length[list(closing.elements)].sum())
+        speed = length * closing.rate / (2.0 * math.pi)
+        return f"{share} The edge of {length:.3g} m is drawn inward at {speed:.1e} m/s"
+    mass = float(net.mass[list(set(closing.path))].sum()) + closing.linear_density * closing.length
+    force, rate = (max(getattr(one, name) for one in closing.drives) for name in ("force", "rate"))
+    words = [f"{2.0 * math.pi * force / mass:.1e} m/s2 by {force:.3g} N on {mass:.3g} kg"] if force else []
+    words += [f"{rate / (2.0 * math.pi):.1e} m/s by {rate:.3g} m/s of line"] if rate > 0.0 else []
+    return f"{share} Its rings are drawn inward: {'; '.join(words) or 'by a script, if at all'}"
 
 
 def _estimates(found: list[Finding], limit: float, advice: str) -> Table:

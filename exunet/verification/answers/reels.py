@@ -11,7 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from exunet.case.stored_times import stored_times
-from exunet.net.reel import Drive, Reel
+from exunet.net.drive import Drive
+from exunet.net.reel import Reel
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.studies.both_trajectories import Trajectory
 from exunet.verification import tolerances as tol

@@ -1,0 +1,326 @@
+"""What closes the mouth of a net: a line that slides through rings, or an edge whose threads become shorter.
+
+A closing line is one length of cord between two nodes, its ends, that runs through rings at other nodes; a
+closed loop has both ends at its first ring. Where the ends are nearer to each other, or the rings to their
+neighbours, than the diameter of a ring, the line still has its way round the ring to go (see
+`exunet.forces.closing_loops`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from exunet.base.errors import CaseError, Fault
+from exunet.base.faults import each, exactly_one, inside
+from exunet.base.table import FromArray, NonNegative, Positive, Table
+from exunet.net.arrays import Net
+from exunet.net.drive import Drive, DriveKeys, cross_checks_of_drive, softest
+
+OF_A_LINE = ("length", "stiffness", "linear_density", "ring_diameter", "friction")
+MAY_HAVE = ("rings", "nodes", "start", "end", "strength", "winch")
+OF_A_PERIMETER = ("at", "rate", "part")
+NAME = "closing"  # of the line in states, memories, events and commands
+SLOWS = 0.01  # of the length: the way before a limit in which the winch slows down
+
+NodeNumber = Annotated[int, Field(ge=0)]
+
+
+class EndOfLine(Table):
+    """What an end of the line is tied to."""
+
+    EXACTLY_ONE: ClassVar = ("node", "bullet")
+
+    node: NodeNumber | None = Field(
+        None, description="number of a node of the net, as in results and in lists of nodes", examples=[0]
+    )
+    bullet: NodeNumber | None = Field(
+        None, description="number of a bullet, from 0, instead of node", examples=[0]
+    )
+
+
+class Winch(DriveKeys):
+    """A drive that winds up the line at one of its ends."""
+
+    at: Literal["start", "end"] = Field("start", description="at which end of the line")
+    shortest: Positive = Field(description="length outside at which winding stops [m]", examples=[1.0])
+
+
+class Closing(Table):
+    """What closes the net's mouth."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "if": {"properties": {"kind": {"const": "line"}}},
+            "then": {
+                "required": list(OF_A_LINE),
+                "properties": dict.fromkeys(OF_A_PERIMETER, False),
+                "oneOf": [{"required": ["rings"]}, {"required": ["nodes"]}],
+                "dependentRequired": {"start": ["end"], "end": ["start"]},
+            },
+            "else": {
+                "required": list(OF_A_PERIMETER),
+                "properties": dict.fromkeys((*OF_A_LINE, *MAY_HAVE), False),
+            },
+        }
+    )
+
+    kind: Literal["line", "perimeter"] = Field(
+        description="a line through rings, or threads of the edge that become shorter", examples=["line"]
+    )
+    rings: Literal["edge", "corners"] | None = Field(
+        None, description="of a line: at all nodes of the net's edge, or at the corners of its mouth"
+    )
+    nodes: Annotated[tuple[NodeNumber, ...], FromArray] | None = Field(
+        None,
+        min_length=1,
+        description="numbers of the nodes that have a ring, in the order of the line, instead of rings",
+        examples=[[0, 1, 2, 3]],
+    )
+    start: EndOfLine | None = Field(
+        None, description="where the line begins; absent: the line is a loop, tied at its first ring"
+    )
+    end: EndOfLine | None = Field(None, description="where the line ends")
+    length: Positive | None = Field(None, description="of the line, free of stress [m]", examples=[20.0])
+    stiffness: Positive | None = Field(None, description="EA of the line [N]", examples=[1e4])
+    linear_density: NonNegative | None = Field(
+        None, description="mass per length of the line [kg/m], lumped at the rings", examples=[1e-3]
+    )
+    ring_diameter: Positive | None = Field(
+        None,
+        description="of the rings, the least distance of two at which they do not touch [m]",
+        examples=[0.005],
+    )
+    friction: float | None = Field(
+        None, ge=0.0, le=2.0, description="coefficient mu of the line in the rings, 0: none", examples=[0.1]
+    )
+    strength: Positive | None = Field(
+        None,
+        description="specified axial strength of the line [N], for its margin; nothing breaks at it",
+        examples=[400.0],
+    )
+    winch: Winch | None = Field(None, description="what winds up the line; absent: its length is constant")
+    at: NonNegative | None = Field(
+        None, description="of a perimeter: from when on its threads become shorter [s]", examples=[1.0]
+    )
+    rate: Positive | None = Field(
+        None,
+        description="part of their length by which they become shorter each second [1/s]",
+        examples=[0.5],
+    )
+    part: float | None = Field(
+        None, gt=0.0, lt=1.0, description="of their length that is left in the end", examples=[0.2]
+    )
+
+
+def cross_checks(keys: Closing) -> Iterator[Fault]:
+    """The keys that the kind needs, and no other; a winch that can wind something up."""
+    of_kind = _of_line(keys) if keys.kind == "line" else _of_perimeter(keys)
+    yield from each(of_kind, exactly_one(keys), _each_once_in_a_row(keys), _ends(keys))
+    yield from inside(keys, "winch", lambda winch: _winch(winch, keys))
+
+
+def _of_line(keys: Closing) -> Iterator[Fault]:
+    for name in OF_A_LINE:
+        if not keys.is_given(name):
+            yield Fault("", f'needs {name}, for kind = "line"')
+    for name in OF_A_PERIMETER:
+        if keys.is_given(name):
+            yield Fault(name, 'is for kind = "perimeter"')
+    if keys.is_given("rings") == keys.is_given("nodes"):
+        yield Fault("", "needs either rings or nodes: what the line runs through")
+
+
+def _of_perimeter(keys: Closing) -> Iterator[Fault]:
+    for name in OF_A_PERIMETER:
+        if not keys.is_given(name):
+            yield Fault("", f'needs {name}, for kind = "perimeter"')
+    for name in (*OF_A_LINE, *MAY_HAVE):
+        if keys.is_given(name):
+            yield Fault(name, 'is for kind = "line"')
+
+
+def _each_once_in_a_row(keys: Closing) -> Iterator[Fault]:
+    for k, (one, other) in enumerate(pairwise(keys.nodes or ()), start=1):
+        if one is not None and one == other:
+            yield Fault(f"nodes[{k}]", f"node {other} follows itself: one ring is enough")
+
+
+def _ends(keys: Closing) -> Iterator[Fault]:
+    for one, other in (("start", "end"), ("end", "start")):
+        if keys.is_given(one) and not keys.is_given(other):
+            yield Fault(one, f"needs {other}: a line that is not a loop has two ends")
+
+
+def _winch(winch: Winch, keys: Closing) -> Iterator[Fault]:
+    yield from cross_checks_of_drive(winch)
+    if keys.length is not None and winch.shortest >= keys.length:
+        words = (
+            f"must be below length = {keys.length:g} m, got {winch.shortest:g} m: there is nothing to wind up"
+        )
+        yield Fault("shortest", words)
+
+
+@dataclass(frozen=True)
+class ClosingLine:
+    """A line through rings.
+
+    path      : nodes along it, ends included; the first and the last are the same for a loop
+    length    : free of stress, with nothing wound up [m]
+    stiffness : EA [N]
+    linear_density : [kg/m]
+    ring_diameter : [m]
+    friction  : mu
+    strength  : [N]; None: not known
+    winch_at_end : False for one at the start
+    shortest, largest_rate, times, drives, damping : of the winch, as of a `Reel`
+    has_winch : False for a line of constant length
+    """
+
+    path: tuple[int, ...]
+    length: float
+    stiffness: float
+    linear_density: float
+    ring_diameter: float
+    friction: float
+    strength: float | None = None
+    winch_at_end: bool = False
+    shortest: float = 0.0
+    largest_rate: float = 0.0
+    times: tuple[float, ...] = ()
+    drives: tuple[Drive, ...] = field(default=(Drive(),))
+    damping: float | None = None
+    has_winch: bool = False
+
+    @property
+    def is_commanded(self) -> bool:
+        """True if it has a winch without commands in the case, so that a script may command it."""
+        return self.has_winch and not self.times
+
+    @property
+    def softest(self) -> Drive:
+        """The drive that gives way and takes up the most of all that a script may ask for."""
+        return softest(self.damping if self.is_commanded else None)
+
+
+@dataclass(frozen=True)
+class Perimeter:
+    """Elements that become shorter: from `at` [s] by `rate` [1/s] of their length, until `part` is left."""
+
+    elements: tuple[int, ...]
+    at: float
+    rate: float
+    part: float
+
+
+def closing_of(net: Net, keys: Closing) -> ClosingLine | Perimeter:
+    """What closes a net; raises CaseError for nodes and bullets that it does not have."""
+    if keys.kind == "perimeter":
+        assert keys.at is not None and keys.rate is not None and keys.part is not None  # noqa: PT018
+        loop = _edge(net, "kind")
+        pairs = {frozenset(pair) for pair in pairwise((*loop, loop[0]))}
+        own = range(net.n_net_elements)
+        elements = tuple(e for e in own if frozenset(net.element_nodes[e].tolist()) in pairs)
+        return Perimeter(elements, keys.at, keys.rate, keys.part)
+    length, stiffness, density, diameter, friction = (getattr(keys, name) for name in OF_A_LINE)
+    winch, path = keys.winch, _path(net, keys)
+    line = ClosingLine(path, length, stiffness, density, diameter, friction, keys.strength)
+    if winch is None:
+        return line
+    return replace(
+        line,
+        winch_at_end=winch.at == "end",
+        shortest=winch.shortest,
+        largest_rate=winch.rate_limit,
+        times=winch.times,
+        drives=winch.drives,
+        damping=winch.damping,
+        has_winch=True,
+    )
+
+
+def with_mass_of(net: Net, line: ClosingLine) -> Net:
+    """The net with the mass of a line at its nodes: an equal share of each piece, half at either end."""
+    if line.linear_density == 0.0:
+        return net
+    mass, path = net.mass.copy(), np.array(line.path)
+    share = line.linear_density * line.length / (len(path) - 1)
+    for ends in (path[:-1], path[1:]):
+        np.add.at(mass, ends, 0.5 * share)
+    mass.flags.writeable = False
+    return replace(net, mass=mass)
+
+
+def _path(net: Net, keys: Closing) -> tuple[int, ...]:
+    faults = []
+    if keys.nodes is not None:
+        rings: tuple[int, ...] = keys.nodes
+        for k, node in enumerate(rings):
+            if node >= net.n_net_nodes:
+                faults.append(_missing(f"nodes[{k}]", "node", node, net.n_net_nodes))
+    else:
+        rings = _edge(net, "rings") if keys.rings == "edge" else _corners(net)
+    if keys.start is None or keys.end is None:
+        if len(rings) < 2:
+            faults.append(Fault("closing.nodes", "a loop needs two rings at least: give start and end"))
+        path = (*rings, rings[0])
+    else:
+        round_it = (*rings, rings[0]) if keys.nodes is None else rings
+        ends = (_end(net, getattr(keys, name), name, faults) for name in ("start", "end"))
+        first, last = ends
+        path = (first, *round_it, last)
+        for name, end, ring in (("start", first, path[1]), ("end", last, path[-2])):
+            if end == ring:
+                words = f"node {end} is the ring next to it: tie the line to another, or leave out the ring"
+                faults.append(Fault(f"closing.{name}", words))
+    if faults:
+        raise CaseError(faults)
+    return tuple(int(node) for node in path)
+
+
+def _end(net: Net, keys: EndOfLine, name: str, faults: list[Fault]) -> int:
+    if keys.bullet is not None:
+        if keys.bullet >= len(net.bullet_nodes):
+            faults.append(_missing(f"{name}.bullet", "bullet", keys.bullet, len(net.bullet_nodes)))
+            return -1
+        return int(net.bullet_nodes[keys.bullet])
+    assert keys.node is not None
+    if keys.node >= net.n_net_nodes:
+        faults.append(_missing(f"{name}.node", "node", keys.node, net.n_net_nodes))
+    return keys.node
+
+
+def _missing(key: str, kind: str, given: int, there: int) -> Fault:
+    return Fault(f"closing.{key}", f"there is no {kind} {given}: the net has {there}, numbered from 0")
+
+
+def _corners(net: Net) -> tuple[int, ...]:
+    if len(net.mouth) < 2:
+        words = "the net has no mouth: give closing.nodes, the numbers of its nodes"
+        raise CaseError([Fault("closing.rings", words)])
+    return net.mouth
+
+
+def _edge(net: Net, key: str) -> tuple[int, ...]:
+    """The nodes of the net's edge, anticlockwise from the first corner of its mouth.
+
+    Of two meshes that share a side one goes along it forwards and the other backwards, so a side of the edge
+    is one that no mesh goes along backwards.
+    """
+    sides = {pair for face in net.faces for pair in pairwise((*face, face[0]))}
+    after = {a: b for a, b in sides if (b, a) not in sides}
+    begin = net.mouth[0] if net.mouth else min(after, default=-1)
+    found, node = [begin], after.get(begin, -1)
+    while node not in (begin, -1) and len(found) <= len(after):
+        found.append(node)
+        node = after.get(node, -1)
+    if node != begin or begin == -1 or len(found) != len(after):
+        words = "the net has no edge that is one loop round its meshes"
+        words += ": give closing.nodes, the numbers of its nodes" if key == "rings" else ""
+        raise CaseError([Fault(f"closing.{key}", words)])
+    return tuple(found)

@@ -1,0 +1,394 @@
+"""Closing lines and perimeters in scenes, against hand calculations, in all forms of the engine."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from own_terms import FORMS
+from scipy.optimize import brentq
+from scipy.special import ellipeinc
+
+import exunet
+from exunet.base.errors import CaseError
+from exunet.forces import perimeter
+from exunet.results.course import course_of
+from exunet.results.headlines import headline, headlines_of
+from exunet.simulation.preparation import prepare_case
+from exunet.simulation.simulation import Simulation
+
+Floats = np.ndarray
+
+EVERY = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+HEAD = """
+format = 1
+title = "A closing line"
+initial.packing = 1.0
+net.topology = "explicit"
+net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }
+"""
+
+
+def case_of(folder: Path, text: str, *overrides: str) -> exunet.Case:
+    path = folder / "closing.toml"
+    path.write_text(HEAD + text)
+    return exunet.load(path, overrides)
+
+
+def state(result: exunet.Result, name: str) -> Floats:
+    return np.asarray(result.states[f"closing/{name}"].values[:])[:, 0]
+
+
+# A bead of 1 kg on a line of 2.6 m between two points that are 2 m apart; it starts on the short axis.
+SHORT = math.sqrt(1.3**2 - 1.0)
+BEAD = f"""
+time = {{ end = 2.0, output_step = 0.05 }}
+solver = {{ method = "RK44", step = 1e-4 }}
+net.elements = []
+net.nodes = [[-1.0, 0.0, 0.0], [0.0, {SHORT!r}, 0.0], [1.0, 0.0, 0.0]]
+net.node_masses = [1.0, 1.0, 1.0]
+net.fixed = [0, 2]
+initial.node_velocities = [[0.0, 0.0, 0.0], [0.8, 0.0, 0.0], [0.0, 0.0, 0.0]]
+[closing]
+kind = "line"
+nodes = [1]
+start = {{ node = 0 }}
+end = {{ node = 2 }}
+length = 2.6
+stiffness = 1e7
+linear_density = 0.0
+ring_diameter = 0.001
+friction = 0.0
+"""
+
+
+@EVERY
+def test_a_bead_follows_its_ellipse(tmp_path: Path, form: str) -> None:
+    """The foci are the ends of the line. Its pull halves the angle at the bead, so that this keeps its speed:
+    the arc from the short axis is 0.8 m/s t, E(phi) of the half axis 1.3 m at x = 1.3 m sin(phi).
+    """
+    result = exunet.run(case_of(tmp_path, BEAD, form))
+    bead = result.position[:, 1]
+    ways = sum(np.linalg.norm(bead - [x, 0.0, 0.0], axis=1) for x in (-1.0, 1.0))
+    assert np.abs(ways / 2.6 - 1.0).max() < 1e-6  # a strain of 1e-7 by 0.6 N
+    phi = [brentq(lambda p, s=s: 1.3 * ellipeinc(p, 1.0 / 1.69) - s, 0.0, 4.0) for s in 0.8 * result.time]
+    exact = np.stack([1.3 * np.sin(phi), SHORT * np.cos(phi), np.zeros(len(phi))], axis=1)
+    assert np.abs(bead - exact).max() < 2e-6
+    energy = result.kinetic + result.potential
+    assert np.ptp(energy) < 1e-8 * energy[0]
+    np.testing.assert_array_equal(state(result, "tension_start"), state(result, "tension_end"))
+
+
+# Six rings of different masses on a taut loop of constant length, which fly about; rings 0 and 3 through each
+# other.
+LOOP = """
+time = { end = 0.5, output_step = 0.002 }
+solver = { method = "DOPRI5", tolerance = 1e-12 }
+net.elements = []
+net.nodes = [[0.2, 0.0, 0.0], [0.5, 0.9, 0.1], [-0.5, 0.8, 0.0], [-0.2, 0.0, 0.0], [-0.6, -0.8, 0.1],
+             [0.4, -0.9, 0.0]]
+net.node_masses = [2.0, 0.1, 0.3, 2.0, 0.15, 0.25]
+initial.node_velocities = [[-4.0, 0.0, 0.0], [1.0, 1.0, 0.0], [-0.3, 2.0, 0.5], [4.0, 0.0, 0.0],
+                           [-1.0, -2.0, 0.0], [1.0, -1.0, 0.3]]
+[closing]
+kind = "line"
+nodes = [0, 3, 1, 4, 2, 5]
+length = 7.0
+stiffness = 200.0
+linear_density = 0.02
+ring_diameter = 0.05
+friction = 0.0
+strength = 500.0
+"""
+
+
+@EVERY
+def test_energy_and_momenta_are_kept_while_rings_meet(tmp_path: Path, form: str) -> None:
+    """To 1e-8, of a line of constant length; the momenta are kept too, and the masses have the line's."""
+    result = exunet.run(case_of(tmp_path, LOOP, form))
+    masses = np.array([2.0, 0.1, 0.3, 2.0, 0.15, 0.25]) + 0.02 * 7.0 / 6.0  # six pieces, half at either end
+    np.testing.assert_allclose(result.net.mass, masses, rtol=1e-14)
+    apart = np.linalg.norm(result.position[:, 0] - result.position[:, 3], axis=1)
+    assert apart.min() < 0.05  # m, the diameter of the rings
+    assert state(result, "largest")[-1] > 10.0
+    energy = result.kinetic + result.potential
+    assert np.ptp(energy) < 1e-8 * energy[0]
+    assert np.ptp(result.momentum, axis=0).max() < 1e-10
+    assert np.ptp(result.angular_momentum, axis=0).max() < 1e-8
+    found = headlines_of(course_of(result))
+    assert found["closing_margin"] == pytest.approx(500.0 / state(result, "largest")[-1] - 1.0)
+    assert found["closing_largest_tension_N"] == state(result, "largest")[-1]
+    assert found["closing_wound_up_m"] == 0.0
+    for key in found:
+        assert headline(key).key == key
+
+
+BODIES = (
+    "net.fixed=",
+    "bodies.left={mass=2.0, inertia=[0.2, 0.3, 0.4], position=[-1.2, 0.0, 0.1], "
+    "angular_velocity=[0.3, -0.2, 0.5], attachments={a={node=0, point=[0.2, 0.0, -0.1]}}}",
+    "bodies.right={mass=3.0, inertia=[0.4, 0.3, 0.4], position=[1.2, 0.1, 0.0], velocity=[0.5, 0.0, 0.0], "
+    "attachments={a={node=2, point=[-0.2, -0.1, 0.0]}}}",
+)
+
+
+@EVERY
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_a_line_between_two_bodies(tmp_path: Path, form: str, friction: float) -> None:
+    """Its ends are nodes that are fixed to bodies, its winch pulls: momenta are kept, and the books close."""
+    winch = "closing.winch={shortest=1.0, damping=10.0, commands=[{at=0.1, mode='tension', force=5.0}]}"
+    soft = ("closing.stiffness=1e3", "time.end=1.0", f"closing.friction={friction}")
+    result = exunet.run(case_of(tmp_path, BEAD, form, *BODIES, winch, *soft))
+    assert state(result, "wound_up")[-1] > 0.2
+    assert np.ptp(result.momentum, axis=0).max() < 1e-11
+    assert np.ptp(result.angular_momentum, axis=0).max() < 1e-8
+    balance = result.kinetic + result.potential + result.dissipated
+    work = state(result, "work")[-1]
+    assert work > 0.1
+    assert np.ptp(balance) < 1e-5 * work
+    if friction == 0.0:
+        found = headlines_of(course_of(result))
+        assert found["closing_work_J"] == work
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_moved_starts_have_the_headlines_of_the_run(tmp_path: Path) -> None:
+    case = case_of(tmp_path, HOIST % (0.3, 25.0), "engine.loop=compiled", "time.end=0.5")
+    every = exunet.ensemble(case, runs=2, perturb=1e-12)
+    run = headlines_of(course_of(exunet.run(case)))
+    keys = {key for key in run if key.startswith("closing")}
+    assert keys == {
+        "closing_largest_tension_N", "closing_time_of_largest_tension_s", "closing_margin",
+        "closing_wound_up_m", "closing_work_J",
+    }  # fmt: skip
+    for key in keys - {"closing_margin", "closing_time_of_largest_tension_s"}:
+        # Steps end at other instants, and at their ends the line begins to slide or sticks.
+        assert every.headlines[key] == pytest.approx(run[key], rel=1e-4)
+
+
+# A winch at (-1, 0, 0) lifts 1 kg that hangs 2 m below a ring at the origin, in which the line turns by 90
+# degrees. Before, the line has everywhere the weight as tension: EA (s^3 - s) / 2 = 9.81 N.
+STRETCH = brentq(lambda s: 5e3 * (s**3 - s) - 9.81, 1.0, 1.1)
+HOIST = f"""
+time = {{ end = 1.5, output_step = 0.05 }}
+solver = {{ method = "RK44", step = 2e-4 }}
+effects.gravity.acceleration = [0.0, 0.0, -9.81]
+net.elements = [[0, 1]]  # between what is fixed
+net.nodes = [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -2.0]]
+net.node_masses = [1.0, 1.0, 1.0]
+net.fixed = [0, 1]
+[closing]
+kind = "line"
+nodes = [1]
+start = {{ node = 0 }}
+end = {{ node = 2 }}
+length = {3.0 / STRETCH!r}
+stiffness = 1e4
+linear_density = 0.0
+ring_diameter = 0.001
+friction = %s
+[closing.winch]
+shortest = 0.5
+damping = 20.0
+commands = [{{ at = 0.1, mode = "tension", force = %s }}, {{ at = 1.2, mode = "lock" }}]
+"""
+
+
+@EVERY
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_winch_of_constant_force_lifts_a_weight(tmp_path: Path, form: str, friction: float) -> None:
+    """It winds up at (force - N) / c with N = 9.81 N e^(mu pi / 2). Between two instants its work is weight
+    times height, with what friction takes: N - 9.81 N times the way.
+    """
+    text = HOIST % (friction, 25.0)
+    result = exunet.run(case_of(tmp_path, text, form))
+    steady = (result.time > 0.79) & (result.time < 1.19)
+    at_winch = 9.81 * math.exp(friction * math.pi / 2.0)
+    first = np.flatnonzero(steady)[[0, -1]]
+    np.testing.assert_allclose(state(result, "tension_start")[steady], at_winch, rtol=1e-4)
+    ratio = state(result, "tension_start") / state(result, "tension_end")
+    np.testing.assert_allclose(ratio[steady], math.exp(friction * math.pi / 2.0), rtol=1e-8)
+    span = float(np.diff(result.time[first])[0])
+    wound, work = (np.diff(state(result, name)[first])[0] for name in ("wound_up", "work"))
+    assert wound == pytest.approx(span * (25.0 - at_winch) / 20.0, rel=1e-4)
+    height = np.diff(result.position[first, 2, 2])[0]
+    assert height == pytest.approx(
+        wound, rel=3e-3
+    )  # the line that is wound up is stretched by 1 to 1.6 permille
+    assert work == pytest.approx(at_winch * height, rel=3e-3)
+    after = result.time > 1.21
+    assert np.ptp(state(result, "wound_up")[after]) == 0.0
+    assert np.ptp(state(result, "work")[after]) == 0.0
+    balance = result.kinetic + result.potential + result.dissipated
+    assert np.ptp(balance) < 1e-6 * work
+    if friction > 0.0:
+        taken = np.diff(state(result, "friction")[first])[0]
+        assert taken == pytest.approx((at_winch - 9.81) * height, rel=3e-3)
+    told = [one["time_s"] for one in result.provenance["closing"]]
+    assert told == pytest.approx([0.1, 1.2])
+
+
+@EVERY
+def test_a_winch_of_constant_rate(tmp_path: Path, form: str) -> None:
+    """A weight on a spring whose end moves at w: its height is w t - w / W sin(W t), W^2 = k / m.
+
+    k = dN/dL = EA (3 s^2 - 1) / (2 L) at the weight's tension; the line becomes shorter by 1 % in 0.3 s, so
+    that W grows by 0.5 %, and the swing of 1.7 mm is known to 1e-4 m.
+    """
+    text = (HOIST % (0.0, 1.0)).replace('mode = "tension", force = 1.0', 'mode = "rate", rate = 0.1')
+    result = exunet.run(case_of(tmp_path, text, form, "time.end=0.4", "time.output_step=0.01",
+                                "closing.winch.commands=[{at=0.1, mode='rate', rate=0.1}]"))  # fmt: skip
+    moved = np.maximum(result.time - 0.1, 0.0)
+    omega = math.sqrt(1e4 * (3.0 * STRETCH**2 - 1.0) / 2.0 / (3.0 / STRETCH))
+    height = 0.1 * moved - 0.1 / omega * np.sin(omega * moved)
+    assert np.abs(result.position[:, 2, 2] + 2.0 - height).max() < 1e-4
+    assert state(result, "wound_up")[-1] == pytest.approx(0.03, rel=1e-10)
+    balance = result.kinetic + result.potential + result.dissipated
+    assert np.ptp(balance) < 1e-8
+
+
+def test_friction_holds_what_hangs(tmp_path: Path) -> None:
+    """A brake of 6.5 N lets a weight of 9.81 N hang: e^(0.3 pi / 2) = 1.602 times 6.5 N are 10.4 N."""
+    brake = "closing.winch.commands=[{at=0.0, mode='rate', rate=0.1}, {at=0.3, mode='brake', force=6.5}]"
+    engine = "engine.net=connectors"
+    held = exunet.run(case_of(tmp_path, HOIST % (0.3, 1.0), engine, brake, "time.end=1.2"))
+    let_go = exunet.run(case_of(tmp_path, HOIST % (0.0, 1.0), engine, brake, "time.end=1.2"))
+    late = held.time > 0.9
+    assert np.ptp(state(held, "wound_up")[late]) < 1e-4
+    assert state(let_go, "wound_up")[-1] < 0.01
+
+
+def test_a_script_commands_the_winch(tmp_path: Path) -> None:
+    """As commands of the case do, at the same instant."""
+    common = ("engine.net=connectors", "time.end=0.3", "time.output_step=0.1")
+    told = "closing.winch.commands=[{at=0.1, mode='tension', force=25.0}]"
+    of_case = exunet.run(case_of(tmp_path, HOIST % (0.0, 1.0), *common, told))
+    sim = Simulation(case_of(tmp_path, HOIST % (0.0, 1.0), *common, "closing.winch.commands="))
+    sim.advance_to(0.1)
+    sim.command("closing", "tension", force=25.0)
+    sim.advance_to(0.3)
+    np.testing.assert_allclose(sim.net.position[2], of_case.position[-1, 2], atol=1e-12)
+
+
+def test_a_checkpoint_goes_on_to_the_last_bit(tmp_path: Path) -> None:
+    """What the line has slid is in the snapshot."""
+    sim = Simulation(case_of(tmp_path, HOIST % (0.3, 25.0), "engine.net=connectors"))
+    sim.advance_to(0.3)
+    here = sim.snapshot()
+    sim.advance_to(0.5)
+    once = sim.net.position.copy()
+    sim.restore(here)
+    sim.advance_to(0.5)
+    np.testing.assert_array_equal(sim.net.position, once)
+
+
+SQUARE = """
+format = 1
+title = "An edge that becomes shorter"
+time = { end = 0.4, output_step = 0.02 }
+solver = { method = "RK44", step = 1e-4 }
+initial.packing = 1.0
+net.topology = "square"
+net.size = 1.0
+net.mesh = 0.5
+net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 1e8 }
+net.bullets = { mass = 0.02 }
+effects.material_damping.relaxation_time = 1e-3
+closing = { kind = "perimeter", at = 0.1, rate = 2.0, part = 0.6 }
+"""
+
+
+def square(folder: Path, *overrides: str) -> exunet.Case:
+    path = folder / "square.toml"
+    path.write_text(SQUARE)
+    return exunet.load(path, overrides)
+
+
+@EVERY
+@pytest.mark.parametrize("damped", [False, True])
+def test_an_edge_that_becomes_shorter(tmp_path: Path, form: str, damped: bool) -> None:
+    """From 0.1 s on for 0.2 s, to 0.6 of its length; the tension follows from that, and the books close."""
+    result = exunet.run(square(tmp_path, form, *([] if damped else ["effects.material_damping="])))
+    part = state(result, "part")
+    exact = np.clip(1.0 - 2.0 * (result.time - 0.1), 0.6, 1.0)
+    np.testing.assert_allclose(part, exact, atol=1e-12)
+    ends = result.net.element_nodes
+    outer = (np.abs(result.net.reference_position[ends][..., :2]).max(axis=2) > 0.49).all(axis=1)
+    assert outer.sum() == 8
+    assert not result.tension[result.time < 0.1].any()
+    length = np.linalg.norm(np.diff(result.position[:, ends], axis=2)[:, :, 0], axis=2)
+    stretch = length / (0.5 * part[:, None])
+    strain = 0.5 * (stretch**2 - 1.0)
+    np.testing.assert_allclose(result.strain[:, outer], strain[:, outer], rtol=1e-10, atol=1e-12)
+    elastic = 1e8 * math.pi * 0.0005**2 * np.maximum(strain, 0.0) * stretch
+    assert (result.tension[:, outer] > 0.1).any()
+    if not damped:
+        np.testing.assert_allclose(result.tension[:, outer], elastic[:, outer], rtol=1e-9, atol=1e-12)
+    balance = result.kinetic + result.elastic + result.potential + result.dissipated
+    work = state(result, "work")[-1]
+    assert work > 0.01
+    assert np.ptp(balance) < 1e-5 * work
+    assert np.abs(result.momentum).max() < 1e-12
+    words = [one["event"] for one in result.provenance["closing"]]
+    assert words == ["the edge begins to become shorter", "the edge is as short as it gets"]
+
+
+def test_arrays_and_loops_say_the_same_of_an_edge(tmp_path: Path) -> None:
+    """Two forms of one law, which are written apart."""
+    start = prepare_case(square(tmp_path))
+    shortening = start.system.forces.cable.shortening
+    assert shortening is not None
+    rng = np.random.default_rng(3)
+    x, v = start.system.layout.pack(start.state.moving)
+    x = x + rng.normal(scale=0.1, size=len(x))
+    x[int(start.system.blocks.state("closing/part"))] = 0.8
+    v, memory = rng.normal(size=len(v)), {"closing/perimeter": np.ones(1)}
+    _, strain, tension = shortening.seen(memory, x[None], v[None])
+    data = shortening.data(np.ones(1))
+    assert np.count_nonzero(tension) > 2
+    for e in range(8):
+        _, _, elastic, of_loop, _ = perimeter.threads_pull(x, v, data, e)
+        assert tension[0, e] == pytest.approx(of_loop, rel=1e-12)
+        assert max(strain[0, e], 0.0) == pytest.approx(elastic, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["closing.nodes=[7]"], "closing.nodes[0]: there is no node 7: the net has 3, numbered from 0"),
+        (["closing.nodes=[1, 1]"], "node 1 follows itself"),
+        (["closing.nodes=", "closing.rings=edge"], "closing.rings: the net has no edge"),
+        (["closing.nodes=", "closing.rings=corners"], "closing.rings: the net has no mouth"),
+        (["closing.nodes="], "needs either rings or nodes"),
+        (["closing.start="], "closing.end: needs start"),
+        (["closing.start={bullet=0}"], "there is no bullet 0"),
+        (["closing.start={node=1}"], "node 1 is the ring next to it"),
+        (["closing.length="], 'needs length, for kind = "line"'),
+        (["closing.length=1.0"], "closing.length: its way through the rings is 3 m at the start"),
+        (["closing.rate=0.5"], 'is for kind = "perimeter"'),
+        (["closing.winch.shortest=4.0"], "there is nothing to wind up"),
+        (
+            ["closing.friction=3.0"],
+            "closing.friction: must be a number not less than 0 and not greater than 2",
+        ),
+        (["closing.stiffness=1e305"], "closing: leads to numbers outside the range of floating-point"),
+        (["closing.winch.damping="], "needs the damping of the drive"),
+        (["closing.kind=perimeter"], 'is for kind = "line"'),
+        (["bodies.closing={mass=1.0, inertia=[1.0, 1.0, 1.0]}"], "the closing line has this name in results"),
+        (["solver={method='GeneralizedAlpha', step=1e-3}"], "closing/wound_up"),
+    ],
+)
+def test_what_is_refused(tmp_path: Path, overrides: list[str], words: str) -> None:
+    with pytest.raises(CaseError) as refused:
+        prepare_case(case_of(tmp_path, HOIST % (0.0, 1.0), *overrides))
+    assert words in str(refused.value)
+
+
+def test_what_a_perimeter_excludes(tmp_path: Path) -> None:
+    bends: Any = "effects.bending.modulus=1e6"
+    with pytest.raises(CaseError, match="excludes closing"):
+        square(tmp_path, bends)

@@ -1,0 +1,248 @@
+"""The loops of a closing line: forces, energy, capstan ratio, work of the winch, rings that meet.
+
+The functions run here as Python; `test_closing_line.py` runs them compiled, in all forms of the engine.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exunet.forces import closing_loops
+from exunet.forces.blocks import Blocks
+from exunet.forces.closing import Drawstring, states_of, way_of
+from exunet.net.arrays import Net
+from exunet.net.closing import ClosingLine
+from exunet.net.drive import Drive
+
+Floats = np.ndarray
+
+RING = 0.01
+
+
+def line(places: Floats, **given: Any) -> tuple[closing_loops.Line, Blocks]:
+    """A line from the first of some places through rings at the others to the last; EA = 500 N."""
+    n = len(places)
+    none, nothing = np.zeros(0), np.zeros(0, dtype=np.int64)
+    ends = np.zeros((0, 2), dtype=np.int64)
+    net = Net(places, np.ones(n), ends, none, none, none, none, none.astype(bool), nothing, nothing)
+    numbers: dict[str, Any] = {"path": tuple(range(n)), "length": 2.0, "stiffness": 500.0, "friction": 0.0}
+    numbers |= {"linear_density": 0.0, "ring_diameter": RING}
+    numbers |= {"shortest": 0.5, "largest_rate": 5.0, "has_winch": True}
+    time = given.pop("time", 0.0)
+    drawn = ClosingLine(**(numbers | given))
+    blocks = Blocks.of(net, places, (), (), states_of(drawn, places, 1.0))
+    string = Drawstring(drawn, blocks, 1.0, time)
+    return string.data(string.at_start), blocks
+
+
+ZIGZAG = np.array([[0.0, 0.0, 0.0], [0.7, 0.4, 0.1], [0.9, -0.5, 0.2], [1.6, 0.1, -0.2], [2.0, 0.6, 0.3]])
+
+
+def flat(places: Floats, *states: float) -> Floats:
+    return np.concatenate([places.ravel(), states])
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+@pytest.mark.parametrize("near", [1.0, 0.5, 1e-3, 0.0])
+def test_forces_and_torques_sum_to_zero(friction: float, near: float) -> None:
+    """Whatever the distance of two rings, in their diameters: pieces pull along the line between nodes."""
+    places = ZIGZAG.copy()
+    places[2] = places[1] + near * RING * np.array([0.6, 0.0, 0.8])
+    data, blocks = line(places, friction=friction, length=1.2)
+    force = np.zeros(blocks.n_force)
+    rubs = friction > 0.0
+    add = closing_loops.add_rubbing_line if rubs else closing_loops.add_line
+    add(0.0, flat(places, 0.1, 0.0, 0.0, 0.0), np.zeros(blocks.n_v), data, force)
+    pulls = force[: 3 * len(places)].reshape(-1, 3)
+    assert np.abs(pulls).max() > 10.0
+    assert np.abs(pulls.sum(axis=0)).max() < 1e-12 * np.abs(pulls).max()
+    assert np.abs(np.cross(places, pulls).sum(axis=0)).max() < 1e-12 * np.abs(pulls).max()
+
+
+def test_one_tension_along_the_line() -> None:
+    """N of the whole way, at both ends, and 2 N sin(phi / 2) at each ring, by which the line turns by phi."""
+    length = float(way_of(line_of(5), ZIGZAG).sum()) / 1.1
+    data, blocks = line(ZIGZAG, length=length)
+    force = np.zeros(blocks.n_force)
+    closing_loops.add_line(0.0, flat(ZIGZAG, 0.0, 0.0), np.zeros(blocks.n_v), data, force)
+    pulls = np.linalg.norm(force[:15].reshape(-1, 3), axis=1)
+    tension = 250.0 * (1.1**3 - 1.1)
+    np.testing.assert_allclose(pulls[[0, -1]], tension, rtol=1e-12)
+    np.testing.assert_allclose(pulls[1:-1], 2.0 * tension * np.sin(0.5 * turns(ZIGZAG)), rtol=1e-12)
+
+
+def turns(places: Floats) -> Floats:
+    """Angles [rad] by which a polygon turns at its inner corners."""
+    ways = np.diff(places, axis=0)
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    return np.arccos(np.einsum("ka,ka->k", ways[1:], ways[:-1]))
+
+
+@pytest.mark.parametrize("time", [0.0, 0.01])
+@pytest.mark.parametrize("near", [30.0, 0.7])
+def test_force_work_and_energy(time: float, near: float) -> None:
+    """-dU/dx on the nodes, dU/ds at the winch, by differences; what is left is what viscosity takes out."""
+    places = ZIGZAG.copy()
+    places[3] = places[2] + near * RING * np.array([0.6, 0.0, 0.8])
+    drives = (Drive(0.4, 5.0, 0.01, 0.0),)
+    length = float(way_of(line_of(5), places).sum()) / 1.05 + 0.3
+    data, blocks = line(places, time=time, length=length, drives=drives)
+    rng = np.random.default_rng(5)
+    x, v = flat(places, 0.3, 0.0), rng.normal(scale=0.3, size=blocks.n_v)
+    force, n = np.zeros(blocks.n_force), blocks.n_v
+    closing_loops.add_line(0.0, x, v, data, force)
+    slope = np.zeros(n + 1)
+    for k in range(n + 1):
+        step = 1e-6 * np.eye(n + 2)[k]
+        ends = [closing_loops.line_potential(x + sign * step, data) for sign in (1.0, -1.0)]
+        slope[k] = (ends[0] - ends[1]) / 2e-6
+    if time == 0.0:
+        np.testing.assert_allclose(force[:n], -slope[:n], rtol=1e-6, atol=1e-6)
+        assert force[n + 1] == pytest.approx(slope[n] * force[n], rel=1e-7)
+    balance = force[n + 1] - force[:n] @ v - slope[:n] @ v - slope[n] * force[n]
+    assert closing_loops.line_power(0.0, x, v, data) == pytest.approx(balance, rel=1e-6, abs=1e-6)
+
+
+def test_the_pull_of_rings_that_meet_has_no_jump() -> None:
+    """Way, slope and curvature go on smoothly at the diameter, and at the ring itself the slope is 0."""
+    distance = RING * np.array([1e-9, 0.5, 1.0 - 1e-7, 1.0 + 1e-7, 2.0])
+    way = np.array([way_of(line_of_two(d), np.array([[0.0, 0, 0], [d, 0, 0]]))[0] for d in distance])
+    assert way[0] == pytest.approx(0.375 * RING)  # the formula at u = 0
+    np.testing.assert_allclose(way[2:], distance[2:], rtol=1e-13)
+    for d, slope in zip(distance, [0.0, 0.6875, 1.0, 1.0, 1.0], strict=True):  # 3/2 u - u^3/2
+        data, _ = line(np.array([[0.0, 0, 0], [d, 0, 0]]))
+        closing_loops.lay_line(np.array([0.0, 0, 0, d, 0, 0, 0, 0]), data)
+        assert data.pieces[0, 4] == pytest.approx(slope, abs=1e-8)
+        assert data.pieces[0, 5] == way_of(line_of_two(d), np.array([[0.0, 0, 0], [d, 0, 0]]))[0]
+
+
+def line_of_two(_: float) -> ClosingLine:
+    return ClosingLine((0, 1), 1.0, 1.0, 0.0, RING, 0.0)
+
+
+def slid(places: Floats, wound: float, friction: float, **given: Any) -> closing_loops.Line:
+    """A line of one tension, none unless stretched, from which a length was wound up at its start."""
+    length = float(way_of(line_of(len(places)), places).sum()) / given.pop("stretched", 1.0)
+    data, _ = line(places, length=length, friction=friction, **given)
+    closing_loops.settle_line(flat(places, wound, 0.0, 0.0, 0.0), data)
+    return data
+
+
+def line_of(n: int) -> ClosingLine:
+    return ClosingLine(tuple(range(n)), 1.0, 1.0, 0.0, RING, 0.0)
+
+
+@pytest.mark.parametrize("at_end", [False, True])
+def test_the_capstan_ratio(at_end: bool) -> None:
+    """e^(mu phi) at each ring, Euler and Eytelwein; the line in all pieces is what was not wound up."""
+    data = slid(ZIGZAG, 0.1, 0.3, winch_at_end=at_end)
+    phi = turns(ZIGZAG)
+    assert phi.min() > 0.5
+    falls = data.tension[1:] / data.tension[:-1]
+    np.testing.assert_allclose(falls, np.exp((0.3 if at_end else -0.3) * phi), rtol=1e-10)
+    assert data.material.sum() == pytest.approx(data.whole - 0.1, rel=1e-13)
+    stretch = data.pieces[:, 5] / data.material
+    np.testing.assert_allclose(data.tension, 250.0 * (stretch**3 - stretch), rtol=1e-10)  # EA e lambda
+
+
+def test_far_from_the_winch_it_may_not_slide_at_all() -> None:
+    """Where all is taut before, what is not pulled keeps its line: each ring holds what it can."""
+    data = slid(ZIGZAG, 0.02, 0.3, stretched=1.01)
+    falls = data.tension[1:] / np.maximum(data.tension[:-1], 1e-300)
+    sticks = data.slides[:-1] == 0.0
+    assert sticks.any()
+    assert not sticks.all()
+    np.testing.assert_allclose(falls[~sticks], np.exp(-data.limit[:-1][~sticks]), rtol=1e-10)
+    assert (falls[sticks] >= np.exp(-data.limit[:-1][sticks])).all()
+    np.testing.assert_allclose(data.material[-1], data.old[-1], rtol=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_slides_is_the_least(seed: int) -> None:
+    """Random lines and memories: no ratio is exceeded, line slides to higher tension, none is lost."""
+    rng = np.random.default_rng(seed)
+    places = rng.normal(size=(12, 3))
+    places[5] = places[4] + 0.3 * RING  # two rings that touch
+    data, _ = line(places, length=float(way_of(line_of(12), places).sum()) * 0.99, friction=0.2)
+    first = closing_loops.STATUS
+    data.kept[first : first + 11] *= rng.uniform(0.9, 1.1, size=11)
+    whole = data.kept[first : first + 11].sum()
+    wound = data.whole - whole + rng.uniform(-0.2, 0.2)
+    closing_loops.settle_line(flat(places, wound, 0.0, 0.0, 0.0), data)
+    holds = np.exp(data.limit[:-1]) * (1.0 + 1e-9)
+    assert (data.tension[1:] <= data.tension[:-1] * holds + 1e-9).all()
+    assert (data.tension[:-1] <= data.tension[1:] * holds + 1e-9).all()
+    slide = np.cumsum(data.old - data.material)[:-1]
+    assert data.material.sum() == pytest.approx(data.whole - wound, rel=1e-12)
+    taut = np.minimum(data.tension[1:], data.tension[:-1]) > 0.0
+    moved = taut & (np.abs(slide) > 1e-9)
+    assert moved.any() or not taut.any()
+    assert (slide * (data.tension[1:] - data.tension[:-1]))[moved].min(initial=1.0) >= 0.0
+
+
+def test_hardly_any_friction_is_none() -> None:
+    """mu = 1e-13: the forces of the line with one tension, which are written apart."""
+    given = {"length": 1.9, "drives": (Drive(0.4, 5.0, 0.01, 0.0),)}
+    smooth, blocks = line(ZIGZAG, **given)
+    rubbing, more = line(ZIGZAG, friction=1e-13, **given)
+    rng = np.random.default_rng(2)
+    v, n = rng.normal(size=blocks.n_v), blocks.n_v
+    one, other = np.zeros(blocks.n_force), np.zeros(more.n_force)
+    closing_loops.add_line(0.0, flat(ZIGZAG, 0.2, 0.0), v, smooth, one)
+    closing_loops.add_rubbing_line(0.0, flat(ZIGZAG, 0.2, 0.0, 0.0, 0.0), v, rubbing, other)
+    np.testing.assert_allclose(other[: n + 2], one, rtol=1e-9, atol=1e-9)
+    assert other[n + 2] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("near", [40.0, 0.6])
+def test_what_friction_takes(near: float) -> None:
+    """The rate of the elastic energy, of which the power of nodes and winch is left, by differences.
+
+    The line slides through all rings, backwards through two of them, while the nodes move.
+    """
+    places = ZIGZAG.copy()
+    places[2] = places[1] + near * RING * np.array([0.0, -0.8, 0.6])
+    length = float(way_of(line_of(5), places).sum())
+    data, blocks = line(places, length=length, friction=0.3, winch_at_end=True, drives=(Drive(0.5),))
+    v = np.random.default_rng(1).normal(scale=0.2, size=blocks.n_v)
+    x, n, force = flat(places, 0.1, 0.0, 0.0, 0.0), blocks.n_v, np.zeros(blocks.n_force)
+    closing_loops.add_rubbing_line(0.0, x, v, data, force)
+    assert (data.slides[:-1] != 0.0).all()
+
+    def elastic(h: float) -> float:
+        moved = x + h * np.concatenate([v, [force[n], 0.0, 0.0, 0.0]])
+        closing_loops.settle_line(moved, data)
+        stretch = data.pieces[:, 5] / data.material
+        return float((250.0 * (0.5 * (stretch**2 - 1.0)) ** 2 * data.material).sum())
+
+    rate = (elastic(1e-6) - elastic(-1e-6)) / 2e-6
+    taken = force[n + 1] - force[:n] @ v - rate
+    assert force[n + 2] == pytest.approx(taken, rel=1e-6)
+    assert force[n + 3] == pytest.approx(rate, rel=1e-6)
+    assert taken > 0.1
+
+
+def test_the_bounds_for_the_step_hold() -> None:
+    """Against the eigenvalues of -dF/dx / m by differences, with rings apart and with rings that meet."""
+    for near in (50.0, 1.0, 0.1):
+        places = ZIGZAG.copy()
+        places[2] = places[1] + near * RING * np.array([0.0, -0.8, 0.6])
+        length = float(way_of(line_of(5), places).sum()) / math.sqrt(1.02)  # a strain of 1 %
+        data, blocks = line(places, length=length, has_winch=False)
+        drawn = ClosingLine(tuple(range(5)), length, 500.0, 0.0, RING, 0.0)
+        bound = Drawstring(drawn, blocks).rates[0]
+        n, matrix = blocks.n_v, np.zeros((blocks.n_v, blocks.n_v))
+        for k in range(n):
+            both = []
+            for sign in (1.0, -1.0):
+                force = np.zeros(blocks.n_force)
+                x = flat(places, 0.0, 0.0) + sign * 1e-6 * np.eye(n + 2)[k]
+                closing_loops.add_line(0.0, x, np.zeros(n), data, force)
+                both.append(force[:n])
+            matrix[k] = -(both[0] - both[1]) / 2e-6
+        largest = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[-1]  # masses of 1 kg
+        assert 0.05 * bound < largest <= bound
