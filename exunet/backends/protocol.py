@@ -77,7 +77,11 @@ class Observer(Protocol):
         """An event has changed a memory; no batch has states from before and after it."""
 
     def remembered(self, time: float, memory: Arrays) -> None:
-        """The memories (copies) that steps change themselves, at the end [s] of an `advance`."""
+        """The memories (copies) that steps change themselves, at the end [s] of an `advance`.
+
+        Raises RunStopped where they say that something went wrong; the integrator then hands over the states
+        that it has, before it lets that pass.
+        """
 
 
 @dataclass

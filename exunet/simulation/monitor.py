@@ -76,6 +76,7 @@ class Monitor:
         self._stored_until = -math.inf
         self._push: Floats | None = None
         self._kept_at: dict[float, Arrays] = {}
+        self._remembered_until, self._good_until = -math.inf, math.inf
         memories = (term.memory for term in system.forces.memories)
         self._keeps = {one.name: one for one in memories if one is not None and one.kept_in}
         self.peaks = Peaks(system.net.spans)
@@ -191,6 +192,7 @@ class Monitor:
         times = rows.pop("time", np.zeros(0)).tolist()
         self._kept_at = {time: {name: rows[name][k] for name in rows} for k, time in enumerate(times)}
         self.events = list(events)
+        self._remembered_until, self._good_until = self.last_good.time, math.inf
         if self._envelope is not None:
             self._envelope.restore(group_of("envelope", arrays))
         if self._element_peaks is not None:
@@ -216,8 +218,10 @@ class Monitor:
         for name, values in memory.items():
             look = self._keeps[name].wrong
             if look is not None and (words := look(values)):
+                self._good_until = self._remembered_until
                 raise RunStopped(words, step_cause=False)
         self._kept_at[time] = memory
+        self._remembered_until = time
         if time == self.safe.time:
             self._put_memory_into_safe()
 
@@ -248,7 +252,11 @@ class Monitor:
         states = States(self._system, batch.time, *batch[1:4], memory, batch.first_order)
         with np.errstate(all="ignore"):
             dissipated = self._dissipated(states, batch)
-        self.see(states, dissipated)
+        rows = int(np.searchsorted(batch.time, self._good_until, side="right"))
+        if rows == len(states):
+            self.see(states, dissipated)
+        elif rows > 1:
+            self.see(states[:rows], dissipated[:rows])
 
     def see(self, states: States, dissipated: Floats) -> None:
         """As `take`, of states and the energy (k,) [J] taken out until each."""

@@ -10,9 +10,11 @@ import pytest
 from contact_scenes import THROWN
 
 import exunet
+from exunet.base.errors import RunStopped
 from exunet.forces.contact import near_loops
 from exunet.forces.terms import KernelTerm, copied
 from exunet.simulation.preparation import Start, prepare_case
+from exunet.simulation.run import simulate
 from exunet.system.effect_survey import survey
 
 WINDOW = 2  # of `look`: how long the choice is right
@@ -107,3 +109,21 @@ def test_threads_between_boxes_and_ball_are_not_near(start: Start) -> None:
     data.own[data.second[0] : data.second[0] + 3] = box[3:] + np.array([0.06, 0.09, 0.12])
     corner = np.hypot(0.03 - data.thick[0], 0.04 - data.thick[0])
     assert near_loops.clearance(data, 0) == pytest.approx(corner, rel=1e-12)
+
+
+@pytest.mark.parametrize("form", ['engine.loop="compiled"', 'engine={net="connectors", loop="exudyn"}'])
+def test_a_run_that_contact_stops_keeps_its_states(form: str, tmp_path: Path) -> None:
+    """Until the last stored time before: threads that nearly nothing holds sink into the box."""
+    path = tmp_path / "thrown.toml"
+    path.write_text(THROWN)
+    soft = ["effects.contact.stiffness=1.0"]
+    with pytest.raises(RunStopped, match="deeper") as stop:
+        simulate(prepare_case(exunet.load(path, [*soft, form, "solver.step=1e-4"])))
+    result = stop.value.result
+    touching = result.states["contact_box/threads_touching"].values[:, 0]
+    assert len(touching) == len(result.time)
+    assert touching[-1] > 0
+    assert touching[0] == 0
+    np.testing.assert_allclose(np.diff(result.time), 0.01, rtol=1e-9)
+    worst = float(str(stop.value).split("t = ")[1].split(" s")[0])
+    assert result.time[-1] < worst < result.time[-1] + 0.0101

@@ -27,6 +27,7 @@ from exunet.backends.compiled.work_space import (
 )
 from exunet.backends.events import Events
 from exunet.backends.protocol import Arrays, Batch, Extremes, Largest, Observer, StepCounts, StepsCollapsed
+from exunet.base.errors import RunStopped
 from exunet.base.interrupt import postponed
 from exunet.bodies.constraint_loops import OnGuided
 from exunet.bodies.kinematics import sites_of, steer
@@ -243,7 +244,11 @@ class CompiledLoop(CompiledIntegration):
         self._observer.between(until, extremes)
         if self._table.kept:
             kept = {name: values.copy() for name, values in self._table.kept.items()}
-            self._observer.remembered(until, kept)
+            try:
+                self._observer.remembered(until, kept)
+            except RunStopped:
+                self.hand_over()  # the observer knows which states are good
+                raise
         if not math.isfinite(np.dot(self._motion.x, self._motion.x)):  # a square may overflow; no harm
             self.hand_over()
 

@@ -17,7 +17,7 @@ from exunet.backends.exudyn.loading import exudyn
 from exunet.backends.exudyn.settings import ends_at, longest_of, settings_for
 from exunet.backends.exudyn.step_choice import StepChoice
 from exunet.backends.protocol import Arrays, Batch, IntegrationFailed, Observer, StepCounts, StepsCollapsed
-from exunet.base.errors import InputError
+from exunet.base.errors import InputError, RunStopped
 from exunet.base.interrupt import postponed
 from exunet.bodies.port import Piece
 from exunet.forces.jumps import Jump, jump_ahead
@@ -116,7 +116,11 @@ class Stepper:
             self._stretch(self._events.next_instant(self.time, until))
         if self._keeps:
             kept = self._model.applied.remembered.items()
-            self._observer.remembered(until, {name: values.copy() for name, values in kept})
+            try:
+                self._observer.remembered(until, {name: values.copy() for name, values in kept})
+            except RunStopped:
+                self.hand_over()  # the observer knows which states are good
+                raise
 
     def _stretch(self, until: float) -> None:
         self._set_stretch(until)
