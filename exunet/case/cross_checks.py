@@ -59,7 +59,8 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
 def _verdict(scene: Scene) -> Iterator[Fault]:
     contact = getattr(scene.effects, "contact", None)
     touched = frozenset(() if contact is None else contact.threads)
-    yield from verdict.cross_checks(scene.verdict, scene.bodies, touched)
+    has_mouth = scene.net.topology != "explicit"
+    yield from verdict.cross_checks(scene.verdict, scene.bodies, touched, has_mouth=has_mouth)
 
 
 def _bodies(scene: Scene) -> Iterator[Fault]:

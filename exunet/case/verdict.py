@@ -11,7 +11,7 @@ from exunet.base.errors import Fault
 from exunet.base.table import Count, NonNegative, Positive, Table, Vector
 from exunet.bodies.keys import Bodies
 
-CONDITIONS = ("enclosed", "relative_speed", "relative_spin", "cqi", "mcqi", "touching")
+CONDITIONS = ("enclosed", "relative_speed", "relative_spin", "cqi", "mcqi", "mouth", "touching")
 Part = Annotated[float, Field(gt=0, le=1)]
 
 
@@ -35,6 +35,7 @@ class Verdict(Table):
     )
     cqi: Positive | None = Field(None, description="largest capture quality index")
     mcqi: Positive | None = Field(None, description="largest modified capture quality index")
+    mouth: Positive | None = Field(None, description="largest diameter of the net's mouth [m]")
     touching: Count | None = Field(None, description="least number of elements that touch the target")
     length: Positive | None = Field(
         None, description="of the target, in the two indices [m]; default: of its longest diagonal"
@@ -48,8 +49,10 @@ class Verdict(Table):
     )
 
 
-def cross_checks(verdict: Verdict | None, bodies: Bodies, touched: frozenset[str]) -> Iterator[Fault]:
-    """touched : the bodies that threads of the scene touch."""
+def cross_checks(
+    verdict: Verdict | None, bodies: Bodies, touched: frozenset[str], *, has_mouth: bool
+) -> Iterator[Fault]:
+    """touched : the bodies that threads of the scene touch; has_mouth : of the net's topology."""
     if verdict is None:
         return
     body = bodies.get(verdict.target)
@@ -63,6 +66,8 @@ def cross_checks(verdict: Verdict | None, bodies: Bodies, touched: frozenset[str
     if verdict.is_given("touching") and verdict.target not in touched:
         words = f"effects.contact does not name {verdict.target!r} among the bodies that threads touch"
         yield Fault("verdict.touching", words)
+    if verdict.is_given("mouth") and not has_mouth:
+        yield Fault("verdict.mouth", "a net of listed elements has no mouth that could be narrow")
     for name in ("cqi_weights", "mcqi_weights"):
         weights = getattr(verdict, name)
         if min(weights) < 0.0 or sum(weights) == 0.0:

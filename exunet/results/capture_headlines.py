@@ -126,7 +126,7 @@ def told(course: Course) -> dict[str, Any] | None:
 
 def _with_unit(condition: str) -> str:
     """Its key in summary.json."""
-    unit = {"relative_speed": "_m_s", "relative_spin": "_rad_s"}
+    unit = {"relative_speed": "_m_s", "relative_spin": "_rad_s", "mouth": "_m"}
     return condition + unit.get(condition, "")
 
 

@@ -78,6 +78,7 @@ _CONDITIONS = {
     "relative_spin_rad_s": ("relative spin", "<=", " rad/s"),
     "cqi": ("CQI", "<=", ""),
     "mcqi": ("MCQI", "<=", ""),
+    "mouth_m": ("mouth", "<=", " m"),
     "touching": ("elements that touch", ">=", ""),
 }
 

@@ -41,7 +41,7 @@ def conditions(rule: Verdict, measures: Measures, touching: Floats) -> dict[str,
     found = {}
     if rule.enclosed is not None:
         found["enclosed"] = measures.enclosed >= rule.enclosed
-    for name in ("relative_speed", "relative_spin", "cqi", "mcqi"):
+    for name in ("relative_speed", "relative_spin", "cqi", "mcqi", "mouth"):
         if (most := getattr(rule, name)) is not None:
             found[name] = getattr(measures, name) <= most
     if rule.touching is not None:

@@ -13,12 +13,13 @@ from contact_scenes import THROWN
 
 import exunet
 from exunet.bodies.shapes import Shape, Solid
-from exunet.case.verdict import Verdict
+from exunet.case.verdict import CONDITIONS, Verdict
 from exunet.net.arrays import Net
 from exunet.results.capture import Measures, capture, target_of
-from exunet.results.capture_headlines import outcomes
+from exunet.results.capture_headlines import _with_unit, outcomes
 from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
+from exunet.results.table import _CONDITIONS
 from exunet.results.verdict import Outcome, found
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.spread import spread_of
@@ -158,6 +159,17 @@ def test_what_became_of_it(
     assert (one.outcome, one.since) == (known, since)
 
 
+def test_a_mouth_that_must_be_narrow() -> None:
+    """All that holds but for the mouth, 0.4 m wide at first: from when on it is 0.3 m."""
+    nothing = np.zeros(4)
+    mouth = np.array([0.4, 0.4, 0.3, 0.2])
+    measures = Measures(nothing + 1.0, nothing, nothing, mouth, nothing, nothing)
+    one = found(rule(duration=1.0, mouth=0.3), np.arange(4.0), measures, nothing, touched=True)
+    assert (one.outcome, one.since) == (Outcome.CAPTURED, 2.0)
+    one = found(rule(duration=1.0, mouth=0.25), np.arange(4.0), measures, nothing, touched=True)
+    assert one.outcome == Outcome.TOUCHED
+
+
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
@@ -171,6 +183,8 @@ def test_what_became_of_it(
         ('target = "box"\nduration = 1.0\ntouching = 1', "effects.contact does not name 'box'"),
         ('target = "box"\nduration = 1.0\ncqi = 1.0\ncqi_weights = [0.0, 0.0, 0.0]', "nor all 0"),
         ('target = "box"\nenclosed = 0.5', "duration"),
+        ('target = "box"\nduration = 1.0\nmouth = 0.0', "mouth"),
+        ('target = "box"\nduration = 1.0\nmouth = 0.5', "has no mouth"),
     ],
 )
 def test_a_rule_that_cannot_be_is_refused_with_its_line(lines: str, words: str, tmp_path: Path) -> None:
@@ -208,3 +222,8 @@ def test_moved_starts_tell_the_same_of_a_capture_before_the_horizon(tmp_path: Pa
             drawn = exunet.figure(result, name, spread=kept, size=size)
             assert len(drawn.axes) == 2
             assert all(axes.get_ylabel() and axes.get_lines() for axes in drawn.axes)
+
+
+def test_every_condition_has_words_and_a_key() -> None:
+    """In the table that a run prints, and in summary.json."""
+    assert {_with_unit(name) for name in CONDITIONS} == set(_CONDITIONS)
