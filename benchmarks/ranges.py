@@ -15,7 +15,7 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -136,7 +136,7 @@ def _decimals(one: Judged) -> int:
 
 def study(name: str, case: Case, runs: int) -> list[Covered]:
     begun = time.perf_counter()
-    spread = spread_of(prepare_case(case))
+    spread = replace(spread_of(prepare_case(case)), run=course_of(exunet.run(case)))
     found = fresh(case, runs)
     rows = []
     for key, one in spread.judged.items():
