@@ -86,9 +86,7 @@ def _of_contact(net: NetSystem, port: str) -> Ratios:
             stiffness = data.stiffness * float(data.length.sum())
         else:
             stiffness = steepest(data) * len(data.node)
-        arm = float(
-            np.linalg.norm(np.abs(data.boxes.reshape(-1, 3)).max(axis=0))
-        )  # farthest corner of the boxes
+        arm = float(np.linalg.norm(data.middle)) + data.radius
         mobility = 1.0 / body.mass + arm**2 / min(body.inertia)
         spring, depth = stiffness * mobility, data.allowed + float(np.max(data.thick, initial=0.0))
         if speed := on.impact_speed or (1.0 / data.damping if data.damping else 0.0):

@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.ci]  # kernels, compiled in a minute
     ("name", "outcome", "mouth"), [("closed_box", "captured", 0.3), ("open_box", "touched", 1.41)]
 )
 def test_a_net_captures_if_it_is_closed(name: str, outcome: str, mouth: float) -> None:
-    """mouth : its largest diameter from 1.6 s on [m], when the line has been locked; 1.4 m of the open one."""
+    """mouth : its largest diameter from 1.6 s on [m], when the line is locked; 1.4 m of the open one."""
     result = exunet.run(exunet.load(CASES / f"{name}.toml", ["engine.loop=compiled"]))
     course = course_of(result)
     found = told(course)

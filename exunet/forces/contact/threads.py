@@ -61,7 +61,7 @@ class ThreadContact(NamedTuple):
     thick    : (m,) radius of the thread [m]
     spring, relaxation : (m,) k_t [N/m] and theta [s] of friction
     kind, numbers, place, turn, rounding, boxes : as `Cores`
-    radius, allowed, least : as `Surface`
+    middle, radius, allowed, least : as `Surface`
     centre, attitude, spin : where the entries of the body begin, see `exunet.forces.blocks`
     taken    : where in force the rates of the energies that damping and friction take stand
     stiffness, damping : K [N/m2], a [s/m]
@@ -96,6 +96,7 @@ class ThreadContact(NamedTuple):
     turn: Floats
     rounding: Floats
     boxes: Floats
+    middle: Floats
     radius: float
     allowed: float
     least: float
@@ -154,6 +155,7 @@ def thread_contact(
         spring,
         2.0 * rubbing.damping * np.sqrt(mass / spring),
         *cores,
+        surface.middle,
         surface.radius,
         surface.allowed,
         surface.least,
