@@ -9,6 +9,8 @@ its probability by chance. Takes some minutes; needs Numba.
 
 from __future__ import annotations
 
+import multiprocessing
+
 import numpy as np
 from scipy.stats import kendalltau
 
@@ -17,7 +19,6 @@ from exunet.methods.method import Form
 from exunet.studies.both_codes import BothCodes, read_both
 from exunet.verification.growth import nearby
 from exunet.verification.shipped import shipped
-from exunet.verification.statistics import in_parallel
 from exunet.verification.symmetry import NUDGE, separation
 from exunet.verification.trajectories import with_tolerance
 
@@ -37,7 +38,8 @@ def row(name: str) -> list[str]:
     """Net, median time of separation at each tolerance, tau and probability."""
     case, tolerances = read_both(shipped()[name]).in_form(Form.COMPILED), np.repeat(TOLERANCES, DRAWS)
     jobs = [(nearby(case, NUDGE, FIRST_SEED + k), float(t)) for k, t in enumerate(tolerances)]
-    times = np.array(in_parallel(separated, jobs))
+    with multiprocessing.get_context("spawn").Pool() as pool:
+        times = np.array(pool.starmap(separated, jobs))
     tau, chance = kendalltau(-tolerances, np.minimum(times, NEVER))
     medians = np.median(times.reshape(-1, DRAWS), axis=1)
     return [name, *(f"{median:.3f}" for median in medians), f"{tau:+.2f}", f"{chance:.2g}"]

@@ -232,7 +232,8 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
     pressed = _touched(system, whole, mode, packed)
     for body, force in pressed.on_nodes:
         _press(system, whole, body, force, push, beside, torque)
-    power += float(np.sum(pressed.taken))
+    if system.contacts is not None:
+        power += float(np.sum(pressed.taken))
     result = system.compliance_of_inertia * push
     if effects.orbit is not None:
         orbital = orbital_acceleration(effects.orbit, nodes, speeds)
@@ -245,7 +246,7 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
     if packed or outlets is not None:
         carried = held.load(system, whole.held, packed)
         _bear(system, t, whole, carried, result, beside, torque, given)
-    power += taken - float(np.sum(given[:, 6]))
+    power += taken - (float(np.sum(given[:, 6])) if len(given) else 0.0)
     if outlets is not None:
         power -= float(np.sum(outlets.power))
     reeling = np.empty((2, 0)) if outlets is None else np.stack((outlets.rate, outlets.power))

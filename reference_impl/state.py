@@ -15,6 +15,7 @@ in what they do.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class Layout:
 
     system: System
 
-    @property
+    @cached_property
     def nodes(self) -> int:
         """n."""
         return len(self.system.net.mass)
@@ -62,48 +63,48 @@ class Layout:
     def bodies(self) -> Bodies:
         return self.system.bodies
 
-    @property
+    @cached_property
     def half(self) -> int:
         """Size 3 N of positions, and of velocities."""
         return 3 * (self.nodes + len(self.bodies.names))
 
-    @property
+    @cached_property
     def turned(self) -> int:
         """Where attitudes end and angular momenta begin."""
         return 2 * self.half + 9 * len(self.bodies.rigid)
 
-    @property
+    @cached_property
     def moved(self) -> int:
         """Where the motion ends and the books begin."""
         return self.turned + 3 * len(self.bodies.rigid)
 
-    @property
+    @cached_property
     def controlled(self) -> int:
         """How much of y, from its beginning, adaptive methods keep accurate: motion, clock, reels."""
         return self.moved + self.clocks + 2 * self.reels
 
-    @property
+    @cached_property
     def reels(self) -> int:
         """R."""
         return 0 if self.system.reels is None else len(self.system.reels)
 
-    @property
+    @cached_property
     def booked(self) -> int:
         """Where the work of reels ends and what driven bodies gave begins."""
         return self.freed + self.reels
 
-    @property
+    @cached_property
     def freed(self) -> int:
         """Where it ends whether a net is packed, and the work of reels begins."""
         return self.rubbed + int(self.system.packed is not None)
 
-    @property
+    @cached_property
     def bristled(self) -> int:
         """Where the directions of bristles end, which begin after what is controlled."""
         contacts = self.system.contacts
         return self.controlled + (0 if contacts is None else 3 * contacts.bristles)
 
-    @property
+    @cached_property
     def rubbed(self) -> int:
         """Where ends what has been taken by damping and friction where bodies are touched."""
         return self.bristled + (0 if self.system.contacts is None else 2)
@@ -129,7 +130,7 @@ class Layout:
             y[..., self.freed : self.booked],
         )
 
-    @property
+    @cached_property
     def clocks(self) -> int:
         """1 where given motions need the time t, else 0."""
         return int(len(self.bodies.driven) > 0)

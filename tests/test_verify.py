@@ -19,9 +19,10 @@ from exunet.studies.both_codes import both_of_text, read_both
 from exunet.verification import random_nets, random_states, tolerances
 from exunet.verification.at_states import forces, measures
 from exunet.verification.check import Check, worst_of
-from exunet.verification.ladder import Ladder, Step
+from exunet.verification.ladder import Ladder
 from exunet.verification.matrices import matrices
 from exunet.verification.shipped import shipped
+from exunet.verification.step import Step
 from exunet.verification.stepping import one_step
 from exunet.verification.topology import random_topologies, topology
 from reference_impl.read import Refused, read_document
@@ -193,7 +194,7 @@ def test_a_stopped_run_fails_its_step():
 
 def _only_states(monkeypatch):
     """Leave out the rungs that take whole runs."""
-    for later in ("_runs", "_answers", "_horizons", "_bodies"):
+    for later in ("_runs", "_answers", "_bodies"):
         monkeypatch.setattr(Ladder, later, lambda self: iter(()))
 
 
@@ -205,7 +206,7 @@ def test_a_failing_rung_says_where_and_ends_with_1(tmp_path, monkeypatch, capsys
     _only_states(monkeypatch)
     tension = cable.tension
     monkeypatch.setattr(cable, "tension", lambda *a, **k: 1.001 * tension(*a, **k))
-    assert verify([PAPER], tmp_path, quick=True) == 1
+    assert verify([PAPER], tmp_path, quick=True, processes=1) == 1
     text = (tmp_path / "verification.md").read_text()
     assert "What fails" in text
     assert "m/s2" in text  # both values with their unit
@@ -222,7 +223,7 @@ def test_an_interrupted_ladder_keeps_what_was_done(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(rung2, "forces", interrupted)
-    assert verify([PAPER], tmp_path, quick=True) == 130
+    assert verify([PAPER], tmp_path, quick=True, processes=1) == 130
     text = (tmp_path / "verification.md").read_text()
     assert "INCOMPLETE" in text
     assert "geometry, masses, start" in text

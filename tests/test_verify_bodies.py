@@ -71,7 +71,8 @@ def test_every_case_is_known_and_every_answer_has_its_case():
 @pytest.mark.parametrize("name", ["snap", "launch"])
 def test_a_case_whose_bodies_are_pulled_goes_to_rung_8(name):
     """Once, under its own name, and into none of the rungs that look at points alone."""
-    steps = list(Ladder([read_both(CASES[name])], quick=True, paper=False).steps())
+    ladder = Ladder([read_both(CASES[name])], quick=True, paper=False)
+    steps = [*ladder.nets(), *ladder.later()]
     of_bodies = [step.subject for step in steps if step.rung == 8]
     assert of_bodies.count(name) == 1
     assert f"bodies_{name}" not in of_bodies
@@ -82,8 +83,9 @@ def test_a_case_whose_bodies_are_pulled_goes_to_rung_8(name):
 def test_a_case_with_a_free_body_climbs_all_rungs():
     case = read_both(CASES["tumbling"])
     assert not case.moves_bodies
-    subjects = {step.rung for step in Ladder([case], quick=True, paper=False)._states()}
-    assert subjects == {1, 2, 3, 4}
+    ladder = Ladder([case], quick=True, paper=False)
+    assert {step.rung for step in ladder.nets()} == {1}
+    assert {step.rung for step in ladder._states()} == {2, 3, 4}
 
 
 def test_random_states_of_a_net_without_elements():

@@ -14,10 +14,10 @@ from exunet.verification.answers import orders
 from exunet.verification.check import Check
 from exunet.verification.growth import ROUND_OFF, VISIBLE, boosted, distances, grid, growth, nearby
 from exunet.verification.horizon import after_it, sensitivity
-from exunet.verification.ladder import PAPER, RUNGS, Ladder, read_cases
+from exunet.verification.ladder import PAPER, RUNGS, Followed, Ladder, read_cases, whole_runs
 from exunet.verification.report import Report
 from exunet.verification.shipped import shipped
-from exunet.verification.statistics import COMPILED, EXUDYN, RUNS, in_parallel, our_code, statistics
+from exunet.verification.statistics import COMPILED, EXUDYN, RUNS, our_code, statistics
 from exunet.verification.stepping import same_scheme
 from exunet.verification.trajectories import converged
 
@@ -138,11 +138,9 @@ IN_REACH = ("mass_damping", "orbit", "orbit_two_body", "parabolic_flight")  # an
 def climbed(case):
     """Rungs 1 to 5 and 7 over one case, all forms; checks only."""
     ladder = Ladder([case], quick=False, paper=False)
-    steps = [step for step in ladder._states() if "random nets" not in step.subject]
-    found = [finding for step in steps for finding in step.run()]
-    found += [finding for step in ladder._runs() for finding in step.run()]
-    for grown in ladder._grown.values():
-        found += sensitivity(case, grown)
+    first = next(ladder.nets()).run()
+    found = [*first, *(finding for step in ladder._states() for finding in step.run())]
+    found += whole_runs(case, Followed(quick=False, many=False, both=False))
     return holds(found)
 
 
@@ -175,10 +173,6 @@ def test_a_string_that_no_code_resolves_better_than_the_codes_agree_is_left_out(
 @pytest.mark.parametrize("name", IN_REACH)
 def test_effects_in_reach_hold(name):
     climbed(read_both(CASE_FILES / "effects" / f"{name}.toml"))
-
-
-def test_work_in_parallel_keeps_its_order():
-    assert in_parallel(pow, [(2, k) for k in range(5)]) == [1, 2, 4, 8, 16]
 
 
 @pytest.mark.slow
@@ -217,22 +211,21 @@ def test_quick_says_what_it_leaves_out(monkeypatch):
     first, *others = (list(step.run()) for step in ladder._runs())
     rows = [row for row in first if isinstance(row, Check) and row.left_out]
     assert "whole runs from t = 0.1 s on, of 2 s" in rows[0].name
+    assert rows[-1].name == "what perturbed runs have in common"
+    assert rows[-1].rung == 7
     assert all(row.left_out for found in others for row in found)
     report = Report("", "", RUNGS, findings=[*rows, *(row for found in others for row in found)])
     assert "planar_undamped, planar_deployment_006: whole runs and horizon" in report.verdict
-    assert any(row.left_out for step in ladder._horizons() for row in step.run() if isinstance(row, Check))
 
 
 def test_a_run_that_costs_too_much_says_from_when_on_it_is_left_out(monkeypatch):
     monkeypatch.setattr("exunet.verification.growth.MOST_WORK", 100_000)
-    ladder = Ladder(read_cases([CASES["planar_undamped"]]), quick=False, paper=False)
-    (step,) = ladder._runs()
-    row = next(finding for finding in step.run() if isinstance(finding, Check))
-    assert row.left_out
-    assert "of 2 s: rungs 4, 5 and 7" in row.name
-    (grown,) = ladder._grown.values()
-    noted = [row for row in sensitivity(read_both(CASES["planar_undamped"]), grown) if isinstance(row, Check)]
-    assert noted[-1].worst == "followed no further"
+    found = whole_runs(read_both(CASES["planar_undamped"]), Followed(quick=False, many=False, both=False))
+    rows = [finding for finding in found if isinstance(finding, Check)]
+    assert rows[0].left_out
+    assert "of 2 s: rungs 4, 5 and 7" in rows[0].name
+    assert rows[-1].rung == 7
+    assert rows[-1].worst == "followed no further"
 
 
 @pytest.mark.slow

@@ -38,7 +38,7 @@ def test_any_spread_in_mirrored_arithmetic_fails(wrong, monkeypatch):
     """The last bit counts, and a run that holds NaN is not a symmetric one."""
     case = read_both(CASES["planar_deployment"])
     runs = iter([flying(case, 2.0), flying(case, wrong), flying(case, 3.0)])
-    monkeypatch.setattr(symmetry, "in_parallel", lambda work, jobs: [next(runs) for _ in jobs])
+    monkeypatch.setattr(symmetry, "_run", lambda *of_which: next(runs))
     equal, separated = symmetry.symmetry(case)
     assert not equal.holds
     assert equal.worst.startswith("tolerance 1e-11: t = 1 s")

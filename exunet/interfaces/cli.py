@@ -328,6 +328,10 @@ def verify_command(
     hard: Annotated[
         bool, typer.Option("--hard", help="the gallery of hard cases; with --quick in the compiled loop only")
     ] = False,
+    processes: Annotated[
+        int | None,
+        typer.Option(help="that run at the same time (default: one for each core)", metavar="N", min=1),
+    ] = None,
     out: Annotated[Path | None, _out("results/verification, or results/hard")] = None,
 ) -> None:
     """Compare both codes with each other and with known answers.
@@ -339,10 +343,12 @@ def verify_command(
 
         if cases:
             raise InputError("--hard has cases of its own: give none")
-        raise typer.Exit(verify_hard(out or Path("results/hard"), quick=quick))
+        raise typer.Exit(verify_hard(out or Path("results/hard"), quick=quick, processes=processes))
     from exunet.interfaces.commands.verify import verify
 
-    raise typer.Exit(verify(cases or [], out or Path("results/verification"), quick=quick))
+    raise typer.Exit(
+        verify(cases or [], out or Path("results/verification"), quick=quick, processes=processes)
+    )
 
 
 @_command("cost")

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import reference_impl as reference
-from exunet.backends.protocol import IntegrationFailed
-from exunet.base.errors import ExunetError, InputError, Interrupted
+from exunet.base.errors import InputError
 from exunet.codegen.compile import numba_installed
 from exunet.methods.method import Form
 from exunet.studies.both_codes import BothCodes, NotCovered, read_both
@@ -21,7 +18,7 @@ from exunet.verification.bodies.at_states import STATES
 from exunet.verification.bodies.scenes import BODY_CASES, body_scenes
 from exunet.verification.check import Check, Evidence, left_out
 from exunet.verification.shipped import shipped, shipped_case
-from exunet.verification.tolerances import RAN
+from exunet.verification.step import Step
 from exunet.verification.trajectories import converged
 
 RUNGS = {
@@ -44,30 +41,6 @@ WHOLE_RUNS = "rungs 4, 5 and 7"
 QUICK_STATES = 10  # of each kind of states of bodies, and in contact
 
 
-@dataclass(frozen=True)
-class Step:
-    """A part of the ladder; `run` yields what it finds, and fails where a code stops."""
-
-    rung: int
-    subject: str
-    work: Callable[[], Iterable[Evidence]]
-
-    def run(self) -> Iterator[Evidence]:
-        """The findings of the step, under its rung and subject; a run that stops becomes a failed check."""
-        try:
-            for finding in self.work():
-                yield self._signed(finding)
-        except Interrupted:
-            raise KeyboardInterrupt from None
-        except (ExunetError, IntegrationFailed, reference.Diverged) as stop:
-            yield self._signed(Check("ran to its end", math.inf, RAN, str(stop).split("\n")[0]))
-
-    def _signed(self, finding: Evidence) -> Evidence:
-        if isinstance(finding, Check) and not finding.subject:
-            finding = replace(finding, subject=self.subject)
-        return replace(finding, rung=finding.rung or self.rung)
-
-
 def read_cases(paths: Sequence[Path]) -> list[BothCodes]:
     """The cases in both codes; the shipped ones if none is named.
 
@@ -80,6 +53,50 @@ def read_cases(paths: Sequence[Path]) -> list[BothCodes]:
         if (first := named.setdefault(path.stem, path)) is not path:
             raise InputError(f"two cases are called {path.stem}, {first} and {path}: rename one")
     return [read_both(path) for path in paths]
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What is done of the whole runs of a case.
+
+    quick     : they end early, and many runs are left out
+    many      : what perturbed runs have in common is looked at
+    both      : and compared between the codes
+    """
+
+    quick: bool
+    many: bool
+    both: bool
+
+
+def whole_runs(case: BothCodes, how: Followed) -> Iterator[Evidence]:
+    """Rungs 4, 5 and 7 of a case: its motion is followed once for all of them."""
+    if (count := case.start.net.n_elements) > MOST_ELEMENTS:
+        why = f"for up to {MOST_ELEMENTS} elements, not {count}"
+        yield left_out(f"whole runs and horizon, {WHOLE_RUNS}", why)
+        return
+    end = case.start.scene.time.end
+    quick_end = QUICK_PART * end
+    grown = growth.growth(case, *((quick_end, (growth.ROUND_OFF, MOVE)) if how.quick else ()))
+    reached = float(grown.time[-1])
+    if reached < 0.999 * end:
+        why = f"more than {growth.MOST_WORK:.0e} elements x steps"
+        if how.quick and reached == quick_end:
+            why = "--quick goes no further"
+        yield left_out(f"whole runs from t = {reached:.3g} s on, of {end:g} s: {WHOLE_RUNS}", why)
+    yield from stepping.same_scheme(case, grown)
+    yield from _of_rung(5, converged(case, grown))
+    yield from _of_rung(7, horizon.sensitivity(case, grown))
+    if how.quick:
+        why = "--quick leaves out many runs"
+        yield from _of_rung(7, [left_out("what perturbed runs have in common", why)])
+        return
+    if how.many:
+        yield from _of_rung(7, horizon.after_it(case, grown, how.both))
+
+
+def _of_rung(rung: int, findings: Iterable[Evidence]) -> Iterator[Evidence]:
+    return (replace(finding, rung=rung) for finding in findings)
 
 
 class Ladder:
@@ -95,22 +112,23 @@ class Ladder:
         self._named, self._quick, self._paper = cases, quick, paper
         self._cases = [case for case in cases if not case.moves_bodies]
         self._different: set[str] = set()
-        self._grown: dict[str, growth.Growth] = {}
 
-    def steps(self) -> Iterator[Step]:
-        """The steps in order; which come later may depend on what earlier ones found."""
-        yield from self._states()
-        yield from self._runs()
-        yield from self._answers()
-        yield from self._horizons()
-        yield from self._bodies()
-        yield from self._contacts()
-
-    def _states(self) -> Iterator[Step]:
+    def nets(self) -> Iterator[Step]:
+        """The steps of rung 1: what comes later leaves out a case whose nets they find to differ."""
         for case in self._named:
             yield Step(1, case.name, partial(self._topology, case))
         count = 30 if self._quick else 300
         yield Step(1, f"{count} random nets", partial(topology.random_topologies, count))
+
+    def later(self) -> Iterator[Step]:
+        """All further steps, once those of rung 1 have run; none depends on what another one finds."""
+        yield from self._states()
+        yield from self._runs()
+        yield from self._answers()
+        yield from self._bodies()
+        yield from self._contacts()
+
+    def _states(self) -> Iterator[Step]:
         for case in self._forms():
             yield Step(2, case.name, partial(at_states.forces, case))
         for case in self._same_nets():  # what is measured at a state is the same in all forms
@@ -144,28 +162,16 @@ class Ladder:
     def _runs(self) -> Iterator[Step]:
         for number, case in enumerate(self._same_nets()):
             if number == 0 or not self._quick:
-                yield Step(4, case.name, partial(self._trajectories, case))
+                yield Step(4, case.name, partial(whole_runs, case, self._followed(case)))
             else:
                 yield _without(4, case.name, f"whole runs and horizon, {WHOLE_RUNS}", "follows one case")
+            if self._paper and not self._quick and case.name in PAPER:
+                yield Step(7, case.name, partial(symmetry.symmetry, case))
 
-    def _trajectories(self, case: BothCodes) -> Iterator[Evidence]:
-        if (count := case.start.net.n_elements) > MOST_ELEMENTS:
-            why = f"for up to {MOST_ELEMENTS} elements, not {count}"
-            yield left_out(f"whole runs and horizon, {WHOLE_RUNS}", why)
-            return
-        end = case.start.scene.time.end
-        quick_end = QUICK_PART * end
-        followed = (quick_end, (growth.ROUND_OFF, MOVE)) if self._quick else ()
-        self._grown[case.name] = grown = growth.growth(case, *followed)
-        reached = float(grown.time[-1])
-        if reached < 0.999 * end:
-            why = f"more than {growth.MOST_WORK:.0e} elements x steps"
-            if self._quick and reached == quick_end:
-                why = "--quick goes no further"
-            yield left_out(f"whole runs from t = {reached:.3g} s on, of {end:g} s: {WHOLE_RUNS}", why)
-        yield from stepping.same_scheme(case, grown)
-        for finding in converged(case, grown):
-            yield replace(finding, rung=5)
+    def _followed(self, case: BothCodes) -> Followed:
+        """How far; of the paper's nets the two that are known to separate are run many times."""
+        many = case.name in PAPER[:2] if self._paper else True
+        return Followed(self._quick, many, both=case.name not in PAPER[1:])
 
     def _answers(self) -> Iterator[Step]:
         for name, answer in ANSWERS:
@@ -173,21 +179,6 @@ class Ladder:
                 yield _without(6, name, "the known answers of this case", "leaves out the long ones")
             else:
                 yield Step(6, name, partial(_known, name, answer))
-
-    def _horizons(self) -> Iterator[Step]:
-        cases = {case.name: case for case in self._cases if case.name in self._grown}
-        for name, case in cases.items():
-            yield Step(7, name, partial(horizon.sensitivity, case, self._grown[name]))
-        if self._quick:
-            for name in list(cases)[:1]:
-                yield _without(7, name, "what perturbed runs have in common", "leaves out many runs")
-            return
-        papers = [cases[name] for name in PAPER if name in cases] if self._paper else []
-        for case in papers[:2] if self._paper else cases.values():
-            both = case.name not in PAPER[1:]
-            yield Step(7, case.name, partial(horizon.after_it, case, self._grown[case.name], both))
-        for case in papers:
-            yield Step(7, case.name, partial(symmetry.symmetry, case))
 
     def _bodies(self) -> Iterator[Step]:
         """The scenes of rung 8, the known answers of bodies, and what takes whole runs."""

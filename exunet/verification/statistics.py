@@ -8,12 +8,7 @@ follow the error that they have in common, and their mean says more about the co
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -56,7 +51,7 @@ def our_code() -> str:
 
 
 def statistics(case: BothCodes, code: str, runs: int | None = None) -> Statistics:
-    """Runs by the compiled loop or Exudyn (Dormand-Prince), or the reference (its RK45), on all cores.
+    """Runs by the compiled loop or Exudyn (Dormand-Prince), or the reference (its RK45).
 
     runs : how many; None: `RUNS`
     """
@@ -69,7 +64,7 @@ def statistics(case: BothCodes, code: str, runs: int | None = None) -> Statistic
         found = run_ensemble(replace(start, scene=scene), places)
         area, kinetic, elastic, bullets = found.area, found.kinetic, found.elastic, found.bullet_speed
     else:
-        rows = in_parallel(_one, [(case, code, times, place) for place in places])
+        rows = [_one(case, code, times, place) for place in places]
         area, kinetic, elastic, bullets = (np.array([row[k] for row in rows]) for k in range(4))
     full = achievable_area(net) or 1.0
     total = kinetic + elastic
@@ -91,14 +86,3 @@ def _one(case: BothCodes, code: str, times: Floats, place: Floats) -> tuple[Floa
         energy.elastic(case.start.system.forces, motion.position),
         tracked_speeds(net, motion.velocity),
     )
-
-
-def in_parallel(work: Any, jobs: Sequence[tuple[Any, ...]]) -> list[Any]:
-    """work(*job) of each job in order, on all cores; an interrupt ends the processes."""
-    context = multiprocessing.get_context("spawn")  # the engine has threads, which a fork would not survive
-    with ProcessPoolExecutor(max_workers=os.cpu_count(), mp_context=context) as pool:
-        try:
-            return list(pool.map(work, *zip(*jobs, strict=True)))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise

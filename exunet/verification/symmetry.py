@@ -18,7 +18,6 @@ from exunet.studies.both_trajectories import Trajectory
 from exunet.studies.neighbours import PAPER_SIZE
 from exunet.verification.check import Check, worst_of
 from exunet.verification.growth import nearby
-from exunet.verification.statistics import in_parallel
 from exunet.verification.tolerances import SYMMETRIC
 
 LATER = 1.25  # of the run of the case: how far the symmetric solution is followed
@@ -31,8 +30,8 @@ SEPARATE = 0.01  # of the launch speed: two curves that far apart are seen as tw
 def symmetry(case: BothCodes) -> Iterator[Check]:
     """Spread of the bullets' speeds in mirrored arithmetic, and when it is seen in ordinary arithmetic."""
     end = case.start.scene.time.end
-    jobs: list[tuple[BothCodes, float, float]] = [(mirrored(case), t, LATER * end) for t in TOLERANCES]
-    *equal, ordinary = in_parallel(_run, [*jobs, (nearby(case, NUDGE), TOLERANCES[0], end)])
+    equal = [_run(mirrored(case), tolerance, LATER * end) for tolerance in TOLERANCES]
+    ordinary = _run(nearby(case, NUDGE), TOLERANCES[0], end)
     rows = []
     for tolerance, motion in zip(TOLERANCES, equal, strict=True):
         spread = bullet_spread(case, motion)

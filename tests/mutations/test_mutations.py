@@ -1,6 +1,7 @@
 """Each planted error makes the quick ladder fail, at the rung that the report names for it, or a test."""
 
 from importlib import import_module
+from itertools import chain
 
 import pytest
 from plant import EXUDYN, PLANTED, REFERENCE
@@ -49,7 +50,7 @@ def first_failure(case="planar_deployment"):
     """
     of_rung = 9 if case in (THREADS, BULLETS) else None if case in CASES else 8
     ladder = Ladder([] if of_rung else read_cases([CASES[case]]), quick=True, paper=False)
-    for step in ladder._contacts() if of_rung == 9 else ladder.steps():
+    for step in ladder._contacts() if of_rung == 9 else chain(ladder.nets(), ladder.later()):
         if of_rung and (step.rung, step.subject) != (of_rung, case):
             continue
         for finding in step.run():

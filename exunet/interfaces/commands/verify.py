@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from itertools import chain
 from pathlib import Path
 
 from exunet.figures.style import drawing
 from exunet.interfaces.commands.lines import HANG, folded
 from exunet.interfaces.commands.printing import console, status
 from exunet.verification import hard
-from exunet.verification.ladder import RUNGS, Ladder, Step, read_cases
+from exunet.verification.ladder import RUNGS, Ladder, read_cases
+from exunet.verification.processes import Followed, cores, followed
 from exunet.verification.report import UNDER_NAME, UNDER_WORST, Report
 
 FAILED = 1
@@ -26,8 +28,10 @@ PLANTED = (
 )
 
 
-def verify(paths: Sequence[Path], folder: Path, *, quick: bool) -> int:
+def verify(paths: Sequence[Path], folder: Path, *, quick: bool, processes: int | None = None) -> int:
     """Climb the ladder over the cases (none: the shipped ones); returns the exit code.
+
+    processes : that run at the same time; None: one for each core
 
     0 if all checks hold, 1 if one fails, 130 if interrupted (what was done is in the report). Raises
     InputError before anything runs if a case is out of the reference's reach, the shipped cases are not there
@@ -37,17 +41,18 @@ def verify(paths: Sequence[Path], folder: Path, *, quick: bool) -> int:
     ladder = Ladder(cases, quick=quick, paper=not paths)
     over = f"{'Quick' if quick else 'Full'} ladder over {', '.join(case.name for case in cases)}."
     report = Report("Verification of exunet", "verification.md", RUNGS, (over, COMPARED), (PLANTED,))
-    return _follow(report, ladder.steps(), folder)
+    found = chain(followed(ladder.nets(), 1), followed(ladder.later(), processes or cores()))
+    return _follow(report, found, folder)
 
 
-def verify_hard(folder: Path, *, quick: bool) -> int:
+def verify_hard(folder: Path, *, quick: bool, processes: int | None = None) -> int:
     """Run the gallery of hard cases, write hard.md; exit codes and errors as in `verify`."""
     forms = "In the compiled loop only." if quick else "In every form of the engine, and in the reference."
     report = Report("Hard cases of exunet", "hard.md", hard.ITEMS, (forms,), tolerances="HARD")
-    return _follow(report, hard.steps(quick=quick), folder)
+    return _follow(report, followed(hard.steps(quick=quick), processes or cores()), folder)
 
 
-def _follow(report: Report, steps: Iterator[Step], folder: Path) -> int:
+def _follow(report: Report, found: Iterable[Followed], folder: Path) -> int:
     report.open(folder)
     out = console()
 
@@ -57,9 +62,9 @@ def _follow(report: Report, steps: Iterator[Step], folder: Path) -> int:
 
     try:
         with drawing(), status() as say:
-            for step in steps:
+            for step, findings in found:
                 say(f"{step.rung}. {step.subject}")
-                for finding in step.run():
+                for finding in findings:
                     for line in report.add(finding, folder):
                         tell(line, UNDER_WORST if line.startswith(" ") else UNDER_NAME)
     except KeyboardInterrupt:

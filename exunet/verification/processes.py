@@ -1,0 +1,128 @@
+"""Steps of the ladder in several processes at the same time; their findings come in the steps' order."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+
+from exunet.figures.style import drawing
+from exunet.verification.check import Evidence
+from exunet.verification.step import Step
+
+Followed = tuple[Step, Iterable[Evidence]]
+# A new interpreter: the engine has threads, which a fork would not survive.
+_CONTEXT = multiprocessing.get_context("spawn")
+
+
+def followed(steps: Iterable[Step], processes: int) -> Iterator[Followed]:
+    """Each step with its findings, which are calculated as they are asked for, or ahead of that.
+
+    steps     : that do not depend on each other
+    processes : 1: all in this process
+    An interrupt, or leaving off, ends the processes. A process that dies fails the step it had.
+    """
+    if processes == 1:
+        yield from ((step, step.run()) for step in steps)
+        return
+    crew = _Crew(list(steps), processes)
+    try:
+        for number, step in enumerate(crew.steps):
+            yield step, crew.findings(number)
+    finally:
+        crew.end()
+
+
+class _Crew:
+    """Processes with one step each, and what they have found."""
+
+    def __init__(self, steps: Sequence[Step], processes: int) -> None:
+        self.steps = steps
+        self._todo = deque(range(len(steps)))
+        self._found: list[deque[Evidence]] = [deque() for _ in steps]
+        self._done: set[int] = set()
+        self._at_work: dict[Connection, tuple[BaseProcess, int]] = {}
+        for _ in range(min(processes, len(steps))):
+            self._start_one()
+
+    def findings(self, number: int) -> Iterator[Evidence]:
+        """Those of a step, as they come."""
+        while True:
+            while self._found[number]:
+                yield self._found[number].popleft()
+            if number in self._done:
+                return
+            for connection in wait(list(self._at_work)):
+                assert isinstance(connection, Connection)
+                self._hear(connection)
+
+    def end(self) -> None:
+        """Stop the processes, whatever they are at."""
+        for process, _ in self._at_work.values():
+            process.terminate()
+        for connection, (process, _) in self._at_work.items():
+            process.join()
+            connection.close()
+        self._at_work.clear()
+
+    def _start_one(self) -> None:
+        here, there = _CONTEXT.Pipe()
+        process = _CONTEXT.Process(target=_work, args=(there,), daemon=True)
+        process.start()
+        there.close()
+        self._hand_on(here, process)
+
+    def _hand_on(self, connection: Connection, process: BaseProcess) -> None:
+        """The next step to a process; without one it ends."""
+        if not self._todo:
+            connection.close()
+            process.join()
+            return
+        number = self._todo.popleft()
+        self._at_work[connection] = process, number
+        connection.send(self.steps[number])
+
+    def _hear(self, connection: Connection) -> None:
+        """Take a finding, or that there is no further one."""
+        process, number = self._at_work[connection]
+        try:
+            finding = connection.recv()
+        except EOFError:
+            process.join()
+            why = f"its process ended with exit code {process.exitcode} (-9: killed, as for lack of memory)"
+            self._found[number].append(self.steps[number].stopped(why))
+            self._done.add(number)
+            del self._at_work[connection]
+            connection.close()
+            if self._todo:
+                self._start_one()
+            return
+        if finding is not None:
+            self._found[number].append(finding)
+            return
+        self._done.add(number)
+        del self._at_work[connection]
+        self._hand_on(connection, process)
+
+
+def _work(connection: Connection) -> None:
+    """In a process of its own: the findings of each step that comes, and None after the last."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the first process ends this one
+    with drawing():
+        while True:
+            try:
+                step = connection.recv()
+            except EOFError:
+                return
+            for finding in step.run():
+                connection.send(finding)
+            connection.send(None)
+
+
+def cores() -> int:
+    """How many processes may run at the same time."""
+    return os.cpu_count() or 1

@@ -1,0 +1,76 @@
+"""Steps of the ladder in several processes: the same findings in the same order, and none is lost quietly."""
+
+import math
+import multiprocessing
+import os
+from functools import partial
+
+import numpy as np
+import pytest
+
+from exunet.base.errors import InputError
+from exunet.figures.style import drawing
+from exunet.verification.check import Check, Plate
+from exunet.verification.figures import curves
+from exunet.verification.processes import followed
+from exunet.verification.step import Step
+
+
+def counting(number):
+    for k in range(3):
+        yield Check(f"{number}.{k}", float(k), None)
+
+
+def dying():
+    yield Check("before", 0.0, None)
+    os._exit(3)
+
+
+def stopping():
+    raise InputError("no such thing")
+    yield
+
+
+def drawn():
+    times = np.array([0.0, 1.0])
+    yield Plate("a", curves("a", times, {"b": times}, {}), "what it shows")
+
+
+COUNTING = [Step(2, str(k), partial(counting, k)) for k in range(4)]
+
+
+def found(steps, processes):
+    return [(step.subject, list(findings)) for step, findings in followed(steps, processes)]
+
+
+def test_in_one_process_steps_run_as_they_are_asked_for():
+    steps = followed([Step(1, "a", stopping), Step(1, "b", dying)], 1)
+    ((_, rows),) = [next(steps)]
+    assert [row.worst for row in rows] == ["no such thing"]
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_findings_come_in_order_and_a_process_that_dies_fails_its_step(tmp_path):
+    failing = [Step(1, "a", dying), Step(1, "b", stopping), Step(5, "c", drawn)]
+    *counted, (_, first), (_, second), (_, (plate,)) = found([*COUNTING, *failing], 2)
+    assert counted == found(COUNTING, 1)
+    assert [row.holds for row in first] == [True, False]
+    assert first[1].measured == math.inf
+    assert "ended with exit code 3" in first[1].worst
+    assert [row.worst for row in second] == ["no such thing"]
+    assert plate.rung == 5
+    with drawing():
+        plate.figure.savefig(tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 1000
+
+
+@pytest.mark.slow
+@pytest.mark.ci
+def test_leaving_off_ends_the_processes():
+    steps = followed(COUNTING, 2)
+    next(steps)
+    assert len(multiprocessing.active_children()) == 2
+    steps.close()
+    assert multiprocessing.active_children() == []
+    assert found([], 2) == []
