@@ -114,14 +114,14 @@ class Ladder:
         self._different: set[str] = set()
 
     def nets(self) -> Iterator[Step]:
-        """The steps of rung 1: what comes later leaves out a case whose nets they find to differ."""
+        """Rung 1 of each case: what comes later leaves out a case whose nets differ."""
         for case in self._named:
             yield Step(1, case.name, partial(self._topology, case))
-        count = 30 if self._quick else 300
-        yield Step(1, f"{count} random nets", partial(topology.random_topologies, count))
 
     def later(self) -> Iterator[Step]:
-        """All further steps, once those of rung 1 have run; none depends on what another one finds."""
+        """All further steps, once those have run; none depends on what another one finds."""
+        count = 30 if self._quick else 300
+        yield Step(1, f"{count} random nets", partial(topology.random_topologies, count))
         yield from self._states()
         yield from self._runs()
         yield from self._answers()
