@@ -92,7 +92,6 @@ def test_example_compare_two_results():
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_example_figures_for_a_paper(tmp_path):
     (path,) = [one for one in EXAMPLES if one.stem == "figures_for_a_paper"]
     exunet.save(unfolding(square_net(cells=2, strings=True)), tmp_path / "result.h5")
@@ -107,7 +106,6 @@ def test_example_figures_for_a_paper(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_example_arm_throws_and_tows(tmp_path):
     """As one body all would go at 40 N * 8 s / 226 kg = 1.42 m/s; the tether throws the target ahead."""
     (path,) = [one for one in EXAMPLES if one.stem == "arm_throws_and_tows"]
@@ -139,7 +137,6 @@ def test_example_reinforcement():
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_example_two_fmus():
     """As the same chaser in Exudyn, through the throw and the swing of the arm.
 

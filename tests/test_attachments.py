@@ -177,10 +177,10 @@ BROKEN = "effects.breaking.force=20.0"
 
 
 # Damped ones have kernels of their own, which take seconds to compile; broken ones take many steps.
-FOR_CI = [pytest.param(effect, marks=[pytest.mark.slow, pytest.mark.ci]) for effect in (DAMPED, BROKEN)]
+SLOW = [pytest.param(effect, marks=pytest.mark.slow) for effect in (DAMPED, BROKEN)]
 
 
-@pytest.mark.parametrize("effect", ["", *FOR_CI], ids=["kept", "damped", "broken"])
+@pytest.mark.parametrize("effect", ["", *SLOW], ids=["kept", "damped", "broken"])
 @pytest.mark.parametrize("second", [SECOND, GUIDED], ids=["free", "guided"])
 @pytest.mark.parametrize("form", FORMS)
 def test_momentum_and_energy_are_kept(
@@ -213,7 +213,6 @@ def test_the_velocities_of_verlet_fit_together(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_verlet_of_the_compiled_loop(tmp_path: Path) -> None:
     """Momentum to round-off, the books of energy to its order; velocities of points fit those of bodies."""
     keys = (FORMS["compiled"], "solver.method=VelocityVerlet", "solver.step=2e-5")
@@ -328,7 +327,6 @@ def test_faults_of_attachments(key: str, value: str, words: str, tmp_path: Path)
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_check_tells_what_is_attached(tmp_path: Path) -> None:
     path = tmp_path / "chain.toml"
     path.write_text(CHAIN)
@@ -349,7 +347,6 @@ def test_a_node_that_is_held_cannot_be_attached(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("form", ["fused", "connectors"])
 @pytest.mark.parametrize("second", [SECOND, GUIDED], ids=["free", "guided"])
 def test_the_items_that_check_tells_are_those_of_the_engine(

@@ -123,7 +123,6 @@ def test_the_books_of_a_launch_from_a_turning_chaser(form: str, kind: str) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("spin", [0.0, 30.0])
 def test_the_books_at_any_spin(spin: float) -> None:
     turning = CHASER.replace(SPIN, f"[{0.4 * spin}, {0.7 * spin}, {-0.6 * spin}]")

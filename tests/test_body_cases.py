@@ -57,7 +57,7 @@ def test_the_dumbbell_swings() -> None:
 @pytest.mark.parametrize("form", [
     "engine={loop='exudyn', net='connectors'}",
     *(
-        pytest.param(form, marks=[pytest.mark.slow, pytest.mark.ci])
+        pytest.param(form, marks=pytest.mark.slow)
         for form in ("engine={loop='exudyn', net='fused'}", "engine.loop=compiled")
     ),
 ])  # fmt: skip
@@ -193,7 +193,6 @@ def test_the_frame_takes_its_net_along() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_the_tow_pays_out_and_winds_up() -> None:
     """The pull is that of the drive: N_e = force + damping x rate given way, cases/README.md, Reels."""
     found = result("tow")

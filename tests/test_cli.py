@@ -31,7 +31,6 @@ def written(folder: Path) -> set[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_run_writes_result_summary_and_figures_only(tmp_path):
     done = ended(process("run", PLANAR, *SHORT, "--spread", 8, folder=tmp_path))
     assert done.returncode == 0, done.stderr
@@ -63,7 +62,6 @@ def test_run_writes_result_summary_and_figures_only(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_check_adds_the_reference(tmp_path):
     done = command("run", PLANAR, "--check", *SHORT, "--out", "here", folder=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -101,7 +99,6 @@ def test_check_command_says_what_would_be_simulated(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_check_command_names_bodies_and_point_masses(tmp_path):
     """Also with the compiled loop, whose engine items are none."""
     body = (
@@ -210,7 +207,6 @@ def test_faults_found_in_preparing_a_run_have_their_line(tmp_path, old, new, key
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):
     done = command(
         "run", PLANAR, "--set", "solver.method=RK44", "--set", "solver.step=2.5e-2",
@@ -229,7 +225,6 @@ def test_a_forced_step_100_times_too_large_is_told_and_kept(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_tolerance_that_cannot_be_met_ends(tmp_path):
     done = command("run", PLANAR, "--set", "solver.tolerance=1e-30", "--out", "here", folder=tmp_path)
     assert done.returncode == 3
@@ -237,7 +232,6 @@ def test_a_tolerance_that_cannot_be_met_ends(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
 def test_ctrl_c_keeps_the_part_done(tmp_path):
     """Pressed in the middle of the run: once some of it can be read."""
@@ -292,7 +286,6 @@ def prepare(case): pass
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_check_that_cannot_be_made_is_told_beforehand_and_keeps_the_result(tmp_path, monkeypatch):
     """A package of its name stands in for a reference that does not know the case."""
     (tmp_path / "reference_impl").mkdir()
@@ -313,7 +306,6 @@ def test_a_check_that_cannot_be_made_is_told_beforehand_and_keeps_the_result(tmp
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_check_covers_bodies(tmp_path):
     """A launch with a chaser, and a rigid body beside the net."""
     case = PLANAR.parent / "verification" / "trajectories" / "launch_spring.toml"
@@ -328,7 +320,6 @@ def test_a_check_covers_bodies(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
 def test_ctrl_c_while_the_reference_runs_keeps_the_result(tmp_path):
     """Pressed when the result is written; a package of its name stands in for a slow reference."""
@@ -346,7 +337,6 @@ def test_ctrl_c_while_the_reference_runs_keeps_the_result(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_refused_run_leaves_an_earlier_result_alone(tmp_path):
     command("run", PLANAR, *SHORT, "--out", "here", folder=tmp_path)
     before = {name: (tmp_path / name).read_bytes() for name in written(tmp_path)}

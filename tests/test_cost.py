@@ -169,7 +169,6 @@ def test_a_body_counts_by_what_its_motion_moves():
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("name", ["snap", "tumbling", "launch"])
 def test_both_codes_agree_on_bodies(name):
     """Tethers, free flight and a net thrown from a body: the converged solutions, and errors against them."""
@@ -188,7 +187,6 @@ def test_both_codes_agree_on_bodies(name):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_the_reference_has_the_energy_of_bodies_that_forces_act_on():
     """A body that turns in the gradient of an orbit, far from the net: its potential changes as it moves."""
     body = "bodies.target={mass=5.0,inertia=[1.0,2.0,2.5],position=[90.0,0.0,0.0],velocity=[9.0,0.0,0.0]}"
@@ -388,7 +386,6 @@ def test_a_budget_leaves_out_what_costs_too_much(monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_an_interrupt_keeps_what_was_measured(monkeypatch, tmp_path):
     runs = []
 

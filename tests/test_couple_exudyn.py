@@ -29,7 +29,7 @@ from exunet import InputError, NetSystem
 from exunet.bodies.rigid import rotation_matrix, rotation_vector
 
 # Each compiles kernels of its own.
-pytestmark = [pytest.mark.slow, pytest.mark.ci]
+pytestmark = pytest.mark.slow
 
 END = 0.24
 VELOCITY = exu.OutputVariableType.Velocity

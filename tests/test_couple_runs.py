@@ -19,7 +19,7 @@ from exunet import InputError, NetSystem
 from exunet.coupling.prediction import STABLE, longest_step
 
 # Each compiles kernels of its own.
-pytestmark = [pytest.mark.slow, pytest.mark.ci]
+pytestmark = pytest.mark.slow
 
 HALF = 0.12  # s
 

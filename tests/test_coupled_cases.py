@@ -12,7 +12,7 @@ from coupled import momenta
 from exunet import BodiesHost, Cosimulation, FrameState, InputError, NetSystem, Simulation, Snapshot
 
 # Each compiles kernels of its own.
-pytestmark = [pytest.mark.slow, pytest.mark.ci]
+pytestmark = pytest.mark.slow
 
 CASES = Path(__file__).parents[1] / "cases" / "bodies"
 

@@ -17,7 +17,7 @@ from exunet.coupling.snapshot import Left
 from exunet.coupling.undo import Undo
 
 # Each compiles kernels of its own.
-pytestmark = [pytest.mark.slow, pytest.mark.ci]
+pytestmark = pytest.mark.slow
 
 WRENCH, STEP = "wrench/first", 0.005
 

@@ -17,7 +17,7 @@ import exunet
 from exunet import BodiesHost, Cosimulation, CoupledSnapshot, InputError, NetSystem
 
 # Each compiles kernels of its own.
-pytestmark = [pytest.mark.slow, pytest.mark.ci]
+pytestmark = pytest.mark.slow
 
 HERE, END = 0.21, 0.24  # s; the cable snaps taut at some 0.1 s
 STEP = 0.01

@@ -16,7 +16,7 @@ from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_s
 from exunet.coupling.undo import Undo
 
 # Each compiles kernels of its own.
-pytestmark = [pytest.mark.slow, pytest.mark.ci]
+pytestmark = pytest.mark.slow
 
 END = 0.3
 

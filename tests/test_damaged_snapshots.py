@@ -46,7 +46,6 @@ def refused(sim: exunet.Simulation, snapshot: exunet.Snapshot) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_every_array_must_be_there_with_its_type_and_size(
     whole: tuple[exunet.Simulation, exunet.Snapshot],
 ) -> None:

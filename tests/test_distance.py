@@ -236,7 +236,6 @@ def test_of_a_run_that_stores_start_and_end_alone() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_headlines_in_table_and_spread(flown: exunet.Result) -> None:
     headlines = summarise(flown)["headlines"]
     assert headlines["bodies_chaser+target_least_distance_m"]["this_run"] == pytest.approx(1.5, abs=1e-9)

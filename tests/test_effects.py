@@ -177,7 +177,6 @@ def test_mass_damping_decays_at_its_rate(form: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("effect", ["material_damping", "rayleigh_damping"])
 def test_a_hanging_mass_rings_down_at_the_rate_of_its_damping(effect: str) -> None:
     """Small vibration of a taut cable: decay rate tau omega^2 / 2, as beta omega^2 / 2 of eq. (13)."""

@@ -184,7 +184,6 @@ def test_the_books_of_an_ejection_at_the_start(motion: str, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("motion", ["fixed", "prescribed"])
 def test_what_moves_the_chaser_takes_it(form: str, motion: str) -> None:

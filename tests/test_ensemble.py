@@ -128,7 +128,6 @@ def test_an_interrupt_keeps_the_portions_that_are_complete(monkeypatch: Any) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_the_command_writes_file_and_figures_and_overwrites_nothing(tmp_path: Path) -> None:
     """The default folder, then the next free one; in a given one only with --overwrite."""
     arguments = ("ensemble", PLANAR, "-n", 8, "--perturb", 1e-6, *SET)
@@ -152,7 +151,6 @@ def test_the_command_writes_file_and_figures_and_overwrites_nothing(tmp_path: Pa
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_the_command_names_moves_that_are_too_small_before_it_runs(tmp_path: Path) -> None:
     """And again in its table, which tells what is in the file."""
     steps = ("--set", "solver={method='VelocityVerlet', step=5e-5}", "--set", "time.end=0.05")

@@ -93,7 +93,6 @@ def test_gymnasium_finds_nothing_wrong(moved):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_what_is_seen_is_what_the_simulation_has():
     environment = made(end=1.0)
     seen, info = environment.reset()
@@ -218,7 +217,6 @@ class Counts:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("moved", [0.0, 1e-6])
 def test_a_controller_stays_at_a_reset(moved: float) -> None:
     """Five periods in one of the environment; set back at the next reset."""

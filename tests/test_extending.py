@@ -87,7 +87,6 @@ def test_a_line_that_the_page_names_wrongly_is_named(lines, words):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_the_examples_pass_their_tests(tmp_path):
     extended(tmp_path)
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}

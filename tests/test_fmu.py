@@ -52,7 +52,7 @@ def unpacked(folder: Path, fmus: dict[int, Path]) -> dict[int, Unpacked]:
 
 
 # Both versions share all but their functions; the quick tests have the newer one in C, and both in FMPy.
-OLDER = pytest.param(2, marks=[pytest.mark.slow, pytest.mark.ci])
+OLDER = pytest.param(2, marks=pytest.mark.slow)
 
 
 @pytest.fixture(scope="module", params=[OLDER, 3])
@@ -161,7 +161,6 @@ for name, value in zip(names, observer.last_real_values(index, [references[name]
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_the_papers_net_is_that_of_a_run(tmp_path: Path, fmi: int) -> None:
     """Until 1.0 s, communication points being the stored times: to 1e-12 of the size and of the energy."""
@@ -279,7 +278,6 @@ def test_states_that_do_not_belong_here_are_refused(
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_thousand_rollbacks_leak_nothing(host: CHost) -> None:
     """Neither in the host nor in the worker. A leaked snapshot of this net is 20 kB or more: 20 MB in all."""
     initialise(host)

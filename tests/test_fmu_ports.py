@@ -12,7 +12,7 @@ from fmu_hosts import PORT, CHost, Unpacked, built_host, written
 import exunet
 from exunet.coupling.prediction import CONTRACTING, STABLE, Predictor, longest_step
 
-pytestmark = [pytest.mark.slow, pytest.mark.ci]  # they compile a kernel
+pytestmark = pytest.mark.slow  # they compile a kernel
 
 STEP = 0.01
 PARTS = {

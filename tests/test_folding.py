@@ -223,7 +223,7 @@ SCANNED = {
 
 
 @pytest.mark.parametrize("name", SCANNED)
-@pytest.mark.parametrize("divisions", [1, pytest.param(4, marks=[pytest.mark.slow, pytest.mark.ci])])
+@pytest.mark.parametrize("divisions", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_no_threads_of_a_cut_net_meet(name: str, divisions: int) -> None:
     """Strings among them, in a small canister or in that which its refusal names; threads are 4 mm thick.
 
@@ -502,7 +502,7 @@ def toml(value: Any) -> str:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow, pytest.mark.ci]) for name in ("accordion", "star")]
+    "name", [pytest.param(name, marks=pytest.mark.slow) for name in ("accordion", "star")]
 )
 def test_a_folded_net_opens(name: str) -> None:
     """At rest but for the bullets at the start, nothing strained, momentum that of the launch throughout."""
@@ -521,7 +521,6 @@ def test_a_folded_net_opens(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_folded_net_without_a_launch_stays_at_rest() -> None:
     """No element is strained, so nothing moves: momentum and speeds are zero."""
     case = exunet.load(CASES / "nets" / "accordion.toml", ["launch=", "time.end=0.1"])
@@ -531,7 +530,6 @@ def test_a_folded_net_without_a_launch_stays_at_rest() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_exunet_check_says_how_the_net_is_packed() -> None:
     rows = dict(describe(exunet.load(CASES / "nets" / "accordion.toml")))
     # 2 mm strings are the thickest: 25 layers of 2 mm.
@@ -556,7 +554,6 @@ def test_the_reference_starts_from_these_places(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_run_from_a_fold_is_checked() -> None:
     """In the reference's own process too. Measured: 3e-9 m; the net grows what the tolerances leave."""
     case = exunet.load(CASES / "nets" / "accordion.toml", ["time.end=0.1", "time.output_step=0.05"])

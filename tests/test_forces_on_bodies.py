@@ -202,7 +202,6 @@ def test_methods_have_their_orders(form: str, method: str, order: int, tmp_path:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_without_damping_verlet_is_of_order_2_in_the_compiled_loop(tmp_path: Path) -> None:
     """Against RK44 at a step of 2e-4 s, which is right to 1e-10."""
     results = []

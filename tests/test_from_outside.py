@@ -94,7 +94,6 @@ def test_implicit_methods_have_no_first_order_states() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize(
     "effect",
@@ -112,7 +111,6 @@ def test_each_effect_by_itself(form: str, effect: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_forces_on_nodes_of_a_guided_body_count() -> None:
     """The chaser is fixed, and holds the end of the line, which beta T pulls too: its impulse has that."""
     found = run("bodies.chaser.motion=fixed", "bodies.chaser.angular_velocity=", RAYLEIGH, step=STEP)

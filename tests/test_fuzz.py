@@ -72,7 +72,6 @@ def test_forty_random_scenes():
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_random_scenes_for_ci():
     assert run(range(150, 300))["sound"] >= 70
 

@@ -59,7 +59,6 @@ def test_in_the_engine(one, form):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_shorter_cases_in_both_forms_of_the_engine():
     short = {"all_in_one_point", "folded", "slack", "overstretched", "soft_threads", "one_element", "tether"}
     for one in GALLERY:
@@ -77,7 +76,6 @@ def test_in_the_reference(one):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_case_of_contact_in_the_compiled_loop():
     hold(list(hard.of_form(next(one for one in GALLERY if one.case == "starts_in_contact"), "compiled")))
 
@@ -140,7 +138,6 @@ def test_an_implicit_run_must_be_stopped_by_a_guard():
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_the_energy_momentum_method_is_exact_at_any_step():
     hold(list(hard.energy_momentum()))
 

@@ -21,7 +21,6 @@ print(len([one for one in (files("exunet.coupling.fmu") / "c").iterdir() if one.
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_the_cases_of_the_ladder_and_of_the_gallery_come_with_the_wheel(tmp_path):
     """From an empty folder. Building takes setuptools from the package index, as installing does."""
     wheel = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps"]

@@ -118,7 +118,6 @@ def test_every_part_that_is_stored_is_a_beginning_of_the_result(tmp_path, monkey
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_kill_minus_9_in_a_loop(tmp_path):
     """At once; when a part has been written for the n-th time; and then, every other time, within a write."""
     random = np.random.default_rng(20210616)
@@ -143,7 +142,6 @@ def test_kill_minus_9_in_a_loop(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_killed_run_leaves_its_beginning(tmp_path):
     """tests/test_nothing_lost.py has what becomes of an earlier result."""
     killed(started(tmp_path / "run", *ENDLESS), lambda: states_stored(tmp_path / "run") > 0)
@@ -167,7 +165,6 @@ def test_what_a_dead_process_left_is_swept_and_what_a_living_one_writes_is_not(t
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_file_cut_short_anywhere_is_refused(tmp_path):
     """What a kill leaves of a part, if somebody gives it the name of a result."""
     assert finished(tmp_path / "here", *SHORT) == 0

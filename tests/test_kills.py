@@ -110,7 +110,6 @@ def resumed(told: dict[str, Any]) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("form", ["compiled", "fused"])
 def test_killed_runs_are_resumed_to_the_same_bits(tmp_path: Path, form: str) -> None:
     """Also: checkpoints change nothing."""
@@ -119,7 +118,6 @@ def test_killed_runs_are_resumed_to_the_same_bits(tmp_path: Path, form: str) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_fifty_kills(tmp_path: Path) -> None:
     """At all points, half of them again while they are resumed."""
     told = killed_and_resumed(tmp_path, "snaps", "compiled", kills=50, again=3, seed=50)

@@ -109,7 +109,7 @@ def test_a_damper_makes_the_longest_step_shorter(tmp_path: Path) -> None:
 
 
 # Hosts of Exudyn; each compiles a kernel.
-coupled = [pytest.mark.slow, pytest.mark.ci]
+coupled = pytest.mark.slow
 
 
 class Mass:

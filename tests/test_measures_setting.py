@@ -110,7 +110,6 @@ def test_another_word_is_refused() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_beyond_the_horizon_a_run_tells_what_measures_would_cost() -> None:
     """The paper's net: its horizon lies at 1.6 s, tests/reference/."""
     late, early = (

@@ -42,7 +42,6 @@ def error(*overrides: str) -> tuple[float, bool]:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("loop", ["exudyn", "compiled"])
 @pytest.mark.parametrize("end", [0.105, 0.11, 0.115, 0.12])
 def test_inside_the_snaps_of_a_nearly_deployed_start(end: float, loop: str) -> None:

@@ -64,7 +64,6 @@ def unfinished(folder: Path, monkeypatch: pytest.MonkeyPatch, *, overwrite: bool
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_second_run_gets_a_folder_of_its_own(tmp_path):
     (tmp_path / "results").mkdir()
     name = folder_of(load(PLANAR, VALUES)).name
@@ -123,7 +122,6 @@ def test_an_ensemble_replaces_no_file_that_it_did_not_write(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_figures_are_drawn_over_those_of_the_same_result_only(first):
     """In the folder of the result they are its own; anywhere else they may show another."""
     figures_of_first = [first / "here" / f"{name}.png" for name in ("area", "energies")]
@@ -147,7 +145,6 @@ def test_figures_are_drawn_over_those_of_the_same_result_only(first):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_overwrite_replaces_result_and_what_described_it(first):
     (first / "here" / "agreement.png").write_text("of the first run's check")
     (first / "here" / "notes.txt").write_text("mine")
@@ -183,7 +180,6 @@ def test_a_second_run_that_stops_leaves_the_first_and_says_where_its_part_is(fir
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_ctrl_c_in_a_second_run_leaves_the_first(first, monkeypatch):
     def interrupted(*_: object) -> None:
         raise Interrupted("interrupted after t = 0 s")
@@ -234,7 +230,6 @@ def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, m
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_full_disk_leaves_the_first_result(first):
     """The system refuses files above a size: no segment, no result can be written."""
     before, program = content(first / "here"), (
@@ -258,7 +253,6 @@ def test_a_full_disk_leaves_the_first_result(first):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL")
 def test_a_killed_second_run_leaves_the_first_and_can_be_resumed(first):
     before = content(first / "here")

@@ -226,7 +226,6 @@ def test_nothing_to_tell() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("name", ["frame", "snap"])
 def test_shipped_scenes_pass_through_nothing(name: str) -> None:
     """Threads that are tied to a body, and lie along it."""

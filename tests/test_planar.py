@@ -120,7 +120,6 @@ def test_undamped_momentum_is_kept(undamped):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_damped_energy_balances_and_never_rises(damped):
     assert energy_balance(damped) < 1e-5
     mechanical = damped.kinetic + damped.elastic

@@ -369,7 +369,6 @@ def test_long_verdicts_are_cut():
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_files_are_written_whole_and_alike(tmp_path):
     first = save_figures(THROWN, tmp_path / "new" / "folder")
     assert [p.name for p in first] == [
@@ -399,7 +398,6 @@ def test_folder_that_cannot_be_made(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_users_matplotlib_settings_are_neither_used_nor_changed(tmp_path):
     usual = save_figures(unfolding(LINE), tmp_path / "a")[0].read_bytes()
     with matplotlib.rc_context({"font.size": 30, "axes.grid": True}):
@@ -475,7 +473,6 @@ def test_rotation_is_drawn_for_rigid_bodies():
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_snapshots_show_the_bodies_where_they_are(tmp_path):
     case = exunet.load(
         Path(__file__).parents[1] / "cases" / "verification" / "snap.toml",

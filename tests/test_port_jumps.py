@@ -94,7 +94,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return Scene(tmp_path_factory.mktemp("coupled"))
 
 
-nets = [pytest.mark.slow, pytest.mark.ci]  # each compiles kernels of its own
+nets = pytest.mark.slow  # each compiles kernels of its own
 
 
 class TestWithNets:

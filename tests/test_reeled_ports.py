@@ -12,7 +12,7 @@ from exunet import BodiesHost, Cosimulation, InputError, NetSystem
 from exunet.coupling.prediction import CONTRACTING, STABLE, longest_step
 
 # Each compiles kernels of its own.
-pytestmark = [pytest.mark.slow, pytest.mark.ci]
+pytestmark = pytest.mark.slow
 
 # A body of 2 kg and one of 800 kg on a tether of 19 m, of which 5 m are outside: 100 J at 0.5 m/s.
 SCENE = """

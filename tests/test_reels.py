@@ -361,7 +361,6 @@ def test_nodes_go_on_and_come_off(tmp_path: Path, form: str, method: str) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize(
     ("commands", "speed"),
     [
@@ -397,7 +396,6 @@ def test_one_mass_on_a_light_tether(tmp_path: Path, commands: str, speed: float)
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_body_with_nodes_on_its_drum_tumbles_as_one_of_their_masses(tmp_path: Path) -> None:
     """Free and slack: against a body whose mass, centre and inertia have the nodes in them (Steiner)."""
     point, spin = np.array([0.4, 0.3, -0.2]), "bodies.left.angular_velocity=[2.0, -3.0, 1.0]"
@@ -445,7 +443,6 @@ def test_restart(tmp_path: Path, form: str, solver: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_fixed_drum_takes_the_momenta(tmp_path: Path) -> None:
     """What the support has given, in force and in nodes on and off the drum, is the change of the momenta."""
     case = case_of(tmp_path, FORMS["fused"], FIXED, commands=ON_AND_OFF)
@@ -467,7 +464,6 @@ GIVEN = ("impulse", "angular_impulse", "work")
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("form", FORMS)
 def test_a_drum_on_a_body_of_given_motion_in_both_codes(tmp_path: Path, form: str) -> None:
     """Runge and Kutta's method in both, over a node that goes onto the drum: motion and books.
@@ -496,7 +492,6 @@ def test_a_drum_on_a_body_of_given_motion_in_both_codes(tmp_path: Path, form: st
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_drum_that_flies_straight_does_what_one_at_rest_does(tmp_path: Path) -> None:
     """Galileo: places shifted by V t, the same impulse, and the work of the moving support, V times it."""
     flight = np.array([0.7, -0.4, 1.1])
@@ -520,7 +515,6 @@ def test_a_drum_that_flies_straight_does_what_one_at_rest_does(tmp_path: Path) -
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_what_a_reel_did_is_told_with_its_spread(tmp_path: Path) -> None:
     """At the end, in the registry of headlines, of a run and of an ensemble."""
     case = case_of(tmp_path, FORMS["compiled"], commands=ON_AND_OFF)

@@ -107,7 +107,6 @@ def same(jobs: dict[str, Job], folder: Path) -> dict[str, dict[str, Any]]:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_halves_are_bitwise_the_whole(tmp_path: Path) -> None:
     same({f"{form}, {name}": one for form in FORMS for name, one in by_method(form)}, tmp_path)
 
@@ -145,7 +144,6 @@ def test_implicit_methods_say_that_they_cannot(method: Method, form: str) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("form", FORMS)
 def test_all_methods_that_say_so_restart_exactly(tmp_path: Path, form: str) -> None:
     """Of the engine, all explicit ones; at three cuts each, of which the second is in a snap."""

@@ -137,7 +137,6 @@ def test_there_is_nothing_to_resume(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_run_that_leaves_no_result_gives_the_earlier_one_back(tmp_path, monkeypatch):
     """Whatever fails when the rows are joined; what cannot become a result is not kept to be resumed."""
     arguments = ("run", PLANAR, *SHORT, "--out", "here")
@@ -161,7 +160,6 @@ def test_a_run_that_leaves_no_result_gives_the_earlier_one_back(tmp_path, monkey
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_killed_run_keeps_the_earlier_result_until_it_is_resumed(tmp_path, monkeypatch):
     cut_short(tmp_path, 0.2, monkeypatch)
     (tmp_path / "result.h5").write_text("of an earlier run")

@@ -375,7 +375,6 @@ def test_bodies_that_overlap_are_refused() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_check_says_mass_inertia_axes_and_centre() -> None:
     """A frustum of 100 kg/m3: its volume is 0.98/3 pi, its centre 0.163 m below the middle."""
     rows = dict(describe(body(*FRUSTUM)))

@@ -25,7 +25,7 @@ DAMPED: dict[str, Any] = {"effects": {"rayleigh_damping": {"alpha": 0.3, "beta":
 
 def compiles(test: Any) -> Any:
     """It compiles kernels that no other test has, some ten seconds each."""
-    return pytest.mark.slow(pytest.mark.ci(test))
+    return pytest.mark.slow(test)
 
 
 def start(method: str = "VelocityVerlet", step: float = 5e-5, end: float = 0.3, **tables: Any) -> Start:

@@ -351,7 +351,6 @@ def test_the_snapshot_of_another_version_is_refused(of: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_snapshot_goes_on_beyond_the_end_of_its_case() -> None:
     """The end and the stored times of the case are not what a state depends on; the plan comes with it."""
     short, longer = (Simulation(thrown({}, end=end, engine=FORMS["compiled"])) for end in (0.2, 0.4))

@@ -131,7 +131,6 @@ def test_a_chain_is_released_as_by_fixed_nodes(form: str, method: str, tmp_path:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_both_forms_agree(tmp_path: Path) -> None:
     one, other = (simulate(made(tmp_path, form, "RK44")) for form in ("compiled", "fused"))
     np.testing.assert_allclose(one.position, other.position, atol=1e-12)

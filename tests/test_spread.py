@@ -257,7 +257,6 @@ def test_a_quarter_of_the_moved_starts_runs_with_a_finer_setting() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("accuracy", ["1e-2", "1e-3", "1e-4"])
 def test_the_range_holds_converged_runs_or_is_called_not_converged(accuracy: str) -> None:
     """Soon after the horizon: at 1e-2 the 32 starts are nearer to each other than to any of a tight setting.
@@ -327,7 +326,6 @@ def test_moved_starts_cost_no_more_than_the_run_or_eight(run: float, member: flo
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_run_tells_its_spread_and_keeps_it(tmp_path: Path) -> None:
     """To 0.02 s nothing is taut: all is predictable. Then one without, in its place."""
     case = (CASES / "planar_deployment.toml", "--set", "time.end=0.02", "--out", "here", "--overwrite")
@@ -351,7 +349,6 @@ def test_a_run_tells_its_spread_and_keeps_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_ctrl_c_during_the_moved_starts_keeps_the_result(tmp_path: Path, monkeypatch: Any) -> None:
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -380,7 +377,6 @@ def test_an_ensemble_is_left_soon_after_ctrl_c() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_without_numba_the_run_says_why_it_has_no_spread(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr(estimates, "numba_installed", lambda: False)
     case = (CASES / "planar_deployment.toml", "--set", "time.end=0.02", "--out", "here", "--spread", 8)

@@ -449,7 +449,6 @@ for number in range(int(sys.argv[3])):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL")
 def test_a_store_outlives_a_kill_at_any_moment(monkeypatch, tmp_path):
     """30 kills at seeded numbers of system calls, from the first (no store yet) to the 400th."""

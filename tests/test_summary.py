@@ -100,7 +100,6 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_every_key_is_in_the_table_and_every_row_in_a_file(summaries):
     seen = {path for summary in summaries for path, _ in keys(summary)}
     assert sorted(seen - set(TABLE)) == []
@@ -110,7 +109,6 @@ def test_every_key_is_in_the_table_and_every_row_in_a_file(summaries):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_names_have_the_units_of_their_numbers(summaries):
     for summary in summaries:
         for name in summary["headlines"]:

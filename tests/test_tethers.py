@@ -226,7 +226,6 @@ def test_names_that_differ_by_capital_letters_are_refused(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_headlines_of_tethers_and_bodies(tmp_path: Path) -> None:
     """The peak of 294.65 N lasts for a few ms, which all steps see, however few of them are stored."""
     case = pair(tmp_path, "time.output_step=0.02")

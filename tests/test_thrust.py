@@ -88,7 +88,6 @@ def test_thrust_gives_its_impulse_and_its_work_is_booked(form: str, method: str)
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_thrust_that_is_over_leaves_the_bare_motion() -> None:
     """On a bullet alone: velocity F T / m, place F T^2 / 2 m after a constant force over T."""
     # The strings are slack until 0.3 s, so the bullet is free.

@@ -58,7 +58,6 @@ def test_the_version_is_told(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_quiet_run_says_nothing_but_errors(tmp_path):
     done = command("run", PLANAR, *SHORT, "--quiet", folder=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
@@ -87,7 +86,6 @@ def test_what_is_printed_fits_80_columns(tmp_path, arguments):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_messages_fit_80_columns_and_break_no_path(tmp_path):
     """Faults, the line on another folder, and the last row of the table, which have long paths."""
     name = "a-case-with-a-name-that-is-much-too-long-for-any-table-of-eighty-columns-" * 2

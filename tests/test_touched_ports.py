@@ -23,7 +23,7 @@ from exunet.coupling.port_ratios import ratios_of
 from exunet.coupling.prediction import CONTRACTING, STABLE, longest_step
 
 # Each compiles kernels of its own.
-pytestmark = [pytest.mark.slow, pytest.mark.ci]
+pytestmark = pytest.mark.slow
 
 BALL = """
 format = 1

@@ -32,7 +32,6 @@ PAPER = shipped()["planar_deployment"]
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(topology=st.sampled_from(sorted(random_nets.TOPOLOGIES)), seed=st.integers(0, 2**32 - 1))
 def test_random_nets_are_the_same_in_both_codes(topology, seed):
@@ -199,7 +198,6 @@ def _only_states(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_failing_rung_says_where_and_ends_with_1(tmp_path, monkeypatch, capsys):
     from exunet.forces import cable
 

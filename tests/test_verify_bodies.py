@@ -105,7 +105,6 @@ def test_a_wrong_torque_is_named(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_weak_torque_shows_beside_strong_ones(monkeypatch):
     """Of the gravity gradient, 1e-6 rad/s2: in the states where tethers are slack."""
     right = fields.torques
@@ -129,7 +128,6 @@ def test_a_step_of_bodies_that_turn_too_fast_is_seen(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_the_balances_of_a_run_hold_and_can_fail(monkeypatch):
     """With torques that are no longer those of the forces, momentum is kept, and nothing else."""
     case = read_both(CASES["snap"], ["time.end=1.3"])

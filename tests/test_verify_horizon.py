@@ -203,7 +203,6 @@ def test_two_cases_of_one_name_are_refused(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_quick_says_what_it_leaves_out(monkeypatch):
     """One case is followed, not to its end; the verdict tells the rest together."""
     monkeypatch.setattr("exunet.verification.ladder.QUICK_PART", 0.05)

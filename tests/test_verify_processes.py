@@ -39,21 +39,22 @@ def drawn():
 COUNTING = [Step(2, str(k), partial(counting, k)) for k in range(4)]
 
 
+FAILING = [Step(1, "a", dying), Step(1, "b", stopping), Step(5, "c", drawn)]
+
+
 def found(steps, processes):
-    return [(step.subject, list(findings)) for step, findings in followed(steps, processes)]
+    return [(step.subject, list(findings)) for step, findings in followed(partial(list, steps), processes)]
 
 
 def test_in_one_process_steps_run_as_they_are_asked_for():
-    steps = followed([Step(1, "a", stopping), Step(1, "b", dying)], 1)
+    steps = followed(partial(list, [Step(1, "a", stopping), Step(1, "b", dying)]), 1)
     ((_, rows),) = [next(steps)]
     assert [row.worst for row in rows] == ["no such thing"]
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_findings_come_in_order_and_a_process_that_dies_fails_its_step(tmp_path):
-    failing = [Step(1, "a", dying), Step(1, "b", stopping), Step(5, "c", drawn)]
-    *counted, (_, first), (_, second), (_, (plate,)) = found([*COUNTING, *failing], 2)
+    *counted, (_, first), (_, second), (_, (plate,)) = found([*COUNTING, *FAILING], 2)
     assert counted == found(COUNTING, 1)
     assert [row.holds for row in first] == [True, False]
     assert first[1].measured == math.inf
@@ -66,9 +67,8 @@ def test_findings_come_in_order_and_a_process_that_dies_fails_its_step(tmp_path)
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_leaving_off_ends_the_processes():
-    steps = followed(COUNTING, 2)
+    steps = followed(partial(list, COUNTING), 2)
     next(steps)
     assert len(multiprocessing.active_children()) == 2
     steps.close()

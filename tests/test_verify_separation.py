@@ -46,7 +46,6 @@ def test_any_spread_in_mirrored_arithmetic_fails(wrong, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_mirrored_arithmetic_keeps_the_bullets_together_and_ordinary_does_not():
     equal, separated = symmetry.symmetry(read_both(CASES["planar_deployment"]))
     assert equal.measured == 0.0

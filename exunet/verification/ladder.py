@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -105,13 +105,16 @@ class Ladder:
     cases : those with forces on rigid bodies are compared in rungs 1 and 8 only
     quick : one case only for what takes whole runs, fewer random nets; rungs 1 to 3 are the same
     paper : also check that round-off alone separates the bullets of the paper's nets
+    different: names of cases whose nets are known to differ; `nets` adds to them
     Raises InputError without the cases of the known answers.
     """
 
-    def __init__(self, cases: Sequence[BothCodes], *, quick: bool, paper: bool) -> None:
+    def __init__(
+        self, cases: Sequence[BothCodes], *, quick: bool, paper: bool, different: Collection[str] = ()
+    ) -> None:
         self._named, self._quick, self._paper = cases, quick, paper
         self._cases = [case for case in cases if not case.moves_bodies]
-        self._different: set[str] = set()
+        self.different = set(different)
 
     def nets(self) -> Iterator[Step]:
         """Rung 1 of each case: what comes later leaves out a case whose nets differ."""
@@ -141,12 +144,12 @@ class Ladder:
     def _topology(self, case: BothCodes) -> Iterator[Check]:
         for check in topology.topology(case):
             if not check.holds:
-                self._different.add(case.name)
+                self.different.add(case.name)
             yield check
 
     def _same_nets(self) -> list[BothCodes]:
         """Cases whose nets are the same in both codes: only these can be compared further."""
-        return [case for case in self._cases if case.name not in self._different]
+        return [case for case in self._cases if case.name not in self.different]
 
     def _forms(self, *, in_time: bool = False) -> list[BothCodes]:
         """The cases with the engine's connectors and, where Numba is installed, with its fused net.
@@ -182,7 +185,7 @@ class Ladder:
 
     def _bodies(self) -> Iterator[Step]:
         """The scenes of rung 8, the known answers of bodies, and what takes whole runs."""
-        named = [case for case in self._named if case.moves_bodies and case.name not in self._different]
+        named = [case for case in self._named if case.moves_bodies and case.name not in self.different]
         states = QUICK_STATES if self._quick else STATES
         scenes = []
         for scene in body_scenes(named):
@@ -211,6 +214,11 @@ class Ladder:
                 yield _without(9, name, "whole runs", "leaves out whole runs")
             else:
                 yield Step(9, name, partial(_in_contact, name, contact.over_a_run))
+
+
+def later_steps(paths: Sequence[Path], quick: bool, different: Collection[str]) -> list[Step]:
+    """What follows rung 1 on the cases of these files (none: the shipped ones): see `Ladder.later`."""
+    return list(Ladder(read_cases(paths), quick=quick, paper=not paths, different=different).later())
 
 
 def _in_contact(name: str, checks: Callable[..., Iterator[Check]], *how: int) -> Iterator[Check]:

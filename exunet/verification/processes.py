@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
@@ -19,17 +19,23 @@ Followed = tuple[Step, Iterable[Evidence]]
 _CONTEXT = multiprocessing.get_context("spawn")
 
 
-def followed(steps: Iterable[Step], processes: int) -> Iterator[Followed]:
-    """Each step with its findings, which are calculated as they are asked for, or ahead of that.
+def one_by_one(steps: Iterable[Step]) -> Iterator[Followed]:
+    """Each step with its findings, in this process."""
+    return ((step, step.run()) for step in steps)
 
-    steps     : that do not depend on each other
+
+def followed(plan: Callable[[], list[Step]], processes: int) -> Iterator[Followed]:
+    """Each step with its findings, which are calculated ahead of being asked for.
+
+    plan      : makes the steps, which do not depend on each other; each process makes its own, as cases hold
+                functions that cannot be sent
     processes : 1: all in this process
     An interrupt, or leaving off, ends the processes. A process that dies fails the step it had.
     """
     if processes == 1:
-        yield from ((step, step.run()) for step in steps)
+        yield from one_by_one(plan())
         return
-    crew = _Crew(list(steps), processes)
+    crew = _Crew(plan, processes)
     try:
         for number, step in enumerate(crew.steps):
             yield step, crew.findings(number)
@@ -40,8 +46,9 @@ def followed(steps: Iterable[Step], processes: int) -> Iterator[Followed]:
 class _Crew:
     """Processes with one step each, and what they have found."""
 
-    def __init__(self, steps: Sequence[Step], processes: int) -> None:
-        self.steps = steps
+    def __init__(self, plan: Callable[[], list[Step]], processes: int) -> None:
+        self._plan, self.steps = plan, plan()
+        steps = self.steps
         self._todo = deque(range(len(steps)))
         self._found: list[deque[Evidence]] = [deque() for _ in steps]
         self._done: set[int] = set()
@@ -71,7 +78,7 @@ class _Crew:
 
     def _start_one(self) -> None:
         here, there = _CONTEXT.Pipe()
-        process = _CONTEXT.Process(target=_work, args=(there,), daemon=True)
+        process = _CONTEXT.Process(target=_work, args=(self._plan, there), daemon=True)
         process.start()
         there.close()
         self._hand_on(here, process)
@@ -84,7 +91,7 @@ class _Crew:
             return
         number = self._todo.popleft()
         self._at_work[connection] = process, number
-        connection.send(self.steps[number])
+        connection.send(number)
 
     def _hear(self, connection: Connection) -> None:
         """Take a finding, or that there is no further one."""
@@ -109,16 +116,17 @@ class _Crew:
         self._hand_on(connection, process)
 
 
-def _work(connection: Connection) -> None:
-    """In a process of its own: the findings of each step that comes, and None after the last."""
+def _work(plan: Callable[[], list[Step]], connection: Connection) -> None:
+    """In a process of its own: the findings of each step whose number comes, and None after the last."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the first process ends this one
+    steps = plan()
     with drawing():
         while True:
             try:
-                step = connection.recv()
+                number = connection.recv()
             except EOFError:
                 return
-            for finding in step.run():
+            for finding in steps[number].run():
                 connection.send(finding)
             connection.send(None)
 

@@ -155,7 +155,6 @@ def test_a_line_between_two_bodies(tmp_path: Path, form: str, friction: float) -
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_moved_starts_have_the_headlines_of_the_run(tmp_path: Path) -> None:
     case = case_of(tmp_path, HOIST % (0.3, 25.0), "engine.loop=compiled", "time.end=0.5")
     every = exunet.ensemble(case, runs=2, perturb=1e-12)

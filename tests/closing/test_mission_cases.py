@@ -14,7 +14,7 @@ from exunet.results.measures import energy_balance, momentum_books
 
 CASES = Path(__file__).parents[2] / "cases" / "missions"
 
-pytestmark = [pytest.mark.slow, pytest.mark.ci]  # kernels, compiled in a minute each
+pytestmark = pytest.mark.slow  # kernels, compiled in a minute each
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from contact_scenes import contact, simulation
 
-pytestmark = [pytest.mark.slow, pytest.mark.ci]  # one kernel, compiled in a minute
+pytestmark = pytest.mark.slow  # one kernel, compiled in a minute
 
 RADIUS, SIDE, FREE = 0.1, 0.015, 4  # m, m; elements beyond the drum on each side
 DIAMETER, DENSITY = 1e-3, 1000.0  # m, kg/m3

@@ -202,7 +202,6 @@ def test_a_target_of_parts_has_a_shape() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_moved_starts_tell_the_same_of_a_capture_before_the_horizon(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     path.write_text(f'{THROWN}[verdict]\ntarget = "box"\nduration = 0.01\nenclosed = 0.01\ntouching = 1\n')

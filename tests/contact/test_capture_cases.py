@@ -16,7 +16,7 @@ from exunet.results.touching import touching_threads
 
 CASES = Path(__file__).parents[2] / "cases" / "capture"
 
-pytestmark = [pytest.mark.slow, pytest.mark.ci]  # kernels, compiled in a minute each
+pytestmark = pytest.mark.slow  # kernels, compiled in a minute each
 
 
 @pytest.mark.parametrize(

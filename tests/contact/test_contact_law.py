@@ -27,7 +27,7 @@ from scipy.special import gamma
 import exunet
 from exunet.forces.contact.status import status_of
 
-pytestmark = [pytest.mark.slow, pytest.mark.ci]  # one kernel, compiled in a minute
+pytestmark = pytest.mark.slow  # one kernel, compiled in a minute
 
 Floats = np.ndarray
 LINE_MASS = DENSITY * math.pi / 4.0 * DIAMETER**2  # kg/m

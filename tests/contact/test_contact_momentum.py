@@ -20,7 +20,7 @@ from exunet.simulation.simulation import Simulation
 from exunet.simulation.snapshot import Snapshot
 from exunet.studies.spread import spread_of
 
-pytestmark = [pytest.mark.slow, pytest.mark.ci]  # a kernel for each form, compiled in a minute each
+pytestmark = pytest.mark.slow  # a kernel for each form, compiled in a minute each
 
 Floats = np.ndarray
 END = 0.06  # s, of contact from 20 ms on

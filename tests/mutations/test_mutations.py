@@ -24,22 +24,6 @@ QUICK = {
     "throw_without_recoil",
 }
 
-
-FOR_CI = {
-    "strain_without_half",
-    "barrels_swapped",
-    "elastic_doubled",
-    "reference_tension_doubled",
-    "reference_current_tangent",
-    "strings_bend_with_cables",
-    "torque_sign",
-    "gyroscopic_sign",
-    "reference_torque_sign",
-    "contact_torque_sign",
-    "friction_without_limit",
-}
-_MARKS = {True: [pytest.mark.slow, pytest.mark.ci], False: [pytest.mark.slow]}
-
 CASES = shipped() | shipped("verification/trajectories")
 
 
@@ -61,7 +45,7 @@ def first_failure(case="planar_deployment"):
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[] if name in QUICK else _MARKS[name in FOR_CI]) for name in PLANTED],
+    [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in PLANTED],
 )
 def test_a_planted_error_is_caught(name, monkeypatch):
     error = PLANTED[name]
@@ -80,7 +64,6 @@ def test_a_planted_error_is_caught(name, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_without_a_planted_error_the_ladder_holds():
     assert first_failure() is None
     assert first_failure(SNAP) is None
@@ -94,4 +77,4 @@ def test_the_report_tells_how_many_are_planted_and_both_codes_have_some():
     assert "plants eighty-seven errors in both codes" in " ".join(REPORT_WORDS.split())
     assert {error.code for error in PLANTED.values()} == {EXUDYN, REFERENCE}
     assert {error.rung for error in PLANTED.values()} == {1, 2, 3, 4, 6, 8, 9, None}
-    assert set(PLANTED) >= QUICK | FOR_CI
+    assert set(PLANTED) >= QUICK

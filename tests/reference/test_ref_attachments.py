@@ -199,7 +199,6 @@ def test_em_refuses_points_of_bodies(towing):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_a_launched_bullet_can_be_held(document, scene):
     """Its mass is the body's, the launch leaves it alone, strings break, and the books close."""
     case = document("square", size=2.0, cable={"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e8})

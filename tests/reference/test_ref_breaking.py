@@ -95,7 +95,6 @@ def test_equal_steps_break_at_their_end(scene, method, unbalanced):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_equals_break_at_the_same_instant(document, scene, unbalanced):
     """A symmetric net pulled by four bullets: the four strings break together, with plain arithmetic too."""
     made = scene(

@@ -149,7 +149,7 @@ FREE = {
 }
 
 
-SLOW = (pytest.mark.slow, pytest.mark.ci)
+SLOW = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
@@ -219,7 +219,6 @@ def test_the_way_to_a_stop(bullets, scene):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_it_sticks_below_the_friction_angle(bullets, scene):
     """tan = 0.8 mu: it comes to rest m g sin/k_t below its start, and stays for ten seconds.
 
@@ -263,7 +262,6 @@ def test_creep_of_the_regularised_law(bullets, scene):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("method", ["RK4", "Verlet"])
 def test_equal_steps_tend_to_the_law_of_adaptive_ones(bullets, scene, method):
     """A bullet that is turned aside as it slides: the error of the memory at ends of steps is of order 1."""

@@ -228,7 +228,6 @@ def test_a_fold_is_carried_and_thrown(folded, scene, document):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("name", ["accordion", "star"])
 def test_the_shipped_cases(scene, name):
     """What the cases say of themselves: 25 layers, of 2 mm, in 1.1 x 1.1 x 0.2 m; eight arms."""

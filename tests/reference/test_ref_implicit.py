@@ -125,7 +125,6 @@ def test_order_is_2(cross, method):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_verlet_is_time_reversible_and_takes_one_right_hand_side(scene):
     """Without damping, back with -v: the start again."""
     made = scene("planar_undamped.toml")

@@ -129,7 +129,6 @@ def test_starts_from_any_state(cross, exact):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_snap_of_two_masses(explicit, scene):
     """field.md: E11_max = 5.331090e-3, N_peak = 294.65036 N, contact 6.67665e-3 s, rebound at 2.5 m/s."""
     light = 0.5 * 1390.0 * np.pi / 4 * 1e-6

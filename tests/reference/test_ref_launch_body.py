@@ -107,7 +107,6 @@ NAMES = ["DOP853", "RK45", "RK4", "Verlet"]
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @LAUNCHES
 @pytest.mark.parametrize("carried", [False, True], ids=["apart", "carried"])
 @pytest.mark.parametrize("spin", [0.0, 1.0], ids=["still", "spinning"])
@@ -200,7 +199,6 @@ def test_a_barrel_that_turns_back_does_not_push(launched, scene, unbalanced):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @LAUNCHES
 @pytest.mark.parametrize("carried", [False, True], ids=["apart", "carried"])
 @pytest.mark.parametrize("motion", ["fixed", "prescribed", "poses"])

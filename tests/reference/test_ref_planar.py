@@ -28,7 +28,6 @@ def total_energy(made, run):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_bullet_speeds(undamped, bullet_speeds):
     """field.md: 2.231874 m/s at 1.00 s and 1.621663 m/s at 1.50 s, all four alike."""
     made, run = undamped
@@ -39,7 +38,6 @@ def test_bullet_speeds(undamped, bullet_speeds):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_energy_is_constant_without_damping(undamped):
     """Issue: E0 = 6.404390 J; constant to 1e-5 over 2 s."""
     total = total_energy(*undamped)
@@ -48,7 +46,6 @@ def test_energy_is_constant_without_damping(undamped):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_momenta_are_constant_without_damping(undamped):
     made, run = undamped
     assert np.abs(energy.momentum(made.system, run.v)).max() < 1e-9
@@ -56,7 +53,6 @@ def test_momenta_are_constant_without_damping(undamped):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_energy_with_damping_balances(damped):
     total = total_energy(*damped)
     assert damped[1].dissipated[-1] > 0.01
@@ -64,7 +60,6 @@ def test_energy_with_damping_balances(damped):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_symmetric_arithmetic_keeps_the_bullets_bitwise_alike(damped, bullet_speeds):
     made, run = damped
     speeds = bullet_speeds(made, run)
@@ -72,7 +67,6 @@ def test_symmetric_arithmetic_keeps_the_bullets_bitwise_alike(damped, bullet_spe
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_symmetric_arithmetic_keeps_every_mirror_bitwise(damped):
     made, run = damped
     row = {tuple(p): i for i, p in enumerate((made.net.reference_position + 0.0).tolist())}
@@ -131,7 +125,6 @@ def test_curves_separate_at_the_defaults_of_ode45(scene, bullet_speeds, arithmet
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_curves_stay_together_at_the_defaults_of_ode45_where_round_off_is_mirrored(scene, bullet_speeds):
     """Same tolerances, same steps rule: the separation is round-off, magnified by the problem."""
     made = scene("planar_deployment.toml", symmetric=True)
@@ -140,7 +133,6 @@ def test_curves_stay_together_at_the_defaults_of_ode45_where_round_off_is_mirror
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_scipy_agrees(undamped, bullet_speeds):
     """SciPy's own driver of DOP853 on the same right-hand side.
 
@@ -168,7 +160,6 @@ def test_scipy_agrees(undamped, bullet_speeds):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_sensitivity_to_the_start(scene, bullet_speeds):
     """field.md: 1e-12 m at the start is about 4e-13 m/s at 1.0 s, but 0.1 m/s at 1.5 s."""
     made = scene("planar_undamped.toml")
@@ -179,7 +170,6 @@ def test_sensitivity_to_the_start(scene, bullet_speeds):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_symmetric_runs_converge(scene, bullet_speeds):
     """Kept symmetric, the damped run converges to the end: reference values for the symmetric motion."""
     made = scene("planar_deployment.toml", symmetric=True)

@@ -115,7 +115,6 @@ def pulled(times, force):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_constant_rate_pulls_the_target_at_that_rate(reel):
     """After the transient of a rate that slips, rate - N/c, the speed is the rate and the line is slack."""
     rate = 0.1
@@ -146,7 +145,6 @@ def test_constant_force_accelerates_the_target(reel):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_constant_force_on_a_heavy_target(reel):
     """Of a target that hardly moves the acceleration is F/m."""
     force, mass = 2.0, 2e4
@@ -157,7 +155,6 @@ def test_constant_force_on_a_heavy_target(reel):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_brake_stops_a_drifting_target(reel):
     """m v' = -(F + c v): it pays out (m/c)(v0 - (F/c) ln(1 + c v0/F)); the brake takes all of K but what the
     line holds then, F^2/(2 k).  With c = 0 the way would be K/F."""
@@ -191,7 +188,6 @@ def test_locked_is_a_tether_of_that_length(reel, commands):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_limits_slow_the_drum(reel):
     """The way d left to a limit falls by rate d/(l/4) in the last quarter of an element: exponentially."""
     rate, quarter = 0.5, 0.5
@@ -212,7 +208,6 @@ def test_limits_slow_the_drum(reel):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize(
     ("options", "bound", "unbooked"),
     [
@@ -336,7 +331,6 @@ def test_nodes_on_the_drum_are_point_masses_of_the_body(reel):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 def test_two_drums_of_one_body(reel, unbalanced):
     """The forces of nodes at one drum move the other: momenta stay, with light bodies and heavy nodes."""
     tether = tomllib.loads(TUMBLING)["tethers"]["line"]
@@ -370,7 +364,6 @@ MOVED = {
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize("motion", MOVED)
 def test_what_moves_the_drum_takes_the_momenta(reel, unbalanced, motion):
     """All else less what the support gave: constant over nodes that go on and off."""

@@ -162,7 +162,6 @@ def test_a_throw_moves_the_end_of_a_tether_alone(document, scene):
 
 
 @pytest.mark.slow
-@pytest.mark.ci
 @pytest.mark.parametrize(("rate", "axis"), [(math.sqrt(3.0), 1), (2.0, 2)], ids=["in plane", "out of plane"])
 def test_dumbbell_librates_with_the_orbit(tied, scene, rate, axis):
     """Clohessy and Wiltshire: small angles in the plane have n sqrt(3), out of the plane 2 n."""

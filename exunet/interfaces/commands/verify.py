@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import chain
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 from exunet.figures.style import drawing
 from exunet.interfaces.commands.lines import HANG, folded
 from exunet.interfaces.commands.printing import console, status
 from exunet.verification import hard
-from exunet.verification.ladder import RUNGS, Ladder, read_cases
-from exunet.verification.processes import Followed, cores, followed
+from exunet.verification.ladder import RUNGS, Ladder, later_steps, read_cases
+from exunet.verification.processes import Followed, cores, followed, one_by_one
 from exunet.verification.report import UNDER_NAME, UNDER_WORST, Report
+from exunet.verification.step import Step
 
 FAILED = 1
 INTERRUPTED = 130
@@ -41,7 +42,7 @@ def verify(paths: Sequence[Path], folder: Path, *, quick: bool, processes: int |
     ladder = Ladder(cases, quick=quick, paper=not paths)
     over = f"{'Quick' if quick else 'Full'} ladder over {', '.join(case.name for case in cases)}."
     report = Report("Verification of exunet", "verification.md", RUNGS, (over, COMPARED), (PLANTED,))
-    found = chain(followed(ladder.nets(), 1), followed(ladder.later(), processes or cores()))
+    found = _climbed(ladder, paths, quick, processes or cores())
     return _follow(report, found, folder)
 
 
@@ -49,7 +50,16 @@ def verify_hard(folder: Path, *, quick: bool, processes: int | None = None) -> i
     """Run the gallery of hard cases, write hard.md; exit codes and errors as in `verify`."""
     forms = "In the compiled loop only." if quick else "In every form of the engine, and in the reference."
     report = Report("Hard cases of exunet", "hard.md", hard.ITEMS, (forms,), tolerances="HARD")
-    return _follow(report, followed(hard.steps(quick=quick), processes or cores()), folder)
+    return _follow(report, followed(partial(_hard_steps, quick), processes or cores()), folder)
+
+
+def _climbed(ladder: Ladder, paths: Sequence[Path], quick: bool, processes: int) -> Iterator[Followed]:
+    yield from one_by_one(ladder.nets())
+    yield from followed(partial(later_steps, paths, quick, frozenset(ladder.different)), processes)
+
+
+def _hard_steps(quick: bool) -> list[Step]:
+    return list(hard.steps(quick=quick))
 
 
 def _follow(report: Report, found: Iterable[Followed], folder: Path) -> int:
