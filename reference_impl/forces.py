@@ -349,6 +349,8 @@ def _given(system: System, whole: Whole, push: Floats, thrown: Floats | None) ->
     The work of a push `thrown` (k, 3) [N] is that at the barrel's place, which moves with the body.
     """
     given = np.zeros((len(system.bodies.driven), 7))
+    if not len(given):
+        return given
     for row, k in zip(given, system.bodies.driven.tolist(), strict=True):
         mine = system.levers.node[system.bodies.rigid[system.levers.body] == k]
         force = -push[mine]

@@ -257,6 +257,8 @@ class Layout:
     def rate(self, y: Floats, whole: Whole, response: Response) -> Floats:
         """dy/dt in a state y with these particles, whose forces have this response."""
         parts = [y[self.half : 2 * self.half], response.acceleration.ravel()]
+        if self.booked == 2 * self.half and not self.clocks:  # points alone
+            return np.concatenate((*parts, (response.power,)))
         if len(self.bodies.rigid):
             turned = attitude_rate(whole.attitude, whole.spin, self.bodies.mobility)
             if self.clocks:
