@@ -52,6 +52,7 @@ class _Crew:
         self._todo = deque(range(len(steps)))
         self._found: list[deque[Evidence]] = [deque() for _ in steps]
         self._done: set[int] = set()
+        self._from_first: set[int] = set()
         self._at_work: dict[Connection, tuple[BaseProcess, int]] = {}
         for _ in range(min(processes, len(steps))):
             self._start_one()
@@ -89,7 +90,13 @@ class _Crew:
             connection.close()
             process.join()
             return
-        number = self._todo.popleft()
+        # One process goes on from the first step, so that findings come; the others from the last, where
+        # whole runs are: none of these is then left to one process alone at the end.
+        if any(number in self._from_first for _, number in self._at_work.values()):
+            number = self._todo.pop()
+        else:
+            number = self._todo.popleft()
+            self._from_first.add(number)
         self._at_work[connection] = process, number
         connection.send(number)
 
