@@ -23,6 +23,7 @@ from exunet.results.columns import STATES, BodyConstants, Column, body_path, dec
 from exunet.results.from_rows import result_of_rows
 from exunet.results.loads import CARRIED
 from exunet.results.result import Result
+from exunet.results.script_story import ENTRIES
 from exunet.results.store import MemoryStore, RowStore
 from exunet.results.touching import EDGES
 from exunet.simulation.element_peaks import ElementPeaks
@@ -241,6 +242,7 @@ def first_story(start: Start) -> dict[str, Any]:
         "engine": start.scene.engine.model_dump(),
         "effects": sorted(switched_on(start.scene.effects)),
         **({} if (rule := start.scene.verdict) is None else {RULE: rule.model_dump()}),
+        **_script(start),
         **_edges(start),
         **_carried(start),
         "retries": [],
@@ -248,6 +250,13 @@ def first_story(start: Start) -> dict[str, Any]:
         "build_seconds": 0.0,
         **dict.fromkeys(_COST, 0),
     }
+
+
+def _script(start: Start) -> dict[str, Any]:
+    """The entries of the script, each with its cause and its action; nothing without a script."""
+    script = start.scene.script
+    told = [{"entry": one.name, "cause": one.trigger_words, "action": one.action_words} for one in script]
+    return {ENTRIES: told} if told else {}
 
 
 def _edges(start: Start) -> dict[str, Any]:

@@ -122,6 +122,8 @@ def _through(
         progress(simulation.time, simulation.counts.right_hand_sides)
     shown = 0.0
     while True:
+        if simulation.stopped and simulation.finish():
+            return
         ahead = int(times.searchsorted(simulation.time, side="right"))
         if ahead == len(times):
             if simulation.finish():

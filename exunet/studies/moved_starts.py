@@ -18,7 +18,7 @@ from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.keys import AUTO
 from exunet.methods.method import COMPILED_METHODS, METHODS, Kind
-from exunet.results.areas import achievable_area
+from exunet.net.areas import achievable_area
 from exunet.results.course import COURSE_BYTES, Course
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.simulation import measures

@@ -9,7 +9,7 @@ import numpy as np
 
 from exunet.bodies.rigid import RigidStates
 from exunet.methods.method import METHODS
-from exunet.results.areas import achievable_area
+from exunet.net.areas import achievable_area
 from exunet.results.course import Course, instants
 from exunet.results.spread import COVERING, FEWEST, Spread
 from exunet.simulation import measures

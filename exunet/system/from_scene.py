@@ -40,6 +40,7 @@ from exunet.system.carried import booked, carried, net_axes, thrown
 from exunet.system.drum import Drum
 from exunet.system.ejection import ejecting, holding
 from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
+from exunet.system.script import script_of
 from exunet.system.system import State, System
 
 
@@ -112,6 +113,10 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         drawn = _drawn(line, blocks, scene, faults)
         forces = replace(forces, kernels=(*forces.kernels, *drawn))
     system = System(blocks, forces, rigid.bodies, kinematics, throw, line)
+    if scene.script:
+        target = None if scene.verdict is None else scene.verdict.target
+        script = script_of(scene.script, system, target)
+        system = replace(system, forces=replace(forces, script=script))
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel
 from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
 from exunet.forces.reel import Winding
+from exunet.forces.terms import Instant
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.methods.plan import Plan
 from exunet.system.energy import law_of
@@ -66,6 +67,15 @@ def loop_kernel(system: System, *, compiled: bool = True) -> Kernel:
 
 
 WITHOUT_LIMIT = 2**62
+_ROWS_TO_LOCATE = 8  # that steps to a crossing in a step may take
+
+
+class _Before(NamedTuple):
+    """The beginning of a step, the row of states to come, and all else that steps change, with copies."""
+
+    begin: Instant
+    row: int
+    arrays: tuple[tuple[NDArray[Any], NDArray[Any]], ...]
 
 
 class CompiledIntegration:
@@ -227,8 +237,10 @@ class CompiledLoop(CompiledIntegration):
         peaks = self._peaks
         peaks["elastic"][0], peaks["kinetic"][0] = 0.0, np.inf
         self._seen.of_elements[:] = 0.0
+        if self._events.is_due(self.time):
+            self._look_for_events()
         with postponed() as check_interrupt:
-            while self.time < until:
+            while self.time < until and not self.stopped:
                 before = self._motion.c.copy() if self._pushed else None
                 stop = self._events.next_instant(self.time, until)
                 advance = self._advance_chosen if self._chosen else self._advance_equal
@@ -241,9 +253,10 @@ class CompiledLoop(CompiledIntegration):
         largest = float(peaks["elastic"][0]) + self._asleep
         kinetic, of_elements = float(peaks["kinetic"][0]), self._seen.of_elements
         extremes = Extremes(largest, kinetic, self.largest_tensions, of_elements)
+        until = min(until, self.time)
         self._observer.between(until, extremes)
-        if self._table.kept:
-            kept = {name: values.copy() for name, values in self._table.kept.items()}
+        kept = {name: values.copy() for name, values in self._table.kept.items()} | self._events.kept
+        if kept:
             try:
                 self._observer.remembered(until, kept)
             except RunStopped:
@@ -252,14 +265,22 @@ class CompiledLoop(CompiledIntegration):
         if not math.isfinite(np.dot(self._motion.x, self._motion.x)):  # a square may overflow; no harm
             self.hand_over()
 
+    @property
+    def stopped(self) -> bool:
+        return self._events.stopped
+
     def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> None:
+        """Steps to a time [s], or until an event plans something before it."""
         while self.time < until:
             if self._events.in_steps:
                 self._shorten(until)
             limit, every = self._stretch
+            before = self._before()
             self._row = self._module.chosen_stretch(self._control, until, limit, self._row, every, self._held)
+            self._locate(before)
             self._make_room()
-            self._look_for_events()
+            if self._look_for_events() and self._is_otherwise(until):
+                return
             if words := self.collapse():
                 self.hand_over()
                 raise StepsCollapsed(words)
@@ -272,11 +293,74 @@ class CompiledLoop(CompiledIntegration):
         while done < number:
             limit, every = self._stretch
             steps = EqualSteps(begin, until, number, done, limit)
+            at_begin = self._before()
             self._row = self._module.equal_stretch(self._verlet, steps, self._row, every, self._held)
             done = int(self._clock["steps"][0]) - before
+            located = self._locate(at_begin)
             self._make_room()
-            self._look_for_events()
+            if (self._look_for_events() and self._is_otherwise(until)) or located:
+                return
             check_interrupt()
+
+    def _is_otherwise(self, until: float) -> bool:
+        """True if an event has ended the run, or planned something before a time [s]."""
+        return self.stopped or self._events.next_instant(self.time, until) < until
+
+    def _before(self) -> _Before | None:
+        """All that the next step changes, if crossings in it are to be located."""
+        m = self._motion
+        self._recall()
+        begin = self._events.instant(self.time, m.x, m.v)
+        if begin is None:
+            return None
+        if self._row + _ROWS_TO_LOCATE > self.room:
+            self.hand_over()
+        held = (m.taken, m.work[_A1], self._clock, self._seen.peaks, self._seen.largest)
+        arrays = (*held, self._seen.of_elements, *self._table.kept.values())
+        return _Before(begin, self._row, tuple((array, array.copy()) for array in arrays))
+
+    def _go_back(self, before: _Before) -> None:
+        """To the beginning of the last step, which counts as rejected."""
+        m, rejections = self._motion, self._clock["rejections"] + 1
+        m.x[:], m.v[:], self._row = before.begin.x, before.begin.v, before.row
+        for array, values in before.arrays:
+            array[:] = values
+        self._clock["rejections"] = rejections
+        self._recall()
+
+    def _locate(self, before: _Before | None) -> bool:
+        """Make the step just taken end where a condition that is watched comes true; True if it went again.
+
+        Steps that end before that are accepted as they are.
+        """
+        if before is None:
+            return False
+        m, beyond = self._motion, math.inf
+        while True:
+            self._recall()
+            target = self._events.crossing(before.begin, self.time, m.x, m.v)
+            if target is not None and target < self.time:
+                beyond = self.time
+                self._go_back(before)
+            else:
+                self._events.step_done(before.begin, self.time, m.x, m.v)
+                if target is not None or not self.time < beyond < math.inf:
+                    break
+                if (before := self._before()) is None:
+                    break
+                target = beyond  # on to where it had come true
+            self._step_to(target)
+        return math.isfinite(beyond)
+
+    def _step_to(self, time: float) -> None:
+        """By one step, or by more where its error would be too large."""
+        if not self._chosen:
+            number = max(1, math.ceil((time - self.time) / (self._plan.step or math.inf) * (1 - 1e-9)))
+            steps = EqualSteps(self.time, time, number, 0, number)
+            self._row = self._module.equal_stretch(self._verlet, steps, self._row, 1, self._held)
+            return
+        while self.time < time and not self.collapse():
+            self._row = self._module.chosen_stretch(self._control, time, 1, self._row, 1, self._held)
 
     @property
     def _stretch(self) -> tuple[int, int]:
@@ -293,9 +377,11 @@ class CompiledLoop(CompiledIntegration):
             self._clock["step"][0] = shorter
             self._clock["beyond"][0] = min(beyond, shorter)
 
-    def _look_for_events(self) -> None:
+    def _look_for_events(self) -> bool:
+        """True if one has happened."""
+        found = False
         if not self._events.any:
-            return
+            return found
         self._recall()
         m = self._motion
         for name, change in self._events.at(self.time, m.x, m.v):
@@ -308,6 +394,8 @@ class CompiledLoop(CompiledIntegration):
             self._row = self._module.keep(0, self.time, m, self._kept)
             self._remember(self._events.memory_after(name, change))
             self._module.begin(self.time, self._verlet, self._motion)
+            found = True
+        return found
 
     def _remember(self, memory: Arrays) -> None:
         """Let the forces, and what looks at tensions, take all memories into account."""

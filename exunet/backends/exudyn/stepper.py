@@ -21,6 +21,7 @@ from exunet.base.errors import InputError, RunStopped
 from exunet.base.interrupt import postponed
 from exunet.bodies.port import Piece
 from exunet.forces.jumps import Jump, jump_ahead
+from exunet.forces.terms import Instant
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.system.energy import law_of
@@ -52,6 +53,8 @@ class Stepper:
         self._open(state)
         self._changed: Coordinates | None = None  # by an event, to begin anew with
         self._accepted = Accepted(self._model.coordinates())
+        self._begin: Instant | None = None  # of a step in which a condition is watched
+        self._until = state.time
         self._append(state.time)
 
     def _open(self, state: State) -> None:
@@ -111,13 +114,20 @@ class Stepper:
     def can_restart(self) -> bool:
         return self._method.kind != Kind.IMPLICIT  # whose algorithmic accelerations the engine does not give
 
+    @property
+    def stopped(self) -> bool:
+        return self._events.stopped
+
     def advance(self, until: float) -> None:
-        while self.time < until:
+        if self._events.is_due(self.time) and self._look_for_events(self.time):
+            self._renew()
+        while self.time < until and not self.stopped:
             self._stretch(self._events.next_instant(self.time, until))
-        if self._keeps:
-            kept = self._model.applied.remembered.items()
+        of_kernel = self._model.applied.remembered.items() if self._keeps else ()
+        kept = {name: values.copy() for name, values in of_kernel} | self._events.kept
+        if kept:
             try:
-                self._observer.remembered(until, {name: values.copy() for name, values in kept})
+                self._observer.remembered(self.time, kept)
             except RunStopped:
                 self.hand_over()  # the observer knows which states are good
                 raise
@@ -154,10 +164,12 @@ class Stepper:
         self._append(until)
         if not self._accepted.finite:
             self.hand_over()
-        if self._look_for_events(until):
+        if self._look_for_events(until) and not self.stopped:
             self._renew()
 
     def _set_stretch(self, until: float) -> None:
+        self._until = until
+        self._begin = self._events.instant(self.time, *self._flat(self.time))
         self._model.look_again()
         progress = self._solver.it
         self._choice.begin_stretch(until)
@@ -261,6 +273,7 @@ class Stepper:
             return False
         found = moved = False
         x, v = self._flat(time)
+        self._events.step_done(self._begin, time, x, v)
         for name, change in self._events.at(time, x, v):
             if self._accepted.last_time != time:
                 self._append(time)
@@ -275,7 +288,9 @@ class Stepper:
             places, now = self._model.places, self._model.coordinates()
             self._changed = places.pack(self._system.layout.unpack(x, v), now)
             self._accepted.begin_with(self._changed)
-        return moved or (found and self._method.remembers_acceleration)
+        self._begin = self._events.instant(time, x, v)
+        planned = found and self._events.next_instant(time, self._until) < self._until
+        return moved or self.stopped or planned or (found and self._method.remembers_acceleration)
 
     def _renew(self) -> None:
         """Start the solver again where it stands, or at the state that an event has made."""

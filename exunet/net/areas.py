@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import distance
 
 from exunet.net.arrays import Net
 
@@ -38,6 +39,14 @@ def mouth_area(net: Net, position: Floats) -> Floats:
     corners; its area is the sum of the areas of the triangles. Zero for a net without a mouth.
     """
     return _loops_area((net.mouth,), position)
+
+
+def mouth_diameter(net: Net, position: Floats) -> Floats:
+    """Largest distance of two of its corners [m]; (k, n_points, 3) [m] -> (k,); zero without a mouth."""
+    corners = position[:, list(net.mouth)]
+    if corners.shape[1] < 2:
+        return np.zeros(len(position))
+    return np.array([float(distance.pdist(one).max()) for one in corners])
 
 
 def mesh_area(net: Net, position: Floats) -> Floats:
