@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from exunet.backends.protocol import Arrays, Observer
 from exunet.forces.blocks import AWAKE
-from exunet.forces.terms import Change, Instant, Switch, Watch
+from exunet.forces.terms import Change, Seen, Switch, Watch
 from exunet.system.energy import total
 from exunet.system.system import System
 
@@ -70,17 +70,41 @@ class Events:
             return False
         return min(self._watch[1].instants(self.memory[self._watch[0]]), default=np.inf) <= time
 
-    def instant(self, time: float, x: Floats, v: Floats) -> Instant | None:
-        """The beginning of a step in which crossings are to be located, as copies; None: none are."""
-        if self._watch is None or not self._watch[1].in_steps(self.memory[self._watch[0]]):
-            return None
-        return Instant(time, x.copy(), v.copy(), self._seen(self._watch[0]).copy())
+    @property
+    def watches(self) -> bool:
+        """True while conditions are watched, whose crossings are to be located in steps."""
+        return self._watch is not None and self._watch[1].in_steps(self.memory[self._watch[0]])
 
-    def crossing(self, begin: Instant, time: float, x: Floats, v: Floats) -> float | None:
-        """See `Watch.crossing`; of the step from `begin` to a state."""
+    @property
+    def in_each_step(self) -> bool:
+        """True if what may come can only be seen at the end of each step."""
+        others = (one for one in self._switches if self._watch is None or one[0] != self._watch[0])
+        if any(switch.in_steps(self._seen(name)) for name, switch in others):
+            return True
+        return self._watch is not None and self._watch[1].in_each_step(self.memory[self._watch[0]])
+
+    def seen(self, time: Floats, x: Floats, v: Floats) -> Seen:
+        """States at the ends of steps (k,), as what watches gets them."""
+        assert self._watch is not None
+        return Seen(time, x, v, self._seen(self._watch[0]))
+
+    def comes_true(self, steps: Seen) -> bool:
+        """See `Watch.comes_true`."""
+        assert self._watch is not None
+        return self._watch[1].comes_true(steps)
+
+    def crossing(self, begin: Seen, end: Seen) -> float | None:
+        """See `Watch.crossing`."""
+        assert self._watch is not None
+        return self._watch[1].crossing(begin, end)
+
+    def steps_done(self, steps: Seen) -> None:
+        """Let what watches remember accepted steps."""
         assert self._watch is not None
         name, watch = self._watch
-        return watch.crossing(begin, Instant(time, x, v, self._seen(name)))
+        after = watch.remembered(steps)
+        if after is not None:
+            self.memory[name] = after
 
     @property
     def kept(self) -> dict[str, Floats]:
@@ -88,16 +112,6 @@ class Events:
         if self._watch is None:
             return {}
         return {self._watch[0]: self.memory[self._watch[0]].copy()}
-
-    def step_done(self, begin: Instant | None, time: float, x: Floats, v: Floats) -> None:
-        """Let what watches remember an accepted step, and note where in it what is due came true."""
-        if self._watch is None or begin is None:
-            return
-        name, watch = self._watch
-        watch.between(begin, Instant(time, x, v, self._seen(name)))
-        after = watch.remembered(time, x, v, self._seen(name))
-        if after is not None:
-            self.memory[name] = after
 
     def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
         """All memories once a change of one has come into force."""

@@ -161,6 +161,11 @@ class Entry(Table):
         return None if self.when is None else condition_of(self.when)
 
     @property
+    def condition_name(self) -> str:
+        """Of the quantity or the happening that `when` asks for; "" without."""
+        return "" if self.when is None else condition_of(self.when).name
+
+    @property
     def drive(self) -> str | None:
         """Name of the drive that it acts on."""
         return CLOSING if ACTIONS[self.do].on == "line" else self.on if ACTIONS[self.do].on else None

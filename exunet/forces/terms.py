@@ -196,29 +196,35 @@ class Watch(Switch, Protocol):
     @property
     def sees(self) -> tuple[str, ...]: ...
 
+    def in_each_step(self, memory: Floats) -> bool:
+        """True if what it waits for can be seen at the end of each step alone, not in states of several."""
+
     def instants(self, memory: Floats) -> tuple[float, ...]:
         """Instants [s] that are known with such a memory, which steps end at."""
 
-    def crossing(self, begin: Instant, end: Instant) -> float | None:
-        """Until when [s] a step is to go again so that a crossing in it is located; None: there is none.
+    def comes_true(self, steps: Seen) -> bool:
+        """True if at the end of one of these steps something is due."""
 
-        The step's own end where the crossing is as near to that as it is to be.
+    def crossing(self, begin: Seen, end: Seen) -> float | None:
+        """Until when [s] one step is to go again so that a crossing in it is located; None: there is none.
+
+        The step's own end where the crossing is as near to that as it is to be; when in the step it was, by
+        interpolation, is noted for what is told of the event.
         """
 
-    def between(self, begin: Instant, end: Instant) -> None:
-        """Note when, in the step that has just ended, what is due at its end came true."""
-
-    def remembered(self, time: float, x: Floats, v: Floats, memory: Floats) -> Floats | None:
-        """Its own memory at the end of an accepted step, before events; None: as it was."""
+    def remembered(self, steps: Seen) -> Floats | None:
+        """Its own memory at the end of accepted steps, before events; None: as it was."""
 
     def stops(self, memory: Floats) -> bool:
         """True if the run ends with such a memory."""
 
 
-class Instant(NamedTuple):
-    """A state at the end of a step: time [s], x, v, and the memory that a switch gets."""
+class Seen(NamedTuple):
+    """States at the ends of steps: times (k,) [s], x (k, n_x), v (k, n_v), and what a switch gets of memories
+    at the last of them.
+    """
 
-    time: float
+    time: Floats
     x: Floats
     v: Floats
     memory: Floats

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import distance
 
 from exunet.net.arrays import Net
 
@@ -43,10 +42,11 @@ def mouth_area(net: Net, position: Floats) -> Floats:
 
 def mouth_diameter(net: Net, position: Floats) -> Floats:
     """Largest distance of two of its corners [m]; (k, n_points, 3) [m] -> (k,); zero without a mouth."""
-    corners = position[:, list(net.mouth)]
-    if corners.shape[1] < 2:
-        return np.zeros(len(position))
-    return np.array([float(distance.pdist(one).max()) for one in corners])
+    corners, square = position[:, list(net.mouth)], np.zeros(len(position))
+    for k in range(1, corners.shape[1]):
+        apart = corners[:, k:] - corners[:, k - 1 : k]
+        square = np.maximum(square, np.einsum("kca,kca->kc", apart, apart).max(axis=1))
+    return np.sqrt(square)
 
 
 def mesh_area(net: Net, position: Floats) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from exunet.system.script import HEADING
+from exunet.system.script_events import HEADING
 
 ENTRIES = "script_entries"  # in the story of a result: name, cause and action of each entry
 _APART = 1e-6  # [s]: two instants that are nearer are told as one

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.forces import cable
 from exunet.forces.closing_loops import Status as LineStatus
 from exunet.forces.contact.status import status_of
 from exunet.net.areas import mouth_area, mouth_diameter
@@ -67,7 +68,22 @@ def _area(sight: Sight, states: States) -> Floats:
 
 
 def _tether_tension(sight: Sight, states: States) -> Floats:
-    return np.asarray(states.tension[:, sight.system.net.n_net_elements :].max(axis=1))
+    net = sight.system.net
+    first = net.n_net_elements
+    i, j = net.element_nodes[first:].T
+    span = states.position[:, j] - states.position[:, i]
+    length, law = np.linalg.norm(span, axis=2), states.law
+    natural, stiffness = law.natural_length[first:], law.stiffness[first:]
+    if law.relaxation_time is None:
+        found = cable.tension(length, natural, stiffness)
+    else:
+        along = np.einsum("kea,kea->ke", span, states.velocity[:, j] - states.velocity[:, i])
+        rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
+        found = cable.viscous_tension(length, rate, natural, stiffness, law.relaxation_time[first:])
+    for winding in sight.system.forces.cable.reels:
+        element, _, pull = winding.outlets(states.memory, *states.flat)
+        found[:, element - first] = pull
+    return np.asarray(found.max(axis=1))
 
 
 def _closing_tension(sight: Sight, states: States) -> Floats:
@@ -104,8 +120,8 @@ def has_touched(sight: Sight, states: States) -> bool:
 def seen_memories(system: System) -> tuple[str, ...]:
     """The memories that quantities follow from."""
     kept = [name for name in system.memory if name.startswith(_CONTACT) or name == LINE]
-    cable = system.forces.cable
-    kept += [] if cable.memory is None else [cable.memory.name]
-    for winding in cable.reels:
+    threads = system.forces.cable
+    kept += [] if threads.memory is None else [threads.memory.name]
+    for winding in threads.reels:
         kept += [name for name in system.memory if name in (f"{winding.name}/reel", f"reel/{winding.name}")]
     return tuple(kept)

@@ -36,7 +36,7 @@ from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel
 from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
 from exunet.forces.reel import Winding
-from exunet.forces.terms import Instant
+from exunet.forces.terms import Seen
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.methods.plan import Plan
 from exunet.system.energy import law_of
@@ -67,13 +67,14 @@ def loop_kernel(system: System, *, compiled: bool = True) -> Kernel:
 
 
 WITHOUT_LIMIT = 2**62
+_WATCHED = 64  # steps between two looks at conditions of the states in between
 _ROWS_TO_LOCATE = 8  # that steps to a crossing in a step may take
 
 
 class _Before(NamedTuple):
-    """The beginning of a step, the row of states to come, and all else that steps change, with copies."""
+    """The beginning of steps, the row of states to come, and all else that steps change, with copies."""
 
-    begin: Instant
+    begin: Seen
     row: int
     arrays: tuple[tuple[NDArray[Any], NDArray[Any]], ...]
 
@@ -177,6 +178,7 @@ class CompiledLoop(CompiledIntegration):
         self._hold()
         self._moving = self._layout.unpack(self._motion.x, self._motion.v)  # views
         self._pushed = False
+        self._singly_until = -math.inf  # steps are taken one by one [s]
         self._ports = _steady_ports(system, state)
         self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
         if state.memory:
@@ -272,7 +274,7 @@ class CompiledLoop(CompiledIntegration):
     def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> None:
         """Steps to a time [s], or until an event plans something before it."""
         while self.time < until:
-            if self._events.in_steps:
+            if self._events.in_each_step:
                 self._shorten(until)
             limit, every = self._stretch
             before = self._before()
@@ -295,8 +297,8 @@ class CompiledLoop(CompiledIntegration):
             steps = EqualSteps(begin, until, number, done, limit)
             at_begin = self._before()
             self._row = self._module.equal_stretch(self._verlet, steps, self._row, every, self._held)
-            done = int(self._clock["steps"][0]) - before
             located = self._locate(at_begin)
+            done = int(self._clock["steps"][0]) - before
             self._make_room()
             if (self._look_for_events() and self._is_otherwise(until)) or located:
                 return
@@ -307,43 +309,60 @@ class CompiledLoop(CompiledIntegration):
         return self.stopped or self._events.next_instant(self.time, until) < until
 
     def _before(self) -> _Before | None:
-        """All that the next step changes, if crossings in it are to be located."""
-        m = self._motion
-        self._recall()
-        begin = self._events.instant(self.time, m.x, m.v)
-        if begin is None:
+        """All that the next steps change, if crossings in them are to be located."""
+        if not self._events.watches:
             return None
-        if self._row + _ROWS_TO_LOCATE > self.room:
+        self._recall()
+        if self._row + _WATCHED + _ROWS_TO_LOCATE > self.room:
             self.hand_over()
+        m = self._motion
         held = (m.taken, m.work[_A1], self._clock, self._seen.peaks, self._seen.largest)
         arrays = (*held, self._seen.of_elements, *self._table.kept.values())
-        return _Before(begin, self._row, tuple((array, array.copy()) for array in arrays))
+        return _Before(self._now(), self._row, tuple((array, array.copy()) for array in arrays))
+
+    def _now(self) -> Seen:
+        m = self._motion
+        return self._events.seen(np.array([self.time]), m.x[None].copy(), m.v[None].copy())
 
     def _go_back(self, before: _Before) -> None:
         """To the beginning of the last step, which counts as rejected."""
         m, rejections = self._motion, self._clock["rejections"] + 1
-        m.x[:], m.v[:], self._row = before.begin.x, before.begin.v, before.row
+        m.x[:], m.v[:], self._row = before.begin.x[0], before.begin.v[0], before.row
         for array, values in before.arrays:
             array[:] = values
         self._clock["rejections"] = rejections
         self._recall()
 
     def _locate(self, before: _Before | None) -> bool:
-        """Make the step just taken end where a condition that is watched comes true; True if it went again.
+        """Make the step just taken end where a condition that is watched comes true; True if steps are to be
+        laid out anew from there.
 
-        Steps that end before that are accepted as they are.
+        Several steps, in one of which that happens, are taken again singly. Steps that end before it are
+        accepted as they are.
         """
         if before is None:
             return False
-        m, beyond = self._motion, math.inf
+        self._recall()
+        rows = slice(before.row, self._row)
+        if self._row - before.row > 1:
+            steps = self._events.seen(self._kept.time[rows], self._kept.x[rows], self._kept.v[rows])
+            if self._events.comes_true(steps):
+                self._singly_until = self.time
+                self._go_back(before)
+            else:
+                self._events.steps_done(steps)
+                self._thin(before.row)
+            return False
+        beyond = math.inf
         while True:
             self._recall()
-            target = self._events.crossing(before.begin, self.time, m.x, m.v)
+            now = self._now()
+            target = self._events.crossing(before.begin, now)
             if target is not None and target < self.time:
                 beyond = self.time
                 self._go_back(before)
             else:
-                self._events.step_done(before.begin, self.time, m.x, m.v)
+                self._events.steps_done(now)
                 if target is not None or not self.time < beyond < math.inf:
                     break
                 if (before := self._before()) is None:
@@ -351,6 +370,13 @@ class CompiledLoop(CompiledIntegration):
                 target = beyond  # on to where it had come true
             self._step_to(target)
         return math.isfinite(beyond)
+
+    def _thin(self, row: int) -> None:
+        """Of the states from a row on leave the last, unless one of them is for the guards."""
+        if self._row - row > 1 and self._peaks["elastic"][0] <= self._peaks["keep_above"][0]:
+            for values in self._kept:
+                values[row] = values[self._row - 1]
+            self._row = row + 1
 
     def _step_to(self, time: float) -> None:
         """By one step, or by more where its error would be too large."""
@@ -365,7 +391,11 @@ class CompiledLoop(CompiledIntegration):
     @property
     def _stretch(self) -> tuple[int, int]:
         """How many steps to take without a look at events, and of how many one is handed over."""
-        return (1, 1) if self._events.in_steps else (_ATTEMPTS, _THINNED)
+        if not self._events.in_steps:
+            return _ATTEMPTS, _THINNED
+        if self._events.in_each_step or self.time < self._singly_until:
+            return 1, 1
+        return min(_WATCHED, self.room // 2), 1
 
     def _shorten(self, until: float) -> None:
         """Make the step that comes end near the next event."""

@@ -21,7 +21,7 @@ from exunet.base.errors import InputError, RunStopped
 from exunet.base.interrupt import postponed
 from exunet.bodies.port import Piece
 from exunet.forces.jumps import Jump, jump_ahead
-from exunet.forces.terms import Instant
+from exunet.forces.terms import Seen
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.system.energy import law_of
@@ -53,7 +53,7 @@ class Stepper:
         self._open(state)
         self._changed: Coordinates | None = None  # by an event, to begin anew with
         self._accepted = Accepted(self._model.coordinates())
-        self._begin: Instant | None = None  # of a step in which a condition is watched
+        self._begin: Seen | None = None  # of a step in which a condition is watched
         self._until = state.time
         self._append(state.time)
 
@@ -169,7 +169,9 @@ class Stepper:
 
     def _set_stretch(self, until: float) -> None:
         self._until = until
-        self._begin = self._events.instant(self.time, *self._flat(self.time))
+        self._begin = None
+        if self._events.watches:
+            self._begin = self._watched(self.time, *self._flat(self.time))
         self._model.look_again()
         progress = self._solver.it
         self._choice.begin_stretch(until)
@@ -273,7 +275,10 @@ class Stepper:
             return False
         found = moved = False
         x, v = self._flat(time)
-        self._events.step_done(self._begin, time, x, v)
+        if self._begin is not None:
+            end = self._events.seen(np.array([time]), x[None].copy(), v[None].copy())
+            self._events.crossing(self._begin, end)
+            self._events.steps_done(end)
         for name, change in self._events.at(time, x, v):
             if self._accepted.last_time != time:
                 self._append(time)
@@ -288,9 +293,15 @@ class Stepper:
             places, now = self._model.places, self._model.coordinates()
             self._changed = places.pack(self._system.layout.unpack(x, v), now)
             self._accepted.begin_with(self._changed)
-        self._begin = self._events.instant(time, x, v)
+        self._begin = self._watched(time, x, v)
         planned = found and self._events.next_instant(time, self._until) < self._until
         return moved or self.stopped or planned or (found and self._method.remembers_acceleration)
+
+    def _watched(self, time: float, x: Floats, v: Floats) -> Seen | None:
+        """The beginning of a step in which conditions are watched."""
+        if not self._events.watches:
+            return None
+        return self._events.seen(np.array([time]), x[None].copy(), v[None].copy())
 
     def _renew(self) -> None:
         """Start the solver again where it stands, or at the state that an event has made."""
