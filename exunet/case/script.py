@@ -6,7 +6,7 @@ A condition is the name of a quantity, a comparison and a number; nothing of it 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
@@ -230,10 +230,18 @@ def drive_of(entry: Entry, damping: float | None) -> Drive:
     return asked_of(damping, mode, rate, entry.force)
 
 
+def may_end_a_run(entries: Iterable[Entry]) -> bool:
+    """True if an entry ends runs, each at its own time."""
+    return any(one.do == "stop" for one in entries)
+
+
 def cross_checks(entries: tuple[Entry | None, ...], stage: Stage) -> Iterator[Fault]:
     """What entries demand of each other and of the scene; None stands for one that is not a table."""
     known = [(k, one) for k, one in enumerate(entries) if one is not None]
-    names = {one.name: k for k, one in reversed(known) if "name" in one.__dict__}
+    names: dict[str, int] = {}
+    for k, one in known:
+        if "name" in one.__dict__:
+            names.setdefault(one.name, k)
     for k, one in known:
         checks = (
             _named_once(k, one, names),
@@ -289,7 +297,8 @@ def _looks(entry: Entry, stage: Stage) -> Iterator[Fault]:
 
 def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
     action = ACTIONS[entry.do]
-    if action.needs and not any(entry.is_given(key) for key in action.needs):
+    lacks = bool(action.needs) and not any(entry.is_given(key) for key in action.needs)
+    if lacks:
         yield Fault("", f'do = "{entry.do}" needs {" or ".join(action.needs)}')
     for key in _VALUES:
         if entry.is_given(key) and key not in action.may:
@@ -308,7 +317,7 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault(key, f"{name!r} has no reel or winch in this scene (those that have: {known})")
     elif name in stage.taken:
         yield Fault(key, f"{name!r} has commands of its own: remove these, or this entry")
-    else:
+    elif not lacks:
         yield from _asks(entry, stage.drives[name])
 
 

@@ -109,6 +109,7 @@ LOOKS: Mapping[str, Callable[[Sight, States], Floats]] = {
     "closing_tension": _closing_tension,
     "touching": _touching,
 }
+OF_VELOCITIES = ("relative_speed", "tether_tension")
 KEPT = ("closing_tension", "touching")  # known at the ends of steps only
 
 

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from exunet.case.script import QUANTITIES, Entry, drive_of
 from exunet.forces.reel import command_name
 from exunet.forces.terms import Change, Memories, Seen
-from exunet.system.quantities import KEPT, LOOKS, Sight, has_touched, seen_memories
+from exunet.system.quantities import KEPT, LOOKS, OF_VELOCITIES, Sight, has_touched, seen_memories
 from exunet.system.states import States
 
 Floats = NDArray[np.float64]
@@ -120,12 +120,17 @@ class ScriptEvents:
 
     # What is due
 
-    def _states(self, steps: Seen) -> States:
-        """States with the memories of the last of them."""
+    def _states(self, steps: Seen, *, completed: bool = True) -> States:
+        """States with the memories of the last of them.
+
+        completed : False: velocities of what has no equations of motion may be some stages old
+        """
         system, ends = self._sight.system, self._ends
         seen = (steps.memory[a:b] for a, b in pairwise(ends))
         memory = system.memory | dict(zip(self.sees, seen, strict=True))
-        moving = system.layout.unpack(steps.x, steps.v).completed(system.kinematics, steps.time, memory)
+        moving = system.layout.unpack(steps.x, steps.v)
+        if completed:
+            moving = moving.completed(system.kinematics, steps.time, memory)
         return States(system, steps.time, *moving[:3], memory, moving.first_order)
 
     def _beyond(self, number: int, row: Row, states: States) -> Floats:
@@ -164,10 +169,11 @@ class ScriptEvents:
 
     def comes_true(self, steps: Seen) -> bool:
         """True if one of the conditions holds at the end of a step, or of one that rests does not."""
-        states = self._states(steps)
+        watched = self._watched(steps.memory)
+        speeds = any(self._entries[k].condition_name in OF_VELOCITIES for k, _ in watched)
+        states = self._states(steps, completed=speeds)
         found = any(
-            ((self._beyond(k, row, states) > 0.0) == (row.state == ARMED)).any()
-            for k, row in self._watched(steps.memory)
+            ((self._beyond(k, row, states) > 0.0) == (row.state == ARMED)).any() for k, row in watched
         )
         self._nothing_at = -math.inf if found else float(steps.time[-1])
         return found

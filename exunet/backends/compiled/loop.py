@@ -344,14 +344,14 @@ class CompiledLoop(CompiledIntegration):
             return False
         self._recall()
         rows = slice(before.row, self._row)
+        steps = self._events.seen(self._kept.time[rows], self._kept.x[rows], self._kept.v[rows])
+        if not self._events.comes_true(steps):
+            self._events.steps_done(steps)
+            self._thin(before.row)
+            return False
         if self._row - before.row > 1:
-            steps = self._events.seen(self._kept.time[rows], self._kept.x[rows], self._kept.v[rows])
-            if self._events.comes_true(steps):
-                self._singly_until = self.time
-                self._go_back(before)
-            else:
-                self._events.steps_done(steps)
-                self._thin(before.row)
+            self._singly_until = self.time
+            self._go_back(before)
             return False
         beyond = math.inf
         while True:
