@@ -85,6 +85,7 @@ def _stage(scene: Scene) -> script.Stage:
         frozenset(name for name, there in has.items() if there),
         {name: one.damping for name, one in drives.items()},
         frozenset(name for name, one in drives.items() if one.commands),
+        frozenset(scene.tethers) - frozenset(reels),
         scene.time.end,
     )
 

@@ -81,7 +81,7 @@ def condition_of(text: str) -> Condition:
 class Action(NamedTuple):
     """What an entry may do.
 
-    on    : what kind of thing it acts on: "drive", "line" (the winch of the closing line) or ""
+    on    : what kind of thing it acts on: "drive", "line" (the winch of the closing line), "tether" or ""
     needs : keys of which it needs at least one
     may   : keys that it may have, these included
     words : what it does
@@ -99,6 +99,8 @@ ACTIONS = {
     "pay_out": Action("drive", ("rate",), ("rate", "force"), "pays out"),
     "brake": Action("drive", ("force",), ("force",), "gives way above a force"),
     "lock": Action("drive", (), (), "holds the length"),
+    "cut": Action("tether", (), (), "breaks the first element of a tether, from its start on"),
+    "note": Action("", (), (), "nothing: the event is told, and others may come after it"),
     "stop": Action("", ("verdict",), ("verdict",), "ends the run"),
 }
 _VALUES = ("rate", "force", "verdict")
@@ -131,12 +133,13 @@ class Entry(Table):
     fall: float = Field(
         0.01, gt=0.0, lt=1.0, description='part of the largest area by which it has fallen; "largest_area"'
     )
-    do: Literal["close", "reel", "pay_out", "brake", "lock", "stop"] = Field(
+    do: Literal["close", "reel", "pay_out", "brake", "lock", "cut", "note", "stop"] = Field(
         description="what happens", examples=["lock"]
     )
     on: str | None = Field(
         None,
-        description='name of the tether whose reel acts, or "closing" for the winch of the closing line',
+        description='name of the tether whose reel acts or that is cut, or "closing" for the winch of the '
+        "closing line",
         examples=[CLOSING],
     )
     rate: Positive | None = Field(None, description="of winding up or paying out [m/s]")
@@ -168,18 +171,18 @@ class Entry(Table):
     @property
     def drive(self) -> str | None:
         """Name of the drive that it acts on."""
-        return CLOSING if ACTIONS[self.do].on == "line" else self.on if ACTIONS[self.do].on else None
+        kind = ACTIONS[self.do].on
+        return CLOSING if kind == "line" else self.on if kind == "drive" else None
 
     @property
     def trigger_words(self) -> str:
         """Its trigger, to be read."""
-        parts = [] if self.at is None else [f"t = {self.at:g} s"]
+        parts = [] if self.when is None else [self.when]
+        if self.at is not None:
+            parts.append(f"t = {self.at:g} s" if self.when is None else f"from t = {self.at:g} s on")
         if self.after is not None:
-            parts.append(f"{self.delay:g} s after {self.after}" if self.delay else f"after {self.after}")
-        if self.when is not None:
-            parts.insert(0, self.when)
-            if len(parts) > 1:
-                parts[1] = f"from {parts[1]} on"
+            words = f"{self.delay:g} s after {self.after}" if self.delay else f"after {self.after}"
+            parts.append(words if self.when is None or not self.delay else f"from {words} on")
         if self.unless is not None:
             parts.append(f"unless {self.unless} came before")
         return ", ".join(parts)
@@ -187,7 +190,7 @@ class Entry(Table):
     @property
     def action_words(self) -> str:
         """Its action, to be read."""
-        words = self.do if self.drive is None or self.do == "close" else f"{self.do} {self.drive}"
+        words = self.do if self.on is None else f"{self.do} {self.on}"
         if self.rate is not None:
             words += f" at {self.rate:g} m/s"
         if self.force is not None:
@@ -202,12 +205,14 @@ class Stage:
     has    : what quantities need and the scene has
     drives : damping [N s/m] of each drive by name, None for one without
     taken  : drives that have commands of their own in the case
+    tethers : those without a reel, which may be cut
     end    : of the run [s]
     """
 
     has: frozenset[str]
     drives: Mapping[str, float | None]
     taken: frozenset[str]
+    tethers: frozenset[str]
     end: float
 
 
@@ -303,9 +308,12 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
     for key in _VALUES:
         if entry.is_given(key) and key not in action.may:
             yield Fault(key, f'do = "{entry.do}" has none')
-    if action.on != "drive" and entry.is_given("on"):
+    if action.on not in ("drive", "tether") and entry.is_given("on"):
         yield Fault("on", f'do = "{entry.do}" acts on nothing that is to be named')
     if not action.on:
+        return
+    if action.on == "tether":
+        yield from _cuts(entry, stage)
         return
     if action.on == "drive" and not entry.is_given("on"):
         yield Fault("", f'do = "{entry.do}" needs on: the name of a tether with a reel, or "{CLOSING}"')
@@ -319,6 +327,16 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault(key, f"{name!r} has commands of its own: remove these, or this entry")
     elif not lacks:
         yield from _asks(entry, stage.drives[name])
+
+
+def _cuts(entry: Entry, stage: Stage) -> Iterator[Fault]:
+    known = ", ".join(sorted(stage.tethers)) or "none"
+    if not entry.is_given("on"):
+        yield Fault("", f'do = "{entry.do}" needs on: the name of a tether (without a reel: {known})')
+    elif entry.on not in stage.tethers:
+        yield Fault("on", f"{entry.on!r} is no tether without a reel (those that are: {known})")
+    if entry.repeat:
+        yield Fault("repeat", "a tether is cut once")
 
 
 def _asks(entry: Entry, damping: float | None) -> Iterator[Fault]:

@@ -76,7 +76,7 @@ def summarise(
         "overlaps": [_overlap(one) for one in overlapping],
         "passages": [_passage(one) for one in passing],
         "broken": story.get("broken"),
-        **({} if (script := script_story.told(story)) is None else {"script": script}),
+        "script": script_story.told(story),
         "method": {
             "name": story.get("method"),
             "tolerance": story.get("tolerance"),

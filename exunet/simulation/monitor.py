@@ -213,6 +213,13 @@ class Monitor:
         self.peaks.take(extremes.largest)
 
     def ends(self, time: float) -> None:
+        if time == self.last_good.time:  # seen already, and perhaps stored
+            self._marks = []
+            if time > self._stored_until and self._store is not None:
+                last = State.of(time, self.last_good.moving, dict(self._memory))
+                self._store(States.of(self._system, last), np.array([self.dissipated]))
+                self._stored_until = time
+            return
         self._marks = [*(one for one in self._marks if one < time), time]
 
     def remembered(self, time: float, memory: Arrays) -> None:

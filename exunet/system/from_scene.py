@@ -105,6 +105,8 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)
         cable = replace(forces.cable, reels=windings)
         forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
+    if any(one.do == "cut" for one in scene.script):
+        forces = replace(forces, cable=replace(forces.cable, may_be_cut=True))
     if isinstance(closing, Perimeter):
         shortening = Shortening(closing, blocks, forces.cable.law)
         cable = replace(forces.cable, shortening=shortening)

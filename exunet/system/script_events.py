@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from exunet.case.script import QUANTITIES, Entry, drive_of
+from exunet.forces.cable_term import INTACT
 from exunet.forces.reel import command_name
 from exunet.forces.terms import Change, Memories, Seen
 from exunet.system.quantities import KEPT, LOOKS, OF_VELOCITIES, Sight, has_touched, seen_memories
@@ -280,8 +281,19 @@ class ScriptEvents:
         if entry.when is not None:
             unit = QUANTITIES[entry.condition_name].unit if entry.condition_name in QUANTITIES else "1"
             told |= {"crossed_s": self._crossed_at.get(k, time), "value": row.value, "unit": unit}
-        what = {"events": tuple(events), "others": self._commands(entry), "stops": entry.do == "stop"}
+        what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
+        if entry.do == "cut":
+            what |= {"others": {INTACT: self._cut(entry, every[INTACT])}, "energy_lost": None}
+        else:
+            what["others"] = self._commands(entry)
         return self._put(memory, k, row, **what)
+
+    def _cut(self, entry: Entry, intact: Floats) -> Floats:
+        """Which elements are intact without the first of a tether."""
+        after = intact.copy()
+        assert entry.on is not None
+        after[self._sight.system.net.tether_elements[entry.on].start] = 0.0
+        return after
 
     def _commands(self, entry: Entry) -> dict[str, Floats]:
         """The input of the drive that an entry acts on."""

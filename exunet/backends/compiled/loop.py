@@ -340,7 +340,7 @@ class CompiledLoop(CompiledIntegration):
         Several steps, in one of which that happens, are taken again singly. Steps that end before it are
         accepted as they are.
         """
-        if before is None:
+        if before is None or self._row == before.row:  # no attempt was accepted
             return False
         self._recall()
         rows = slice(before.row, self._row)
