@@ -180,6 +180,8 @@ def _of_hull(target: Target, x: Floats, place: Floats, turn: Floats) -> tuple[fl
 
 def _flat(x: Floats) -> float:
     """Both sides [m2] of what points (n, 3) in a plane span; 0 of points in line."""
+    if len(x) < 3:
+        return 0.0
     middle = x.mean(axis=0)
     axes = np.linalg.svd(x - middle, full_matrices=False)[2][:2]
     try:

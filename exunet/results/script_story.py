@@ -11,6 +11,11 @@ ENTRIES = "script_entries"  # in the story of a result: name, cause and action o
 _APART = 1e-6  # [s]: two instants that are nearer are told as one
 
 
+def done(story: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The events in which an entry did something, in order; none of a case without a script."""
+    return [one for one in story.get(HEADING, []) if one["done"]]
+
+
 def told(story: Mapping[str, Any]) -> dict[str, Any] | None:
     """For the summary: events, how often each entry came, those that never came, what ended the run.
 
@@ -20,11 +25,10 @@ def told(story: Mapping[str, Any]) -> dict[str, Any] | None:
     if entries is None:
         return None
     events = story.get(HEADING, [])
-    done = [one for one in events if one["done"]]
-    times = {
-        one["entry"]: [each["time_s"] for each in done if each["entry"] == one["entry"]] for one in entries
-    }
-    stop = next((one for one in done if one.get("verdict") is not None), None)
+    times: dict[str, list[float]] = {one["entry"]: [] for one in entries}
+    for one in done(story):
+        times[one["entry"]].append(one["time_s"])
+    stop = next((one for one in done(story) if one.get("verdict") is not None), None)
     return {
         "events": [dict(one) for one in events],
         "entries": [{**one, "times_s": times[one["entry"]]} for one in entries],

@@ -73,7 +73,7 @@ class Monitor:
         self._marks: list[float] = []
         self._base = system.lost_at_start + float(system.given_work(state.first_order))
         self._drifted = False
-        self._stored_until = -math.inf
+        self._stored_until, self._began = -math.inf, state.time
         self._push: Floats | None = None
         self._kept_at: dict[float, Arrays] = {}
         self._remembered_until, self._good_until = -math.inf, math.inf
@@ -215,7 +215,7 @@ class Monitor:
     def ends(self, time: float) -> None:
         if time == self.last_good.time:  # seen already, and perhaps stored
             self._marks = []
-            if time > self._stored_until and self._store is not None:
+            if time > max(self._stored_until, self._began) and self._store is not None:
                 last = State.of(time, self.last_good.moving, dict(self._memory))
                 self._store(States.of(self._system, last), np.array([self.dissipated]))
                 self._stored_until = time

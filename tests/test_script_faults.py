@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 from test_script import SCENE, case_of, entry
@@ -16,7 +15,7 @@ BEGIN = SCENE.count("\n") + 1  # the line of the first [[script]]
 LOCK = {"do": "lock", "on": "tow"}
 
 
-def test_faults_name_their_line(tmp_path: Path) -> None:
+def test_faults_name_their_line() -> None:
     """One of each kind; an entry begins with [[script]] and its name, then the keys as they are given."""
     broken = {
         ("at", "at"): ({"at": -1.0, **LOCK}, 2, "must be a number not less than 0, got -1.0"),
@@ -57,7 +56,7 @@ def test_faults_name_their_line(tmp_path: Path) -> None:
         script += text
         line += text.count("\n")
     with pytest.raises(CaseError) as error:
-        case_of(tmp_path, script)
+        case_of(script)
     told = str(error.value).splitlines()
     for k, (at, key, words) in enumerate(expected):
         place = f"script.toml:{at}: script[{k}]" + (f".{key}: " if key else ": ")
@@ -65,7 +64,7 @@ def test_faults_name_their_line(tmp_path: Path) -> None:
     assert len(told) == len(expected)
 
 
-def test_entries_that_wait_for_each_other_or_contradict_each_other(tmp_path: Path) -> None:
+def test_entries_that_wait_for_each_other_or_contradict_each_other() -> None:
     script = (
         entry("one", after="three", **LOCK)
         + entry("two", after="one", **LOCK)
@@ -75,7 +74,7 @@ def test_entries_that_wait_for_each_other_or_contradict_each_other(tmp_path: Pat
         + entry("in", at=0.6, **LOCK)
     )
     with pytest.raises(CaseError) as error:
-        case_of(tmp_path, script)
+        case_of(script)
     told = re.sub(r"\S*script\.toml:", "", str(error.value)).splitlines()
     assert told == [
         f"{BEGIN + 12}: script[2].after: waits for itself: one after three after two after one",
@@ -85,15 +84,15 @@ def test_entries_that_wait_for_each_other_or_contradict_each_other(tmp_path: Pat
     ]
 
 
-def test_a_drive_with_commands_of_its_own_is_left_alone(tmp_path: Path) -> None:
+def test_a_drive_with_commands_of_its_own_is_left_alone() -> None:
     commands = 'tethers.tow.reel.commands=[{at=0.2, mode="lock"}]'
     with pytest.raises(CaseError, match=r"script\[0\]\.on: 'tow' has commands of its own: remove these"):
-        case_of(tmp_path, entry("hold", at=0.5, **LOCK), commands)
+        case_of(entry("hold", at=0.5, **LOCK), commands)
     with pytest.raises(CaseError, match=r"script\[0\]\.force: needs the damping of the drive"):
-        case_of(tmp_path, entry("hold", at=0.5, do="brake", on="tow", force=1.0), "tethers.tow.reel.damping=")
+        case_of(entry("hold", at=0.5, do="brake", on="tow", force=1.0), "tethers.tow.reel.damping=")
 
 
-def test_the_timeline_says_what_can_never_happen(tmp_path: Path) -> None:
+def test_the_timeline_says_what_can_never_happen() -> None:
     script = (
         entry("near", when="range < 2", **LOCK)
         + entry("late", at=0.4, when="time > 0.7", do="reel", on="tow", rate=0.1)
@@ -105,7 +104,7 @@ def test_the_timeline_says_what_can_never_happen(tmp_path: Path) -> None:
         + entry("end", at=0.95, do="stop", verdict="over")
         + entry("missed", at=0.96, **LOCK)
     )
-    case = case_of(tmp_path, script)
+    case = case_of(script)
     found = {
         one.entry.name: (one.when, one.never) for one in timeline(case.scene.script, case.scene.time.end)
     }
