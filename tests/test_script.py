@@ -126,6 +126,22 @@ def test_a_crossing_is_located_whatever_the_steps(form: tuple[str, ...], step: f
 
 
 @pytest.mark.slow
+def test_a_script_ejects_a_net_as_a_case_does() -> None:
+    """At the same time, to the last bit, with the same loads; and when a condition holds."""
+    scene = (Path(__file__).parents[1] / "cases" / "bodies" / "ejection.toml").read_text(encoding="utf-8")
+    form = ["engine.loop=compiled", "solver.method=RK44", "time.end=0.15", "time.output_step=0.01"]
+    ours = exunet.run(case_of(entry("throw", at=0.05, do="eject"), *form, scene=scene))
+    theirs = exunet.run(case_of("", *form, "initial.frame.eject_at=0.05", scene=scene))
+    assert happened(ours) == [("throw", 0.05)]
+    assert np.array_equal(ours.position, theirs.position)
+    carried = [exunet.loads(one, "chaser").carried for one in (ours, theirs)]
+    assert carried[0].until == carried[1].until == 0.05
+    later = entry("throw", when="time > 0.0612", do="eject")
+    (ejected,) = exunet.run(case_of(later, *form, scene=scene)).provenance["ejection"]
+    assert ejected["time_s"] == pytest.approx(0.0612, abs=3.0 * WITHIN)
+
+
+@pytest.mark.slow
 def test_exudyn_acts_at_the_steps_end_and_says_so() -> None:
     """It cannot go back in a step: the time that it tells is interpolated, and the words say that."""
     script = entry("near", when="range < 1.3", do="stop", verdict="near")

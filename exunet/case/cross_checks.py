@@ -86,8 +86,23 @@ def _stage(scene: Scene) -> script.Stage:
         {name: one.damping for name, one in drives.items()},
         frozenset(name for name, one in drives.items() if one.commands),
         frozenset(scene.tethers) - frozenset(reels),
+        _why_not_ejected(scene),
         scene.time.end,
     )
+
+
+def _why_not_ejected(scene: Scene) -> str:
+    """Why no body holds the net until a script ejects it; "": one does."""
+    frame = scene.initial.frame
+    if frame is None:
+        return "no body holds the net: [initial.frame] names one"
+    if frame.is_given("eject_at"):
+        return "initial.frame.eject_at ejects the net: remove it, or this entry"
+    if frame.body in scene.bodies and scene.bodies[frame.body].motion == "port":
+        return f"body {frame.body!r} is a port, which ejects a net at a time known to its host: give eject_at"
+    if isinstance(scene.net, explicit.Keys) and scene.net.fixed:
+        return "a net that a body holds until then has no net.fixed nodes"
+    return ""
 
 
 def _bodies(scene: Scene) -> Iterator[Fault]:

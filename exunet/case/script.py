@@ -81,7 +81,7 @@ def condition_of(text: str) -> Condition:
 class Action(NamedTuple):
     """What an entry may do.
 
-    on    : what kind of thing it acts on: "drive", "line" (the winch of the closing line), "tether" or ""
+    on    : on what it acts: "drive", "line" (the winch of the closing line), "tether", "net", "thrust" or ""
     needs : keys of which it needs at least one
     may   : keys that it may have, these included
     words : what it does
@@ -94,6 +94,7 @@ class Action(NamedTuple):
 
 
 ACTIONS = {
+    "eject": Action("net", (), (), "the body that holds the packed net lets it go"),
     "close": Action("line", ("rate", "force"), ("rate", "force"), "winds up the closing line"),
     "reel": Action("drive", ("rate", "force"), ("rate", "force"), "winds up"),
     "pay_out": Action("drive", ("rate",), ("rate", "force"), "pays out"),
@@ -133,7 +134,7 @@ class Entry(Table):
     fall: float = Field(
         0.01, gt=0.0, lt=1.0, description='part of the largest area by which it has fallen; "largest_area"'
     )
-    do: Literal["close", "reel", "pay_out", "brake", "lock", "cut", "note", "stop"] = Field(
+    do: Literal["eject", "close", "reel", "pay_out", "brake", "lock", "cut", "note", "stop"] = Field(
         description="what happens", examples=["lock"]
     )
     on: str | None = Field(
@@ -206,6 +207,7 @@ class Stage:
     drives : damping [N s/m] of each drive by name, None for one without
     taken  : drives that have commands of their own in the case
     tethers : those without a reel, which may be cut
+    holds_net : why no body holds the net until a script ejects it; "": one does
     end    : of the run [s]
     """
 
@@ -213,6 +215,7 @@ class Stage:
     drives: Mapping[str, float | None]
     taken: frozenset[str]
     tethers: frozenset[str]
+    holds_net: str
     end: float
 
 
@@ -233,6 +236,11 @@ def drive_of(entry: Entry, damping: float | None) -> Drive:
         "pay_out": ("rate", None if entry.rate is None else -entry.rate),
     }.get(entry.do, ("tension" if entry.rate is None else "rate", entry.rate))
     return asked_of(damping, mode, rate, entry.force)
+
+
+def ejects(entries: Iterable[Entry | None]) -> bool:
+    """True if an entry ejects the net, which a body holds until then."""
+    return any(one is not None and one.do == "eject" for one in entries)
 
 
 def may_end_a_run(entries: Iterable[Entry]) -> bool:
@@ -312,8 +320,8 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault("on", f'do = "{entry.do}" acts on nothing that is to be named')
     if not action.on:
         return
-    if action.on == "tether":
-        yield from _cuts(entry, stage)
+    if action.on in ("tether", "net"):
+        yield from (_cuts if action.on == "tether" else _ejects)(entry, stage)
         return
     if action.on == "drive" and not entry.is_given("on"):
         yield Fault("", f'do = "{entry.do}" needs on: the name of a tether with a reel, or "{CLOSING}"')
@@ -337,6 +345,13 @@ def _cuts(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault("on", f"{entry.on!r} is no tether without a reel (those that are: {known})")
     if entry.repeat:
         yield Fault("repeat", "a tether is cut once")
+
+
+def _ejects(entry: Entry, stage: Stage) -> Iterator[Fault]:
+    if stage.holds_net:
+        yield Fault("do", stage.holds_net)
+    if entry.repeat:
+        yield Fault("repeat", "a net is ejected once")
 
 
 def _asks(entry: Entry, damping: float | None) -> Iterator[Fault]:

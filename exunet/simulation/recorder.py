@@ -15,6 +15,7 @@ from exunet.base.version import VERSION
 from exunet.bodies.body import in_frames
 from exunet.bodies.packed import packed
 from exunet.bodies.wireframe import wireframe
+from exunet.case.script import ejects
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.methods.plan import Plan
@@ -274,10 +275,9 @@ def _carried(start: Start) -> dict[str, Any]:
         return {}
     (body,) = (one for one in system.bodies if one.name == frame.body)
     origin = np.array(frame.position) - body.centre
+    until = None if ejects(start.scene.script) else frame.eject_at  # which the record of events tells
     nodes = held[0].points.tolist()
-    return {
-        CARRIED: {"body": frame.body, "until_s": frame.eject_at, "origin_m": origin.tolist(), "nodes": nodes}
-    }
+    return {CARRIED: {"body": frame.body, "until_s": until, "origin_m": origin.tolist(), "nodes": nodes}}
 
 
 _COST = ("steps", "rejected_steps", "right_hand_sides", "newton_iterations", "integration_seconds")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from exunet.base.errors import LARGEST, Fault
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
+from exunet.case.script import ejects
 from exunet.forces.blocks import Blocks, Inertia, Poses
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.closing import Drawstring, way_of
@@ -64,6 +66,7 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     if axes.body is not None:  # which gives the net all that it gets beside its own motion
         (position, velocity), added = carried(axes, rigid, net, packed), speed + added
     later = scene.initial.frame.eject_at if scene.initial.frame is not None else 0.0
+    later = math.inf if ejects(scene.script) else later
     if later > 0.0:
         rigid = holding(axes, rigid, net, position)
     room = np.zeros((net.n_nodes - woven.n_nodes, 3))

@@ -15,6 +15,7 @@ from exunet.case.script import QUANTITIES, Entry, drive_of
 from exunet.forces.cable_term import INTACT
 from exunet.forces.reel import command_name
 from exunet.forces.terms import Change, Memories, Seen
+from exunet.system.ejection import HELD
 from exunet.system.quantities import KEPT, LOOKS, OF_VELOCITIES, Sight, has_touched, seen_memories
 from exunet.system.states import States
 
@@ -284,6 +285,8 @@ class ScriptEvents:
         what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
         if entry.do == "cut":
             what |= {"others": {INTACT: self._cut(entry, every[INTACT])}, "energy_lost": None}
+        elif entry.do == "eject":
+            what["others"] = {HELD: np.array([every[HELD][0], 1.0])}
         else:
             what["others"] = self._commands(entry)
         return self._put(memory, k, row, **what)
