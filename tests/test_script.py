@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,12 @@ import pytest
 from scipy.optimize import brentq
 
 import exunet
-from exunet.base.errors import InputError
+from exunet.base.errors import InputError, Interrupted
 from exunet.case.casefile import Case, parse_case
 from exunet.net.areas import mouth_area
 from exunet.results.summary import summarise
 from exunet.results.table import rows
+from exunet.simulation import run as runs
 from exunet.simulation.simulation import Simulation
 from exunet.system import script_events
 from exunet.system.script_events import WITHIN
@@ -139,6 +141,27 @@ def test_a_script_ejects_a_net_as_a_case_does() -> None:
     later = entry("throw", when="time > 0.0612", do="eject")
     (ejected,) = exunet.run(case_of(later, *form, scene=scene)).provenance["ejection"]
     assert ejected["time_s"] == pytest.approx(0.0612, abs=3.0 * WITHIN)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loop", ["compiled", "exudyn"])
+def test_a_script_begins_a_thrust(loop: str) -> None:
+    """Its knots count from the event on: as a thrust at those times, to round-off of the times of steps."""
+    path = Path(__file__).parents[1] / "cases" / "planar_undamped.toml"
+    table = "effects.thrust={{bullets=[0],time={0},force=[[0,0,1],[0,0,2],[0.5,0,0]]}}"
+    form = [
+        "solver={method='RK44', step=2e-4}",
+        f"engine.loop={loop}",
+        "time.end=0.3",
+        "time.output_step=0.01",
+    ]
+    scene = path.read_text(encoding="utf-8")
+    script = entry("go", at=0.125, do="thrust")
+    ours = exunet.run(case_of(script, *form, table.format("[0.0,0.05,0.1]"), scene=scene))
+    theirs = exunet.run(case_of("", *form, table.format("[0.125,0.175,0.225]"), scene=scene))
+    assert happened(ours) == [("go", 0.125)]
+    assert np.abs(ours.position - theirs.position).max() < 1e-12
+    assert np.abs(ours.velocity[-1, ours.net.bullet_nodes[0], 2]) > 0.1
 
 
 @pytest.mark.slow
@@ -311,3 +334,40 @@ def test_the_largest_area_is_known_once_it_has_fallen_by_a_part() -> None:
     assert area[-1] == pytest.approx(
         0.95 * area.max(), rel=1e-4
     )  # the largest stored may be below the largest
+
+
+@pytest.mark.slow
+def test_a_killed_run_goes_on_from_the_checkpoint_that_its_script_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed at 0.5 s, after one entry and before the others; resumed from 0.3 s, with the same events."""
+    script = (
+        entry("save", at=0.3, do="checkpoint")
+        + entry("near", when="range < 2.4", do="reel", on="tow", rate=0.3)
+        + entry("then", after="near", delay=0.21, do="lock", on="tow")
+        + entry("end", when="range < 0.8", do="stop", verdict="near")
+    )
+    case, real = case_of(script), runs.drive
+
+    def drive(simulation: Simulation, recorder: Any, progress: Any, checkpoint: Any) -> None:
+        def after_each_time() -> None:
+            checkpoint()
+            if simulation.time >= 0.5:
+                shutil.copytree(tmp_path / "unfinished", tmp_path / "as it was")
+                raise KeyboardInterrupt
+
+        real(simulation, recorder, progress, after_each_time)
+
+    monkeypatch.setattr(runs, "drive", drive)
+    with pytest.raises(Interrupted):
+        runs.run_into(tmp_path, case)
+    monkeypatch.setattr(runs, "drive", real)
+    for path in tmp_path.iterdir():
+        if path.name != "as it was":
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    (tmp_path / "as it was").rename(tmp_path / "unfinished")
+    assert (tmp_path / "unfinished" / "checkpoint-000001.exu").exists()
+    resumed, whole = runs.resume(tmp_path), exunet.run(case)
+    assert np.array_equal(resumed.position[:], whole.position)
+    assert resumed.provenance["script"] == whole.provenance["script"]
+    assert [name for name, _ in happened(whole)] == ["save", "near", "then", "end"]

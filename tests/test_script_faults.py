@@ -46,6 +46,7 @@ def test_faults_name_their_line() -> None:
         ("", "rateless"): ({"at": 0.5, "do": "pay_out", "on": "tow"}, 0, 'do = "pay_out" needs rate'),
         ("", "mute"): ({"at": 0.5, "do": "stop"}, 0, 'do = "stop" needs verdict'),
         ("do", "eject"): ({"at": 0.5, "do": "eject"}, 3, "no body holds the net: [initial.frame] names one"),
+        ("do", "push"): ({"at": 0.5, "do": "thrust"}, 3, "needs [effects.thrust]"),
         ("on", "cut"): ({"at": 0.5, "do": "cut", "on": "tow"}, 4, "'tow' is no tether without a reel"),
         ("on", "stop"): ({"at": 0.5, "do": "stop", "verdict": "x", "on": "tow"}, 5, "acts on nothing"),
         ("repeat", "again"): ({"at": 0.5, **LOCK, "repeat": True}, 5, "needs when with a comparison"),

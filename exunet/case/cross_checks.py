@@ -80,6 +80,7 @@ def _stage(scene: Scene) -> script.Stage:
         "tethers": bool(scene.tethers),
         "line": line is not None,
         "contact": getattr(scene.effects, "contact", None) is not None,
+        "thrust": getattr(scene.effects, "thrust", None) is not None,
     }
     return script.Stage(
         frozenset(name for name, there in has.items() if there),

@@ -21,6 +21,11 @@ from exunet.net.drive import Drive, asked_of
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 
 
+Deed = Literal[
+    "eject", "close", "reel", "pay_out", "brake", "lock", "cut", "thrust", "checkpoint", "note", "stop"
+]
+
+
 class Quantity(NamedTuple):
     """What a condition may look at.
 
@@ -101,6 +106,8 @@ ACTIONS = {
     "brake": Action("drive", ("force",), ("force",), "gives way above a force"),
     "lock": Action("drive", (), (), "holds the length"),
     "cut": Action("tether", (), (), "breaks the first element of a tether, from its start on"),
+    "thrust": Action("thrust", (), (), "the times of [effects.thrust] count from now on"),
+    "checkpoint": Action("", (), (), "the run can be resumed from the next stored time on"),
     "note": Action("", (), (), "nothing: the event is told, and others may come after it"),
     "stop": Action("", ("verdict",), ("verdict",), "ends the run"),
 }
@@ -134,9 +141,7 @@ class Entry(Table):
     fall: float = Field(
         0.01, gt=0.0, lt=1.0, description='part of the largest area by which it has fallen; "largest_area"'
     )
-    do: Literal["eject", "close", "reel", "pay_out", "brake", "lock", "cut", "note", "stop"] = Field(
-        description="what happens", examples=["lock"]
-    )
+    do: Deed = Field(description="what happens", examples=["lock"])
     on: str | None = Field(
         None,
         description='name of the tether whose reel acts or that is cut, or "closing" for the winch of the '
@@ -243,6 +248,11 @@ def ejects(entries: Iterable[Entry | None]) -> bool:
     return any(one is not None and one.do == "eject" for one in entries)
 
 
+def begins_a_thrust(entries: Iterable[Entry | None]) -> bool:
+    """True if [effects.thrust] waits for an entry."""
+    return any(one is not None and one.do == "thrust" for one in entries)
+
+
 def may_end_a_run(entries: Iterable[Entry]) -> bool:
     """True if an entry ends runs, each at its own time."""
     return any(one.do == "stop" for one in entries)
@@ -320,8 +330,9 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault("on", f'do = "{entry.do}" acts on nothing that is to be named')
     if not action.on:
         return
-    if action.on in ("tether", "net"):
-        yield from (_cuts if action.on == "tether" else _ejects)(entry, stage)
+    special = {"tether": _cuts, "net": _ejects, "thrust": _pushes}.get(action.on)
+    if special is not None:
+        yield from special(entry, stage)
         return
     if action.on == "drive" and not entry.is_given("on"):
         yield Fault("", f'do = "{entry.do}" needs on: the name of a tether with a reel, or "{CLOSING}"')
@@ -352,6 +363,13 @@ def _ejects(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault("do", stage.holds_net)
     if entry.repeat:
         yield Fault("repeat", "a net is ejected once")
+
+
+def _pushes(entry: Entry, stage: Stage) -> Iterator[Fault]:
+    if "thrust" not in stage.has:
+        yield Fault("do", "needs [effects.thrust], whose times then count from the event on")
+    if entry.repeat:
+        yield Fault("repeat", "a thrust begins once")
 
 
 def _asks(entry: Entry, damping: float | None) -> Iterator[Fault]:

@@ -11,7 +11,7 @@ from exunet.base.errors import LARGEST, Fault
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
-from exunet.case.script import ejects
+from exunet.case.script import begins_a_thrust, ejects
 from exunet.forces.blocks import Blocks, Inertia, Poses
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.closing import Drawstring, way_of
@@ -23,6 +23,7 @@ from exunet.forces.effects import (
     forces_of,
     from_outside,
     point_masses,
+    thrust,
     touched_bodies,
 )
 from exunet.forces.from_outside import FIXED_NODES, with_reactions
@@ -108,6 +109,9 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)
         cable = replace(forces.cable, reels=windings)
         forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
+    if begins_a_thrust(scene.script):
+        kernels = (thrust.waiting(one) if _is_thrust(one) else one for one in forces.kernels)
+        forces = replace(forces, kernels=tuple(kernels))
     if any(one.do == "cut" for one in scene.script):
         forces = replace(forces, cable=replace(forces.cable, may_be_cut=True))
     if isinstance(closing, Perimeter):
@@ -124,6 +128,10 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         system = replace(system, forces=replace(forces, script=script))
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
+
+
+def _is_thrust(term: KernelTerm) -> bool:
+    return term.memory is not None and term.memory.name == thrust.MEMORY
 
 
 def _free_ratio(scene: Scene) -> float:

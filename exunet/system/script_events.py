@@ -13,6 +13,8 @@ from scipy.optimize import brentq
 
 from exunet.case.script import QUANTITIES, Entry, drive_of
 from exunet.forces.cable_term import INTACT
+from exunet.forces.effects.thrust import MEMORY as THRUST
+from exunet.forces.effects.thrust import Knots, begun_at
 from exunet.forces.reel import command_name
 from exunet.forces.terms import Change, Memories, Seen
 from exunet.system.ejection import HELD
@@ -66,6 +68,8 @@ class ScriptEvents:
         self._size = _WIDTH * len(entries) + 1
         self.sees = seen_memories(sight.system)
         self._ends = np.cumsum([self._size, *(len(sight.system.memory[name]) for name in self.sees)])
+        thrusts = (term.switch for term in sight.system.forces if isinstance(term.switch, Knots))
+        self._knots = np.array([time for switch in thrusts for time in switch.knots])
         self._crossed_at: dict[int, float] = {}
         self._key: bytes = b""
         self._found: tuple[list[Row], list[tuple[int, Row]]] = [], []
@@ -115,10 +119,12 @@ class ScriptEvents:
         return other.since + entry.delay if other.times else math.inf
 
     def instants(self, memory: Floats) -> tuple[float, ...]:
-        """When entries are armed."""
+        """When entries are armed, and at the knots of a thrust that one has begun."""
         rows = self._rows(memory)
-        pairs = zip(rows, self._entries, strict=True)
-        return tuple(self._moment(one, rows) for row, one in pairs if row.state == WAITING)
+        pairs = list(zip(rows, self._entries, strict=True))
+        armed = (self._moment(one, rows) for row, one in pairs if row.state == WAITING)
+        begun = (row.since for row, one in pairs if row.state == DONE and one.do == "thrust")
+        return (*armed, *(float(time) for since in begun for time in since + self._knots))
 
     # What is due
 
@@ -285,6 +291,8 @@ class ScriptEvents:
         what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
         if entry.do == "cut":
             what |= {"others": {INTACT: self._cut(entry, every[INTACT])}, "energy_lost": None}
+        elif entry.do == "thrust":
+            what["others"] = {THRUST: begun_at(time, self._knots)}
         elif entry.do == "eject":
             what["others"] = {HELD: np.array([every[HELD][0], 1.0])}
         else:
