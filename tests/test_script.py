@@ -174,6 +174,11 @@ def test_exudyn_acts_at_the_steps_end_and_says_so() -> None:
     assert event["time_s"] == pytest.approx(math.ceil(1e3 * when_range_is(1.3)) / 1e3, abs=1e-12)
     told = dict(rows(summarise(result)))["script"]
     assert "interpolated, and acted at the step's end" in told
+    later, sooner = (
+        entry(f"at_{1000 * bound:.0f}", when=f"range < {bound}", do="note") for bound in (1.299, 1.301)
+    )
+    both = exunet.run(case_of(later + sooner, *EXUDYN, "time.end=0.6"))
+    assert [name for name, _ in happened(both)] == ["at_1301", "at_1299"]
 
 
 def test_a_state_between_two_looks_is_seen() -> None:

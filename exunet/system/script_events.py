@@ -154,23 +154,28 @@ class ScriptEvents:
         return condition.sign * (LOOKS[condition.name](self._sight, states) - condition.bound)
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
-        """The first entry with which something is to be done: armed, happen, rest no more."""
+        """The first entry with which something is to be done: armed, happen, rest no more.
+
+        Of those that are due the one whose condition came true first.
+        """
         rows = self._rows(memory)
         for k, (row, one) in enumerate(zip(rows, self._entries, strict=True)):
             if row.state == WAITING and self._moment(one, rows) <= time:
                 return np.array([k])
         now: States | None = None
+        due: list[int] = []
         for k, (row, one) in enumerate(zip(rows, self._entries, strict=True)):
             if row.state not in (ARMED, RESTING):
                 continue
             if one.when is None or self._is_barred(one, rows):
-                return np.array([k])
-            if time == self._nothing_at:
-                continue
-            now = now or self._states(_alone(time, x, v, memory))
-            if (self._beyond(k, row, now)[0] > 0.0) == (row.state == ARMED):
-                return np.array([k])
-        return _NOTHING
+                due.append(k)
+            elif time != self._nothing_at:
+                now = now or self._states(_alone(time, x, v, memory))
+                if (self._beyond(k, row, now)[0] > 0.0) == (row.state == ARMED):
+                    due.append(k)
+        if not due:
+            return _NOTHING
+        return np.array([min(due, key=lambda k: (self._crossed_at.get(k, time), k))])
 
     def _is_barred(self, entry: Entry, rows: list[Row]) -> bool:
         return entry.unless is not None and rows[self._numbers[entry.unless]].times > 0.0
@@ -287,7 +292,7 @@ class ScriptEvents:
             row = row._replace(value=float(LOOKS[entry.condition_name](self._sight, now)[0]))
         if entry.when is not None:
             unit = QUANTITIES[entry.condition_name].unit if entry.condition_name in QUANTITIES else "1"
-            told |= {"crossed_s": self._crossed_at.get(k, time), "value": row.value, "unit": unit}
+            told |= {"crossed_s": self._crossed_at.pop(k, time), "value": row.value, "unit": unit}
         what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
         if entry.do == "cut":
             what |= {"others": {INTACT: self._cut(entry, every[INTACT])}, "energy_lost": None}
