@@ -22,7 +22,7 @@ import numpy as np
 from scipy.stats import ks_2samp
 
 from exunet.case.casefile import load
-from exunet.results.areas import achievable_area
+from exunet.net.areas import achievable_area
 from exunet.results.headlines import HEADLINES
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.studies.ensemble import Ensemble, perturbed_positions, run_ensemble

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import exunet
 from exunet.case.casefile import Case
-from exunet.results.areas import achievable_area
+from exunet.net.areas import achievable_area
 from exunet.results.headlines import HEADLINES, headlines_of
 from exunet.simulation.measures import move_of_starts, settings
 from exunet.simulation.preparation import Start, prepare

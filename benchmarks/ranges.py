@@ -23,7 +23,7 @@ import numpy as np
 
 import exunet
 from exunet.case.casefile import Case
-from exunet.results.areas import achievable_area
+from exunet.net.areas import achievable_area
 from exunet.results.course import course_of
 from exunet.results.headlines import headlines_of
 from exunet.results.spread import Judged

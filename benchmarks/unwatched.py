@@ -15,5 +15,8 @@ class Unwatched:
     def between(self, until: float, extremes: Extremes) -> None:
         """No extreme is kept."""
 
+    def ends(self, time: float) -> None:
+        """The run is not recorded."""
+
     def changed(self, time: float, memory: str, change: Change) -> None:
         """No event is booked."""

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from result_samples import net, square_net
 from small_nets import CABLE, thrown
 
+from exunet.net.areas import achievable_area, border_lengths, largest_polygon
 from exunet.results import measures as metrics
-from exunet.results.areas import achievable_area, border_lengths, largest_polygon
 from exunet.simulation.preparation import prepare
 from exunet.simulation.run import simulate
 

@@ -206,7 +206,6 @@ def test_faults_of_a_crlf_file_have_their_lines(case: Any, ends: str) -> None:
         ("[effects.rayleigh_damping]", "[effects.raleigh]", 26, "effects.raleigh", "'rayleigh_damping'?"),
         ("mesh = 1.0", "mesh = 1.0\nspokes = 3", 10, "net.spokes", "have no such key; radial nets"),
         ("mesh = 1.0", 'mesh = 1.0\n"a b" = 3', 10, "net.'a b'", "unknown key"),
-        ("[initial]", "[script]\n[initial]", 21, "script", "not supported by this version"),
         # A word that is not among the allowed ones.
         ('"square"', '"hexagon"', 7, "net.topology", "did you mean 'hexagonal'?"),
         ('"square"', '"round"', 7, "net.topology", 'must be one of "square", "rectangular"'),

@@ -58,6 +58,7 @@ COMMON = """format title seed time.end time.output_step time.output_times net.to
     closing.winch.damping closing.winch.commands closing.at closing.rate closing.part
     verdict.target verdict.duration verdict.enclosed verdict.relative_speed verdict.relative_spin verdict.cqi
     verdict.mcqi verdict.mouth verdict.touching verdict.length verdict.cqi_weights verdict.mcqi_weights
+    script
     effects.choose effects.threshold"""
 THROWN = """net.strings.diameter net.strings.area net.strings.density net.strings.youngs_modulus
     net.strings.strength

@@ -48,7 +48,7 @@ WITHOUT = {  # numbers that have no unit
     "tolerance",
     "steps", "rejected_steps",
     "right_hand_sides", "newton_iterations", "accuracy", "at_end", "largest", "best",
-    "sensitivity", "in_both", "only_here", "only_in_reference", "runs", "finer_runs", "seed",
+    "sensitivity", "value", "in_both", "only_here", "only_in_reference", "runs", "finer_runs", "seed",
 }  # fmt: skip
 
 PARTS_AND_INDICES = {"capture_enclosed", "capture_cqi", "capture_mcqi"}
@@ -76,6 +76,13 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
     ball = '{shape="sphere", radius=0.1, mass=7.0'  # two of them, one flies into the other
     through = ["--set", f"bodies={{a={ball}}}, b={ball}, position=[0.3, 0, 0], velocity=[-10, 0, 0]}}}}"]
     rule = ["--set", 'verdict={target="a", duration=0.0, enclosed=0.1, relative_speed=1.0}']
+    tether = (
+        'diameter=1e-3, density=1e3, youngs_modulus=1e9, length=9.0, start={bullet=0}, end={body="target"}'
+    )
+    script = ["--set", f"tethers={{t={{{tether}}}}}", "--set"]
+    cut, note = '{name="cut", when="time > 0.01", do="cut", on="t"}', '{name="note", after="cut", delay=1.0, '
+    forbidden, end = '{name="no", at=0.015, unless="cut", do="note"}', '{name="end", at=0.02, do="stop", '
+    script.append(f'script=[{cut}, {note}do="note"}}, {forbidden}, {end}verdict="over"}}]')
     commands = (
         [str(CASES / "planar_deployment.toml"), "--check", "--estimate-error", *short],
         [str(CASES / "planar_deployment.toml"), "--check", *short, *body],
@@ -84,6 +91,7 @@ def summaries(tmp_path_factory) -> list[dict[str, Any]]:
         [str(CASES / "planar_deployment.toml"), *short, *through, *rule],
         [str(CASES / "bodies" / "snap.toml"), *short],
         [str(CASES / "bodies" / "frame.toml"), *short],
+        [str(CASES / "planar_deployment.toml"), *short, *body, *script],
     )
     found = []
     for k, command in enumerate(commands):

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.protocol import Arrays, Observer
 from exunet.forces.blocks import AWAKE
-from exunet.forces.terms import Change, Switch
+from exunet.forces.terms import Change, Seen, Switch, Watch
 from exunet.system.energy import total
 from exunet.system.system import System
 
@@ -19,7 +20,8 @@ Floats = NDArray[np.float64]
 
 
 def _memories(name: str, change: Change) -> dict[str, Floats]:
-    return {name: change.memory} | ({} if change.awake is None else {AWAKE: change.awake})
+    awake = {} if change.awake is None else {AWAKE: change.awake}
+    return {**change.others, name: change.memory, **awake}
 
 
 class Events:
@@ -34,12 +36,17 @@ class Events:
         self.memory = {name: np.array(values, dtype=float) for name, values in memory.items()}
         self._observer = observer
         self._switches: list[tuple[str, Switch]] = []
-        self._inputs: dict[str, tuple[str, ...]] = {}
+        self._sees: dict[str, tuple[str, ...]] = {}
+        self._watch: tuple[str, Watch] | None = None
         for term, switch in system.forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
             sees = getattr(switch, "sees_inputs", False)
-            self._inputs[term.memory.name] = tuple(one.name for one in term.inputs) if sees else ()
+            self._sees[term.memory.name] = tuple(one.name for one in term.inputs) if sees else ()
+            if term is system.forces.script:
+                watch = cast("Watch", switch)
+                self._watch = term.memory.name, watch
+                self._sees[term.memory.name] = watch.sees
         self.any = bool(self._switches)
 
     @property
@@ -48,9 +55,63 @@ class Events:
         return any(switch.in_steps(self._seen(name)) for name, switch in self._switches)
 
     def _seen(self, name: str) -> Floats:
-        """The memory of a term, followed by its inputs where its switch sees them."""
-        own, inputs = self.memory[name], self._inputs[name]
-        return np.concatenate([own, *(self.memory[one] for one in inputs)]) if inputs else own
+        """The memory of a term, followed by the inputs, or other memories, that its switch sees."""
+        own, others = self.memory[name], self._sees[name]
+        return np.concatenate([own, *(self.memory[one] for one in others)]) if others else own
+
+    @property
+    def stopped(self) -> bool:
+        """True if the run has been ended."""
+        return self._watch is not None and self._watch[1].stops(self.memory[self._watch[0]])
+
+    def is_due(self, time: float) -> bool:
+        """True at the start of a run in which something is planned for then."""
+        if self._watch is None:
+            return False
+        return min(self._watch[1].instants(self.memory[self._watch[0]]), default=np.inf) <= time
+
+    @property
+    def watches(self) -> bool:
+        """True while conditions are watched, whose crossings are to be located in steps."""
+        return self._watch is not None and self._watch[1].in_steps(self.memory[self._watch[0]])
+
+    @property
+    def in_each_step(self) -> bool:
+        """True if what may come can only be seen at the end of each step."""
+        others = (one for one in self._switches if self._watch is None or one[0] != self._watch[0])
+        if any(switch.in_steps(self._seen(name)) for name, switch in others):
+            return True
+        return self._watch is not None and self._watch[1].in_each_step(self.memory[self._watch[0]])
+
+    def seen(self, time: Floats, x: Floats, v: Floats) -> Seen:
+        """States at the ends of steps (k,), as what watches gets them."""
+        assert self._watch is not None
+        return Seen(time, x, v, self._seen(self._watch[0]))
+
+    def comes_true(self, steps: Seen) -> bool:
+        """See `Watch.comes_true`."""
+        assert self._watch is not None
+        return self._watch[1].comes_true(steps)
+
+    def crossing(self, begin: Seen, end: Seen) -> float | None:
+        """See `Watch.crossing`."""
+        assert self._watch is not None
+        return self._watch[1].crossing(begin, end)
+
+    def steps_done(self, steps: Seen) -> None:
+        """Let what watches remember accepted steps."""
+        assert self._watch is not None
+        name, watch = self._watch
+        after = watch.remembered(steps)
+        if after is not None:
+            self.memory[name] = after
+
+    @property
+    def kept(self) -> dict[str, Floats]:
+        """The memories that change at the end of steps without an event, as copies."""
+        if self._watch is None:
+            return {}
+        return {self._watch[0]: self.memory[self._watch[0]].copy()}
 
     def memory_after(self, name: str, change: Change) -> dict[str, Floats]:
         """All memories once a change of one has come into force."""
@@ -84,7 +145,10 @@ class Events:
     def next_instant(self, after: float, until: float) -> float:
         """The first known instant of an event later than `after`, or of a knot of a guide, or `until` [s]."""
         times = (time for _, switch in self._switches for time in switch.times)
-        every = chain(times, self._system.kinematics.knots)
+        planned: tuple[float, ...] = ()
+        if self._watch is not None:
+            planned = self._watch[1].instants(self.memory[self._watch[0]])
+        every = chain(times, planned, self._system.kinematics.knots)
         return min((time for time in every if after < time < until), default=until)
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats) -> float:
@@ -105,7 +169,11 @@ class Events:
             while more and len(items := switch.crossed(time, x, v, self._seen(name))):
                 change = switch.change(time, x, v, self._seen(name), items, self.memory)
                 change = self._booked(self._at_rest(change, v), name, time, x, v)
+                if change.stops:
+                    self._observer.ends(time)
                 yield name, change  # the integrator hands over the states before first
                 self.memory |= _memories(name, change)
                 self._observer.changed(time, name, change)
                 more = change.more
+                if self.stopped:
+                    return

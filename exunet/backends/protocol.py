@@ -76,6 +76,9 @@ class Observer(Protocol):
     def changed(self, time: float, memory: str, change: Change) -> None:
         """An event has changed a memory; no batch has states from before and after it."""
 
+    def ends(self, time: float) -> None:
+        """An event ends the run at a time [s], whose state is to be stored."""
+
     def remembered(self, time: float, memory: Arrays) -> None:
         """The memories (copies) that steps change themselves, at the end [s] of an `advance`.
 
@@ -128,8 +131,12 @@ class Integrator(Protocol):
     def items(self) -> dict[str, int]:
         """Items of the engine by kind; none for the compiled loop."""
 
+    @property
+    def stopped(self) -> bool:
+        """True once an event has ended the run, at the time reached."""
+
     def advance(self, until: float) -> None:
-        """Integrate to `until` [s] exactly; events on the way change the memory.
+        """Integrate to `until` [s] exactly; events on the way change the memory, and one may end the run.
 
         Raises IntegrationFailed, what the observer raises, or KeyboardInterrupt on Ctrl-C.
         """

@@ -14,7 +14,7 @@ from exunet import net
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
-from exunet.case import verdict
+from exunet.case import script, verdict
 from exunet.case.scene import Launch, NetFrame, Scene
 from exunet.forces import effects
 from exunet.forces.requirements import RestOfCase
@@ -53,6 +53,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _choice(scene),
         within("effects", effects.cross_checks(scene)),
         _verdict(scene),
+        _script(scene),
     )
 
 
@@ -61,6 +62,48 @@ def _verdict(scene: Scene) -> Iterator[Fault]:
     touched = frozenset(() if contact is None else contact.threads)
     has_mouth = scene.net.topology != "explicit"
     yield from verdict.cross_checks(scene.verdict, scene.bodies, touched, has_mouth=has_mouth)
+
+
+def _script(scene: Scene) -> Iterator[Fault]:
+    if scene.script:
+        yield from script.cross_checks(scene.script, _stage(scene))
+
+
+def _stage(scene: Scene) -> script.Stage:
+    """What of the scene a script may look at and act on."""
+    line = scene.closing if scene.closing is not None and scene.closing.kind == "line" else None
+    reels = {name: one.reel for name, one in scene.tethers.items() if one is not None and one.reel}
+    drives = reels | ({closing.NAME: line.winch} if line is not None and line.winch is not None else {})
+    has = {
+        "target": scene.verdict is not None,
+        "mouth": scene.net.topology != "explicit",
+        "tethers": bool(scene.tethers),
+        "line": line is not None,
+        "contact": getattr(scene.effects, "contact", None) is not None,
+        "thrust": getattr(scene.effects, "thrust", None) is not None,
+    }
+    return script.Stage(
+        frozenset(name for name, there in has.items() if there),
+        {name: one.damping for name, one in drives.items()},
+        frozenset(name for name, one in drives.items() if one.commands),
+        frozenset(scene.tethers) - frozenset(reels),
+        _why_not_ejected(scene),
+        scene.time.end,
+    )
+
+
+def _why_not_ejected(scene: Scene) -> str:
+    """Why no body holds the net until a script ejects it; "": one does."""
+    frame = scene.initial.frame
+    if frame is None:
+        return "no body holds the net: [initial.frame] names one"
+    if frame.is_given("eject_at"):
+        return "initial.frame.eject_at ejects the net: remove it, or this entry"
+    if frame.body in scene.bodies and scene.bodies[frame.body].motion == "port":
+        return f"body {frame.body!r} is a port, which ejects a net at a time known to its host: give eject_at"
+    if isinstance(scene.net, explicit.Keys) and scene.net.fixed:
+        return "a net that a body holds until then has no net.fixed nodes"
+    return ""
 
 
 def _bodies(scene: Scene) -> Iterator[Fault]:

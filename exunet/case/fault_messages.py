@@ -11,8 +11,6 @@ from exunet.base.errors import KeyPath
 from exunet.case.schema import resolve
 from exunet.net import TOPOLOGIES
 
-LATER = ("script",)  # tables that a later version of the case format will have
-
 
 def explain(error: Any, document: dict[str, Any]) -> tuple[KeyPath, str]:
     """The path of the key that one of pydantic's `errors()` is about, and what is wrong with it."""
@@ -90,8 +88,6 @@ def _missing(node: dict[str, Any]) -> str:
 
 def _unknown(path: KeyPath, document: dict[str, Any]) -> str:
     name = str(path[-1])
-    if len(path) == 1 and name in LATER:
-        return "not supported by this version of exunet"
     known = list(_node(path[:-1], document).get("properties", {}))
     close = _close(name, known)
     if path[0] == "net" and len(path) == 2 and not close:

@@ -10,6 +10,7 @@ from pydantic import ConfigDict, Field, field_validator
 
 from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector
 from exunet.bodies.keys import Bodies, Placed, Quaternion
+from exunet.case.script import Entry
 from exunet.case.verdict import Verdict
 from exunet.forces.effects import Effects as _Effects
 from exunet.methods.keys import Solver
@@ -202,6 +203,11 @@ class Scene(Table):
     )
     closing: Closing | None = Field(None, description="what closes the mouth of the net")
     verdict: Verdict | None = Field(None, description="when the target counts as captured")
+    script: Annotated[tuple[Entry, ...], FromArray] = Field(
+        (),
+        description="what happens when in the mission",
+        examples=[[{"name": "lock", "at": 2.5, "do": "lock", "on": "closing"}]],
+    )
     effects: Effects = Field(default_factory=_Effects, description="a table present switches its effect on")
 
     @field_validator("format", mode="before")

@@ -131,6 +131,7 @@ def _drawn(
     size: Size | None,
     title: bool,
 ) -> dict[str, Figure]:
+    from exunet.figures.events import mark_events
     from exunet.figures.page import Page, has_room
     from exunet.figures.style import drawing
 
@@ -141,7 +142,10 @@ def _drawn(
 
     def drawn(name: str, size: Size | None) -> Figure | None:
         with drawing():
-            return drawers[name](result, Page(size, title))
+            made = drawers[name](result, Page(size, title))
+            if made is not None:
+                mark_events(made, result)
+            return made
 
     made = {name: drawn(name, size) for name in names}
     for name, one in made.items():

@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 OVERSHOOT = 1e-9  # of the strain at the limit, by which a step may go beyond it, unless it is a least step
-_INTACT = "cable/intact"  # name of the memory: 1.0 for an element that carries, 0.0 for one that has broken
+INTACT = "cable/intact"  # name of the memory: 1.0 for an element that carries, 0.0 for one that has broken
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +63,14 @@ class CableTerm:
     """All elements of a net under one law.
 
     But for those on drums and the outlets of reels, and threads of the edge that become shorter.
+    may_be_cut : a script may cut some
     """
 
     net: Net
     changes: ElementLaw = field(default_factory=ElementLaw)
     reels: tuple[Winding, ...] = ()
     shortening: Shortening | None = None
+    may_be_cut: bool = False
     acts_on: str = field(default="elements", init=False)
     damping_rate: float = field(default=0.0, init=False)
     has_potential: bool = field(default=False, init=False)  # beside the elastic energy of the elements
@@ -132,12 +134,12 @@ class CableTerm:
 
     @cached_property
     def memory(self) -> Memory | None:
-        """Which elements are intact, where they may break."""
-        return Memory(_INTACT, np.ones(self.net.n_elements)) if self.breaks else None
+        """Which elements are intact, where they may break or be cut."""
+        return Memory(INTACT, np.ones(self.net.n_elements)) if self.breaks or self.may_be_cut else None
 
     def carrying(self, memory: Memories) -> Floats | None:
         """(n_elements,) 1.0 for elements that carry at these memories, 0.0 for others; None: all do."""
-        intact = memory.get(_INTACT)
+        intact = memory.get(INTACT)
         if not self.leaves_some:
             return intact
         carrying = np.ones(self.net.n_elements) if intact is None else intact.copy()

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,6 +129,7 @@ class Memory:
               itself (`KernelCall.remember`); "": they change with events only
     wrong   : function (m,) -> why a run with these values must stop, and what to change; "": it need not
     series  : of one that is kept in the data: what of it is stored
+    in_steps : its switch changes it at the end of accepted steps too, without an event (see `Watch`)
     """
 
     name: str
@@ -137,6 +138,7 @@ class Memory:
     kept_in: str = ""
     wrong: Callable[[Floats], str] | None = None
     series: tuple[Series, ...] = ()
+    in_steps: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +186,50 @@ class Switch(Protocol):
         """What the crossing of `items` does to the memory, and to the state; every : all memories now."""
 
 
+class Watch(Switch, Protocol):
+    """A switch whose crossings are located within steps, and that plans instants as the run goes.
+
+    Its memory is followed by those that it sees.
+    sees : names of these memories
+    """
+
+    @property
+    def sees(self) -> tuple[str, ...]: ...
+
+    def in_each_step(self, memory: Floats) -> bool:
+        """True if what it waits for can be seen at the end of each step alone, not in states of several."""
+
+    def instants(self, memory: Floats) -> tuple[float, ...]:
+        """Instants [s] that are known with such a memory, which steps end at."""
+
+    def comes_true(self, steps: Seen) -> bool:
+        """True if at the end of one of these steps something is due."""
+
+    def crossing(self, begin: Seen, end: Seen) -> float | None:
+        """Until when [s] one step is to go again so that a crossing in it is located; None: there is none.
+
+        The step's own end where the crossing is as near to that as it is to be; when in the step it was, by
+        interpolation, is noted for what is told of the event.
+        """
+
+    def remembered(self, steps: Seen) -> Floats | None:
+        """Its own memory at the end of accepted steps, before events; None: as it was."""
+
+    def stops(self, memory: Floats) -> bool:
+        """True if the run ends with such a memory."""
+
+
+class Seen(NamedTuple):
+    """States at the ends of steps: times (k,) [s], x (k, n_x), v (k, n_v), and what a switch gets of memories
+    at the last of them.
+    """
+
+    time: Floats
+    x: Floats
+    v: Floats
+    memory: Floats
+
+
 @dataclass(frozen=True)
 class Change:
     """What an event did.
@@ -197,6 +243,8 @@ class Change:
     awake       : (n_points,) which points are awake from now on (see `Blocks.awake`), None: as before; those
                   that go to sleep come to rest
     more        : True if the switch is to be asked at once whether something else is due at this instant
+    others      : new values of memories and inputs of other terms, by name
+    stops       : True if the run ends here
     """
 
     memory: Floats
@@ -207,6 +255,8 @@ class Change:
     awake: Floats | None = None
     work_given: float = 0.0
     more: bool = False
+    others: Memories = field(default_factory=dict)
+    stops: bool = False
 
 
 class Term(Protocol):
@@ -246,6 +296,14 @@ class Term(Protocol):
 
     def numbers(self) -> Iterator[Any]:
         """Its numbers and arrays, none of which may be beyond floating point."""
+
+
+class ScriptTerm(Term, Protocol):
+    """What happens in a mission: without forces, it changes inputs of others; its switch is a `Watch`."""
+
+    @property
+    def acts_with(self) -> frozenset[str]:
+        """The inputs that it gives, by name."""
 
 
 @dataclass(frozen=True, eq=False)

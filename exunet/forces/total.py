@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from exunet.forces.cable_term import CableTerm, ElementLaw
-from exunet.forces.terms import Constraint, KernelCall, KernelTerm, LinearTerm, Switch, Term
+from exunet.forces.terms import Constraint, KernelCall, KernelTerm, LinearTerm, ScriptTerm, Switch, Term
 from exunet.net.arrays import Net
 
 Contribution = KernelTerm | LinearTerm | ElementLaw
@@ -16,6 +16,7 @@ Contribution = KernelTerm | LinearTerm | ElementLaw
 class Forces:
     """The terms of a scene; linear ones are summed beforehand; None without linear ones, or constraints.
 
+    script : what happens in a mission, a term without forces
     Iterating gives every `Term` in the order in which a kernel adds them.
     """
 
@@ -23,6 +24,7 @@ class Forces:
     linear: LinearTerm | None = None
     kernels: tuple[KernelTerm, ...] = ()
     constraint: Constraint | None = None
+    script: ScriptTerm | None = None
 
     @classmethod
     def of(cls, net: Net, contributions: Iterable[Contribution] = ()) -> Forces:
@@ -42,6 +44,8 @@ class Forces:
         if self.linear is not None:
             yield self.linear
         yield from self.kernels
+        if self.script is not None:
+            yield self.script
         if self.constraint is not None:
             yield self.constraint
 

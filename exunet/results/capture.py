@@ -21,8 +21,8 @@ from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.shapes import Shape
 from exunet.bodies.surfaces import polyhedron
 from exunet.case.verdict import Verdict
+from exunet.net.areas import achievable_area, mouth_area, mouth_diameter
 from exunet.net.arrays import Net
-from exunet.results.areas import achievable_area, mouth_area
 from exunet.results.clearance import shapes_of
 from exunet.results.result import Result
 from exunet.results.rows import row_ranges
@@ -146,7 +146,7 @@ def capture(
         enclosed,
         sum((w * one for w, one in zip(rule.cqi_weights, terms, strict=True)), np.zeros(len(x))),
         sum((w * one for w, one in zip(rule.mcqi_weights, modified, strict=True)), np.zeros(len(x))),
-        _mouth(net, points[0]),
+        mouth_diameter(net, points[0]),
         np.linalg.norm(speed - twist[:, :3], axis=1),
         np.linalg.norm(spin - np.einsum("tij,tj->ti", turn, twist[:, 3:]), axis=1),
     )
@@ -167,13 +167,6 @@ def _spin(mass: Floats, x: Floats, v: Floats) -> Floats:
     return np.einsum("tij,tj->ti", np.linalg.pinv(inertia, rcond=1e-12, hermitian=True), moment)
 
 
-def _mouth(net: Net, position: Floats) -> Floats:
-    corners = position[:, list(net.mouth)]
-    if corners.shape[1] < 2:
-        return np.zeros(len(position))
-    return np.array([float(distance.pdist(one).max()) for one in corners])
-
-
 def _of_hull(target: Target, x: Floats, place: Floats, turn: Floats) -> tuple[float, float, float, float]:
     """Of points (n, 3): enclosed part, volume and surface of their hull, mean distance of the points."""
     apart = _mean_distance(target, (x - place) @ turn)
@@ -187,6 +180,8 @@ def _of_hull(target: Target, x: Floats, place: Floats, turn: Floats) -> tuple[fl
 
 def _flat(x: Floats) -> float:
     """Both sides [m2] of what points (n, 3) in a plane span; 0 of points in line."""
+    if len(x) < 3:
+        return 0.0
     middle = x.mean(axis=0)
     axes = np.linalg.svd(x - middle, full_matrices=False)[2][:2]
     try:

@@ -18,8 +18,8 @@ from exunet.bodies.approach import Mover
 from exunet.bodies.kinematics import GIVEN
 from exunet.case.verdict import Verdict
 from exunet.forces.from_outside import effects_of
+from exunet.net.areas import achievable_area
 from exunet.net.closing import NAME
-from exunet.results.areas import achievable_area
 from exunet.results.capture import Measures, capture_of, rule_of
 from exunet.results.clearance import MOST_PAIRS, Nearest, Pair, movers_of, nearest, pairs_of
 from exunet.results.ends import ends_of_result, no_ends

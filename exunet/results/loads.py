@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -14,6 +15,7 @@ from exunet.net.arrays import Net
 from exunet.results.margins import Margin, margins
 from exunet.results.result import Result
 from exunet.results.rows import row_ranges
+from exunet.system.ejection import Ejection
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -105,7 +107,10 @@ def _carried(result: Result, body: str) -> CarriedLoads | None:
     origin = rotation_matrix(np.asarray(states.attitude[:])) @ np.array(story["origin_m"])
     origin = origin + np.asarray(states.position[:])
     force, torque = np.zeros((2, len(result.time), 3))
-    held = int(np.searchsorted(result.time, story["until_s"]))
+    until = story["until_s"]
+    if until is None:  # when a script let it go
+        until = next((one["time_s"] for one in result.provenance.get(Ejection.heading, [])), math.inf)
+    held = int(np.searchsorted(result.time, until))
     for first, last in row_ranges(held, _ROWS) if len(elements) else ():
         position = result.position[first:last]
         span = position[:, outer] - position[:, inner]
@@ -115,7 +120,7 @@ def _carried(result: Result, body: str) -> CarriedLoads | None:
         force[first:last] = pull.sum(axis=1)
         arms = position[:, inner] - origin[first:last, None]
         torque[first:last] = np.cross(arms, pull).sum(axis=1)
-    return CarriedLoads(float(story["until_s"]), origin, force, torque)
+    return CarriedLoads(min(float(until), float(result.time[-1])), origin, force, torque)
 
 
 def _pulls(net: Net, nodes: Ints, position: Floats, tension: Floats) -> Floats:

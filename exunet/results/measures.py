@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.from_outside import OUTSIDE, effects_of
+from exunet.net.areas import achievable_area as achievable_area
+from exunet.net.areas import mesh_area as mesh_area
+from exunet.net.areas import mouth_area as mouth_area
 from exunet.net.arrays import Net
-from exunet.results.areas import achievable_area as achievable_area
-from exunet.results.areas import mesh_area as mesh_area
-from exunet.results.areas import mouth_area as mouth_area
 from exunet.results.result import Result
 from exunet.results.rows import blocks, over_blocks
 from exunet.system.ejection import Ejection
@@ -37,7 +37,7 @@ class Deployment:
     time_open       : total time during which the mouth area exceeds 80 % of `achievable_area` [s]; the area
                       is taken as linear between stored times
     achievable_area : the largest area that the mouth can have with its border taut but not strained [m2], see
-                      `exunet.results.areas.achievable_area`
+                      `exunet.net.areas.achievable_area`
     relative_area   : largest_area / achievable_area
     at_end          : the largest area is that of the last stored time, so the net may still be opening
     constant        : the area stays the same down to round-off, as that of a mouth which a body holds:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from exunet.net.areas import mouth_area
 from exunet.net.arrays import Net
-from exunet.results.areas import mouth_area
 from exunet.results.columns import CONSTANTS
 from exunet.results.frame import frame
 from exunet.results.rows import StoredRows, over_blocks, row_ranges

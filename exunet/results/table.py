@@ -8,6 +8,7 @@ from itertools import groupby
 from typing import Any
 
 from exunet.forces.from_outside import FIXED_NODES, SCRIPT
+from exunet.results import script_story
 from exunet.results.digits import printed
 from exunet.results.headline import Headline, shown
 from exunet.results.headlines import headline
@@ -40,6 +41,7 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
             f"in this run {len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
         )
         table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
+    table += script_story.rows(summary["script"])
     table += (
         _capture_rows(summary) + _without_contact(summary) + [("note", note) for note in summary["notes"]]
     )

@@ -73,12 +73,12 @@ class Monitor:
         self._marks: list[float] = []
         self._base = system.lost_at_start + float(system.given_work(state.first_order))
         self._drifted = False
-        self._stored_until = -math.inf
+        self._stored_until, self._began = -math.inf, state.time
         self._push: Floats | None = None
         self._kept_at: dict[float, Arrays] = {}
         self._remembered_until, self._good_until = -math.inf, math.inf
         memories = (term.memory for term in system.forces.memories)
-        self._keeps = {one.name: one for one in memories if one is not None and one.kept_in}
+        self._keeps = {one.name: one for one in memories if one and (one.kept_in or one.in_steps)}
         self.peaks = Peaks(system.net.spans)
         self.dissipated = system.lost_at_start
         self.last_good = state
@@ -212,6 +212,16 @@ class Monitor:
             self._element_peaks.take(until, extremes.of_elements)
         self.peaks.take(extremes.largest)
 
+    def ends(self, time: float) -> None:
+        if time == self.last_good.time:  # seen already, and perhaps stored
+            self._marks = []
+            if time > max(self._stored_until, self._began) and self._store is not None:
+                last = State.of(time, self.last_good.moving, dict(self._memory))
+                self._store(States.of(self._system, last), np.array([self.dissipated]))
+                self._stored_until = time
+            return
+        self._marks = [*(one for one in self._marks if one < time), time]
+
     def remembered(self, time: float, memory: Arrays) -> None:
         if self._series is not None:
             self._series.take(time, memory)
@@ -231,7 +241,7 @@ class Monitor:
         told = [{"heading": self._headings[memory], **one} for one in change.events]
         self.events = [*self.events, *told]  # snapshots hold the old list
         asleep = {} if change.awake is None else {AWAKE: change.awake}
-        self._remember({**self._memory, memory: change.memory, **asleep})
+        self._remember({**self._memory, **change.others, memory: change.memory, **asleep})
         moves = change.x is not None or change.v is not None
         if time == self.safe.time:  # a run that goes back there is beyond the event
             self.safe_dissipated += left

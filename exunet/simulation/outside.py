@@ -19,13 +19,13 @@ class Outside:
     """
 
     def __init__(self, system: System) -> None:
-        self._blocks = system.blocks
-        parts = [np.zeros(3 * system.blocks.n_points), *(one.initial for one in system.inputs.values())]
+        self._blocks, self._scripted = system.blocks, system.scripted
+        inputs = {name: one for name, one in system.inputs.items() if name not in system.scripted}
+        parts = [np.zeros(3 * system.blocks.n_points), *(one.initial for one in inputs.values())]
         self.at_start: Floats = np.concatenate(parts)
         ends = np.cumsum([len(part) for part in parts])
         self._where = {
-            name: slice(start, end)
-            for name, start, end in zip(system.inputs, ends[:-1], ends[1:], strict=True)
+            name: slice(start, end) for name, start, end in zip(inputs, ends[:-1], ends[1:], strict=True)
         }
 
     def forces(self, vector: Floats) -> Floats:
@@ -57,6 +57,8 @@ class Outside:
     def with_input(self, vector: Floats, name: str, values: ArrayLike) -> Floats:
         """A new vector, with other values of an input; raises InputError for a wrong name, size or value."""
         where = self._where.get(name) if isinstance(name, str) else None
+        if where is None and name in self._scripted:
+            raise InputError(f"set_input: the script of the case gives {name!r}")
         if where is None:
             words = ", ".join(self._where) or "there are none"
             raise InputError(f"set_input: there is no input {name!r}: {words}")

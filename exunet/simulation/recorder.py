@@ -15,6 +15,7 @@ from exunet.base.version import VERSION
 from exunet.bodies.body import in_frames
 from exunet.bodies.packed import packed
 from exunet.bodies.wireframe import wireframe
+from exunet.case.script import ejects
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.methods.plan import Plan
@@ -23,6 +24,7 @@ from exunet.results.columns import STATES, BodyConstants, Column, body_path, dec
 from exunet.results.from_rows import result_of_rows
 from exunet.results.loads import CARRIED
 from exunet.results.result import Result
+from exunet.results.script_story import ENTRIES
 from exunet.results.store import MemoryStore, RowStore
 from exunet.results.touching import EDGES
 from exunet.simulation.element_peaks import ElementPeaks
@@ -241,6 +243,7 @@ def first_story(start: Start) -> dict[str, Any]:
         "engine": start.scene.engine.model_dump(),
         "effects": sorted(switched_on(start.scene.effects)),
         **({} if (rule := start.scene.verdict) is None else {RULE: rule.model_dump()}),
+        **_script(start),
         **_edges(start),
         **_carried(start),
         "retries": [],
@@ -248,6 +251,13 @@ def first_story(start: Start) -> dict[str, Any]:
         "build_seconds": 0.0,
         **dict.fromkeys(_COST, 0),
     }
+
+
+def _script(start: Start) -> dict[str, Any]:
+    """The entries of the script, each with its cause and its action; nothing without a script."""
+    script = start.scene.script
+    told = [{"entry": one.name, "cause": one.trigger_words, "action": one.action_words} for one in script]
+    return {ENTRIES: told} if told else {}
 
 
 def _edges(start: Start) -> dict[str, Any]:
@@ -265,10 +275,9 @@ def _carried(start: Start) -> dict[str, Any]:
         return {}
     (body,) = (one for one in system.bodies if one.name == frame.body)
     origin = np.array(frame.position) - body.centre
+    until = None if ejects(start.scene.script) else frame.eject_at  # which the record of events tells
     nodes = held[0].points.tolist()
-    return {
-        CARRIED: {"body": frame.body, "until_s": frame.eject_at, "origin_m": origin.tolist(), "nodes": nodes}
-    }
+    return {CARRIED: {"body": frame.body, "until_s": until, "origin_m": origin.tolist(), "nodes": nodes}}
 
 
 _COST = ("steps", "rejected_steps", "right_hand_sides", "newton_iterations", "integration_seconds")

@@ -122,6 +122,8 @@ def _through(
         progress(simulation.time, simulation.counts.right_hand_sides)
     shown = 0.0
     while True:
+        if simulation.stopped and simulation.finish():
+            return
         ahead = int(times.searchsorted(simulation.time, side="right"))
         if ahead == len(times):
             if simulation.finish():
@@ -364,11 +366,19 @@ class _Checkpoints:
         self._due = 0.0 if every is None else (np.floor(simulation.time / every) + 1.0) * every
         self._wall = clock.monotonic() + WALL_TIME
         self._able = simulation.can_restart
+        self._asked = self._asked_so_far
         self._number = 0 if store.checkpoint is None else int(store.checkpoint.split("-")[1].split(".")[0])
+
+    @property
+    def _asked_so_far(self) -> int:
+        """How many the script of the case has asked for."""
+        return sum(one.get("event") == "checkpoint" for one in self._simulation.monitor.events)
 
     def __call__(self) -> None:
         began = clock.monotonic()
-        if self._every is not None:
+        if (asked := self._asked_so_far) > self._asked:
+            self._asked = asked
+        elif self._every is not None:
             if self._simulation.time < self._due:
                 return
             self._due = (np.floor(self._simulation.time / self._every) + 1.0) * self._every

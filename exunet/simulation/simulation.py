@@ -109,6 +109,11 @@ class Simulation:
         return self._integrator.time
 
     @property
+    def stopped(self) -> bool:
+        """True once the case's script has ended the run: time does not go on."""
+        return self._integrator.stopped
+
+    @property
     def start(self) -> Start:
         """What the simulation began from."""
         return self._start
@@ -207,8 +212,11 @@ class Simulation:
         self._control = control
 
     def _go_to(self, time: float) -> None:
+        if self.stopped:
+            words = f"the script of the case has ended the run at t = {self.time:.6g} s"
+            raise InputError(f"advance: {words}: restore an earlier snapshot, or reset")
         control = self._control
-        while control is not None and control.due < time:
+        while control is not None and control.due < time and not self.stopped:
             if control.due > self.time:
                 self._stops.add(control.due, self._acting)
                 self._through(len(self._stops) - 1)
@@ -217,7 +225,7 @@ class Simulation:
                 control.act(self)
             finally:
                 self._control = control
-        if time > self.time:
+        if time > self.time and not self.stopped:
             self._stops.add(time, self._acting)
             self._through(len(self._stops) - 1)
 
@@ -240,7 +248,8 @@ class Simulation:
             self._through(self._stops.after(self.time))
 
     def attempt(self, until: float) -> bool:
-        """Go on to a time [s]; False if steps failed and the simulation went back to an earlier state.
+        """Go on to a time [s], or to where the script of the case ends the run; False if steps failed and the
+        simulation went back to an earlier state.
 
         Raises RunStopped if it cannot, and Interrupted on Ctrl-C.
         """
@@ -352,6 +361,8 @@ class Simulation:
         if tether not in mine:
             words = "the case has commands for its reel" if tether in reels else "there is no such reel"
             raise InputError(f"command: tether {tether!r}: {words}; a script may command: {_listed(mine)}")
+        if command_name(tether) in system.scripted:
+            raise InputError(f"command: tether {tether!r}: the script of the case commands it")
         try:
             drive = asked_of(mine[tether].damping, mode, rate, force)
         except ValueError as error:

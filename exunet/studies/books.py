@@ -44,9 +44,11 @@ class Books:
 
     def between(self, until: float, extremes: Extremes) -> None: ...
 
+    def ends(self, time: float) -> None: ...
+
     def remembered(self, time: float, memory: Arrays) -> None: ...
 
     def changed(self, time: float, memory: str, change: Change) -> None:
         self.dissipated += change.energy_lost or 0.0
-        self._memory = {**self._memory, memory: change.memory}
+        self._memory = {**self._memory, **change.others, memory: change.memory}
         self.breaks += [Break(one["element"], time) for one in change.events if "element" in one]

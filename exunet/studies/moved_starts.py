@@ -13,12 +13,13 @@ from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.machine import memory_left
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
+from exunet.case.script import may_end_a_run
 from exunet.codegen.compile import WIDTH
 from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.keys import AUTO
 from exunet.methods.method import COMPILED_METHODS, METHODS, Kind
-from exunet.results.areas import achievable_area
+from exunet.net.areas import achievable_area
 from exunet.results.course import COURSE_BYTES, Course
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.simulation import measures
@@ -33,7 +34,7 @@ from exunet.studies.ensemble import (
     run_ensemble,
     whole_number,
 )
-from exunet.studies.spread import MOVE, start_of_runs
+from exunet.studies.spread import ENDED, MOVE, start_of_runs
 
 OF_EQUAL_STEPS = 1.4e-5  # of the net's size: moves above the errors of equal steps (benchmarks/ensemble.md)
 PORTION = 64  # runs that are lost if the ensemble is interrupted; vectors of runs, where they go side by side
@@ -69,6 +70,7 @@ def ensemble(
     start = start_of(case)
     seed = start.scene.seed if seed is None else seed
     refuse_other_methods(start)
+    refuse_ended(start)
     refuse_too_many(runs)
     refuse_far_moves(start, perturb)
     there = start_of_runs(start)
@@ -157,6 +159,12 @@ def refuse_other_methods(start: Start) -> None:
     if asked != AUTO and not METHODS[start.plan.method].compiled:
         able = ", ".join(COMPILED_METHODS)
         raise InputError(f"solver.method: an ensemble runs by {able}, or auto, not by {asked}")
+
+
+def refuse_ended(start: Start) -> None:
+    """Raise InputError for a case whose script may end runs: their measures are of no common times."""
+    if may_end_a_run(start.scene.script):
+        raise InputError(f"script: {ENDED}: remove the entry that stops")
 
 
 def refuse_too_many(runs: int) -> None:

@@ -21,7 +21,7 @@ from exunet.system.system import Layout
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-HELD = "net/held"  # the memory that says how many of its nodes are held
+HELD = "net/held"  # the memory that says how many of its nodes are held, and 1.0 once a script lets them go
 
 
 def holding(axes: NetAxes, rigid: BodiesAtStart, net: Net, position: Floats) -> BodiesAtStart:
@@ -48,7 +48,7 @@ def ejecting(
     blocks: Blocks,
     speed: Floats,
 ) -> Constraint:
-    """The constraint that lets the net go at a time [s].
+    """The constraint that lets the net go at a time [s]; infinite: when a script says so.
 
     speed : (n, 3) velocities of the net's nodes relative to the body, in the net's axes [m/s]
     """
@@ -58,14 +58,14 @@ def ejecting(
     in_body = rotation_matrix(rigid.states.attitude[axes.body]).T @ axes.turn
     added = speed[held.points] @ in_body.T
     switch = Ejection(time, held, added, blocks, rigid.kinematics)
-    return replace(constraint, memory=Memory(HELD, np.array([float(held.start)])), switch=switch)
+    return replace(constraint, memory=Memory(HELD, np.array([float(held.start), 0.0])), switch=switch)
 
 
 @dataclass(frozen=True, eq=False)
 class Ejection:
     """The nodes get velocities beside those that they have with the body, which gives them their momenta.
 
-    time  : [s]
+    time  : [s]; infinite: when a script says so
     held  : the nodes
     added : (n, 3) these velocities, in the body's principal axes [m/s]
     """
@@ -88,7 +88,7 @@ class Ejection:
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The only item, from its time on."""
-        return np.flatnonzero([time >= self.time and memory[0] > 0.0])
+        return np.flatnonzero([(time >= self.time or memory[1] > 0.0) and memory[0] > 0.0])
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """Steps end at known times anyway."""
@@ -102,7 +102,7 @@ class Ejection:
         moving = layout.unpack(x.copy(), v.copy()).completed(self.kinematics, time, every)
         turn, before = rotation_matrix(moving.bodies.attitude[self.held.body]), moving.velocity.copy()
         thrown = moving.velocity[nodes] + self.added @ turn.T
-        after = np.zeros(1)
+        after = np.zeros(2)
         points = moving.position[nodes], -self.held.mass[:, None] * thrown
         both = every, {**every, HELD: after}
         moved = exchanged(moving, self.blocks, self.kinematics, self.held.body, both, points)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from exunet.base.errors import LARGEST, Fault
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
+from exunet.case.script import begins_a_thrust, ejects
 from exunet.forces.blocks import Blocks, Inertia, Poses
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.closing import Drawstring, way_of
@@ -21,6 +23,7 @@ from exunet.forces.effects import (
     forces_of,
     from_outside,
     point_masses,
+    thrust,
     touched_bodies,
 )
 from exunet.forces.from_outside import FIXED_NODES, with_reactions
@@ -40,6 +43,7 @@ from exunet.system.carried import booked, carried, net_axes, thrown
 from exunet.system.drum import Drum
 from exunet.system.ejection import ejecting, holding
 from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
+from exunet.system.script import script_of
 from exunet.system.system import State, System
 
 
@@ -63,6 +67,7 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     if axes.body is not None:  # which gives the net all that it gets beside its own motion
         (position, velocity), added = carried(axes, rigid, net, packed), speed + added
     later = scene.initial.frame.eject_at if scene.initial.frame is not None else 0.0
+    later = math.inf if ejects(scene.script) else later
     if later > 0.0:
         rigid = holding(axes, rigid, net, position)
     room = np.zeros((net.n_nodes - woven.n_nodes, 3))
@@ -104,6 +109,11 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         terms = (reel_term(winding, Drum(winding, kinematics)) for winding in windings)
         cable = replace(forces.cable, reels=windings)
         forces = replace(forces, cable=cable, kernels=(*forces.kernels, *terms))
+    if begins_a_thrust(scene.script):
+        kernels = (thrust.waiting(one) if _is_thrust(one) else one for one in forces.kernels)
+        forces = replace(forces, kernels=tuple(kernels))
+    if any(one.do == "cut" for one in scene.script):
+        forces = replace(forces, cable=replace(forces.cable, may_be_cut=True))
     if isinstance(closing, Perimeter):
         shortening = Shortening(closing, blocks, forces.cable.law)
         cable = replace(forces.cable, shortening=shortening)
@@ -112,8 +122,16 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         drawn = _drawn(line, blocks, scene, faults)
         forces = replace(forces, kernels=(*forces.kernels, *drawn))
     system = System(blocks, forces, rigid.bodies, kinematics, throw, line)
+    if scene.script:
+        target = None if scene.verdict is None else scene.verdict.target
+        script = script_of(scene.script, system, target)
+        system = replace(system, forces=replace(forces, script=script))
     memory = dict(system.memory)
     return system, State(0.0, blocks.position, velocity, rigid.states, memory, blocks.initial_states)
+
+
+def _is_thrust(term: KernelTerm) -> bool:
+    return term.memory is not None and term.memory.name == thrust.MEMORY
 
 
 def _free_ratio(scene: Scene) -> float:

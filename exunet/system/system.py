@@ -157,6 +157,11 @@ class System:
         """The inputs of the terms, by name; terms that name the same share it."""
         return {one.name: one for term in self.forces for one in term.inputs}
 
+    @property
+    def scripted(self) -> frozenset[str]:
+        """The inputs that the script of the case gives."""
+        return frozenset() if self.forces.script is None else self.forces.script.acts_with
+
 
 @dataclass(frozen=True, eq=False)
 class State:

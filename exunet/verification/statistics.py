@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from exunet.codegen.compile import numba_installed
-from exunet.results.areas import achievable_area, mouth_area
+from exunet.net.areas import achievable_area, mouth_area
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.studies.ensemble import perturbed_positions, run_ensemble
 from exunet.studies.neighbours import tracked_speeds

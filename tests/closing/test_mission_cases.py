@@ -11,6 +11,7 @@ import exunet
 from exunet.results.capture_headlines import told
 from exunet.results.course import course_of
 from exunet.results.measures import energy_balance, momentum_books
+from exunet.results.summary import summarise
 
 CASES = Path(__file__).parents[2] / "cases" / "missions"
 
@@ -38,3 +39,51 @@ def test_a_net_captures_if_it_is_closed(name: str, outcome: str, mouth: float) -
     if outcome == "captured":
         way = np.asarray(result.states["closing/way"].values[:])[:, 0]
         assert way[result.time >= 1.6].max() < 0.6  # of 0.58 m at least that the winch leaves
+
+
+def test_a_script_closes_locks_and_tows() -> None:
+    """The chaser, of 50 kg, pulls the box, of 5 kg, by 0.2 m/s; the mouth stays closed from 1.8 s on."""
+    result = exunet.run(exunet.load(CASES / "throw_close_tow.toml"))
+    events = [one["entry"] for one in result.provenance["script"]]
+    assert events == ["touch", "close", "lock", "tow", "hold"]
+    touched, *_ = result.provenance["script"]
+    first = float(result.states["contact_box/threads_first"].values[-1, 0])
+    assert touched["crossed_s"] == pytest.approx(first, abs=1e-6)
+    course = course_of(result)
+    found = told(course)
+    assert found is not None
+    assert course.capture is not None
+    assert found["outcome"] == "captured"
+    assert course.capture.mouth[result.time >= 1.8].max() < 0.3  # the least width of the box
+    assert result.bodies["box"].velocity[-1, 2] < -0.2
+    assert momentum_books(result)["linear"].residual < 1e-10 * momentum_books(result)["linear"].size
+    assert energy_balance(result) < 1e-3
+
+
+def test_a_net_that_misses_is_wound_back() -> None:
+    """No contact comes; the fallback of the script ends the run at 0.6 + 1.2 + 0.5 s."""
+    result = exunet.run(exunet.load(CASES / "missed.toml"))
+    script = summarise(result)["script"]
+    assert script["never"] == ["touch"]
+    assert [one["entry"] for one in script["events"]] == ["missed", "hold", "back"]
+    assert script["stopped"] == {
+        "time_s": result.time[-1],
+        "entry": "back",
+        "verdict": "missed, and brought back",
+    }
+    assert result.time[-1] == pytest.approx(2.3, abs=1e-12)
+    assert result.states["tow/wound_up"].values[-1, 0] > 0.5
+    assert result.velocity[-1, :49, 2].mean() < -1.0
+
+
+def test_a_tether_is_cut_at_its_tension() -> None:
+    """At 0.5 N; from then on the momentum of the chaser stays what it is, and the net goes on to the box."""
+    result = exunet.run(exunet.load(CASES / "cut_tether.toml"))
+    cut, touch = result.provenance["script"]
+    assert cut["value"] == pytest.approx(0.5, abs=1e-4)
+    assert touch["time_s"] > cut["time_s"]
+    after = result.time > cut["time_s"]
+    assert np.ptp(result.bodies["chaser"].velocity[:][after], axis=0).max() < 1e-9  # it turns a little
+    assert result.tension[after][:, result.net.n_net_elements].max() == 0.0
+    assert cut["energy_lost_J"] > 0.0
+    assert energy_balance(result) < 1e-4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel
 from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
 from exunet.forces.reel import Winding
+from exunet.forces.terms import Seen
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.methods.plan import Plan
 from exunet.system.energy import law_of
@@ -66,6 +67,16 @@ def loop_kernel(system: System, *, compiled: bool = True) -> Kernel:
 
 
 WITHOUT_LIMIT = 2**62
+_WATCHED = 64  # steps between two looks at conditions of the states in between
+_ROWS_TO_LOCATE = 8  # that steps to a crossing in a step may take
+
+
+class _Before(NamedTuple):
+    """The beginning of steps, the row of states to come, and all else that steps change, with copies."""
+
+    begin: Seen
+    row: int
+    arrays: tuple[tuple[NDArray[Any], NDArray[Any]], ...]
 
 
 class CompiledIntegration:
@@ -167,6 +178,7 @@ class CompiledLoop(CompiledIntegration):
         self._hold()
         self._moving = self._layout.unpack(self._motion.x, self._motion.v)  # views
         self._pushed = False
+        self._singly_until = -math.inf  # steps are taken one by one [s]
         self._ports = _steady_ports(system, state)
         self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
         if state.memory:
@@ -227,8 +239,10 @@ class CompiledLoop(CompiledIntegration):
         peaks = self._peaks
         peaks["elastic"][0], peaks["kinetic"][0] = 0.0, np.inf
         self._seen.of_elements[:] = 0.0
+        if self._events.is_due(self.time):
+            self._look_for_events()
         with postponed() as check_interrupt:
-            while self.time < until:
+            while self.time < until and not self.stopped:
                 before = self._motion.c.copy() if self._pushed else None
                 stop = self._events.next_instant(self.time, until)
                 advance = self._advance_chosen if self._chosen else self._advance_equal
@@ -241,9 +255,10 @@ class CompiledLoop(CompiledIntegration):
         largest = float(peaks["elastic"][0]) + self._asleep
         kinetic, of_elements = float(peaks["kinetic"][0]), self._seen.of_elements
         extremes = Extremes(largest, kinetic, self.largest_tensions, of_elements)
+        until = min(until, self.time)
         self._observer.between(until, extremes)
-        if self._table.kept:
-            kept = {name: values.copy() for name, values in self._table.kept.items()}
+        kept = {name: values.copy() for name, values in self._table.kept.items()} | self._events.kept
+        if kept:
             try:
                 self._observer.remembered(until, kept)
             except RunStopped:
@@ -252,14 +267,22 @@ class CompiledLoop(CompiledIntegration):
         if not math.isfinite(np.dot(self._motion.x, self._motion.x)):  # a square may overflow; no harm
             self.hand_over()
 
+    @property
+    def stopped(self) -> bool:
+        return self._events.stopped
+
     def _advance_chosen(self, until: float, check_interrupt: Callable[[], None]) -> None:
+        """Steps to a time [s], or until an event plans something before it."""
         while self.time < until:
-            if self._events.in_steps:
+            if self._events.in_each_step:
                 self._shorten(until)
             limit, every = self._stretch
+            before = self._before()
             self._row = self._module.chosen_stretch(self._control, until, limit, self._row, every, self._held)
+            self._locate(before)
             self._make_room()
-            self._look_for_events()
+            if self._look_for_events() and self._is_otherwise(until):
+                return
             if words := self.collapse():
                 self.hand_over()
                 raise StepsCollapsed(words)
@@ -272,16 +295,107 @@ class CompiledLoop(CompiledIntegration):
         while done < number:
             limit, every = self._stretch
             steps = EqualSteps(begin, until, number, done, limit)
+            at_begin = self._before()
             self._row = self._module.equal_stretch(self._verlet, steps, self._row, every, self._held)
+            located = self._locate(at_begin)
             done = int(self._clock["steps"][0]) - before
             self._make_room()
-            self._look_for_events()
+            if (self._look_for_events() and self._is_otherwise(until)) or located:
+                return
             check_interrupt()
+
+    def _is_otherwise(self, until: float) -> bool:
+        """True if an event has ended the run, or planned something before a time [s]."""
+        return self.stopped or self._events.next_instant(self.time, until) < until
+
+    def _before(self) -> _Before | None:
+        """All that the next steps change, if crossings in them are to be located."""
+        if not self._events.watches:
+            return None
+        self._recall()
+        if self._row + _WATCHED + _ROWS_TO_LOCATE > self.room:
+            self.hand_over()
+        m = self._motion
+        held = (m.taken, m.work[_A1], self._clock, self._seen.peaks, self._seen.largest)
+        arrays = (*held, self._seen.of_elements, *self._table.kept.values())
+        return _Before(self._now(), self._row, tuple((array, array.copy()) for array in arrays))
+
+    def _now(self) -> Seen:
+        m = self._motion
+        return self._events.seen(np.array([self.time]), m.x[None].copy(), m.v[None].copy())
+
+    def _go_back(self, before: _Before) -> None:
+        """To the beginning of the last step, which counts as rejected."""
+        m, rejections = self._motion, self._clock["rejections"] + 1
+        m.x[:], m.v[:], self._row = before.begin.x[0], before.begin.v[0], before.row
+        for array, values in before.arrays:
+            array[:] = values
+        self._clock["rejections"] = rejections
+        self._recall()
+
+    def _locate(self, before: _Before | None) -> bool:
+        """Make the step just taken end where a condition that is watched comes true; True if steps are to be
+        laid out anew from there.
+
+        Several steps, in one of which that happens, are taken again singly. Steps that end before it are
+        accepted as they are.
+        """
+        if before is None or self._row == before.row:  # no attempt was accepted
+            return False
+        self._recall()
+        rows = slice(before.row, self._row)
+        steps = self._events.seen(self._kept.time[rows], self._kept.x[rows], self._kept.v[rows])
+        if not self._events.comes_true(steps):
+            self._events.steps_done(steps)
+            self._thin(before.row)
+            return False
+        if self._row - before.row > 1:
+            self._singly_until = self.time
+            self._go_back(before)
+            return False
+        beyond = math.inf
+        while True:
+            self._recall()
+            now = self._now()
+            target = self._events.crossing(before.begin, now)
+            if target is not None and target < self.time:
+                beyond = self.time
+                self._go_back(before)
+            else:
+                self._events.steps_done(now)
+                if target is not None or not self.time < beyond < math.inf:
+                    break
+                if (before := self._before()) is None:
+                    break
+                target = beyond  # on to where it had come true
+            self._step_to(target)
+        return math.isfinite(beyond)
+
+    def _thin(self, row: int) -> None:
+        """Of the states from a row on leave the last, unless one of them is for the guards."""
+        if self._row - row > 1 and self._peaks["elastic"][0] <= self._peaks["keep_above"][0]:
+            for values in self._kept:
+                values[row] = values[self._row - 1]
+            self._row = row + 1
+
+    def _step_to(self, time: float) -> None:
+        """By one step, or by more where its error would be too large."""
+        if not self._chosen:
+            number = max(1, math.ceil((time - self.time) / (self._plan.step or math.inf) * (1 - 1e-9)))
+            steps = EqualSteps(self.time, time, number, 0, number)
+            self._row = self._module.equal_stretch(self._verlet, steps, self._row, 1, self._held)
+            return
+        while self.time < time and not self.collapse():
+            self._row = self._module.chosen_stretch(self._control, time, 1, self._row, 1, self._held)
 
     @property
     def _stretch(self) -> tuple[int, int]:
         """How many steps to take without a look at events, and of how many one is handed over."""
-        return (1, 1) if self._events.in_steps else (_ATTEMPTS, _THINNED)
+        if not self._events.in_steps:
+            return _ATTEMPTS, _THINNED
+        if self._events.in_each_step or self.time < self._singly_until:
+            return 1, 1
+        return min(_WATCHED, self.room // 2), 1
 
     def _shorten(self, until: float) -> None:
         """Make the step that comes end near the next event."""
@@ -293,9 +407,11 @@ class CompiledLoop(CompiledIntegration):
             self._clock["step"][0] = shorter
             self._clock["beyond"][0] = min(beyond, shorter)
 
-    def _look_for_events(self) -> None:
+    def _look_for_events(self) -> bool:
+        """True if one has happened."""
+        found = False
         if not self._events.any:
-            return
+            return found
         self._recall()
         m = self._motion
         for name, change in self._events.at(self.time, m.x, m.v):
@@ -308,6 +424,8 @@ class CompiledLoop(CompiledIntegration):
             self._row = self._module.keep(0, self.time, m, self._kept)
             self._remember(self._events.memory_after(name, change))
             self._module.begin(self.time, self._verlet, self._motion)
+            found = True
+        return found
 
     def _remember(self, memory: Arrays) -> None:
         """Let the forces, and what looks at tensions, take all memories into account."""

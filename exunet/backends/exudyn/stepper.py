@@ -21,6 +21,7 @@ from exunet.base.errors import InputError, RunStopped
 from exunet.base.interrupt import postponed
 from exunet.bodies.port import Piece
 from exunet.forces.jumps import Jump, jump_ahead
+from exunet.forces.terms import Seen
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.system.energy import law_of
@@ -52,6 +53,8 @@ class Stepper:
         self._open(state)
         self._changed: Coordinates | None = None  # by an event, to begin anew with
         self._accepted = Accepted(self._model.coordinates())
+        self._begin: Seen | None = None  # of a step in which a condition is watched
+        self._until = state.time
         self._append(state.time)
 
     def _open(self, state: State) -> None:
@@ -111,13 +114,20 @@ class Stepper:
     def can_restart(self) -> bool:
         return self._method.kind != Kind.IMPLICIT  # whose algorithmic accelerations the engine does not give
 
+    @property
+    def stopped(self) -> bool:
+        return self._events.stopped
+
     def advance(self, until: float) -> None:
-        while self.time < until:
+        if self._events.is_due(self.time) and self._look_for_events(self.time):
+            self._renew()
+        while self.time < until and not self.stopped:
             self._stretch(self._events.next_instant(self.time, until))
-        if self._keeps:
-            kept = self._model.applied.remembered.items()
+        of_kernel = self._model.applied.remembered.items() if self._keeps else ()
+        kept = {name: values.copy() for name, values in of_kernel} | self._events.kept
+        if kept:
             try:
-                self._observer.remembered(until, {name: values.copy() for name, values in kept})
+                self._observer.remembered(self.time, kept)
             except RunStopped:
                 self.hand_over()  # the observer knows which states are good
                 raise
@@ -154,10 +164,14 @@ class Stepper:
         self._append(until)
         if not self._accepted.finite:
             self.hand_over()
-        if self._look_for_events(until):
+        if self._look_for_events(until) and not self.stopped:
             self._renew()
 
     def _set_stretch(self, until: float) -> None:
+        self._until = until
+        self._begin = None
+        if self._events.watches:
+            self._begin = self._watched(self.time, *self._flat(self.time))
         self._model.look_again()
         progress = self._solver.it
         self._choice.begin_stretch(until)
@@ -261,6 +275,10 @@ class Stepper:
             return False
         found = moved = False
         x, v = self._flat(time)
+        if self._begin is not None:
+            end = self._events.seen(np.array([time]), x[None].copy(), v[None].copy())
+            self._events.crossing(self._begin, end)
+            self._events.steps_done(end)
         for name, change in self._events.at(time, x, v):
             if self._accepted.last_time != time:
                 self._append(time)
@@ -275,7 +293,15 @@ class Stepper:
             places, now = self._model.places, self._model.coordinates()
             self._changed = places.pack(self._system.layout.unpack(x, v), now)
             self._accepted.begin_with(self._changed)
-        return moved or (found and self._method.remembers_acceleration)
+        self._begin = self._watched(time, x, v)
+        planned = found and self._events.next_instant(time, self._until) < self._until
+        return moved or self.stopped or planned or (found and self._method.remembers_acceleration)
+
+    def _watched(self, time: float, x: Floats, v: Floats) -> Seen | None:
+        """The beginning of a step in which conditions are watched."""
+        if not self._events.watches:
+            return None
+        return self._events.seen(np.array([time]), x[None].copy(), v[None].copy())
 
     def _renew(self) -> None:
         """Start the solver again where it stands, or at the state that an event has made."""

@@ -14,7 +14,7 @@ from exunet.case.scene import Scene
 from exunet.coupling.fmu.variables import QUATERNION, Causality, Variable, structured, vector
 from exunet.coupling.net_system import NetSystem, PortLoad
 from exunet.forces.wrench import input_name
-from exunet.results.areas import mouth_area
+from exunet.net.areas import mouth_area
 from exunet.results.measures import net_centre
 from exunet.system.states import States
 

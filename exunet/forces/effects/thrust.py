@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import Annotated, Any, NamedTuple
 
@@ -23,6 +24,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 NEEDS_BULLETS = True
+MEMORY = "thrust/knots_passed"
 
 
 class Keys(Table):
@@ -79,29 +81,52 @@ def _one_force_a_time(keys: Keys) -> Iterator[Fault]:
 
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
-    """One term over the chosen bullets. Its memory is the number of the knots passed: no step sees a kink.
+    """One term over the chosen bullets. Its memory is the number of the knots passed: no step sees a kink;
+    and the time from which on the knots count [s].
 
     Before the first knot (0) and after the last (n) there is no force; between the knots k and k + 1 it is
     linear. Steps end at the knots.
     """
     nodes = (3 * blocks.net.bullet_nodes[list(keys.bullets)]).astype(Index)
     times, force = np.array(keys.time), np.array(keys.force)
-    passed = np.array([float(np.searchsorted(times, 0.0, side="right"))])
+    begun = begun_at(0.0, times)
 
     def data(memory: Floats) -> Thrust:
-        return Thrust(nodes, times, force, memory.astype(np.int64))
+        return Thrust(nodes, memory[1] + times, force, memory[:1].astype(np.int64))
 
-    memory = Memory("thrust/knots_passed", passed, data)
-    return (KernelTerm("bullets", add_thrust, data(passed), memory=memory, switch=Knots(keys.time)),)
+    memory = Memory(MEMORY, begun, data)
+    return (KernelTerm("bullets", add_thrust, data(begun), memory=memory, switch=Knots(keys.time)),)
+
+
+def begun_at(time: float, times: Floats) -> Floats:
+    """The memory of a thrust whose knots count from a time on [s], at that time."""
+    return np.array([float(np.searchsorted(times, 0.0, side="right")), time])
+
+
+def waiting(term: KernelTerm) -> KernelTerm:
+    """A thrust that a script lets begin: its switch knows no instant, and the script plans them."""
+    assert term.memory is not None
+    assert term.memory.data is not None
+    assert isinstance(term.switch, Knots)
+    never = np.array([0.0, np.inf])
+    memory, switch = replace(term.memory, initial=never), Knots(term.switch.knots, known=False)
+    return replace(term, data=term.memory.data(never), memory=memory, switch=switch)
 
 
 class Knots:
-    """The known instants at which the thrust has a kink or a jump."""
+    """The instants at which the thrust has a kink or a jump.
+
+    knots : times [s] from when the thrust begins; known : it begins with the run
+    """
 
     heading = ""
 
-    def __init__(self, times: tuple[float, ...]) -> None:
-        self.times = times
+    def __init__(self, knots: tuple[float, ...], *, known: bool = True) -> None:
+        self.knots = knots
+        self.times = knots if known else ()
+
+    def _passed(self, time: float, memory: Floats) -> float:
+        return float(np.searchsorted(memory[1] + np.array(self.knots), time, side="right"))
 
     def in_steps(self, memory: Floats) -> bool:
         """The knots are known."""
@@ -109,7 +134,7 @@ class Knots:
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The only item, if a knot was passed since the memory was set."""
-        return np.flatnonzero(np.searchsorted(self.times, time, side="right") > memory)
+        return np.flatnonzero([self._passed(time, memory) > memory[0]])
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """Steps end at known instants anyway."""
@@ -119,7 +144,7 @@ class Knots:
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
     ) -> Change:
         """Count the knots; nothing else changes."""
-        return Change(np.array([float(np.searchsorted(self.times, time, side="right"))]))
+        return Change(np.array([self._passed(time, memory), memory[1]]))
 
 
 class Thrust(NamedTuple):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from exunet.backends.exudyn.build import expected_items
 from exunet.case.casefile import Case
 from exunet.case.stored_times import stored_times
+from exunet.case.timeline import timeline
 from exunet.forces.closing import way_of
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.interfaces.commands.body_rows import body_rows
@@ -48,6 +49,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         *body_rows(start),
         *_tethers(start),
         *_closing(start),
+        *_script(case),
         ("packing", _packing(start)),
         ("simulated time", f"{case.scene.time.end:g} s, {len(times)} stored states"),
         ("effects on", ", ".join(on) or "none"),
@@ -112,6 +114,17 @@ def _closing(start: Start) -> list[tuple[str, str]]:
     if line.has_winch:
         words += f"; winch, to {line.shortest:g} m, commands: {len(line.times)}"
     return [("closing", words)]
+
+
+def _script(case: Case) -> list[tuple[str, str]]:
+    """The script as a timeline, and what of it can never happen."""
+    found = []
+    for one in timeline(case.scene.script, case.scene.time.end):
+        entry = one.entry
+        words = f"{one.when}: {entry.name}: {entry.action_words}"
+        words += f" ({one.never})" if one.never else "" if one.certain else f" ({entry.trigger_words})"
+        found.append(("script", words))
+    return found
 
 
 def _tied(end: EndKeys) -> str:

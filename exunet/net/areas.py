@@ -40,6 +40,15 @@ def mouth_area(net: Net, position: Floats) -> Floats:
     return _loops_area((net.mouth,), position)
 
 
+def mouth_diameter(net: Net, position: Floats) -> Floats:
+    """Largest distance of two of its corners [m]; (k, n_points, 3) [m] -> (k,); zero without a mouth."""
+    corners, square = position[:, list(net.mouth)], np.zeros(len(position))
+    for k in range(1, corners.shape[1]):
+        apart = corners[:, k:] - corners[:, k - 1 : k]
+        square = np.maximum(square, np.einsum("kca,kca->kc", apart, apart).max(axis=1))
+    return np.sqrt(square)
+
+
 def mesh_area(net: Net, position: Floats) -> Floats:
     """Sum of the areas of the net's mesh openings [m2]; position (..., n_nodes, 3) [m] -> (...).
 

@@ -1,0 +1,337 @@
+"""The events of a script: which of its entries are due, where in a step that came true, what they change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from exunet.case.script import QUANTITIES, Entry, drive_of
+from exunet.forces.cable_term import INTACT
+from exunet.forces.effects.thrust import MEMORY as THRUST
+from exunet.forces.effects.thrust import Knots, begun_at
+from exunet.forces.reel import command_name
+from exunet.forces.terms import Change, Memories, Seen
+from exunet.system.ejection import HELD
+from exunet.system.quantities import KEPT, LOOKS, OF_VELOCITIES, Sight, has_touched, seen_memories
+from exunet.system.states import States
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+HEADING = "script"
+MOST = 100  # times that an entry repeats
+WITHIN = 1e-7  # [s] to which a crossing is located
+WAITING, ARMED, DONE, RESTING, BARRED = map(float, range(5))
+_NOTHING = np.zeros(0, dtype=np.int64)
+_AT_ENDS = (*KEPT, "first_contact")  # known at the ends of steps only
+
+
+class Row(NamedTuple):
+    """What is known of an entry, in the order of the memory.
+
+    state : WAITING for its time or for another entry; ARMED: its condition is looked at; DONE; RESTING: it
+            is looked at again once its condition has been false; BARRED: it happens no more
+    since : when it was armed, or has happened last [s]
+    times : how often it has happened
+    value : of its quantity when it happened last; of "largest_area" the largest area so far [m2]
+    """
+
+    state: float
+    since: float
+    times: float
+    value: float
+
+
+_WIDTH = len(Row._fields)
+
+
+class ScriptEvents:
+    """The switch of a script.
+
+    An entry is armed at its time, or after another one; from then on it is due as soon as its condition
+    holds, at once if it has none. Entries that are due at one instant happen in the order of the script.
+    """
+
+    heading = HEADING
+    times: tuple[float, ...] = ()
+
+    def __init__(self, entries: tuple[Entry, ...], sight: Sight, damping: Mapping[str, float | None]) -> None:
+        self._entries, self._sight, self._damping = entries, sight, damping
+        self._conditions = [one.condition for one in entries]
+        self._numbers = {one.name: k for k, one in enumerate(entries)}
+        self._size = _WIDTH * len(entries) + 1
+        self.sees = seen_memories(sight.system)
+        self._ends = np.cumsum([self._size, *(len(sight.system.memory[name]) for name in self.sees)])
+        thrusts = (term.switch for term in sight.system.forces if isinstance(term.switch, Knots))
+        self._knots = np.array([time for switch in thrusts for time in switch.knots])
+        self._crossed_at: dict[int, float] = {}
+        self._key: bytes = b""
+        self._found: tuple[list[Row], list[tuple[int, Row]]] = [], []
+        self._nothing_at = -math.inf  # [s] at which no condition was found to hold
+
+    # What the memory says
+
+    def _read(self, memory: Floats) -> tuple[list[Row], list[tuple[int, Row]]]:
+        """All rows, and those whose condition is looked at, with numbers; made anew for another memory."""
+        key = memory[: self._size].tobytes()
+        if key != self._key:
+            rows = [Row(*one) for one in memory[: self._size - 1].reshape(-1, _WIDTH).tolist()]
+            watched = [
+                (k, row)
+                for k, row in enumerate(rows)
+                if row.state in (ARMED, RESTING) and self._conditions[k]
+            ]
+            self._key, self._found = key, (rows, watched)
+        return self._found
+
+    def _rows(self, memory: Floats) -> list[Row]:
+        return self._read(memory)[0]
+
+    def _watched(self, memory: Floats) -> list[tuple[int, Row]]:
+        return self._read(memory)[1]
+
+    def stops(self, memory: Floats) -> bool:
+        """True once an entry has ended the run."""
+        return bool(memory[self._size - 1])
+
+    def in_steps(self, memory: Floats) -> bool:
+        """True while a condition is looked at."""
+        return bool(self._watched(memory))
+
+    def in_each_step(self, memory: Floats) -> bool:
+        """True for what memories tell only, unless it stays true once it is."""
+        names = {self._entries[k].condition_name for k, _ in self._watched(memory)}
+        return bool(names & set(KEPT))
+
+    def _moment(self, entry: Entry, rows: list[Row]) -> float:
+        """From when on it may happen [s]; infinite as long as that is not known."""
+        if entry.at is not None:
+            return entry.at
+        if entry.after is None:
+            return 0.0
+        other = rows[self._numbers[entry.after]]
+        return other.since + entry.delay if other.times else math.inf
+
+    def instants(self, memory: Floats) -> tuple[float, ...]:
+        """When entries are armed, and at the knots of a thrust that one has begun."""
+        rows = self._rows(memory)
+        pairs = list(zip(rows, self._entries, strict=True))
+        armed = (self._moment(one, rows) for row, one in pairs if row.state == WAITING)
+        begun = (row.since for row, one in pairs if row.state == DONE and one.do == "thrust")
+        return (*armed, *(float(time) for since in begun for time in since + self._knots))
+
+    # What is due
+
+    def _states(self, steps: Seen, *, completed: bool = True) -> States:
+        """States with the memories of the last of them.
+
+        completed : False: velocities of what has no equations of motion may be some stages old
+        """
+        system, ends = self._sight.system, self._ends
+        seen = (steps.memory[a:b] for a, b in pairwise(ends))
+        memory = system.memory | dict(zip(self.sees, seen, strict=True))
+        moving = system.layout.unpack(steps.x, steps.v)
+        if completed:
+            moving = moving.completed(system.kinematics, steps.time, memory)
+        return States(system, steps.time, *moving[:3], memory, moving.first_order)
+
+    def _beyond(self, number: int, row: Row, states: States) -> Floats:
+        """(k,) above 0 where a condition holds, in its quantity's unit."""
+        condition = self._conditions[number]
+        assert condition is not None
+        if condition.name == "first_contact":
+            return np.full(len(states), 1.0 if has_touched(self._sight, states) else -1.0)
+        if condition.name == "largest_area":
+            area = LOOKS["area"](self._sight, states)
+            largest = np.maximum.accumulate(np.maximum(row.value, area))
+            return np.asarray((1.0 - self._entries[number].fall) * largest - area)
+        return condition.sign * (LOOKS[condition.name](self._sight, states) - condition.bound)
+
+    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+        """The first entry with which something is to be done: armed, happen, rest no more.
+
+        Of those that are due the one whose condition came true first.
+        """
+        rows = self._rows(memory)
+        for k, (row, one) in enumerate(zip(rows, self._entries, strict=True)):
+            if row.state == WAITING and self._moment(one, rows) <= time:
+                return np.array([k])
+        now: States | None = None
+        due: list[int] = []
+        for k, (row, one) in enumerate(zip(rows, self._entries, strict=True)):
+            if row.state not in (ARMED, RESTING):
+                continue
+            if one.when is None or self._is_barred(one, rows):
+                due.append(k)
+            elif time != self._nothing_at:
+                now = now or self._states(_alone(time, x, v, memory))
+                if (self._beyond(k, row, now)[0] > 0.0) == (row.state == ARMED):
+                    due.append(k)
+        if not due:
+            return _NOTHING
+        return np.array([min(due, key=lambda k: (self._crossed_at.get(k, time), k))])
+
+    def _is_barred(self, entry: Entry, rows: list[Row]) -> bool:
+        return entry.unless is not None and rows[self._numbers[entry.unless]].times > 0.0
+
+    def comes_true(self, steps: Seen) -> bool:
+        """True if one of the conditions holds at the end of a step, or of one that rests does not."""
+        watched = self._watched(steps.memory)
+        speeds = any(self._entries[k].condition_name in OF_VELOCITIES for k, _ in watched)
+        states = self._states(steps, completed=speeds)
+        found = any(
+            ((self._beyond(k, row, states) > 0.0) == (row.state == ARMED)).any() for k, row in watched
+        )
+        self._nothing_at = -math.inf if found else float(steps.time[-1])
+        return found
+
+    def remembered(self, steps: Seen) -> Floats | None:
+        """The largest area so far, for entries that wait until it has fallen."""
+        after = None
+        for k, row in self._watched(steps.memory):
+            if self._entries[k].when == "largest_area":
+                area = float(LOOKS["area"](self._sight, self._states(steps)).max())
+                if area > row.value:
+                    after = steps.memory[: self._size].copy() if after is None else after
+                    after[_WIDTH * k + Row._fields.index("value")] = area
+        return after
+
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
+        """Crossings are located once a step has gone beyond them."""
+        return step
+
+    # Where in a step
+
+    def crossing(self, begin: Seen, end: Seen) -> float | None:
+        """Just before the first crossing in the step, or where that is at its beginning, just beyond it."""
+        self._crossed_at = roots = self._roots(begin, end)
+        self._nothing_at = -math.inf
+        if not roots:
+            return None
+        first, last = float(begin.time[0]), float(end.time[0])
+        within = max(WITHIN, 64.0 * math.ulp(last))
+        if last - first <= 2.0 * within:
+            return last
+        root = min(roots.values())
+        return root - 0.5 * within if root - first > within else first + 2.0 * within
+
+    def _roots(self, begin: Seen, end: Seen) -> dict[int, float]:
+        """When conditions that hold at a step's end came true in it [s], by entry."""
+        armed = [(k, row) for k, row in self._watched(begin.memory) if row.state == ARMED]
+        found: dict[int, float] = {}
+        if not armed:
+            return found
+        first, last = self._states(begin), self._states(end)
+        for k, row in armed:
+            after = float(self._beyond(k, row, last)[0])
+            if after > 0.0 and (before := float(self._beyond(k, row, first)[0])) <= 0.0:
+                found[k] = self._root(k, row, (begin, end), (before, after))
+        return found
+
+    def _root(self, number: int, row: Row, step: tuple[Seen, Seen], ends: tuple[float, float]) -> float:
+        """By the cubic Hermite polynomial of the step; of what is known at its ends only, a straight line."""
+        begin, end = (float(one.time[0]) for one in step)
+        if self._entries[number].condition_name in _AT_ENDS:
+            return begin + (end - begin) * ends[0] / (ends[0] - ends[1])
+
+        def beyond(part: float) -> float:
+            if part in (0.0, 1.0):
+                return ends[int(part)]
+            return float(self._beyond(number, row, self._states(self._hermite(*step, part)))[0])
+
+        if ends[0] == 0.0:
+            return begin
+        least = 0.01 * WITHIN / (end - begin)
+        return begin + (end - begin) * float(brentq(beyond, 0.0, 1.0, xtol=least, maxiter=100))
+
+    def _hermite(self, begin: Seen, end: Seen, part: float) -> Seen:
+        """The state in the step: of points and centres by the cubic, of all else by a straight line."""
+        h, s, moved = float(end.time[0] - begin.time[0]), part, self._sight.system.blocks.centres
+        x = (1.0 - s) * begin.x + s * end.x
+        v = (1.0 - s) * begin.v + s * end.v
+        x0, x1, v0, v1 = (one[:, :moved] for one in (begin.x, end.x, begin.v, end.v))
+        apart = x1 - x0
+        x[:, :moved] = x0 + s * (h * v0 + s * (3.0 * apart - h * (2.0 * v0 + v1)))
+        x[:, :moved] += s**3 * (h * (v0 + v1) - 2.0 * apart)
+        v[:, :moved] = v0 + s * (6.0 * apart / h - 4.0 * v0 - 2.0 * v1)
+        v[:, :moved] += s**2 * (3.0 * (v0 + v1) - 6.0 * apart / h)
+        return Seen(begin.time + s * h, x, v, end.memory)
+
+    # What happens
+
+    def change(
+        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+    ) -> Change:
+        """Arm an entry, or let it happen; more may be due at once."""
+        k, rows = int(items[0]), self._rows(memory)
+        entry, row = self._entries[k], rows[k]
+        self._nothing_at = -math.inf
+        if row.state == WAITING:
+            return self._put(memory, k, row._replace(state=ARMED, since=time))
+        if self._is_barred(entry, rows):
+            told = self._told(entry, time, f"not done: {entry.unless} came before")
+            return self._put(memory, k, row._replace(state=BARRED), events=(told,))
+        if row.state == RESTING:
+            return self._put(memory, k, row._replace(state=ARMED))
+        times, state = row.times + 1.0, RESTING if entry.repeat else DONE
+        told = self._told(entry, time, entry.action_words) | {"done": True}
+        told |= {"verdict": entry.verdict} if entry.do == "stop" else {}
+        events = [told]
+        if entry.repeat and times >= MOST:
+            state = DONE
+            events.append(self._told(entry, time, f"happens no more: has happened {MOST} times"))
+        row = row._replace(state=state, since=time, times=times)
+        if entry.condition_name in QUANTITIES:
+            now = self._states(_alone(time, x, v, memory))
+            row = row._replace(value=float(LOOKS[entry.condition_name](self._sight, now)[0]))
+        if entry.when is not None:
+            unit = QUANTITIES[entry.condition_name].unit if entry.condition_name in QUANTITIES else "1"
+            told |= {"crossed_s": self._crossed_at.pop(k, time), "value": row.value, "unit": unit}
+        what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
+        if entry.do == "cut":
+            what |= {"others": {INTACT: self._cut(entry, every[INTACT])}, "energy_lost": None}
+        elif entry.do == "thrust":
+            what["others"] = {THRUST: begun_at(time, self._knots)}
+        elif entry.do == "eject":
+            what["others"] = {HELD: np.array([every[HELD][0], 1.0])}
+        else:
+            what["others"] = self._commands(entry)
+        return self._put(memory, k, row, **what)
+
+    def _cut(self, entry: Entry, intact: Floats) -> Floats:
+        """Which elements are intact without the first of a tether."""
+        after = intact.copy()
+        assert entry.on is not None
+        after[self._sight.system.net.tether_elements[entry.on].start] = 0.0
+        return after
+
+    def _commands(self, entry: Entry) -> dict[str, Floats]:
+        """The input of the drive that an entry acts on."""
+        if entry.drive is None:
+            return {}
+        drive = drive_of(entry, self._damping[entry.drive])
+        values = [1.0, drive.rate, drive.force, drive.gives_way, drive.takes_up]
+        return {command_name(entry.drive): np.array(values)}
+
+    def _put(self, memory: Floats, number: int, row: Row, **what: Any) -> Change:
+        after = memory[: self._size].copy()
+        after[_WIDTH * number : _WIDTH * (number + 1)] = np.array(row)
+        stops = bool(what.get("stops"))
+        after[-1] = max(after[-1], float(stops))
+        return Change(after, more=not stops, **what)
+
+    @staticmethod
+    def _told(entry: Entry, time: float, words: str) -> dict[str, Any]:
+        cause = entry.trigger_words
+        return {"time_s": time, "entry": entry.name, "cause": cause, "event": words, "done": False}
+
+
+def _alone(time: float, x: Floats, v: Floats, memory: Floats) -> Seen:
+    """One state."""
+    return Seen(np.array([time]), x[None], v[None], memory)
