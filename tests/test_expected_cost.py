@@ -162,6 +162,11 @@ def test_the_time_of_a_check_is_told_with_that_of_both() -> None:
     assert "check of a run" in dict(describe(load(PLANAR, ["time.end=0.1"])))
 
 
+def test_no_time_is_told_for_a_check_that_the_reference_refuses():
+    case = load(PLANAR.parent / "missions" / "closed_box.toml")
+    assert dict(describe(case))["check of a run"].startswith("none: the reference refuses the case: ")
+
+
 @pytest.mark.parametrize("case", ["planar_deployment", "nets/cut", "bodies/snap", "hard/one_element"])
 def test_the_reference_takes_what_is_told(case: str) -> None:
     """In processor seconds, since other programs run beside; a second more for its start."""

@@ -370,18 +370,35 @@ def both_of(case: Case) -> BothCodes:
     # The form that states the law element by element; see `BothCodes.in_form` for the others.
     start = prepare(_with_form(case.scene, Form.CONNECTORS))
     try:
-        overrides = dict(
-            map(reference.parse_override, (*case.overrides, *without_choice(case.scene, start.scene)))
-        )
-        read = reference.read(case.path, overrides)
+        read = _read_by_reference(case, start.scene)
         if places := places_of_fold(start.scene):
             read = reference.with_places(read, *places)
         theirs = reference.prepare(read)
     except reference.Refused as refused:
-        reasons = "; ".join(fault.replace("\n", " ") for fault in refused.faults[:5])
-        words = f"the reference does not cover this case, so nothing is compared: {reasons}"
+        words = f"the reference does not cover this case, so nothing is compared: {_reasons(refused)}"
         raise NotCovered(f"{case.name}: {words}") from refused
     return BothCodes(case.name, case.path, start, theirs)
+
+
+def refusal(case: Case, scene: Scene) -> str:
+    """Why the reference does not read a case, before it prepares anything; empty: it does.
+
+    scene : of the case, with its choice of effects made
+    """
+    try:
+        _read_by_reference(case, scene)
+    except reference.Refused as refused:
+        return _reasons(refused)
+    return ""
+
+
+def _read_by_reference(case: Case, scene: Scene) -> Any:
+    overrides = (*case.overrides, *without_choice(case.scene, scene))
+    return reference.read(case.path, dict(map(reference.parse_override, overrides)))
+
+
+def _reasons(refused: reference.Refused) -> str:
+    return "; ".join(fault.replace("\n", " ") for fault in refused.faults[:5])
 
 
 def both_of_text(name: str, text: str) -> BothCodes:

@@ -20,6 +20,7 @@ from exunet.net.folding import folded
 from exunet.net.tether import EndKeys
 from exunet.results.table import mass_words
 from exunet.simulation.preparation import Start, prepare_case
+from exunet.studies.both_codes import refusal
 from exunet.system.stability import (
     WEAK_GROWTH,
     largest_damping_rate,
@@ -58,8 +59,20 @@ def describe(case: Case) -> list[tuple[str, str]]:
         *[("note", note) for note in plan.notes],
         ("stable step", _stable_steps(start)),
         ("engine items", items),
-        *[(f"{name} of a run", words) for name, words in estimated(start, thorough=True, check=True).rows()],
+        *_cost(case, start),
     ]
+
+
+def _cost(case: Case, start: Start) -> list[tuple[str, str]]:
+    """What a run would take, and its check if the reference knows what is in the case."""
+    refused = refusal(case, start.scene)
+    rows = [
+        (f"{name} of a run", words)
+        for name, words in estimated(start, thorough=True, check=not refused).rows()
+    ]
+    return (
+        [*rows, ("check of a run", f"none: the reference refuses the case: {refused}")] if refused else rows
+    )
 
 
 def _mass(start: Start) -> str:
