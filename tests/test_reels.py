@@ -314,7 +314,7 @@ def test_all_faults_of_a_reel_are_told_at_once(tmp_path: Path) -> None:
 
 
 def test_check_describes_the_reel(tmp_path: Path) -> None:
-    rows = dict(describe(start_of(tmp_path)))
+    rows = dict(describe(case_of(tmp_path)))
     assert "reel at body left, 2.9 m outside" in rows["tether line"]
 
 
