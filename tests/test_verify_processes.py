@@ -36,6 +36,12 @@ def drawn():
     yield Plate("a", curves("a", times, {"b": times}, {}), "what it shows")
 
 
+def only_here():
+    if multiprocessing.parent_process() is not None:
+        os._exit(3)
+    return COUNTING[:3]
+
+
 COUNTING = [Step(2, str(k), partial(counting, k)) for k in range(4)]
 
 
@@ -48,7 +54,7 @@ def found(steps, processes):
 
 def test_in_one_process_steps_run_as_they_are_asked_for():
     steps = followed(partial(list, [Step(1, "a", stopping), Step(1, "b", dying)]), 1)
-    ((_, rows),) = [next(steps)]
+    _, rows = next(steps)
     assert [row.worst for row in rows] == ["no such thing"]
 
 
@@ -64,6 +70,13 @@ def test_findings_come_in_order_and_a_process_that_dies_fails_its_step(tmp_path)
     with drawing():
         plate.figure.savefig(tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_processes_that_die_before_their_first_step_fail_all_and_end():
+    """As where there is no memory for them; the first process makes the steps too and lives."""
+    rows = [row for _, found in followed(only_here, 2) for row in found]
+    assert [row.holds for row in rows] == [False] * 3
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import os
 import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
@@ -98,14 +99,15 @@ class _Crew:
             number = self._todo.popleft()
             self._from_first.add(number)
         self._at_work[connection] = process, number
-        connection.send(number)
+        with suppress(OSError):  # it has died, as `_hear` will find
+            connection.send(number)
 
     def _hear(self, connection: Connection) -> None:
         """Take a finding, or that there is no further one."""
         process, number = self._at_work[connection]
         try:
             finding = connection.recv()
-        except EOFError:
+        except (EOFError, OSError):
             process.join()
             why = f"its process ended with exit code {process.exitcode} (-9: killed, as for lack of memory)"
             self._found[number].append(self.steps[number].stopped(why))

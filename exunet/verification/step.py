@@ -19,7 +19,7 @@ class Step:
 
     rung    : of the ladder, or item of the gallery
     subject : the case, mostly
-    work    : calculates the findings; may be sent to another process
+    work    : calculates the findings
     """
 
     rung: int

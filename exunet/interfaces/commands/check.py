@@ -66,13 +66,10 @@ def describe(case: Case) -> list[tuple[str, str]]:
 def _cost(case: Case, start: Start) -> list[tuple[str, str]]:
     """What a run would take, and its check if the reference knows what is in the case."""
     refused = refusal(case, start.scene)
-    rows = [
-        (f"{name} of a run", words)
-        for name, words in estimated(start, thorough=True, check=not refused).rows()
-    ]
-    return (
-        [*rows, ("check of a run", f"none: the reference refuses the case: {refused}")] if refused else rows
-    )
+    rows = estimated(start, thorough=True, check=not refused).rows()
+    if refused:
+        rows.append(("check", f"none: the reference refuses the case: {refused}"))
+    return [(f"{name} of a run", words) for name, words in rows]
 
 
 def _mass(start: Start) -> str:
