@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 import subprocess
 import sys
@@ -237,3 +238,27 @@ def test_a_function_of_other_arguments_is_refused_before_it_is_compiled() -> Non
 
     with pytest.raises(TypeError, match=r"test_kernel.*potential: its arguments must be \(x, data\)"):
         KernelCall(add, potential=potential)
+
+
+TWICE = 2.0
+
+
+def test_a_function_that_uses_a_name_of_its_module_is_refused_before_it_is_compiled() -> None:
+    """Its text is compiled without its module; a helper may be called, if it is given."""
+
+    def add(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
+        force[0] += TWICE * math.sqrt(x[0]) * np.float64(len(x))
+
+    def calls(t: float, x: Any, v: Any, data: Any, force: Any) -> None:
+        force[0] += smooth_step(x[0])
+
+    with pytest.raises(TypeError, match=r"test_kernel.*add uses TWICE: .* an entry of its data"):
+        KernelCall(add)
+    with pytest.raises(TypeError, match=r"test_kernel.*calls uses smooth_step: .* one of its helpers"):
+        KernelCall(calls)
+    assert KernelCall(calls, helpers=(smooth_step,)).helpers == (smooth_step,)
+
+
+def smooth_step(x: float) -> float:
+    """A helper."""
+    return x * x * (3.0 - 2.0 * x)

@@ -130,10 +130,13 @@ def test_checkpoints_that_cannot_be_made_leave_an_earlier_result(tmp_path, argum
 
 
 def test_there_is_nothing_to_resume(tmp_path):
-    for folder in (tmp_path, tmp_path / "absent"):
+    for folder, words in (
+        (tmp_path, "there is no unfinished run in this folder"),
+        (tmp_path / "absent", "there is no such folder"),
+    ):
         done = command("resume", folder, folder=tmp_path)
         assert done.returncode == 2
-        assert done.told == f"{folder}: there is no unfinished run in this folder\n"
+        assert done.told == f"{folder}: {words}\n"
 
 
 @pytest.mark.slow

@@ -310,7 +310,17 @@ def test_a_force_on_nothing_is_refused(on: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "force", [1.0, [1.0, 2.0], [[1.0, 0.0, 0.0]], [np.nan, 0.0, 0.0], [0.0, np.inf, 0.0], "north", None]
+    "force",
+    [
+        1.0,
+        [1.0, 2.0],
+        [[1.0, 0.0, 0.0]],
+        [np.nan, 0.0, 0.0],
+        [0.0, np.inf, 0.0],
+        [True, 0.0, 0],
+        "north",
+        None,
+    ],
 )
 def test_a_force_is_three_finite_numbers(force: Any) -> None:
     sim = Simulation(pair_of_masses())

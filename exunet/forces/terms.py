@@ -20,21 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from exunet.forces import loops
+from exunet.forces import kernel_functions, loops
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Function = Callable[..., Any]
 Memories = Mapping[str, Floats]
-
-_ARGUMENTS = {
-    "add": ("t", "x", "v", "data", "force"),
-    "place": ("t", "x", "v", "data"),
-    "potential": ("x", "data"),
-    "power": ("t", "x", "v", "data"),
-    "work": ("h", "begin", "middle", "end", "data"),
-    "remember": ("t", "x", "v", "data"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +81,9 @@ class KernelCall:
         return self.works or self.power is not None or self.work is not None
 
     def __post_init__(self) -> None:
-        """Raise TypeError for a function of other arguments, which Numba would refuse in its own words."""
-        for name, arguments in _ARGUMENTS.items():
-            function = getattr(self, name)
-            if function is not None and function.__code__.co_argcount != len(arguments):
-                words = f"{function.__module__}.{function.__qualname__}: its arguments must be"
-                raise TypeError(f"{words} ({', '.join(arguments)})")
+        """Raise TypeError for a function that could not be compiled."""
+        functions = {name: getattr(self, name) for name in kernel_functions.ARGUMENTS}
+        kernel_functions.refuse_wrong(functions, self.helpers)
 
 
 def copied(data: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+from collections.abc import Sequence
 from numbers import Real
 
 import numpy as np
@@ -35,6 +36,8 @@ def whole_number(given: object) -> int | None:
 
 def finite_vector(given: ArrayLike, number: int) -> NDArray[np.float64] | None:
     """So many finite numbers, or a number alone where it is one, as (number,); else None."""
+    if isinstance(given, Sequence) and any(isinstance(one, bool) for one in given):
+        return None  # NumPy would take it for a number beside others
     try:
         vector = np.asarray(given)
     except (TypeError, ValueError):

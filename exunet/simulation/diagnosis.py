@@ -64,7 +64,7 @@ LOAD_ADVICE = (
 )
 
 COLLAPSE_ADVICE = (
-    "Likely cause: a motion or a damping too fast for any step, or a tolerance below the round-off of the "
-    "numbers. Change the launch speeds, initial or the damping; or give a larger solver.accuracy (or "
-    "solver.tolerance)"
+    "Likely cause: a motion or a damping too fast or a force too large for any step, or a tolerance below "
+    "the round-off of the numbers. Change the launch speeds, initial, the damping or the forces that are "
+    "set; or give a larger solver.accuracy (or solver.tolerance)"
 )

@@ -138,6 +138,8 @@ def resume_run(folder: Path, *, quiet: bool = False, spread: int | None = None) 
 
     spread : number of moved starts; None: that of the run
     """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such folder")
     if not has_unfinished(folder):
         raise InputError(f"{folder}: there is no unfinished run in this folder")
     begun = request_of_store(Segments(folder / STORE_FOLDER))
