@@ -3,7 +3,7 @@
     python benchmarks/verdicts.py [--only NAME] [--runs 20]
 
 Each case with its step, half and a quarter of it; with contact twice as stiff (steps shorter by the square
-root of two) and half as stiff (longer by as much); and from moved starts: by up to 1e-9 m in the captures,
+root of two) and half as stiff (steps as they are, since the net bounds them too); and from moved starts: by up to 1e-9 m in the captures,
 by up to 1e-6 m in those whose mouth is closed. Of the moved starts one in four runs with half of the step.
 A marginal scene stands beside the closed box: its line is pulled 0.1 s later. All in the compiled loop, on
 all cores; an hour and more. Writes verdicts.md, row by row, so that what is done survives Ctrl-C; `--only`
@@ -43,7 +43,7 @@ HEAD = (
 
 
 def stiffer(case: Case, factor: float) -> list[str]:
-    """What makes contact stiffer by a factor, the step following."""
+    """What makes contact stiffer by a factor, the step following where it is stiffer."""
     contact = case.scene.effects.contact
     assert contact is not None
     assert case.scene.solver.step is not None
@@ -51,7 +51,7 @@ def stiffer(case: Case, factor: float) -> list[str]:
     changed = [
         f"effects.contact.{key}={value * factor!r}" for key, value in keys.items() if value is not None
     ]
-    return [*changed, f"solver.step={case.scene.solver.step / math.sqrt(factor)!r}"]
+    return [*changed, f"solver.step={case.scene.solver.step / math.sqrt(max(factor, 1.0))!r}"]
 
 
 def one(path: Path, settings: Sequence[str]) -> str:
