@@ -3,11 +3,11 @@
     python benchmarks/verdicts.py [--only NAME] [--runs 20]
 
 Each case with its step, half and a quarter of it; with contact twice as stiff (steps shorter by the square
-root of two) and half as stiff (steps as they are, since the net bounds them too); and from moved starts: by up to 1e-9 m in the captures,
-by up to 1e-6 m in those whose mouth is closed. Of the moved starts one in four runs with half of the step.
-A marginal scene stands beside the closed box: its line is pulled 0.1 s later. All in the compiled loop, on
-all cores; an hour and more. Writes verdicts.md, row by row, so that what is done survives Ctrl-C; `--only`
-writes nothing.
+root of two) and half as stiff (steps as they are, since the net bounds them too); and from moved starts: by
+up to 1e-9 m in the captures, by up to 1e-6 m in those whose mouth is closed. Of the moved starts one in four
+runs with half of the step. A marginal scene stands beside the closed box: its line is pulled 0.1 s later.
+All in the compiled loop, on all cores; an hour and more. Writes verdicts.md, row by row, so that what is
+done survives Ctrl-C; `--only` writes nothing.
 """
 
 from __future__ import annotations
