@@ -5,9 +5,9 @@
 Each case with its step, half and a quarter of it; with contact twice as stiff (half of the step, since its
 damping bounds the step by its rate) and half as stiff (the same step, since the net bounds it too); and from
 moved starts: by up to 1e-9 m in the captures, by up to 1e-6 m in those whose mouth is closed. Of the moved
-starts one in four runs with half of the step. A marginal scene stands beside the closed box: its line is pulled 0.1 s later.
-All in the compiled loop, on all cores; an hour and more. Writes verdicts.md, row by row, so that what is
-done survives Ctrl-C; `--only` writes nothing.
+starts one in four runs with half of the step. A marginal scene stands beside the closed box: its line is
+pulled 0.1 s later. All in the compiled loop, on all cores; an hour and more. Writes verdicts.md, row by row,
+so that what is done survives Ctrl-C; `--only` writes nothing.
 """
 
 from __future__ import annotations
