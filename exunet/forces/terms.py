@@ -186,8 +186,15 @@ class Switch(Protocol):
         """What the crossing of `items` does to the memory, and to the state; every : all memories now."""
 
 
-class Watch(Switch, Protocol):
-    """A switch whose crossings are located within steps, and that plans instants as the run goes.
+class Planner(Switch, Protocol):
+    """A switch that plans instants as the run goes."""
+
+    def instants(self, memory: Floats) -> tuple[float, ...]:
+        """Instants [s] that are known with such a memory, which steps end at."""
+
+
+class Watch(Planner, Protocol):
+    """A switch whose crossings are located within steps.
 
     Its memory is followed by those that it sees.
     sees : names of these memories
@@ -198,9 +205,6 @@ class Watch(Switch, Protocol):
 
     def in_each_step(self, memory: Floats) -> bool:
         """True if what it waits for can be seen at the end of each step alone, not in states of several."""
-
-    def instants(self, memory: Floats) -> tuple[float, ...]:
-        """Instants [s] that are known with such a memory, which steps end at."""
 
     def comes_true(self, steps: Seen) -> bool:
         """True if at the end of one of these steps something is due."""
