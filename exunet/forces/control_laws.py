@@ -99,3 +99,17 @@ def _unit_vectors(sensed: Sensed, direction: str) -> Floats:
     vectors = sensed.velocity if direction == "flight" else sensed.position - sensed.position.mean(axis=0)
     size = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0.0)
+
+
+def growth_of_error(keys: Control, mass: float) -> float | None:
+    """By which factor an error of a free unit changes from sample to sample; above 1 the loop is unstable.
+
+    mass : of the unit [kg]. The spectral radius of x, v after a period under the force -k x - c v of its
+    beginning. None of a law without gains.
+    """
+    if keys.stiffness is None or keys.damping is None:
+        return None
+    h = keys.period
+    push = np.array([[0.5 * h * h], [h]]) @ np.array([[keys.stiffness, keys.damping]]) / mass
+    free = np.array([[1.0, h], [0.0, 1.0]])
+    return float(np.abs(np.linalg.eigvals(free - push)).max())
