@@ -105,6 +105,40 @@ def test_a_unit_goes_to_a_body_that_moves(form: str, motion: str) -> None:
         assert np.abs(result.position[k, node] - ball[k] - offset - known[0]).max() < 1e-12
 
 
+@pytest.mark.parametrize("method", ["RK44", "VelocityVerlet"])
+@pytest.mark.parametrize("form", FORMS)
+def test_a_unit_sees_a_body_that_accelerates(form: str, method: str) -> None:
+    """The velocity gained in a period is that of the force at the stored state of its beginning."""
+    motion = (
+        'motion="prescribed",pose_times=[0.0,0.1,0.2],pose_positions=[[0.4,0,0.0],[0.45,0,0.0],[0.7,0,0.1]]'
+    )
+    body = f"bodies.ball={{mass=2.0,inertia=[0.3,0.3,0.3],{motion}}}"
+    to_body = {"kind": "point", "body": "ball", **GAINS}
+    result = exunet.run(case_of(form, body, f"solver.method={method}", "solver.step=1e-4", **to_body))
+    node, ball = result.net.bullet_nodes[1], result.bodies["ball"]
+    away, parting = ball.position - result.position[:, node], ball.velocity - result.velocity[:, node]
+    force = GAINS["stiffness"] * away + GAINS["damping"] * parting
+    gained = np.diff(result.velocity[:, node], axis=0)
+    # Round-off of 200 steps.
+    np.testing.assert_allclose(gained, 0.02 * force[:-1] / result.net.mass[node], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_unit_on_a_body(form: str) -> None:
+    """A bullet fixed to a body that turns: the momentum gained in a period is that of the force at the
+    stored state of its beginning, with the velocity that the body gives the bullet then.
+    """
+    body = (
+        "bodies.ball={mass=2.0,inertia=[0.3,0.4,0.5],position=[0.35,-0.35,0.2],angular_velocity=[3,2.0,0],"
+        "attachments.one={bullet=1,point=[0.0,0.0,-0.2]}}"
+    )
+    result = exunet.run(case_of(form, body, "solver.method=VelocityVerlet", "solver.step=1e-4", **POINT))
+    node = result.net.bullet_nodes[1]
+    force = GAINS["stiffness"] * (np.array(POINT["point"]) - result.position[:, node])
+    force -= GAINS["damping"] * result.velocity[:, node]
+    np.testing.assert_allclose(np.diff(result.momentum, axis=0), 0.02 * force[:-1], rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_a_table_gives_its_impulse(form: str) -> None:
     """Each sample's force for a period: force over time is a ramp, its samples a staircase."""

@@ -59,7 +59,7 @@ class Control(Table):
     kind: Literal["table", "point", "formation", "given"] = Field(
         description="table: forces over time; point: to a point or a body; formation: to places about the "
         "units' mean or a body; given: by a function, from Python only",
-        examples=["given"],
+        examples=["point"],
     )
     period: Positive = Field(
         description="between two samples, of which each sets forces that stay until the next [s]",
@@ -89,7 +89,7 @@ class Control(Table):
         None,
         min_length=2,
         description="table: at each of these times a force on each unit [N], linear in between",
-        examples=[[[[0.0, 0.0, 1.0]] * 2, [[0.0, 0.0, 1.0]] * 2]],
+        examples=[[[[0.0, 0.0, 1.0]], [[0.0, 0.0, 1.0]]]],
     )
     point: Vector | None = Field(
         None, description="point: place at rest that the units go to [m]", examples=[[0.0, 0.0, 5.0]]
