@@ -189,5 +189,6 @@ class Events:
                 self._observer.ends(time)
             yield change  # the integrator hands over the states before first
             self.memory |= _memories(name, change)
-            self._observer.changed(time, name, change)
+            if not change.quiet:
+                self._observer.changed(time, name, change)
             more = change.more

@@ -45,7 +45,7 @@ class Noise(Table):
 
     position: NonNegative = Field(description="standard deviation of a coordinate [m]", examples=[0.01])
     velocity: NonNegative = Field(description="of a component of the velocity [m/s]", examples=[0.005])
-    seed: Annotated[int, Field(ge=0)] = Field(description="of these random numbers", examples=[1])
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(description="of these random numbers", examples=[1])
 
 
 class Control(Table):

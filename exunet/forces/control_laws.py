@@ -42,8 +42,8 @@ def with_noise(
     """
     if noise is None:
         return position, velocity
-    drawn = [np.random.default_rng((noise.seed, sample, bullet)).standard_normal(6) for bullet in bullets]
-    errors = np.array(drawn)
+    drawn = np.random.Generator(np.random.Philox(key=noise.seed, counter=(0, 0, 0, sample)))
+    errors = drawn.standard_normal((max(bullets) + 1, 6))[list(bullets)]
     return position + noise.position * errors[:, :3], velocity + noise.velocity * errors[:, 3:]
 
 

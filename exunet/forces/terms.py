@@ -126,7 +126,8 @@ class Memory:
     data    : of a `KernelTerm`: function (m,) -> its kernel data with these values in force; None: they are
               the same
     kept_in : field of the kernel data that has these values as an array, in which compiled code changes them
-              itself (`KernelCall.remember`); "": they change with events only
+              itself (`KernelCall.remember`), or quiet events do (`Change.quiet`); "": they change with other
+              events only
     wrong   : function (m,) -> why a run with these values must stop, and what to change; "": it need not
     series  : of one that is kept in the data: what of it is stored
     in_steps : its switch changes it at the end of accepted steps too, without an event (see `Watch`)
@@ -249,6 +250,8 @@ class Change:
     more        : True if the switch is to be asked at once whether something else is due at this instant
     others      : new values of memories and inputs of other terms, by name
     stops       : True if the run ends here
+    quiet       : True if only forces are others from now on, by a memory that is kept in the data, and their
+                  work is kept by states: those from before and after may be looked at together
     """
 
     memory: Floats
@@ -261,6 +264,7 @@ class Change:
     more: bool = False
     others: Memories = field(default_factory=dict)
     stops: bool = False
+    quiet: bool = False
 
 
 class Term(Protocol):
@@ -327,6 +331,7 @@ class KernelTerm:
     remember   : as in `KernelCall`; the memory says in which field of the data its values are kept
     internal   : the potential depends only on where things are relative to each other
     only_states : it adds no force, only rates of first-order states, and does no work
+    work_kept  : first-order states keep the work that it does (`FirstOrder.gives`)
     """
 
     acts_on: str
@@ -345,17 +350,23 @@ class KernelTerm:
     remember: Function | None = None
     internal: bool = False
     only_states: bool = False
+    work_kept: bool = False
+
+    @property
+    def _works(self) -> bool:
+        """True if the work of the force is integrated beside the states."""
+        return self.potential is None and not self.only_states and not self.work_kept
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
-        """One call; a force without a potential does work that is integrated."""
+        """One call; a force without a potential does work that is integrated, unless states keep it."""
         call = KernelCall(
             self.add,
             self.data,
             self.potential,
             self.power,
             helpers=self.helpers,
-            works=self.potential is None and not self.only_states,
+            works=self._works,
             remember=self.remember,
             held=self.remember is not None,
         )
@@ -374,7 +385,7 @@ class KernelTerm:
 
     @property
     def dissipates(self) -> bool:
-        return (self.potential is None and not self.only_states) or self.power is not None
+        return self._works or self.power is not None
 
     @property
     def has_potential(self) -> bool:

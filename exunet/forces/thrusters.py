@@ -2,7 +2,8 @@
 
 At a sample, an instant at which a step ends, the controller looks at the units and sets the forces that act
 until the next sample (zero-order hold). So the force in a period depends on the state at its beginning alone.
-What each unit has spent, the integral of the magnitude of its force, is a first-order state.
+What each unit has spent, the integral of the magnitude of its force, and the work of all are first-order
+states.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ Function = Callable[[float, Floats, Floats], ArrayLike]
 Completed = Callable[[float, Floats, Floats, Memories], tuple[Floats, Floats]]
 
 NAME = "control"  # in the names of states and of the memory
-SPENT = f"{NAME}/spent"
+SPENT, WORK = f"{NAME}/spent", f"{NAME}/work"
 MEMORY = f"{NAME}/thrusters"
 
 
@@ -50,9 +51,9 @@ class Clock(NamedTuple):
 _FORCES = len(Clock._fields)
 
 
-def states_of(control: Control) -> tuple[FirstOrder, ...]:
-    """What each unit has spent [N s]."""
-    return (FirstOrder(SPENT, (0.0,) * len(control.bullets), "N s"),)
+def states_of(control: Control) -> tuple[FirstOrder, FirstOrder]:
+    """What each unit has spent [N s], and then the work of all [J]."""
+    return FirstOrder(SPENT, (0.0,) * len(control.bullets), "N s"), FirstOrder(WORK, (0.0,), "J", gives=1.0)
 
 
 def term_of(control: Control, blocks: Blocks, completed: Completed, *, waits: bool) -> KernelTerm:
@@ -62,16 +63,12 @@ def term_of(control: Control, blocks: Blocks, completed: Completed, *, waits: bo
     waits     : the control begins with an entry of the script
     """
     nodes = (3 * blocks.net.bullet_nodes[list(control.bullets)]).astype(Index)
-    rate = blocks.rate(SPENT)
-
-    def data(memory: Floats) -> Thrusters:
-        return Thrusters(nodes, memory[_FORCES:], rate)
-
     clock = Clock(0.0 if waits else 1.0, control.start, 0.0, 0.0)
     initial = np.concatenate([clock, np.zeros(3 * len(nodes))])
     samples = Samples(control, blocks, completed)
-    memory = Memory(MEMORY, initial, data)
-    return KernelTerm("bullets", add_thrusters, data(initial), memory=memory, switch=samples)
+    memory = Memory(MEMORY, initial, kept_in="memory")
+    data = Thrusters(nodes, initial, _FORCES, blocks.rate(SPENT))
+    return KernelTerm("bullets", add_thrusters, data, memory=memory, switch=samples, work_kept=True)
 
 
 def is_of_units(term: KernelTerm) -> bool:
@@ -134,7 +131,7 @@ class Samples:
         demand = demanded(self.control, sensed) if self.function is None else self._given(sensed)
         forces = fired(self.control, demand, sensed)
         after = clock._replace(since=clock.since + 1.0, every=clock.every + 1.0)
-        return Change(np.concatenate([after, forces.ravel()]))
+        return Change(np.concatenate([after, forces.ravel()]), quiet=True)
 
     def _sensed(self, time: float, x: Floats, v: Floats, sample: int) -> Sensed:
         keys, blocks = self.control, self.blocks
@@ -163,22 +160,25 @@ class Thrusters(NamedTuple):
     """Forces that are constant until the next sample.
 
     bullets : (n,) 3 x node of each unit
-    forces  : (3 n,) on the units [N]
-    rate    : where the rates of what they have spent begin in force
+    memory  : with the forces on the units (3 n,) [N] at its end
+    first   : where these begin
+    rate    : where the rates of what they have spent begin in force, before that of the work
     """
 
     bullets: NDArray[Index]
-    forces: Floats
+    memory: Floats
+    first: int
     rate: int
 
 
 def add_thrusters(t: float, x: Any, v: Any, thrusters: Any, force: Any) -> None:
-    """The force on each unit, and its magnitude as the rate of what it has spent."""
-    bullets, forces, rate = thrusters
+    """The force on each unit, its magnitude as the rate of what it has spent, and its power."""
+    bullets, memory, first, rate = thrusters
     for k in range(bullets.size):
         square = 0.0
         for axis in range(3):
-            value = forces[3 * k + axis]
+            value = memory[first + 3 * k + axis]
             force[bullets[k] + axis] += value
+            force[rate + bullets.size] += value * v[bullets[k] + axis]
             square += value * value
         force[rate + k] += math.sqrt(square)

@@ -178,6 +178,8 @@ def _units(scene: Scene, blocks: Blocks, rigid: BodiesAtStart, kept: bool) -> tu
     layout, kinematics = Layout(blocks), rigid.kinematics
 
     def completed(time: float, x: Floats, v: Floats, memory: Memories) -> tuple[Floats, Floats]:
+        if not kinematics:
+            return x, v
         return layout.pack(layout.unpack(x, v).completed(kinematics, time, memory))
 
     term = thrusters.term_of(scene.control, blocks, completed, waits=begins_control(scene.script))
