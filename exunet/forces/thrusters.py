@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,6 +50,7 @@ class Clock(NamedTuple):
 
 
 _FORCES = len(Clock._fields)
+_ITEM, _NONE = np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)
 
 
 def states_of(control: Control) -> tuple[FirstOrder, FirstOrder]:
@@ -116,7 +118,7 @@ class Samples:
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The only item, if a sample is due."""
-        return np.flatnonzero([due <= time for due in self.instants(memory)])
+        return _ITEM if any(due <= time for due in self.instants(memory)) else _NONE
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
         """Steps end at known instants anyway."""
@@ -133,9 +135,13 @@ class Samples:
         after = clock._replace(since=clock.since + 1.0, every=clock.every + 1.0)
         return Change(np.concatenate([after, forces.ravel()]), quiet=True)
 
+    @cached_property
+    def _places(self) -> Ints:
+        """(n, 3) where the units stand in x and v."""
+        return 3 * self.blocks.net.bullet_nodes[list(self.control.bullets)][:, None] + np.arange(3)
+
     def _sensed(self, time: float, x: Floats, v: Floats, sample: int) -> Sensed:
-        keys, blocks = self.control, self.blocks
-        places = 3 * blocks.net.bullet_nodes[list(keys.bullets)][:, None] + np.arange(3)
+        keys, blocks, places = self.control, self.blocks, self._places
         seen = with_noise(keys.noise, keys.bullets, sample, x[places], v[places])
         if keys.body is None:
             return Sensed(time, *seen, np.zeros(3), np.zeros(3))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.forces.thrusters import NAME, SPENT
+from exunet.forces.thrusters import NAME, SPENT, WORK
 from exunet.results.result import Result
 
 Floats = NDArray[np.float64]
@@ -20,6 +20,14 @@ def spent(result: Result) -> Floats | None:
     """(t, n) impulse that each unit has spent since the start [N s]; None of a case without units."""
     found = result.states.get(SPENT)
     return None if found is None else np.asarray(found.values[:])
+
+
+def units_over_time(result: Result) -> Floats:
+    """(t, n + 1) the same, and the work of all [J]; (t, 0) of a case without units."""
+    found = spent(result)
+    if found is None:
+        return np.zeros((len(result.time), 0))
+    return np.concatenate([found, np.asarray(result.states[WORK].values[:])], axis=1)
 
 
 def mean_thrust(result: Result) -> Floats | None:
@@ -44,6 +52,7 @@ def told(result: Result) -> dict[str, Any] | None:
             for bullet, value in zip(about["bullets"], of_units, strict=True)
         ],
         "impulse_N_s": sum(of_units),
+        "work_J": float(np.asarray(result.states[WORK].values[-1])[0]),
         "propellant_kg": _propellant(about, sum(of_units)),
     }
 

@@ -254,7 +254,6 @@ def _remarks(one: Headline, value: float, summary: dict[str, Any]) -> list[str]:
     """What the table says of areas (of which part, and whether they may still grow) and of dissipation."""
     if one.key == "dissipated_energy_J":
         less = [words for effect, words in _PUTS_IN.items() if effect in summary["effects"]]
-        less += ["corner units"] if summary["control"] else []
         return [f"less what {' and '.join(less)} put in"] if less else []
     if one.name.endswith("_time_of_least_distance") and value == summary["simulated_until_s"]:
         return ["at the end of the run: still approaching?"]

@@ -21,7 +21,7 @@ from exunet.case.verdict import Verdict
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
-from exunet.forces.thrusters import SPENT
+from exunet.forces.thrusters import SPENT, WORK
 from exunet.results import measures as metrics
 from exunet.results.capture import capture, target_of
 from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
@@ -63,7 +63,7 @@ class Measured:
     loaded: Floats
     loaded_element: Ints
     capture: Floats
-    spent: Floats
+    units: Floats
 
 
 MEASURED = tuple(one.name for one in fields(Measured))
@@ -100,10 +100,10 @@ def _drums(states: States) -> Floats:
     return np.asarray(states.first_order[:, columns].reshape(len(states), len(reels), len(REEL_STATES)))
 
 
-def _spent(states: States) -> Floats:
-    """(k, n_units) impulse that corner units have spent [N s]."""
+def _units(states: States) -> Floats:
+    """(k, n_units + 1) impulse that each corner unit has spent [N s], and then the work of all [J]."""
     blocks = states.system.blocks
-    size = sum(len(one.initial) for one in blocks.states if one.name == SPENT)
+    size = sum(len(one.initial) for one in blocks.states if one.name in (SPENT, WORK))
     first = blocks.state(SPENT) - (blocks.n_x - blocks.n_states) if size else 0
     return states.first_order[:, first : first + size]
 
@@ -164,7 +164,7 @@ def _measured(states: States, dissipated: Floats, rule: Verdict | None = None) -
         loaded=loaded,
         loaded_element=loaded_element,
         capture=_capture(states, rule),
-        spent=_spent(states),
+        units=_units(states),
     )
 
 
