@@ -44,6 +44,13 @@ def test_python_examples_of_the_step_api_run(tmp_path, monkeypatch, capsys):
     assert shown.endswith("ok 201\n")
 
 
+def test_python_examples_of_corner_units_run(tmp_path, monkeypatch, capsys):
+    """Braked towards their mean, which rests, by exp(-0.5 t / m) of 0.512 kg, 2.5 m/s to 2.265 m/s."""
+    done(ROOT / "docs" / "control.md", tmp_path, monkeypatch)
+    part = (1.0 - 0.02 * 0.5 / 0.5123512) ** 5
+    assert capsys.readouterr().out.split()[0] == f"[{2.5 * part:.8f}"
+
+
 @pytest.mark.slow
 def test_python_examples_of_environments_run(tmp_path, monkeypatch, capsys):
     pytest.importorskip("gymnasium")

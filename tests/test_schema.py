@@ -56,6 +56,10 @@ COMMON = """format title seed time.end time.output_step time.output_times net.to
     closing.end.bullet closing.length closing.stiffness closing.linear_density closing.ring_diameter
     closing.friction closing.strength closing.winch.at closing.winch.shortest closing.winch.largest_rate
     closing.winch.damping closing.winch.commands closing.at closing.rate closing.part
+    control.bullets control.kind control.period control.largest_thrust control.minimum_impulse
+    control.specific_impulse control.direction control.start control.noise.position control.noise.velocity
+    control.noise.seed control.time control.force control.point control.body control.offset control.offsets
+    control.stiffness control.damping
     verdict.target verdict.duration verdict.enclosed verdict.relative_speed verdict.relative_spin verdict.cqi
     verdict.mcqi verdict.mouth verdict.touching verdict.length verdict.cqi_weights verdict.mcqi_weights
     script
@@ -183,7 +187,7 @@ def test_the_template_with_its_optional_tables_on_is_a_valid_case(topology: str,
         lambda name: (
             not name.startswith("effects.")
             and name not in ("initial.fold", "verdict")
-            and (topology != "explicit" or name != "launch")
+            and (topology != "explicit" or not name.startswith(("launch", "control")))
         ),
         tmp_path / "template.toml",
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from exunet.backends.protocol import Arrays, Observer
 from exunet.forces.blocks import AWAKE
-from exunet.forces.terms import Change, Seen, Switch, Watch
+from exunet.forces.terms import Change, Planner, Seen, Switch, Watch
 from exunet.system.energy import total
 from exunet.system.system import System
 
@@ -38,9 +38,12 @@ class Events:
         self._switches: list[tuple[str, Switch]] = []
         self._sees: dict[str, tuple[str, ...]] = {}
         self._watch: tuple[str, Watch] | None = None
+        self._planners: list[tuple[str, Planner]] = []
         for term, switch in system.forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
+            if hasattr(switch, "instants"):
+                self._planners.append((term.memory.name, cast("Planner", switch)))
             sees = getattr(switch, "sees_inputs", False)
             self._sees[term.memory.name] = tuple(one.name for one in term.inputs) if sees else ()
             if term is system.forces.script:
@@ -66,9 +69,12 @@ class Events:
 
     def is_due(self, time: float) -> bool:
         """True at the start of a run in which something is planned for then."""
-        if self._watch is None:
-            return False
-        return min(self._watch[1].instants(self.memory[self._watch[0]]), default=np.inf) <= time
+        return min(self._planned, default=np.inf) <= time
+
+    @property
+    def _planned(self) -> Iterator[float]:
+        """The instants that switches have planned."""
+        return chain.from_iterable(one.instants(self.memory[name]) for name, one in self._planners)
 
     @property
     def watches(self) -> bool:
@@ -145,10 +151,7 @@ class Events:
     def next_instant(self, after: float, until: float) -> float:
         """The first known instant of an event later than `after`, or of a knot of a guide, or `until` [s]."""
         times = (time for _, switch in self._switches for time in switch.times)
-        planned: tuple[float, ...] = ()
-        if self._watch is not None:
-            planned = self._watch[1].instants(self.memory[self._watch[0]])
-        every = chain(times, planned, self._system.kinematics.knots)
+        every = chain(times, self._planned, self._system.kinematics.knots)
         return min((time for time in every if after < time < until), default=until)
 
     def step_within(self, step: float, least: float, x: Floats, v: Floats) -> float:
@@ -160,20 +163,32 @@ class Events:
     def at(self, time: float, x: Floats, v: Floats) -> Iterator[tuple[str, Change]]:
         """What happens at the end of an accepted step; memories change, and the observer is notified.
 
-        Terms come in their order, the constraint last; a switch is asked again at once if its change says so.
+        Terms come in their order, the constraint last; a switch is asked again at once if its change says so,
+        and those before the script whose memories it has changed once it is done.
 
         x, v : that the integrator changes as it is told, so that what happens next sees it
         """
-        for name, switch in self._switches:
-            more = True
-            while more and len(items := switch.crossed(time, x, v, self._seen(name))):
-                change = switch.change(time, x, v, self._seen(name), items, self.memory)
-                change = self._booked(self._at_rest(change, v), name, time, x, v)
-                if change.stops:
-                    self._observer.ends(time)
-                yield name, change  # the integrator hands over the states before first
-                self.memory |= _memories(name, change)
+        for k, (name, switch) in enumerate(self._switches):
+            others = set[str]()
+            for change in self._of(name, switch, time, x, v):
+                others.update(change.others)
+                yield name, change
+            if self.stopped:
+                return
+            for before, one in self._switches[:k]:
+                if before in others:
+                    yield from ((before, change) for change in self._of(before, one, time, x, v))
+
+    def _of(self, name: str, switch: Switch, time: float, x: Floats, v: Floats) -> Iterator[Change]:
+        """What one switch does."""
+        more = True
+        while more and not self.stopped and len(items := switch.crossed(time, x, v, self._seen(name))):
+            change = switch.change(time, x, v, self._seen(name), items, self.memory)
+            change = self._booked(self._at_rest(change, v), name, time, x, v)
+            if change.stops:
+                self._observer.ends(time)
+            yield change  # the integrator hands over the states before first
+            self.memory |= _memories(name, change)
+            if not change.quiet:
                 self._observer.changed(time, name, change)
-                more = change.more
-                if self.stopped:
-                    return
+            more = change.more

@@ -16,7 +16,7 @@ from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
 from exunet.case import script, verdict
 from exunet.case.scene import Launch, NetFrame, Scene
-from exunet.forces import effects
+from exunet.forces import control_keys, effects
 from exunet.forces.requirements import RestOfCase
 from exunet.methods import keys as solver
 from exunet.methods.method import COMPILED_METHODS, TimeLoop
@@ -50,6 +50,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         inside(scene, "closing", closing.cross_checks),
         _name_of_the_line(scene),
         _perimeter(scene),
+        _control(scene),
         _choice(scene),
         within("effects", effects.cross_checks(scene)),
         _verdict(scene),
@@ -81,6 +82,7 @@ def _stage(scene: Scene) -> script.Stage:
         "line": line is not None,
         "contact": getattr(scene.effects, "contact", None) is not None,
         "thrust": getattr(scene.effects, "thrust", None) is not None,
+        "control": scene.control is not None,
     }
     return script.Stage(
         frozenset(name for name, there in has.items() if there),
@@ -158,6 +160,14 @@ def _perimeter(scene: Scene) -> Iterator[Fault]:
     for effect, reason in _NOT_WITH_A_PERIMETER.items():
         if _is_on(scene, effect):
             yield Fault(f"effects.{effect}", f'excludes closing.kind = "perimeter": {reason}')
+
+
+def _control(scene: Scene) -> Iterator[Fault]:
+    if scene.control is None:
+        return
+    begins = script.begins_control(scene.script)
+    own = control_keys.cross_checks(scene.control, RestOfCase(scene), scripted=begins)
+    yield from within("control", own)
 
 
 def _name_of_the_line(scene: Scene) -> Iterator[Fault]:

@@ -12,6 +12,7 @@ from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector
 from exunet.bodies.keys import Bodies, Placed, Quaternion
 from exunet.case.script import Entry
 from exunet.case.verdict import Verdict
+from exunet.forces.control_keys import Control
 from exunet.forces.effects import Effects as _Effects
 from exunet.methods.keys import Solver
 from exunet.methods.method import NetForm, TimeLoop
@@ -202,6 +203,7 @@ class Scene(Table):
         json_schema_extra={"additionalProperties": False},
     )
     closing: Closing | None = Field(None, description="what closes the mouth of the net")
+    control: Control | None = Field(None, description="corner units and what commands them")
     verdict: Verdict | None = Field(None, description="when the target counts as captured")
     script: Annotated[tuple[Entry, ...], FromArray] = Field(
         (),

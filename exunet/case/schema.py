@@ -11,6 +11,7 @@ from typing import Any
 
 from exunet.base.errors import KeyPath
 from exunet.case.scene import Scene
+from exunet.forces import control_keys
 from exunet.forces.effects import EFFECTS
 from exunet.forces.requirements import (
     bullet_keys,
@@ -70,7 +71,8 @@ def _schema() -> Node:
 def _between_tables() -> Iterator[Node]:
     """What keys of different tables demand of each other."""
     bullets, effect = _given("net", "bullets"), functools.partial(_given, "effects")
-    yield {"if": {"required": ["launch"]}, "then": bullets}
+    for name in ("launch", "control"):
+        yield {"if": {"required": [name]}, "then": bullets}
     compiled = _given("engine", "loop", {"const": TimeLoop.COMPILED.value})
     known = ["auto", *(method.value for method in COMPILED_METHODS)]
     yield {"if": compiled, "then": _at("solver", "method", {"enum": known})}
@@ -164,7 +166,8 @@ def _keys(path: tuple[str, ...], topology: str) -> Iterator[str]:
     """Lines of the keys of a table that are not tables, those that it needs first."""
     node = resolve(path, topology)
     first = node["then"]["required"] if path == ("closing",) else ()  # of the kind that the template shows
-    given = {*node.get("required", ()), *first, *_chosen(node), *(_OF_PARTS if "parts" in path else ())}
+    chosen = ("point", *control_keys.NEEDS["point"]) if path == ("control",) else (*first, *_chosen(node))
+    given = {*node.get("required", ()), *chosen, *(_OF_PARTS if "parts" in path else ())}
     keys = {name: _plain(raw, topology) for name, raw in _properties(node, path).items()}
     for name in sorted(keys, key=lambda name: name not in given):
         if keys[name].get("type") != "object":

@@ -22,7 +22,19 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$")]
 
 
 Deed = Literal[
-    "eject", "close", "reel", "pay_out", "brake", "lock", "cut", "thrust", "checkpoint", "note", "stop"
+    "eject",
+    "close",
+    "reel",
+    "pay_out",
+    "brake",
+    "lock",
+    "cut",
+    "thrust",
+    "control",
+    "release_control",
+    "checkpoint",
+    "note",
+    "stop",
 ]
 
 
@@ -86,7 +98,8 @@ def condition_of(text: str) -> Condition:
 class Action(NamedTuple):
     """What an entry may do.
 
-    on    : on what it acts: "drive", "line" (the winch of the closing line), "tether", "net", "thrust" or ""
+    on    : on what it acts: "drive", "line" (the winch of the closing line), "tether", "net", "thrust",
+            "control" or ""
     needs : keys of which it needs at least one
     may   : keys that it may have, these included
     words : what it does
@@ -107,6 +120,8 @@ ACTIONS = {
     "lock": Action("drive", (), (), "holds the length"),
     "cut": Action("tether", (), (), "breaks the first element of a tether, from its start on"),
     "thrust": Action("thrust", (), (), "the times of [effects.thrust] count from now on"),
+    "control": Action("control", (), (), "the units of [control] are controlled from now on"),
+    "release_control": Action("control", (), (), "their thrusters fire no more"),
     "checkpoint": Action("", (), (), "the run can be resumed from the next stored time on"),
     "note": Action("", (), (), "nothing: the event is told, and others may come after it"),
     "stop": Action("", ("verdict",), ("verdict",), "ends the run"),
@@ -253,6 +268,11 @@ def begins_a_thrust(entries: Iterable[Entry | None]) -> bool:
     return any(one is not None and one.do == "thrust" for one in entries)
 
 
+def begins_control(entries: Iterable[Entry | None]) -> bool:
+    """True if the units of [control] wait for an entry."""
+    return any(one is not None and one.do == "control" for one in entries)
+
+
 def may_end_a_run(entries: Iterable[Entry]) -> bool:
     """True if an entry ends runs, each at its own time."""
     return any(one.do == "stop" for one in entries)
@@ -330,7 +350,7 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault("on", f'do = "{entry.do}" acts on nothing that is to be named')
     if not action.on:
         return
-    special = {"tether": _cuts, "net": _ejects, "thrust": _pushes}.get(action.on)
+    special = {"tether": _cuts, "net": _ejects, "thrust": _pushes, "control": _controls}.get(action.on)
     if special is not None:
         yield from special(entry, stage)
         return
@@ -370,6 +390,11 @@ def _pushes(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault("do", "needs [effects.thrust], whose times then count from the event on")
     if entry.repeat:
         yield Fault("repeat", "a thrust begins once")
+
+
+def _controls(entry: Entry, stage: Stage) -> Iterator[Fault]:
+    if "control" not in stage.has:
+        yield Fault("do", "needs [control], whose units it acts on")
 
 
 def _asks(entry: Entry, damping: float | None) -> Iterator[Fault]:

@@ -36,6 +36,7 @@ FIGURES = {
     "rotation": "angular velocity of rigid bodies over time, in body axes; needs a rigid body",
     "contacts": "how many threads and bullets touch bodies, and their forces, over time; needs contacts",
     "capture": "what is enclosed, capture indices, relative speed, mouth over time; needs [verdict]",
+    "control": "mean thrust of each corner unit between stored times; needs [control]",
     "agreement": "differences between two codes over time; needs an `agreement`",
 }
 LEAST, MOST = 40.0, 1000.0  # mm, sides of a figure
@@ -194,6 +195,7 @@ def _drawers(
         "rotation": curves.rotation,
         "contacts": captures.contacts,
         "capture": lambda result, page: captures.capture(result, page, spread),
+        "control": curves.control,
         "agreement": lambda result, page: (
             None if agreement is None else curves.agreement(result, page, agreement)
         ),

@@ -14,9 +14,11 @@ from exunet.figures.known import known, words_of_mark, words_of_runs
 from exunet.figures.lines import curve, curve_axes, from_zero, many, spread_band
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_styles, number
+from exunet.forces.thrusters import NAME as UNITS
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
 from exunet.results.clearance import gaps_of, movers_of, nearest, pairs_of
+from exunet.results.corner_units import mean_thrust
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.loads import loads
 from exunet.results.result import Result
@@ -232,6 +234,24 @@ def rotation(result: Result, page: Page) -> Figure | None:
             )
     if len(turning) > len(shown):
         axes.plot([], [], " ", label=f"{len(turning) - len(shown)} more, which turn more slowly")
+    finish(figure, axes)
+    return figure
+
+
+def control(result: Result, page: Page) -> Figure | None:
+    """Magnitude of each corner unit's thrust, its mean between stored times; None of a case without units."""
+    found = mean_thrust(result)
+    if found is None:
+        return None
+    count, middle = found.shape[1], 0.5 * (result.time[1:] + result.time[:-1])
+    figure, axes = curve_axes(result, page, "Thrust of the corner units", "thrust [N]")
+    if count <= MOST_CURVES:
+        for k, style in enumerate(curve_styles(count)):
+            label = f"bullet {result.provenance[UNITS]['bullets'][k]}"
+            curve(axes, middle, found[:, k], shift=k / count, label=label, markersize=4.5, **style)
+    else:
+        many(axes, middle, found, f"{count} units (dark to light)")
+    from_zero(axes, float(found.max()))
     finish(figure, axes)
     return figure
 

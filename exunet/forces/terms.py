@@ -114,7 +114,8 @@ class Memory:
     data    : of a `KernelTerm`: function (m,) -> its kernel data with these values in force; None: they are
               the same
     kept_in : field of the kernel data that has these values as an array, in which compiled code changes them
-              itself (`KernelCall.remember`); "": they change with events only
+              itself (`KernelCall.remember`), or quiet events do (`Change.quiet`); "": they change with other
+              events only
     wrong   : function (m,) -> why a run with these values must stop, and what to change; "": it need not
     series  : of one that is kept in the data: what of it is stored
     in_steps : its switch changes it at the end of accepted steps too, without an event (see `Watch`)
@@ -174,8 +175,15 @@ class Switch(Protocol):
         """What the crossing of `items` does to the memory, and to the state; every : all memories now."""
 
 
-class Watch(Switch, Protocol):
-    """A switch whose crossings are located within steps, and that plans instants as the run goes.
+class Planner(Switch, Protocol):
+    """A switch that plans instants as the run goes."""
+
+    def instants(self, memory: Floats) -> tuple[float, ...]:
+        """Instants [s] that are known with such a memory, which steps end at."""
+
+
+class Watch(Planner, Protocol):
+    """A switch whose crossings are located within steps.
 
     Its memory is followed by those that it sees.
     sees : names of these memories
@@ -186,9 +194,6 @@ class Watch(Switch, Protocol):
 
     def in_each_step(self, memory: Floats) -> bool:
         """True if what it waits for can be seen at the end of each step alone, not in states of several."""
-
-    def instants(self, memory: Floats) -> tuple[float, ...]:
-        """Instants [s] that are known with such a memory, which steps end at."""
 
     def comes_true(self, steps: Seen) -> bool:
         """True if at the end of one of these steps something is due."""
@@ -233,6 +238,8 @@ class Change:
     more        : True if the switch is to be asked at once whether something else is due at this instant
     others      : new values of memories and inputs of other terms, by name
     stops       : True if the run ends here
+    quiet       : True if only forces are others from now on, by a memory that is kept in the data, and their
+                  work is kept by states: those from before and after may be looked at together
     """
 
     memory: Floats
@@ -245,6 +252,7 @@ class Change:
     more: bool = False
     others: Memories = field(default_factory=dict)
     stops: bool = False
+    quiet: bool = False
 
 
 class Term(Protocol):
@@ -311,6 +319,7 @@ class KernelTerm:
     remember   : as in `KernelCall`; the memory says in which field of the data its values are kept
     internal   : the potential depends only on where things are relative to each other
     only_states : it adds no force, only rates of first-order states, and does no work
+    work_kept  : first-order states keep the work that it does (`FirstOrder.gives`)
     """
 
     acts_on: str
@@ -329,17 +338,23 @@ class KernelTerm:
     remember: Function | None = None
     internal: bool = False
     only_states: bool = False
+    work_kept: bool = False
+
+    @property
+    def _works(self) -> bool:
+        """True if the work of the force is integrated beside the states."""
+        return self.potential is None and not self.only_states and not self.work_kept
 
     @property
     def calls(self) -> tuple[KernelCall, ...]:
-        """One call; a force without a potential does work that is integrated."""
+        """One call; a force without a potential does work that is integrated, unless states keep it."""
         call = KernelCall(
             self.add,
             self.data,
             self.potential,
             self.power,
             helpers=self.helpers,
-            works=self.potential is None and not self.only_states,
+            works=self._works,
             remember=self.remember,
             held=self.remember is not None,
         )
@@ -358,7 +373,7 @@ class KernelTerm:
 
     @property
     def dissipates(self) -> bool:
-        return (self.potential is None and not self.only_states) or self.power is not None
+        return self._works or self.power is not None
 
     @property
     def has_potential(self) -> bool:

@@ -174,6 +174,7 @@ KEPT = {  # by their quantities
     "angular_impulse": "angular impulse given to all else since the start, about the scene's origin",
     "work": "work done since the start",
     "wound_up": "length that is wound up",
+    "spent": "impulse that each of the corner units has spent since the start",
     "friction": "energy that friction has taken since the start",
     "elastic": "elastic energy",
     "tension_start": "tension at the start of the line",

@@ -22,6 +22,7 @@ from exunet.net.areas import achievable_area
 from exunet.net.closing import NAME
 from exunet.results.capture import Measures, capture_of, rule_of
 from exunet.results.clearance import MOST_PAIRS, Nearest, Pair, movers_of, nearest, pairs_of
+from exunet.results.corner_units import units_over_time
 from exunet.results.ends import ends_of_result, no_ends
 from exunet.results.margins import (
     Groups,
@@ -84,6 +85,7 @@ class Course:
     rule            : when the target counts as captured; None: the case has none
     capture         : with the rule, the measures of the capture
     line            : (t,) what is stored of a closing line, by name ("closing/largest" and so on)
+    units           : (t, n_units + 1) impulse that each corner unit has spent [N s], and the work of all [J]
     contact         : (t,) what is stored of contacts, by name ("contact_BODY/threads_touching" and so on)
     """
 
@@ -115,6 +117,7 @@ class Course:
     loaded_element: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
     rule: Verdict | None = None
     capture: Measures | None = None
+    units: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     line: Mapping[str, Floats] = field(default_factory=dict)
     contact: Mapping[str, Floats] = field(default_factory=dict)
 
@@ -131,6 +134,7 @@ class Course:
         names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
         names += ["body_centre", "potential"] if self.body_names else []
         names += ["reel"] if self.reel_names else []
+        names += ["units"] if self.units.shape[1] else []
         names += ["loaded", "loaded_element"] if self.groups else []
         capture = None if self.capture is None else Measures(*(one[rows] for one in self.capture))
         contact = {name: values[rows] for name, values in self.contact.items()}
@@ -198,6 +202,7 @@ def course_of(result: Result) -> Course:
         loaded_element=loaded_element,
         rule=rule,
         capture=None if rule is None else capture_of(result, rule),
+        units=units_over_time(result),
         line=_series(result, LINE),
         contact=_series(result, CONTACT),
     )

@@ -255,6 +255,21 @@ OF_A_LINE = (
 )  # fmt: skip
 
 
+def _spent(course: Course) -> float | None:
+    """At the end, of all units."""
+    return float(course.units[-1, :-1].sum()) if course.units.shape[1] else None
+
+
+def _work_of_units(course: Course) -> float | None:
+    return float(course.units[-1, -1]) if course.units.shape[1] else None
+
+
+OF_UNITS = (
+    Headline("impulse_of_units", "impulse of the corner units", "N s", _spent, remark="of all, spent"),
+    Headline("work_of_units", "work of the corner units", "J", _work_of_units, remark="of all, put in"),
+)
+
+
 _JOINED = "+"  # between the names of a pair; no name has it
 
 
@@ -304,6 +319,7 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
         *(_OF_THE_NET if course.tether_names and _is_taut(course) else ()),
         *chain.from_iterable(map(of_tether, course.tether_names)),
         *(OF_A_LINE if course.line else ()),
+        *(OF_UNITS if course.units.shape[1] else ()),
         *map(_wound_up, course.reel_names),
         *headlines_of_bodies(course),
         *chain.from_iterable(_of_pair_both(_JOINED.join(pair)) for pair in course.pairs),
@@ -321,6 +337,7 @@ _ONES = (
     *OF_A_SCENE,
     *OF_A_CAPTURE,
     *OF_A_LINE,
+    *OF_UNITS,
     _wound_up(LINE_NAME),
     _reel_work(LINE_NAME),
 )

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.from_outside import OUTSIDE, effects_of
+from exunet.forces.thrusters import NAME as UNITS
 from exunet.net.areas import achievable_area as achievable_area
 from exunet.net.areas import mesh_area as mesh_area
 from exunet.net.areas import mouth_area as mouth_area
 from exunet.net.arrays import Net
+from exunet.net.closing import NAME as CLOSING
 from exunet.results.result import Result
 from exunet.results.rows import blocks, over_blocks
 from exunet.system.ejection import Ejection
@@ -192,11 +194,12 @@ def dissipation(result: Result) -> Floats:
     """Energy that damping, drag, breaks and nodes that drums take have taken out: (n_times,) [J].
 
     `result.dissipated` counts the work that is put in against it: that of drums on their tethers, of bodies
-    whose motion is given, and of the ejection of a net. Here it does not. What a force without a potential
+    whose motion is given, of a winch, of the thrusters of corner units, and of the ejection of a net. Here it
+    does not. What a force without a potential
     puts in, such as a thrust, is counted against it here too.
     """
     taken = np.asarray(result.dissipated[:], dtype=float)
-    for name in (*result.net.tether_elements, *result.bodies):
+    for name in (*result.net.tether_elements, *result.bodies, CLOSING, UNITS):
         if (work := result.states.get(f"{name}/work")) is not None:
             taken = taken + np.asarray(work.values[:])[:, 0]
     return taken + ejected(result.time, result.provenance)

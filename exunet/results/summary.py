@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from exunet.base.files import replacing
 from exunet.net.arrays import NET, TETHER, Net
-from exunet.results import script_story
+from exunet.results import corner_units, script_story
 from exunet.results.agreement import Agreement, ComparedBreaks
 from exunet.results.body_comparison import BodyDifferences
 from exunet.results.capture_headlines import outcomes, told, touched_bodies
@@ -77,6 +77,7 @@ def summarise(
         "passages": [_passage(one) for one in passing],
         "broken": story.get("broken"),
         "script": script_story.told(story),
+        "control": corner_units.told(result),
         "method": {
             "name": story.get("method"),
             "tolerance": story.get("tolerance"),

@@ -8,7 +8,8 @@ from itertools import groupby
 from typing import Any
 
 from exunet.forces.from_outside import FIXED_NODES, SCRIPT
-from exunet.results import script_story
+from exunet.forces.thrusters import NAME as UNITS
+from exunet.results import corner_units, script_story
 from exunet.results.digits import printed
 from exunet.results.headline import Headline, shown
 from exunet.results.headlines import headline
@@ -41,7 +42,7 @@ def rows(summary: dict[str, Any], spread: Spread | str | None = None) -> list[tu
             f"in this run {len(broken)} element(s), first {first['element']} at t = {first['time_s']:.6g} s"
         )
         table.append(("broken", f"{words}; held at most {worst:.2%} more energy than at the limit"))
-    table += script_story.rows(summary["script"])
+    table += script_story.rows(summary["script"]) + corner_units.rows(summary["control"])
     table += (
         _capture_rows(summary) + _without_contact(summary) + [("note", note) for note in summary["notes"]]
     )
@@ -100,7 +101,7 @@ def _balance_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("angular momentum of all", "angular", "kg m2/s", "about the scene's origin"),
     ):
         key = unit.replace("/", "_").replace(" ", "_")
-        givers = (*summary["effects"], FIXED_NODES, SCRIPT)
+        givers = (*summary["effects"], UNITS, FIXED_NODES, SCRIPT)
         gained, left, size = (books[f"{kind}_{one}_{key}"] for one in ("gained", "residual", "size"))
         part = f", {_short(left / size)} as a part of its size {size:.4g} {unit}" if size else ""
         lines = [one for one in givers if f"effect_{one}_impulse_x_N_s" in summary["headlines"]]

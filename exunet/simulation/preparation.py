@@ -21,6 +21,7 @@ from exunet.forces.effects import on_the_net_alone
 from exunet.forces.from_outside import SCRIPT, counted, effects_of
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.terms import KernelTerm
+from exunet.forces.thrusters import Function, is_of_units, with_function
 from exunet.forces.wrench import wrench_on
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
@@ -42,6 +43,11 @@ from exunet.system.system import State, System
 NO_REACTION = (
     "no body takes the reaction of [launch]: without [initial.frame] bullets have their speed from nowhere; "
     'initial.frame.body = "chaser" lets the chaser eject them'
+)
+
+NO_FUNCTION = (
+    'the units of [control] do not fire: kind = "given" takes a function from Python, '
+    "Simulation(case, controller=function)"
 )
 
 Floats = NDArray[np.float64]
@@ -103,6 +109,26 @@ class Start:
         state = replace(self.state, memory=dict(system.memory), first_order=blocks.initial_states)
         return replace(self, system=system, state=state)
 
+    def with_controller(self, function: Function) -> Start:
+        """The same with a law from Python for the corner units of a case whose control is of kind "given".
+
+        function(time, position, velocity) gets at each sample the time [s] and the units' places and
+        velocities (n, 3) [m], [m/s], with the errors of their sensors, and returns the forces (n, 3) [N] that
+        are asked of their thrusters. What follows a snapshot is the same if it depends on nothing else.
+        Raises InputError for another case, or for what is no function.
+        """
+        control = self.scene.control
+        if control is None or control.kind != "given":
+            has = "no [control]" if control is None else f'control.kind = "{control.kind}"'
+            raise InputError(f'controller: needs a case with control.kind = "given"; this one has {has}')
+        if not callable(function):
+            raise InputError(f"controller: needs a function of time, positions, velocities, got {function!r}")
+        forces = self.system.forces
+        kernels = tuple(with_function(one, function) if is_of_units(one) else one for one in forces.kernels)
+        system = replace(self.system, forces=replace(forces, kernels=kernels))
+        notes = tuple(note for note in self.plan.notes if note != NO_FUNCTION)
+        return replace(self, system=system, plan=replace(self.plan, notes=notes))
+
 
 def prepare(scene: Scene, *, hosted: bool = False) -> Start:
     """Choose the effects, assemble the system, and plan the integration.
@@ -137,6 +163,8 @@ def prepare(scene: Scene, *, hosted: bool = False) -> Start:
         notes += (f"on the net and its tethers, not on bodies: {', '.join(names)}",)
     if scene.launch is not None and "chaser" in scene.bodies and scene.initial.frame is None:
         notes += (NO_REACTION,)
+    if scene.control is not None and scene.control.kind == "given":
+        notes += (NO_FUNCTION,)
     with np.errstate(all="ignore"):
         plan = settled_on_the_start(scene, system, state, plan)
     scene, plan = with_forms(scene, system, plan)

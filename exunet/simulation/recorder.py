@@ -18,6 +18,7 @@ from exunet.bodies.wireframe import wireframe
 from exunet.case.script import ejects
 from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
+from exunet.forces.thrusters import NAME as UNITS
 from exunet.methods.plan import Plan
 from exunet.results.capture import RULE
 from exunet.results.columns import STATES, BodyConstants, Column, body_path, declare, state_column
@@ -244,6 +245,7 @@ def first_story(start: Start) -> dict[str, Any]:
         "effects": sorted(switched_on(start.scene.effects)),
         **({} if (rule := start.scene.verdict) is None else {RULE: rule.model_dump()}),
         **_script(start),
+        **_control(start),
         **_edges(start),
         **_carried(start),
         "retries": [],
@@ -258,6 +260,14 @@ def _script(start: Start) -> dict[str, Any]:
     script = start.scene.script
     told = [{"entry": one.name, "cause": one.trigger_words, "action": one.action_words} for one in script]
     return {ENTRIES: told} if told else {}
+
+
+def _control(start: Start) -> dict[str, Any]:
+    """What the case says of its corner units; nothing without any."""
+    control = start.scene.control
+    if control is None:
+        return {}
+    return {UNITS: control.model_dump(include={"kind", "bullets", "period", "specific_impulse"})}
 
 
 def _edges(start: Start) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from exunet.bodies.port import Piece
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.forces.reel import command_name
+from exunet.forces.thrusters import Function
 from exunet.methods.method import Method
 from exunet.methods.plan import Plan
 from exunet.net.closing import NAME, ClosingLine
@@ -58,6 +59,8 @@ class Simulation:
     overrides : "key.path=value", as after --set
     wrenches  : free bodies on which `set_input("wrench/BODY", values)` lets a force (3,) [N] act at the
                 origin of the body's frame, and a torque (3,) [N m], in the scene's axes
+    controller : function(time, position, velocity) -> (n, 3) forces [N]: the law of the corner units, for a
+                case with control.kind = "given"; see `Start.with_controller`
     recorder  : stores the states that its times ask for; None: nothing is stored
     """
 
@@ -67,9 +70,12 @@ class Simulation:
         overrides: Sequence[str] = (),
         *,
         wrenches: Sequence[str] = (),
+        controller: Function | None = None,
         recorder: Recorder | None = None,
     ) -> None:
         self._start = with_wrenches(start_of(case, overrides), wrenches)
+        if controller is not None:
+            self._start = self._start.with_controller(controller)
         self._recorder = recorder
         self._plan = self._start.plan
         self._retries = self._start.scene.solver.retry

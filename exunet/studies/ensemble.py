@@ -68,6 +68,7 @@ class Ensemble(Measured):
     loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
                      strength is known, and in which element
     capture       : (runs, t, 6) the fields of `exunet.results.capture.Measures`; (runs, t, 0) without a rule
+    units         : (runs, t, n_units + 1) impulse that each corner unit has spent [N s], work of all [J]
     contact       : (runs, t, n_series) what is stored of contacts and of a closing line
     ends          : (runs, 2, n_bodies + n_outside + 1) records `exunet.results.ends.END` at the start and
                      at the end
@@ -147,6 +148,7 @@ class Ensemble(Measured):
             loaded_element=self.loaded_element[run],
             rule=self.rule,
             capture=None if self.rule is None else Measures(*self.capture[run].T),
+            units=self.units[run],
             line=self._series(run, LINE),
             contact=self._series(run, CONTACT),
         )

@@ -21,6 +21,7 @@ from exunet.case.verdict import Verdict
 from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
+from exunet.forces.thrusters import SPENT, WORK
 from exunet.results import measures as metrics
 from exunet.results.capture import capture, target_of
 from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
@@ -62,6 +63,7 @@ class Measured:
     loaded: Floats
     loaded_element: Ints
     capture: Floats
+    units: Floats
 
 
 MEASURED = tuple(one.name for one in fields(Measured))
@@ -96,6 +98,14 @@ def _drums(states: States) -> Floats:
     reels, first = winches_of(one.name for one in blocks.states), blocks.n_x - blocks.n_states
     columns = [blocks.state(f"{name}/{what}") - first for name in reels for what in REEL_STATES]
     return np.asarray(states.first_order[:, columns].reshape(len(states), len(reels), len(REEL_STATES)))
+
+
+def _units(states: States) -> Floats:
+    """(k, n_units + 1) impulse that each corner unit has spent [N s], and then the work of all [J]."""
+    blocks = states.system.blocks
+    size = sum(len(one.initial) for one in blocks.states if one.name in (SPENT, WORK))
+    first = blocks.state(SPENT) - (blocks.n_x - blocks.n_states) if size else 0
+    return states.first_order[:, first : first + size]
 
 
 def shown_bodies(system: System) -> list[RigidBody]:
@@ -154,6 +164,7 @@ def _measured(states: States, dissipated: Floats, rule: Verdict | None = None) -
         loaded=loaded,
         loaded_element=loaded_element,
         capture=_capture(states, rule),
+        units=_units(states),
     )
 
 

@@ -6,12 +6,14 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exunet.base.errors import LARGEST, Fault
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
-from exunet.case.script import begins_a_thrust, ejects
+from exunet.case.script import begins_a_thrust, begins_control, ejects
+from exunet.forces import thrusters
 from exunet.forces.blocks import Blocks, Inertia, Poses
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.closing import Drawstring, way_of
@@ -26,12 +28,12 @@ from exunet.forces.effects import (
     thrust,
     touched_bodies,
 )
-from exunet.forces.from_outside import FIXED_NODES, with_reactions
+from exunet.forces.from_outside import FIXED_NODES, counted, with_reactions
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.perimeter import Shortening
 from exunet.forces.perimeter import states_of as states_of_perimeter
 from exunet.forces.reel import Winding, reel_term, states_of
-from exunet.forces.terms import KernelTerm
+from exunet.forces.terms import KernelTerm, Memories
 from exunet.methods.method import METHODS, Kind
 from exunet.net import weave
 from exunet.net.arrays import Net
@@ -44,7 +46,9 @@ from exunet.system.drum import Drum
 from exunet.system.ejection import ejecting, holding
 from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
 from exunet.system.script import script_of
-from exunet.system.system import State, System
+from exunet.system.system import Layout, State, System
+
+Floats = NDArray[np.float64]
 
 
 def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
@@ -87,7 +91,8 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     given = (state for name in lines for state in impulses_of(name))
     of_line = () if line is None else states_of_line(line, position, _free_ratio(scene))
     of_line = states_of_perimeter(closing) if isinstance(closing, Perimeter) else of_line
-    states = (*rigid.given, *of_reels, *of_line, *first_order_states(scene.effects), *given)
+    of_units = () if scene.control is None else thrusters.states_of(scene.control)
+    states = (*rigid.given, *of_reels, *of_line, *first_order_states(scene.effects), *of_units, *given)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
@@ -121,6 +126,8 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     if line is not None:
         drawn = _drawn(line, blocks, scene, faults)
         forces = replace(forces, kernels=(*forces.kernels, *drawn))
+    units = _units(scene, blocks, rigid, thrusters.NAME in lines)
+    forces = replace(forces, kernels=(*forces.kernels, *units))
     system = System(blocks, forces, rigid.bodies, kinematics, throw, line)
     if scene.script:
         target = None if scene.verdict is None else scene.verdict.target
@@ -164,6 +171,21 @@ def _drawn(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault])
     return (drawstring.term(),)
 
 
+def _units(scene: Scene, blocks: Blocks, rigid: BodiesAtStart, kept: bool) -> tuple[KernelTerm, ...]:
+    """The term of corner units, and with `kept` those of what they give."""
+    if scene.control is None:
+        return ()
+    layout, kinematics = Layout(blocks), rigid.kinematics
+
+    def completed(time: float, x: Floats, v: Floats, memory: Memories) -> tuple[Floats, Floats]:
+        if not kinematics:
+            return x, v
+        return layout.pack(layout.unpack(x, v).completed(kinematics, time, memory))
+
+    term = thrusters.term_of(scene.control, blocks, completed, waits=begins_control(scene.script))
+    return tuple(counted(thrusters.NAME, [term], blocks)) if kept else (term,)
+
+
 def _surfaces(scene: Scene, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> dict[str, Surface]:
     """Of the bodies that something touches."""
     named = touched_bodies(scene.effects)
@@ -186,7 +208,8 @@ def _with_lines(scene: Scene, net: Net) -> tuple[str, ...]:
     implicit = method != "auto" and METHODS[method].kind == Kind.IMPLICIT
     if not scene.bodies or implicit:
         return ()
-    return (*from_outside(scene.effects), *((FIXED_NODES,) if len(net.fixed_nodes) else ()))
+    units = () if scene.control is None else (thrusters.NAME,)
+    return (*from_outside(scene.effects), *units, *((FIXED_NODES,) if len(net.fixed_nodes) else ()))
 
 
 def _with_strength(net: Net, scene: Scene) -> Net:

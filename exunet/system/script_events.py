@@ -17,6 +17,8 @@ from exunet.forces.effects.thrust import MEMORY as THRUST
 from exunet.forces.effects.thrust import Knots, begun_at
 from exunet.forces.reel import command_name
 from exunet.forces.terms import Change, Memories, Seen
+from exunet.forces.thrusters import MEMORY as CONTROL
+from exunet.forces.thrusters import begun, released
 from exunet.system.ejection import HELD
 from exunet.system.quantities import KEPT, LOOKS, OF_VELOCITIES, Sight, has_touched, seen_memories
 from exunet.system.states import States
@@ -298,6 +300,10 @@ class ScriptEvents:
             what |= {"others": {INTACT: self._cut(entry, every[INTACT])}, "energy_lost": None}
         elif entry.do == "thrust":
             what["others"] = {THRUST: begun_at(time, self._knots)}
+        elif entry.do == "control":
+            what["others"] = {CONTROL: begun(every[CONTROL], time)}
+        elif entry.do == "release_control":
+            what["others"] = {CONTROL: released(every[CONTROL])}
         elif entry.do == "eject":
             what["others"] = {HELD: np.array([every[HELD][0], 1.0])}
         else:

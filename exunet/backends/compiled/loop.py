@@ -415,6 +415,11 @@ class CompiledLoop(CompiledIntegration):
         self._recall()
         m = self._motion
         for name, change in self._events.at(self.time, m.x, m.v):
+            found = True
+            if change.quiet:
+                self._table.kept[name][:] = change.memory
+                self._module.begin(self.time, self._verlet, self._motion)
+                continue
             self.hand_over()  # so that no batch has states from before and after
             m.taken[0] += change.energy_lost or 0.0
             if change.x is not None:
@@ -424,7 +429,6 @@ class CompiledLoop(CompiledIntegration):
             self._row = self._module.keep(0, self.time, m, self._kept)
             self._remember(self._events.memory_after(name, change))
             self._module.begin(self.time, self._verlet, self._motion)
-            found = True
         return found
 
     def _remember(self, memory: Arrays) -> None:

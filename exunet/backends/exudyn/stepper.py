@@ -46,6 +46,7 @@ class Stepper:
         self._events = Events(system, state.memory, observer)
         memories = (term.memory for term in system.forces.memories)
         self._keeps = any(memory is not None and memory.kept_in for memory in memories)
+        self._lets_remember = any(call.remember is not None for call in system.forces.calls)
         self._counts = StepCounts()
         self._newton_before = 0  # in solvers that were started before
         self._pushed: Floats | None = None
@@ -209,7 +210,7 @@ class Stepper:
 
     def _let_remember(self, time: float) -> None:
         """Terms whose memory compiled code keeps change it at the end of each accepted step."""
-        if not self._keeps:
+        if not self._lets_remember:
             return
         now = self._model.coordinates()
         self._model.applied.accepted(time, now.q, now.v)
@@ -280,11 +281,12 @@ class Stepper:
             self._events.crossing(self._begin, end)
             self._events.steps_done(end)
         for name, change in self._events.at(time, x, v):
-            if self._accepted.last_time != time:
-                self._append(time)
-            self.hand_over()  # so that no batch has states from before and after
-            self._remember(self._events.memory_after(name, change))
             found = True
+            if not change.quiet:
+                if self._accepted.last_time != time:
+                    self._append(time)
+                self.hand_over()  # so that no batch has states from before and after
+            self._remember(self._events.memory_after(name, change))
             for held, other in ((x, change.x), (v, change.v)):
                 if other is not None:
                     held[:] = other

@@ -14,6 +14,7 @@ from exunet.case.timeline import timeline
 from exunet.forces.closing import way_of
 from exunet.forces.effects import EFFECTS, switched_on
 from exunet.interfaces.commands.body_rows import body_rows
+from exunet.interfaces.commands.control_rows import control_rows
 from exunet.interfaces.commands.estimates import estimated
 from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
 from exunet.net.folding import folded
@@ -50,6 +51,7 @@ def describe(case: Case) -> list[tuple[str, str]]:
         *body_rows(start),
         *_tethers(start),
         *_closing(start),
+        *control_rows(start),
         *_script(case),
         ("packing", _packing(start)),
         ("simulated time", f"{case.scene.time.end:g} s, {len(times)} stored states"),

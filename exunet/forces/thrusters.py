@@ -1,0 +1,190 @@
+"""Thrusters of corner units as a force term: constant forces between the samples of a controller.
+
+At a sample, an instant at which a step ends, the controller looks at the units and sets the forces that act
+until the next sample (zero-order hold). So the force in a period depends on the state at its beginning alone.
+What each unit has spent, the integral of the magnitude of its force, and the work of all are first-order
+states.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from exunet.base.errors import InputError
+from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.control_keys import Control
+from exunet.forces.control_laws import Sensed, demanded, fired, with_noise
+from exunet.forces.loops import Index
+from exunet.forces.terms import Change, KernelTerm, Memories, Memory
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Function = Callable[[float, Floats, Floats], ArrayLike]
+Completed = Callable[[float, Floats, Floats, Memories], tuple[Floats, Floats]]
+
+NAME = "control"  # in the names of states and of the memory
+SPENT, WORK = f"{NAME}/spent", f"{NAME}/work"
+MEMORY = f"{NAME}/thrusters"
+
+
+class Clock(NamedTuple):
+    """The first values of the memory; after them stand the forces (3 n,) [N].
+
+    on    : 1.0 while the units are controlled
+    begin : when the control began [s]
+    since : samples since then
+    every : samples in all
+    """
+
+    on: float
+    begin: float
+    since: float
+    every: float
+
+
+_FORCES = len(Clock._fields)
+_ITEM, _NONE = np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+
+
+def states_of(control: Control) -> tuple[FirstOrder, FirstOrder]:
+    """What each unit has spent [N s], and then the work of all [J]."""
+    return FirstOrder(SPENT, (0.0,) * len(control.bullets), "N s"), FirstOrder(WORK, (0.0,), "J", gives=1.0)
+
+
+def term_of(control: Control, blocks: Blocks, completed: Completed, *, waits: bool) -> KernelTerm:
+    """The units of a scene, whose states must be among the blocks'.
+
+    completed : gives x and v (n_x,), (n_v,) with what has no equations of motion put in
+    waits     : the control begins with an entry of the script
+    """
+    nodes = (3 * blocks.net.bullet_nodes[list(control.bullets)]).astype(Index)
+    clock = Clock(0.0 if waits else 1.0, control.start, 0.0, 0.0)
+    initial = np.concatenate([clock, np.zeros(3 * len(nodes))])
+    samples = Samples(control, blocks, completed)
+    memory = Memory(MEMORY, initial, kept_in="memory")
+    data = Thrusters(nodes, initial, _FORCES, blocks.rate(SPENT))
+    return KernelTerm("bullets", add_thrusters, data, memory=memory, switch=samples, work_kept=True)
+
+
+def is_of_units(term: KernelTerm) -> bool:
+    """True of the term of corner units."""
+    return term.memory is not None and term.memory.name == MEMORY
+
+
+def with_function(term: KernelTerm, function: Function) -> KernelTerm:
+    """The term of corner units with a law from Python in place of that of the case."""
+    assert isinstance(term.switch, Samples)
+    return replace(term, switch=replace(term.switch, function=function))
+
+
+def begun(memory: Floats, time: float) -> Floats:
+    """The memory once the control has begun at a time [s], at which the first sample is due."""
+    every = Clock(*memory[:_FORCES]).every
+    return np.concatenate([Clock(1.0, time, 0.0, every), memory[_FORCES:]])
+
+
+def released(memory: Floats) -> Floats:
+    """The memory once the control has ended: no thruster fires."""
+    clock = Clock(*memory[:_FORCES])._replace(on=0.0)
+    return np.concatenate([clock, np.zeros(len(memory) - _FORCES)])
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The samples of a controller, as a switch; function : in place of the law of the case."""
+
+    control: Control
+    blocks: Blocks
+    completed: Completed
+    function: Function | None = None
+    heading = ""
+    times: tuple[float, ...] = ()
+
+    def instants(self, memory: Floats) -> tuple[float, ...]:
+        """The next sample; none while the units are not controlled."""
+        clock = Clock(*memory[:_FORCES].tolist())
+        return (clock.begin + clock.since * self.control.period,) if clock.on else ()
+
+    def in_steps(self, memory: Floats) -> bool:
+        """The instants are known."""
+        return False
+
+    def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
+        """The only item, if a sample is due."""
+        return _ITEM if any(due <= time for due in self.instants(memory)) else _NONE
+
+    def step_within(self, step: float, least: float, x: Floats, v: Floats, memory: Floats) -> float:
+        """Steps end at known instants anyway."""
+        return step
+
+    def change(
+        self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
+    ) -> Change:
+        """Other forces from now on."""
+        clock = Clock(*memory[:_FORCES].tolist())
+        sensed = self._sensed(time, *self.completed(time, x, v, every), int(clock.every))
+        demand = demanded(self.control, sensed) if self.function is None else self._given(sensed)
+        forces = fired(self.control, demand, sensed)
+        after = clock._replace(since=clock.since + 1.0, every=clock.every + 1.0)
+        return Change(np.concatenate([after, forces.ravel()]), quiet=True)
+
+    @cached_property
+    def _places(self) -> Ints:
+        """(n, 3) where the units stand in x and v."""
+        return 3 * self.blocks.net.bullet_nodes[list(self.control.bullets)][:, None] + np.arange(3)
+
+    def _sensed(self, time: float, x: Floats, v: Floats, sample: int) -> Sensed:
+        keys, blocks, places = self.control, self.blocks, self._places
+        seen = with_noise(keys.noise, keys.bullets, sample, x[places], v[places])
+        if keys.body is None:
+            return Sensed(time, *seen, np.zeros(3), np.zeros(3))
+        centre = blocks.centre(keys.body)
+        return Sensed(time, *seen, x[centre : centre + 3], v[centre : centre + 3])
+
+    def _given(self, sensed: Sensed) -> Floats:
+        """What the function asks for; raises InputError for anything but a finite force on each unit."""
+        assert self.function is not None
+        found = self.function(sensed.time, sensed.position.copy(), sensed.velocity.copy())
+        try:
+            forces = np.array(found, dtype=float)
+        except (TypeError, ValueError):
+            forces = np.zeros(0)
+        if forces.shape != sensed.position.shape or not np.isfinite(forces).all():
+            words = f"must return {len(sensed.position)} x 3 finite numbers [N], a force on each unit"
+            raise InputError(f"controller: at t = {sensed.time:g} s, the function {words}; got {found!r}")
+        return forces
+
+
+class Thrusters(NamedTuple):
+    """Forces that are constant until the next sample.
+
+    bullets : (n,) 3 x node of each unit
+    memory  : with the forces on the units (3 n,) [N] at its end
+    first   : where these begin
+    rate    : where the rates of what they have spent begin in force, before that of the work
+    """
+
+    bullets: NDArray[Index]
+    memory: Floats
+    first: int
+    rate: int
+
+
+def add_thrusters(t: float, x: Any, v: Any, thrusters: Any, force: Any) -> None:
+    """The force on each unit, its magnitude as the rate of what it has spent, and its power."""
+    bullets, memory, first, rate = thrusters
+    for k in range(bullets.size):
+        square = 0.0
+        for axis in range(3):
+            value = memory[first + 3 * k + axis]
+            force[bullets[k] + axis] += value
+            force[rate + bullets.size] += value * v[bullets[k] + axis]
+            square += value * value
+        force[rate + k] += math.sqrt(square)
