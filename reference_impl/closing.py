@@ -157,7 +157,11 @@ def course(case: Case, net: Net) -> Ints:
         return np.append(rings, rings[0])
     start, end = (_node(net, node) for node in line.ends)
     again = rings[:1] if isinstance(line.rings, str) else rings[:0]
-    return np.concatenate(([start], rings, again, [end]))
+    nodes = np.concatenate(([start], rings, again, [end]))
+    beside = {"start": nodes[0] == nodes[1], "end": nodes[-1] == nodes[-2]}
+    if any(beside.values()):
+        raise Refused([f"closing.{key}: is the ring next to it" for key, same in beside.items() if same])
+    return np.asarray(nodes, dtype=np.intp)
 
 
 def edge_of(net: Net) -> tuple[Ints, Ints]:
@@ -197,9 +201,12 @@ def closed_by(case: Case, net: Net) -> Closing | None:
     return Line(course(case, net), closing.length, closing.stiffness, closing.ring_diameter, drive)
 
 
-def check_way(closing: Closing | None, x: Floats) -> None:
+def check_way(closing: Closing | None, x: Floats, free_strain: float) -> None:
     """Refuses a start x (n, 3) [m] at which a line is too long."""
-    if isinstance(closing, Line) and (way := float(closing.way(x))) > LONGEST * closing.length:
+    if not isinstance(closing, Line):
+        return
+    way, free = float(closing.way(x)), closing.length * math.sqrt(1.0 + 2.0 * free_strain)
+    if way > LONGEST * free:
         raise Refused(
             [f"closing.length: the way of the line at time 0, {way:.6g} m, may be at most twice as long"]
         )

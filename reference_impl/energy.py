@@ -180,9 +180,9 @@ def lengths(system: System, wound: Wound, drawn: Drawn) -> Floats | None:
     if system.reels is not None:
         changed = system.reels.lengths(system.net, wound.wound_up, wound.held)
     if isinstance(edge := system.closing, Edge):
-        whole = system.net.reference_length if changed is None else changed
-        changed = np.repeat(whole[None], len(drawn.amount), axis=0) if whole.ndim == 1 else whole.copy()
-        changed[..., edge.element] *= drawn.amount
+        part = np.ones((*drawn.amount.shape[:-1], len(system.net.area)))
+        part[..., edge.element] = drawn.amount
+        changed = part * (system.net.reference_length if changed is None else changed)
     return changed
 
 

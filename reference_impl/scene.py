@@ -69,7 +69,7 @@ def prepare(case: Case, symmetric: bool = False, assembled: bool = False) -> Sce
     system = replace(system, begun=begun(case, system))
     x0, v0 = initial_state(case, net)
     _check_depth(system, x0, v0, bodies0)
-    check_way(system.closing, x0)
+    check_way(system.closing, x0, system.free_strain)
     return Scene(case, net, system, x0, v0, bodies0)
 
 
