@@ -7,6 +7,7 @@ a = acceleration(scene.system, 0.0, scene.x0, scene.v0)
 
 from reference_impl.bodies import Bodies, BodyStates
 from reference_impl.case import Case, Refused
+from reference_impl.closing import Drawn
 from reference_impl.effects import Effects, Orbit
 from reference_impl.events import Break
 from reference_impl.fold import with_places
@@ -27,6 +28,7 @@ __all__ = [
     "Break",
     "Case",
     "Diverged",
+    "Drawn",
     "Effects",
     "Interrupted",
     "Net",

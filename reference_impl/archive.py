@@ -14,6 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from reference_impl import energy
+from reference_impl.closing import Line
 from reference_impl.elements import strain, tension
 from reference_impl.run import Trajectory
 from reference_impl.system import System
@@ -38,7 +39,9 @@ def contents(
         "scipy": scipy.__version__,
     }
     bodies, breaks, reels = trajectory.bodies, trajectory.breaks, trajectory.reels
-    lengths = energy.lengths(system, reels)
+    closing, drawn = system.closing, trajectory.drawn
+    lengths = energy.lengths(system, reels, drawn)
+    line = drawn.amount.shape[-1] if isinstance(closing, Line) else 0
     with np.errstate(over="ignore", invalid="ignore"):  # the last states of a diverging run may be huge
         books = energy.books(system, trajectory)
         return {
@@ -81,6 +84,12 @@ def contents(
             "reel_wound_up": reels.wound_up,
             "reel_held": reels.held.astype(np.intp),
             "reel_work": reels.work,
+            "closing_wound_up": drawn.amount[:, :line],
+            "closing_part": drawn.amount[:, line:],
+            "closing_work": drawn.work,
+            "closing_tension": np.empty((len(x), 0))
+            if not isinstance(closing, Line)
+            else closing.tension(x, drawn.amount, system.free_strain)[:, None],
             "intact": trajectory.intact,
             "contact_damping": trajectory.rubbing[:, 0],
             "contact_friction": trajectory.rubbing[:, 1],

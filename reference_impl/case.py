@@ -64,7 +64,7 @@ class Attachment:
 
 @dataclass(frozen=True)
 class Command:
-    """What the drive of a reel does from a time `at` [s] on: `rate` [m/s] of winding up, `force` [N]."""
+    """What a drive does from a time `at` [s] on: `rate` [m/s] of winding up, `force` [N]."""
 
     at: float
     mode: str  # "lock", "brake", "rate", "tension"
@@ -80,7 +80,7 @@ class Reel:
     paid_out: float  # length outside at time 0 [m]
     shortest: float  # length outside at which winding stops [m]
     largest_rate: float  # [m/s], infinite where there is no limit
-    damping: float | None  # c [N s/m] of the drive
+    damping: float  # c [N s/m] of the drive, infinite where no command has a force
     commands: tuple[Command, ...]
 
 
@@ -100,6 +100,38 @@ class Tether:
     def piece(self) -> float:
         """Reference length of each of its elements [m]."""
         return self.length / self.divisions
+
+
+@dataclass(frozen=True)
+class Winch:
+    """A drive that winds up a closing line."""
+
+    shortest: float  # length outside at which winding stops [m]
+    largest_rate: float  # [m/s], infinite where there is no limit
+    damping: float  # c [N s/m] of the drive, infinite where no command has a force
+    commands: tuple[Command, ...]
+
+
+@dataclass(frozen=True)
+class ClosingLine:
+    """A line that slides without friction through rings at the mouth of a net."""
+
+    rings: str | tuple[NetNode, ...]  # "edge", "corners", or nodes in the order of the line
+    ends: tuple[NetNode, NetNode] | None  # None: a loop
+    length: float  # free of stress [m]
+    stiffness: float  # EA [N]
+    linear_density: float  # [kg/m]
+    ring_diameter: float  # D [m]
+    winch: Winch | None
+
+
+@dataclass(frozen=True)
+class ClosingPerimeter:
+    """Threads of the net's edge that become shorter from `at` [s] on, until `part` of them is left."""
+
+    at: float
+    rate: float  # [1/s]
+    part: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,4 +178,5 @@ class Case:
     attachments: tuple[Attachment, ...] = ()
     tethers: tuple[Tether, ...] = ()
     border: Cable | None = None  # of cut nets
+    closing: ClosingLine | ClosingPerimeter | None = None
     source: str = ""  # the file's text, for the record

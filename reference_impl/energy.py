@@ -15,6 +15,7 @@ import numpy as np
 from reference_impl import fields, touch
 from reference_impl.arrays import Bools, Floats
 from reference_impl.bodies import BodyStates
+from reference_impl.closing import Drawn, Edge, Line
 from reference_impl.effects.orbit import orbital_potential
 from reference_impl.elements import excess, span, strain, stress
 from reference_impl.forces import ways
@@ -52,6 +53,21 @@ def at_outlets(system: System, x: Floats, wound: Wound) -> tuple[Bools | None, F
     e11 = strain(system, x, lengths)
     density = np.where(outlet, 0.5 * stress(system, e11) * excess(system, e11), 0.0)
     return ~outlet, np.asarray((density * lengths) @ system.net.area)
+
+
+def of_closing(system: System, x: Floats, drawn: Drawn) -> tuple[Bools | None, Floats]:
+    """Which elements (m,) are none of a shrinking edge (None: all), and what closes the mouth stores [J]."""
+    closing = system.closing
+    if closing is None:
+        return None, np.zeros(x.shape[:-2])
+    if isinstance(closing, Line):
+        return None, closing.energy(x, drawn.amount, system.free_strain)
+    others = np.ones(len(system.net.area), dtype=bool)
+    others[closing.element] = False
+    lengths = system.net.reference_length * np.where(others, 1.0, drawn.amount)
+    e11 = strain(system, x, lengths)
+    density = np.where(others, 0.0, 0.5 * stress(system, e11) * excess(system, e11))
+    return others, np.asarray((density * lengths) @ system.net.area)
 
 
 def potential(
@@ -154,13 +170,20 @@ class Stored(Protocol):
     def reels(self) -> Wound: ...
     @property
     def gone(self) -> Bools: ...
+    @property
+    def drawn(self) -> Drawn: ...
 
 
-def lengths(system: System, wound: Wound) -> Floats | None:
+def lengths(system: System, wound: Wound, drawn: Drawn) -> Floats | None:
     """Reference lengths (..., m) [m]; None where they are the net's."""
-    if system.reels is None:
-        return None
-    return system.reels.lengths(system.net, wound.wound_up, wound.held)
+    changed = None
+    if system.reels is not None:
+        changed = system.reels.lengths(system.net, wound.wound_up, wound.held)
+    if isinstance(edge := system.closing, Edge):
+        part = np.ones((*drawn.amount.shape[:-1], len(system.net.area)))
+        part[..., edge.element] = drawn.amount
+        changed = part * (system.net.reference_length if changed is None else changed)
+    return changed
 
 
 def contact(system: System, run: Stored) -> Floats:
@@ -191,11 +214,13 @@ def books(system: System, run: Stored) -> Books:
     """The books of a run, bodies, reels and broken elements included."""
     bodies = run.bodies
     inside, outlets = at_outlets(system, run.x, run.reels)
+    others, closing = of_closing(system, run.x, run.drawn)
     intact = run.intact if inside is None else run.intact & inside
+    intact = intact if others is None else intact & others
     return Books(
         kinetic(system, run.v, bodies),
         elastic(system, run.x, intact),
-        potential(system, run.x, bodies, run.gone) + outlets + contact(system, run),
+        potential(system, run.x, bodies, run.gone) + outlets + closing + contact(system, run),
         run.dissipated,
         momentum(system, run.v, bodies),
         angular_momentum(system, run.x, run.v, bodies),

@@ -5,6 +5,7 @@ x is the array (n, 3) of nodal positions [m], v that of velocities [m/s]; d_e = 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from reference_impl.anchors import Levers
 from reference_impl.arrays import Bools, Floats, cross, dot
 from reference_impl.barrels import reaction
 from reference_impl.bodies import BodyStates, turning, turning_rate
+from reference_impl.closing import Closing, Edge, Line, order_at, pull, shrink
 from reference_impl.effects.air_drag import bullet_drag, cable_drag
 from reference_impl.effects.molecular_drag import molecular_force
 from reference_impl.effects.orbit import orbital_acceleration
@@ -23,6 +25,7 @@ from reference_impl.mode import BY_STATE, Mode
 from reference_impl.reels import Outlets, Wound, pay
 from reference_impl.stiffness import damping, secant, tangent, tangent_element
 from reference_impl.system import System, assemble
+from reference_impl.winding import LOCKED
 
 __all__ = [
     "Response",
@@ -61,6 +64,7 @@ class Whole:
     held: Floats | None = None  # k (..., R)
     packed: Floats | None = None  # (..., 1) 1 while a body holds the net, then 0; None: the time decides
     bristles: Floats | None = None  # (..., P, 3) directions of friction's bristles that slide; None: none
+    drawn: Floats | None = None  # (..., c) of what closes the mouth, see `closing.Drawn`
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +77,7 @@ class Response:
     given: Floats  # (d, 7) by driven bodies: force [N], torque about the origin [N m], power [W]
     reeling: Floats  # (2, R) of reels: ds/dt [m/s], power on their tethers [W]
     rubbing: Floats  # (2,) [W] taken where bodies are touched, by damping and by friction
+    drawing: Floats  # (2,) of what closes the mouth: rate of its unknown, power of its work [W]; (0,) without
 
 
 def gather(system: System, element_force: Floats) -> Floats:
@@ -97,13 +102,11 @@ def elastic_forces(system: System, x: Floats) -> Floats:
     return gather(system, per_length[:, None] * d)
 
 
-def _pull(
-    system: System, d: Floats, v: Floats, mode: Mode, outlets: Outlets | None = None
-) -> tuple[Floats, float]:
+def _pull(system: System, d: Floats, v: Floats, mode: Mode, changing: list[Outlets]) -> tuple[Floats, float]:
     """S11 A/L of eq. (3) (m,) [N/m] with the viscous part of material_damping, and the power it takes [W].
 
     S11 = E max(E11 + tau dE11/dt, 0) where E11 > 0: a cable cannot push.  Broken elements carry nothing.
-    Outlets of reels have their own; elements on drums are slack, their ends coincide.
+    Elements of `changing` lengths have their own; those on drums are slack, their ends coincide.
     """
     e11 = excess(system, strain_of(system, d))
     if mode.intact is not None:
@@ -111,15 +114,15 @@ def _pull(
     elastic = system.axial_stiffness * np.maximum(e11, 0.0)
     tau = system.effects.relaxation_time
     if not tau:
-        if outlets is not None:
-            elastic[outlets.element] = outlets.per_length
+        for some in changing:
+            elastic[some.element] = some.per_length
         return np.asarray(elastic), 0.0
     rate = dot(d, span(system, v)) / system.squared_reference_length
     viscous = np.maximum(tau * system.axial_stiffness * np.where(e11 > 0.0, rate, 0.0), -elastic)
     taken = 0.0
-    if outlets is not None:
-        elastic[outlets.element], viscous[outlets.element] = outlets.per_length, 0.0
-        taken = outlets.taken
+    for some in changing:
+        elastic[some.element], viscous[some.element] = some.per_length, 0.0
+        taken += some.taken
     return np.asarray(elastic + viscous), taken + float(
         np.sum(viscous * rate * system.squared_reference_length)
     )
@@ -141,14 +144,16 @@ def acceleration(
     intact: Bools | None = None,
     reels: Wound | None = None,
     gone: Bools | None = None,
+    drawn: Floats | None = None,
 ) -> Floats:
     """dv/dt (n, 3) [m/s2], eq. (16), at any finite x, v (n, 3) [m, m/s]; zero at fixed nodes.
 
     `bodies` (b, ...) is needed where a body acts on the net (launch_force, points of bodies); these points
     are where it says, with their accelerations, and so is a net that a body holds at t.  Elements that are
     not `intact` (m,) carry no load.  `reels` (R,) is needed where there are any.  Bullets that are `gone`
-    (k,) are not pushed by launch_force.  Friction that sticks has nothing to remember here.  Raises
-    ValueError without the bodies or reels that it needs.
+    (k,) are not pushed by launch_force.  `drawn` (1,) is the amount of what closes the mouth
+    (`closing.Drawn`), needed where something does.  Friction that sticks has nothing to remember here.
+    Raises ValueError without the bodies, reels or amount that it needs.
     """
     n, levers, rigid = len(system.net.mass), system.levers, system.bodies.rigid
     if bodies is None:
@@ -160,7 +165,7 @@ def acceleration(
             raise ValueError("threads or bullets touch bodies: give the states of the bodies")
         if system.packs(t):
             raise ValueError("a body holds the net: give the states of the bodies")
-        return motion(system, t, x, v, Mode(intact))[0][:n]
+        return motion(system, t, x, v, Mode(intact), drawn)[0][:n]
     attitude, own = bodies.attitude[rigid], bodies.angular_velocity[rigid]
     spin = np.einsum("bij,bjk,bk->bi", attitude, system.bodies.resistance, own)
     w, lever = np.einsum("bij,bj->bi", attitude, own), levers.turned(attitude)
@@ -171,9 +176,9 @@ def acceleration(
     lever_of_packed = packed.turned(attitude)
     x[packed.node] = packed.places(bodies.position[rigid], lever_of_packed)
     v[packed.node] = packed.velocities(bodies.velocity[rigid], w, lever_of_packed)
-    whole = Whole(x, v, attitude, spin)
+    whole = Whole(x, v, attitude, spin, drawn=drawn)
     if reels is not None and system.reels is not None:
-        whole = Whole(x, v, attitude, spin, reels.wound_up, reels.held)
+        whole = Whole(x, v, attitude, spin, reels.wound_up, reels.held, drawn=drawn)
         held.place(system, x, reels.held)
         held.place(system, v, reels.held)
     found = response(system, t, whole, Mode(intact, gone=gone))
@@ -189,14 +194,18 @@ def acceleration(
     return result
 
 
-def motion(system: System, t: float, x: Floats, v: Floats, mode: Mode = BY_STATE) -> tuple[Floats, float]:
+def motion(
+    system: System, t: float, x: Floats, v: Floats, mode: Mode = BY_STATE, drawn: Floats | None = None
+) -> tuple[Floats, float]:
     """dv/dt of eq. (16) (N, 3) [m/s2] of nodes and bodies, and the power that leaves the system [W].
 
     x, v (N, 3) [m, m/s] are those of the n nodes and then of the bodies; without bodies, N = n.  Bodies
     are taken to rest in the scene's axes; `response` knows how they turn.
     """
     r = len(system.bodies.rigid)
-    found = response(system, t, Whole(x, v, np.tile(np.eye(3), (r, 1, 1)), np.zeros((r, 3))), mode)
+    found = response(
+        system, t, Whole(x, v, np.tile(np.eye(3), (r, 1, 1)), np.zeros((r, 3)), drawn=drawn), mode
+    )
     return found.acceleration, found.power
 
 
@@ -208,9 +217,19 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
     """
     x, v, n = whole.x, whole.v, len(system.net.mass)
     nodes, speeds = (x, v) if len(x) == n else (x[:n], v[:n])
-    outlets = _outlets(system, t, whole, mode)
+    outlets, edge = _outlets(system, t, whole, mode), _shrinking(system, t, whole, mode)
+    changing = [some for some in (outlets, edge) if some is not None]
     internal = _assembled_forces if system.assembled else _element_forces
-    push, power = internal(system, nodes, speeds, mode, outlets)
+    push, power = internal(system, nodes, speeds, mode, changing)
+    drawing = np.empty(0)
+    if edge is not None:
+        drawing = np.array([_rate_of_part(system, t, mode), math.fsum(edge.power.tolist())])
+        power -= float(drawing[1])
+    elif isinstance(line := system.closing, Line):
+        pulled = pull(system, line, _order(line, t, mode), nodes, speeds, _amount(whole))
+        push += pulled.force
+        power += pulled.taken - pulled.power
+        drawing = np.array([pulled.rate, pulled.power])
     effects = system.effects
     if any(effects.gravity):
         push += system.weight
@@ -251,7 +270,7 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
         power -= float(np.sum(outlets.power))
     reeling = np.empty((2, 0)) if outlets is None else np.stack((outlets.rate, outlets.power))
     accelerations = np.concatenate((result, beside)) if len(beside) else np.asarray(result)
-    return Response(accelerations, torque, power, given, reeling, pressed.taken)
+    return Response(accelerations, torque, power, given, reeling, pressed.taken, drawing)
 
 
 def _touched(system: System, whole: Whole, mode: Mode, packed: bool) -> touch.Touched:
@@ -309,6 +328,32 @@ def _outlets(system: System, t: float, whole: Whole, mode: Mode) -> Outlets | No
         raise ValueError("a tether has a reel: give how much of it is wound up, and the nodes on the drum")
     orders = reels.orders(t) if mode.orders is None else mode.orders
     return pay(system, reels, orders, whole.x, whole.v, whole.wound_up, whole.held)
+
+
+def _amount(whole: Whole) -> float:
+    """What is drawn of what closes the mouth, see `closing.Drawn`."""
+    if whole.drawn is None:
+        raise ValueError("something closes the mouth: give how much of it is drawn")
+    return float(whole.drawn[0])
+
+
+def _order(closing: Closing, t: float, mode: Mode) -> int:
+    """What it is told to do, see `closing.order_at`."""
+    return order_at(closing, t) if mode.closing is None else mode.closing
+
+
+def _shrinking(system: System, t: float, whole: Whole, mode: Mode) -> Outlets | None:
+    """The elements of an edge that shrinks; None without."""
+    if not isinstance(edge := system.closing, Edge):
+        return None
+    return shrink(system, edge, _order(edge, t, mode), whole.x, whole.v, _amount(whole))
+
+
+def _rate_of_part(system: System, t: float, mode: Mode) -> float:
+    """dp/dt [1/s] of an edge."""
+    edge = system.closing
+    assert isinstance(edge, Edge)
+    return 0.0 if _order(edge, t, mode) == LOCKED else -edge.rate
 
 
 def _bear(
@@ -439,11 +484,11 @@ def _thrown(system: System, whole: Whole, mode: Mode) -> Floats:
 
 
 def _element_forces(
-    system: System, x: Floats, v: Floats, mode: Mode, outlets: Outlets | None
+    system: System, x: Floats, v: Floats, mode: Mode, changing: list[Outlets]
 ) -> tuple[Floats, float]:
     """-S(x) x - D v (n, 3) [N], element by element, and the power taken [W]."""
     d = span(system, x)
-    per_length, power = _pull(system, d, v, mode, outlets)
+    per_length, power = _pull(system, d, v, mode, changing)
     element_force = per_length[:, None] * d
     if system.effects.bending is not None:
         element_force += system.hinges.pull(d)
@@ -460,11 +505,11 @@ def _element_forces(
 
 
 def _assembled_forces(
-    system: System, x: Floats, v: Floats, mode: Mode, outlets: Outlets | None
+    system: System, x: Floats, v: Floats, mode: Mode, changing: list[Outlets]
 ) -> tuple[Floats, float]:
     """The same with the matrices S(x) and D of eqs. (12), (13): other round-off, nothing else."""
     d = span(system, x)
-    per_length, power = _pull(system, d, v, mode, outlets)
+    per_length, power = _pull(system, d, v, mode, changing)
     pattern, scatter = system.graph
     stiffness = csr_array((scatter @ per_length, pattern.indices, pattern.indptr), shape=pattern.shape)
     push = -(stiffness @ x)
@@ -491,4 +536,8 @@ def greatest_frequency(system: System) -> float:
     around = np.bincount(
         system.net.element_nodes.ravel(), np.repeat(stiffness, 2), minlength=len(system.net.mass)
     )
-    return float(np.sqrt(np.max(2.0 * around * system.compliance_of_inertia[:, 0], initial=0.0)))
+    squared = np.max(2.0 * around * system.compliance_of_inertia[:, 0], initial=0.0)
+    if isinstance(line := system.closing, Line):  # one spring over all its nodes
+        many = np.bincount(np.concatenate((line.nodes[:-1], line.nodes[1:])), minlength=len(around))
+        squared += line.stiffness / line.length * np.sum(many**2 * system.compliance_of_inertia[:, 0])
+    return float(np.sqrt(squared))

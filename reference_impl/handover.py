@@ -116,7 +116,10 @@ def _energy(layout: Layout, y: Floats) -> float:
     system, whole, bodies = layout.system, layout.whole(y), layout.body_states(y)
     x, v = whole.x[: layout.nodes], whole.v[: layout.nodes]
     inside, outlets = energy.at_outlets(system, x, layout.wound(y))
-    kept = energy.elastic(system, x, inside) + energy.potential(system, x, bodies) + outlets
+    others, closing = energy.of_closing(system, x, layout.drawn(y))
+    if others is not None:
+        inside = others if inside is None else inside & others
+    kept = closing + energy.elastic(system, x, inside) + energy.potential(system, x, bodies) + outlets
     if system.contacts is not None:
         wound, packed = layout.wound(y), bool(np.any(layout.packed(y)))
         seen = touch.view_of_states(system, x, v, bodies, wound.held if system.reels else None, packed)

@@ -69,6 +69,8 @@ def unsupported(system: System) -> str:
         reasons.append("bodies whose motion is given")
     if fields.turn(system):
         reasons.append("effects that turn bodies (effects.orbit, or damping by the mass)")
+    if system.closing is not None:
+        reasons.append("closing, which puts energy in")
     if system.assembled:
         reasons.append("assembled arithmetic, which it does not have")
     return "; ".join(reasons)

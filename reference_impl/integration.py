@@ -16,6 +16,7 @@ import numpy as np
 from reference_impl.adaptive import PAIRS
 from reference_impl.arrays import Floats
 from reference_impl.bodies import BodyStates
+from reference_impl.closing import kinks as told_anew
 from reference_impl.drive import Poses
 from reference_impl.fixed import Classical, Fixed, Verlet
 from reference_impl.implicit import EnergyMomentum, unsupported
@@ -143,10 +144,12 @@ def _follow(run: Run, scheme: Scheme, times: Floats, progress: Progress | None) 
     stepper, ejection = scheme.stepper(run, times), _ejection(run, times)
     thrust, end = run.system.effects.thrust, float(times[-1])
     kinks = set(() if thrust is None else thrust.time)
-    for commands in () if run.system.reels is None else run.system.reels.commands:
-        kinks.update(command.at for command in commands)
-    for drive in run.system.bodies.drives:
-        kinks.update(drive.times if isinstance(drive, Poses) else ())
+    for drive in () if run.system.reels is None else run.system.reels.drives:
+        kinks.update(command.at for command in drive.commands)
+    if run.system.closing is not None:
+        kinks.update(told_anew(run.system.closing))
+    for motion in run.system.bodies.drives:
+        kinks.update(motion.times if isinstance(motion, Poses) else ())
     if ejection is not None:
         kinks.add(ejection)
     knots = sorted(t for t in kinks if run.t < t <= end)

@@ -23,6 +23,7 @@ class Mode:
     gone: Bools | None = None  # (k,) bullets that have left barrels for good; None: none ever does
     segment: int | None = None  # of thrust, see `Thrust.at`; None: the one that holds at t
     orders: tuple[int, ...] | None = None  # of reels, see `Reels.orders`; None: those that hold at t
+    closing: int | None = None  # of what closes the mouth, see `closing.order_at`; None: as holds at t
     memory: Memory | None = None  # None: friction has no memory
 
 

@@ -22,6 +22,7 @@ from reference_impl.case import Cable, Carrier, Case, Refused, Start, Strings
 from reference_impl.effects import Surroundings, read_effects
 from reference_impl.effects.launch_force import CHASER
 from reference_impl.read_bodies import read_attitude, read_bodies
+from reference_impl.read_closing import closing_faults, read_closing
 from reference_impl.read_ties import read_tethers, tie_faults
 from reference_impl.shape import LARGEST_COUNT, Explicit, Hexagonal, bullets_of, read_shape
 from reference_impl.table import Table, count, number, numbers, refusal, text, triples
@@ -90,6 +91,7 @@ def read_document(
         root.table("bodies", required=False), times[-1] if times else None, Path(folder)
     )
     tethers = read_tethers(root.table("tethers", required=False), _section)
+    closing = read_closing(root.table("closing", required=False))
     there = 0 if not bullets else bullets_of(shape) if shape is not None else None
     around = Surroundings(there or (None if bullets else 0), times[-1] if times else None, bool(launch_table))
     effects = read_effects(root.table("effects", required=False), around)
@@ -111,6 +113,7 @@ def read_document(
         attachments,
         tethers,
         border,
+        closing,
     )
     faults += _misfits(case, bool(bullets), bool(launch_table))
     if faults:
@@ -284,7 +287,7 @@ def _misfits(case: Case, bullets: bool, thrown: bool) -> list[str]:
         faults.append("launch: needs net.bullets")
     faults += _chaser_faults(case)
     faults += _contact_faults(case)
-    return faults + _carrier_faults(case) + tie_faults(case, bullets)
+    return faults + _carrier_faults(case) + tie_faults(case, bullets) + closing_faults(case, bullets)
 
 
 def _carrier_faults(case: Case) -> list[str]:

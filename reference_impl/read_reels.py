@@ -19,7 +19,7 @@ def read_reel(table: Table, length: float | None, divisions: int | None) -> Reel
         return None
     before = len(table.faults)
     within = _within(length, divisions)
-    at = table.get("at", _end, "start")
+    at = table.get("at", which_end, "start")
     paid_out = table.get("paid_out", within, length)
     quarter = None if length is None or divisions is None else 0.25 * length / divisions
     shortest = table.get("shortest", within, quarter)
@@ -27,15 +27,21 @@ def read_reel(table: Table, length: float | None, divisions: int | None) -> Reel
         table.faults.append(
             f"{table.name('shortest')}: is more than what is outside at first, {paid_out:g} m"
         )
-    largest_rate = table.get("largest_rate", number(above=0.0), math.inf)
-    damping = table.get("damping", number(above=0.0), None)
-    commands = _commands(table)
-    if "damping" not in table.values and any(command.force is not None for command in commands):
-        table.faults.append(f"{table.name('damping')}: missing, a command has a force")
+    drive = read_drive(table)
     table.close()
     if len(table.faults) > before or paid_out is None or shortest is None:
         return None
-    return Reel(at == "start", paid_out, shortest, largest_rate, damping, commands)
+    return Reel(at == "start", paid_out, shortest, *drive)
+
+
+def read_drive(table: Table) -> tuple[float, float, tuple[Command, ...]]:
+    """Largest rate [m/s], damping [N s/m], both infinite where they are absent, and commands of a drive."""
+    largest_rate = table.get("largest_rate", number(above=0.0), math.inf)
+    damping = table.get("damping", number(above=0.0), math.inf)
+    commands = _commands(table)
+    if "damping" not in table.values and any(command.force is not None for command in commands):
+        table.faults.append(f"{table.name('damping')}: missing, a command has a force")
+    return largest_rate, damping, commands
 
 
 def _within(length: float | None, divisions: int | None) -> Callable[[Any], float]:
@@ -45,7 +51,8 @@ def _within(length: float | None, divisions: int | None) -> Callable[[Any], floa
     return number(minimum=0.25 * length / divisions, maximum=length)
 
 
-def _end(value: Any) -> str:
+def which_end(value: Any) -> str:
+    """Reads the name of an end."""
     if value not in ("start", "end"):
         raise ValueError(f'must be "start" or "end", not {value!r}')
     return str(value)

@@ -17,7 +17,7 @@ def read_attachments(table: Table, body: str) -> list[Attachment]:
     made = []
     for name in table.values:
         inner = table.table(name, required=False)
-        point, node = inner.need("point", numbers(3)), _net_node(inner, ("node", "bullet"))
+        point, node = inner.need("point", numbers(3)), net_node(inner, ("node", "bullet"))
         inner.close()
         if node is not None and point is not None:
             made.append(Attachment(node, BodyPoint(body, point)))
@@ -56,7 +56,7 @@ def _end(table: Table) -> Any:
                         f"{table.path}: give one of node, bullet and body, not {key} beside body"
                     )
         else:
-            end = _net_node(table, ("node", "bullet", "body"))
+            end = net_node(table, ("node", "bullet", "body"))
             if "point" in table.values:
                 table.seen.add("point")
                 table.faults.append(f"{table.name('point')}: only with {table.name('body')}")
@@ -64,7 +64,7 @@ def _end(table: Table) -> Any:
     return end
 
 
-def _net_node(table: Table, choice: tuple[str, ...]) -> NetNode | None:
+def net_node(table: Table, choice: tuple[str, ...]) -> NetNode | None:
     """The one of `node` and `bullet` that is given; None with faults noted where it cannot be read."""
     if not table:
         return None
@@ -82,7 +82,7 @@ def tie_faults(case: Case, bullets: bool) -> list[str]:
     taken: Counter[NetNode] = Counter(a.node for a in case.attachments)
     for attachment in case.attachments:
         path = f"bodies.{attachment.place.body}.attachments"
-        faults += _missing(case, bullets, attachment.node, path)
+        faults += missing(case, bullets, attachment.node, path)
         fixed = isinstance(case.shape, Explicit) and attachment.node.number in (case.shape.fixed or ())
         if fixed and attachment.node.kind == "node":
             faults.append(f"{path}: node {attachment.node.number} is one of net.fixed")
@@ -94,7 +94,7 @@ def tie_faults(case: Case, bullets: bool) -> list[str]:
         for key, end in (("start", tether.start), ("end", tether.end)):
             path = f"tethers.{tether.name}.{key}"
             if isinstance(end, NetNode):
-                faults += _missing(case, bullets, end, path)
+                faults += missing(case, bullets, end, path)
             elif end.body not in names:
                 faults.append(f"{path}.body: there is no body {end.body}")
         if _what(tether.start) == _what(tether.end):
@@ -106,7 +106,7 @@ def _what(end: NetNode | BodyPoint) -> NetNode | str:
     return end.body if isinstance(end, BodyPoint) else end
 
 
-def _missing(case: Case, bullets: bool, node: NetNode, path: str) -> list[str]:
+def missing(case: Case, bullets: bool, node: NetNode, path: str) -> list[str]:
     """Why there is no such node in the net; nothing if there is, or if the net itself is faulty."""
     if case.shape is None or (isinstance(case.shape, Explicit) and case.shape.nodes is None):
         return []

@@ -14,19 +14,20 @@ with dE11/dt = d.d'/L0^2 + q^2 s'/L0.  s and k are parts of the state (`state`):
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from reference_impl.arrays import Bools, Floats, Ints, dot
-from reference_impl.case import Case, Command
+from reference_impl.case import Case, Reel, Tether
 from reference_impl.elements import Elements
 from reference_impl.net import Net
+from reference_impl.winding import Drive
 
 ROUND_OFF = 1e-9  # part of a piece within which the outlet has the length at which a node goes on or off
 SHORT, LONG = 0.25, 1.5  # lengths of the outlet, over l, at which a node goes on the drum, and off it
-LOCKED = -1  # number of the command before the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +48,7 @@ class Reels:
     nodes: tuple[Ints, ...]  # the inner nodes of each tether
     elements: tuple[Ints, ...]  # one more than these
     piece: Floats  # l (R,) [m]
-    most: Floats  # (R,) [m] that can be wound up: length - shortest
-    largest_rate: Floats  # (R,) [m/s]
-    damping: Floats  # c (R,) [N s/m], infinite where there is none
-    commands: tuple[tuple[Command, ...], ...]
+    drives: tuple[Drive, ...]
     wound_up: Floats  # s (R,) [m] at time 0
     held: Floats  # k (R,) at time 0
 
@@ -91,57 +89,45 @@ class Reels:
 
     def orders(self, t: float) -> tuple[int, ...]:
         """Numbers of the commands that hold from t [s] on."""
-        return tuple(sum(c.at <= t for c in commands) + LOCKED for commands in self.commands)
+        return tuple(drive.order(t) for drive in self.drives)
 
     def rates(self, orders: tuple[int, ...], tension: Floats, wound_up: Floats) -> Floats:
         """ds/dt (R,) [m/s] of drives that follow their `orders` against elastic tensions (R,) [N]."""
-        wished = np.array(
-            [
-                _wish(commands[number] if number != LOCKED else None, pull, c)
-                for commands, number, pull, c in zip(
-                    self.commands, orders, tension.tolist(), self.damping.tolist(), strict=True
-                )
-            ]
-        )
-        cut = np.clip(wished, -self.largest_rate, self.largest_rate)
-        left = np.where(cut > 0.0, self.most - wound_up, wound_up)
-        return np.asarray(cut * np.clip(left / (0.25 * self.piece), 0.0, 1.0))
-
-
-def _wish(command: Command | None, tension: float, damping: float) -> float:
-    """ds/dt [m/s] that a drive wants, before its limits."""
-    if command is None or command.mode == "lock":
-        return 0.0
-    if command.mode == "tension":
-        assert command.force is not None
-        return (command.force - tension) / damping
-    slip = 0.0 if command.force is None else max(tension - command.force, 0.0) / damping
-    return -slip if command.rate is None else command.rate - slip
+        told = zip(self.drives, orders, tension.tolist(), wound_up.tolist(), strict=True)
+        return np.array([drive.rate(order, pull, s) for drive, order, pull, s in told])
 
 
 @dataclass(frozen=True, eq=False)
 class Outlets:
-    """The outlets of R reels in a state."""
+    """Elements (q,) whose reference lengths change, in a state: the outlets of reels, a shrinking edge."""
 
-    element: Ints  # (R,)
-    per_length: Floats  # S11 A/L0 (R,) [N/m], its force over d
+    element: Ints  # (q,)
+    per_length: Floats  # S11 A/L0 (q,) [N/m], its force over d
     taken: float  # [W] by viscous stress
-    rate: Floats  # ds/dt (R,) [m/s]
-    power: Floats  # (R,) [W] that the drums do on their tethers
+    rate: Floats  # -dL0/dt (q,) [m/s]
+    power: Floats  # (q,) [W] that what shortens them does on them
 
 
 def pay(
     system: Elements, reels: Reels, orders: tuple[int, ...], x: Floats, v: Floats, s: Floats, k: Floats
 ) -> Outlets:
     """The outlets at places x and velocities v (n, 3) [m, m/s], with s (R,) [m] and k (R,)."""
-    element, length = reels.outlets(k), reels.outside(s, k)
+    return shorten(
+        system, reels.outlets(k), reels.outside(s, k), lambda pull: reels.rates(orders, pull, s), x, v
+    )
+
+
+def shorten(
+    system: Elements, element: Ints, length: Floats, rates: Callable[[Floats], Floats], x: Floats, v: Floats
+) -> Outlets:
+    """Elements (q,) of the reference lengths (q,) [m]; `rates` gives -dL0/dt from elastic tensions [N]."""
     i, j = system.net.element_nodes[element].T
     d, u = x[j] - x[i], v[j] - v[i]
     squared, stiffness = length * length, system.net.youngs_modulus[element] * system.net.area[element]
     e11 = 0.5 * (dot(d, d) - squared) / squared - system.free_strain
     stretched, stretch = np.maximum(e11, 0.0), np.sqrt(dot(d, d)) / length
     elastic = stiffness * stretched / length
-    rate = reels.rates(orders, elastic * stretch * length, s)
+    rate = rates(elastic * stretch * length)
     straining = dot(d, u) / squared + stretch * stretch * rate / length
     viscosity = system.effects.relaxation_time * stiffness / length
     viscous = np.maximum(np.where(e11 > 0.0, viscosity * straining, 0.0), -elastic)
@@ -165,13 +151,15 @@ def reeled(case: Case, net: Net) -> Reels:
         tuple(nodes[1:-1] for nodes, _ in chains),
         tuple(elements for _, elements in chains),
         column([tether.piece for _, tether, _ in made]),
-        column([tether.length - reel.shortest for _, tether, reel in made]),
-        column([reel.largest_rate for _, _, reel in made]),
-        column([math.inf if reel.damping is None else reel.damping for _, _, reel in made]),
-        tuple(reel.commands for _, _, reel in made),
+        tuple(_drive(tether, reel) for _, tether, reel in made),
         column([s for s, _ in starts]),
         column([float(k) for _, k in starts]),
     )
+
+
+def _drive(tether: Tether, reel: Reel) -> Drive:
+    most, ramp = tether.length - reel.shortest, 0.25 * tether.piece
+    return Drive(reel.commands, most, ramp, reel.largest_rate, reel.damping)
 
 
 def chain(element_nodes: Ints, tether: Ints, number: int, from_start: bool) -> tuple[Ints, Ints]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -10,6 +11,7 @@ import numpy as np
 from reference_impl import touch
 from reference_impl.arrays import Bools, Floats, Ints
 from reference_impl.bodies import BodyStates, orthonormal
+from reference_impl.closing import LONGEST, Drawn, Line, order_at
 from reference_impl.contacts import gaps
 from reference_impl.effects.launch_force import LaunchForce
 from reference_impl.elements import strain
@@ -43,6 +45,7 @@ class Trajectory:
     given: Given  # (nt, b, ...) by bodies whose motion is given
     reels: Wound  # (nt, R)
     gone: Bools  # (nt, k) bullets that have left their barrels in a body for good
+    drawn: Drawn  # (nt, c) of what closes the mouth
     rubbing: Floats  # (nt, 2) [J] taken where bodies are touched, by damping and by friction
 
 
@@ -128,6 +131,7 @@ class Run:
         self.enter_segment()
         self.break_exceeded()
         self.check_depth()
+        self.check_stretch()
         if (contacts := self.system.contacts) is not None and contacts.law.sticks:
             self.mode = replace(self.mode, memory=nothing(contacts.pairs))
             if located:
@@ -174,6 +178,15 @@ class Run:
         if worst.over > touch.TOO_DEEP:
             raise TooDeep(worst)
 
+    def check_stretch(self) -> None:
+        """Stops where a closing line is longer than it may be."""
+        if not isinstance(line := self.system.closing, Line):
+            return
+        outside = line.length - float(self.layout.drawn(self.y).amount[0])
+        free = outside * math.sqrt(1.0 + 2.0 * self.system.free_strain)
+        if float(line.way(self.layout.positions(self.y))) > LONGEST * free:
+            raise Breakdown("the closing line is more than twice as long as when free of stress")
+
     def controlled(self, books: bool) -> slice | Ints:
         """What of y adaptive methods keep accurate: its motion, and W if the `books` are to be too.
 
@@ -218,7 +231,9 @@ class Run:
 
     def enter_segment(self) -> bool:
         """Takes the segment of thrust and the commands that hold at t; whether there is any thrust."""
-        thrust, reels = self.system.effects.thrust, self.system.reels
+        thrust, reels, closing = self.system.effects.thrust, self.system.reels, self.system.closing
+        if closing is not None:
+            self.mode = replace(self.mode, closing=order_at(closing, self.t))
         if reels is not None:
             self.mode = replace(self.mode, orders=reels.orders(self.t))
         if thrust is not None:
@@ -245,6 +260,7 @@ class Run:
         self.t, self.y = t, y
         self.n_steps += 1
         self.check_depth()
+        self.check_stretch()
 
     def settle(self, reached: np.ndarray) -> None:
         """Enters the mode after events; the elastic energy of what breaks leaves the system.
@@ -329,6 +345,7 @@ class Run:
             self.layout.given(y),
             self.layout.wound(y),
             np.array(gone, dtype=bool).reshape(len(y), k),
+            self.layout.drawn(y),
             self.layout.rubbing(y) if self.system.contacts is not None else np.zeros((len(y), 2)),
         )
 

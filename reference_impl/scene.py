@@ -13,6 +13,7 @@ from reference_impl import touch
 from reference_impl.arrays import Floats
 from reference_impl.bodies import BodyStates, collect
 from reference_impl.case import Case, Refused
+from reference_impl.closing import check_way
 from reference_impl.integration import Progress, Trajectory, integrate
 from reference_impl.net import Net
 from reference_impl.read import read
@@ -68,6 +69,7 @@ def prepare(case: Case, symmetric: bool = False, assembled: bool = False) -> Sce
     system = replace(system, begun=begun(case, system))
     x0, v0 = initial_state(case, net)
     _check_depth(system, x0, v0, bodies0)
+    check_way(system.closing, x0, system.free_strain)
     return Scene(case, net, system, x0, v0, bodies0)
 
 

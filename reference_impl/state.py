@@ -5,7 +5,8 @@ rotation matrices and angular momenta of the r rigid bodies (`bodies`); W: the e
 
 Where motions are given, time and what these d bodies gave stand before W: impulse, angular impulse, work.
 Of the R reels the lengths wound up and the numbers of nodes on the drums stand after the time, their work
-before what bodies gave.  Where a body ejects the net, 1 while it is packed, then 0, stands before that work.
+before what bodies gave.  What closes the mouth has one unknown after those of the reels, and its work after
+theirs.  Where a body ejects the net, 1 while it is packed, then 0, stands before that work.
 Where bodies are touched, the directions of friction's bristles (`friction`) and then what damping and
 friction have taken stand before that.
 Nodes that are points of bodies or held by them, and driven bodies, have rows that rest; `Layout.whole` puts
@@ -29,6 +30,7 @@ from reference_impl.bodies import (
     turning,
     turning_rate,
 )
+from reference_impl.closing import Drawn
 from reference_impl.drive import Guided
 from reference_impl.forces import Response, Whole
 from reference_impl.held import load, place, place_packed
@@ -47,7 +49,7 @@ class Given:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the parts of y are: size 6 N + 12 r + 3 R + 1, and 7 d + 1 more with d > 0 driven bodies.
+    """Where the parts of y are: size 6 N + 12 r + 3 R + 2 c + 1, and 7 d + 1 more with d > 0 driven bodies.
 
     One more with a net that a body ejects; with contact 3 P + 2 more, or 2 where friction has no memory.
     """
@@ -81,7 +83,12 @@ class Layout:
     @cached_property
     def controlled(self) -> int:
         """How much of y, from its beginning, adaptive methods keep accurate: motion, clock, reels."""
-        return self.moved + self.clocks + 2 * self.reels
+        return self.moved + self.clocks + 2 * self.reels + self.closings
+
+    @cached_property
+    def closings(self) -> int:
+        """c, 1 where something closes the mouth, else 0."""
+        return int(self.system.closing is not None)
 
     @cached_property
     def reels(self) -> int:
@@ -90,8 +97,8 @@ class Layout:
 
     @cached_property
     def booked(self) -> int:
-        """Where the work of reels ends and what driven bodies gave begins."""
-        return self.freed + self.reels
+        """Where the work of reels and of closing ends and what driven bodies gave begins."""
+        return self.freed + self.reels + self.closings
 
     @cached_property
     def freed(self) -> int:
@@ -126,9 +133,14 @@ class Layout:
         begin, count = self.moved + self.clocks, self.reels
         return Wound(
             y[..., begin : begin + count],
-            y[..., begin + count : self.controlled],
-            y[..., self.freed : self.booked],
+            y[..., begin + count : begin + 2 * count],
+            y[..., self.freed : self.freed + count],
         )
+
+    def drawn(self, y: Floats) -> Drawn:
+        """What closes the mouth in the states y."""
+        amount = y[..., self.controlled - self.closings : self.controlled]
+        return Drawn(amount, y[..., self.booked - self.closings : self.booked])
 
     @cached_property
     def clocks(self) -> int:
@@ -148,6 +160,8 @@ class Layout:
     def whole(self, y: Floats) -> Whole:
         """x, v (..., N, 3), R (..., r, 3, 3) and h (..., r, 3) of all particles and rigid bodies."""
         whole = self._led(y)
+        if self.closings:
+            whole = replace(whole, drawn=self.drawn(y).amount)
         return replace(whole, bristles=self.bristles(y)) if self.bristled > self.controlled else whole
 
     def _led(self, y: Floats) -> Whole:
@@ -230,7 +244,9 @@ class Layout:
     def pack(self, x: Floats, v: Floats, bodies: BodyStates | None, t: float = 0.0) -> Floats:
         """y at t [s]; its books are empty but for a throw at time 0."""
         if bodies is None:
-            return np.concatenate((np.ravel(x), np.ravel(v), (0.0,)))
+            closing = self.system.closing
+            drawn = () if closing is None else (closing.begin, 0.0)
+            return np.concatenate((np.ravel(x), np.ravel(v), drawn, (0.0,)))
         rigid = self.bodies.rigid
         attitude = bodies.attitude[rigid]
         own = np.einsum("bij,bj->bi", self.bodies.resistance, bodies.angular_velocity[rigid])
@@ -239,14 +255,16 @@ class Layout:
         moving[self.system.levers.node] = 0.0
         drifting = self.bodies.free[:, None] * bodies.velocity
         spin = self.bodies.free[rigid, None] * spin
-        books = np.zeros(self.reels + 7 * len(self.bodies.driven) + 1)
+        books = np.zeros(self.reels + self.closings + 7 * len(self.bodies.driven) + 1)
         if (begun := self.system.begun) is not None and t == 0.0:
             books[-1] = begun.left
-            row = self.reels + 7 * np.flatnonzero(self.bodies.driven == begun.body)
+            row = self.reels + self.closings + 7 * np.flatnonzero(self.bodies.driven == begun.body)
             books[row[:, None] + np.arange(7)] = begun.given
         wound, held = np.empty(0), None
         if (reels := self.system.reels) is not None:
             wound, held = np.concatenate((reels.wound_up, reels.held)), reels.held
+        if self.system.closing is not None:
+            wound = np.append(wound, self.system.closing.begin)
         packed = np.full(self.freed - self.rubbed, float(self.system.packs(t)))
         rubbed = np.zeros(self.rubbed - self.controlled)
         moving[load(self.system, held, self.system.packs(t)).node] = 0.0
@@ -268,10 +286,11 @@ class Layout:
             parts.append(np.ones(1))
         if self.reels:
             parts += [response.reeling[0], np.zeros(self.reels)]
+        parts.append(response.drawing[:1])
         parts.append(np.zeros(self.bristled - self.controlled))
         if self.rubbed > self.bristled:
             parts.append(response.rubbing)
-        parts += [np.zeros(self.freed - self.rubbed), response.reeling[1]]
+        parts += [np.zeros(self.freed - self.rubbed), response.reeling[1], response.drawing[1:]]
         if self.clocks:
             parts.append(response.given.ravel())
         return np.concatenate((*parts, (response.power,)))

@@ -17,6 +17,7 @@ from reference_impl.arrays import Floats, Ints
 from reference_impl.barrels import Barrels, aimed
 from reference_impl.bodies import Bodies, collect
 from reference_impl.case import Case
+from reference_impl.closing import Closing, closed_by
 from reference_impl.contacts import Contacts, pairs
 from reference_impl.effects.areas import diameter, exposed
 from reference_impl.effects.bending import Hinges, hinges
@@ -53,6 +54,7 @@ class System(Elements):
     reels: Reels | None = None
     packed: Packed | None = None  # the net, until a body ejects it
     contacts: Contacts | None = None
+    closing: Closing | None = None
     begun: Begun | None = None  # None: the books are empty at time 0
 
     def __post_init__(self) -> None:
@@ -194,4 +196,4 @@ def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = Fa
     barrels, reels = aimed(case, net, bodies, states), reeled(case, net)
     held = packed(case, net, bodies)
     moving = (bodies, barrels, reels if len(reels) else None, held, pairs(case, net, bodies))
-    return System(net, case.effects, symmetric, assembled, *moving)
+    return System(net, case.effects, symmetric, assembled, *moving, closed_by(case, net))

@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 from reference_impl.anchors import none
 from reference_impl.arrays import Floats, Ints
 from reference_impl.case import Cable, Case, Refused
+from reference_impl.closing import with_line
 from reference_impl.cut import cut
 from reference_impl.direction import direction
 from reference_impl.division import divide, lump
@@ -39,8 +40,8 @@ class _Segments:
 
 
 def weave(case: Case) -> Net:
-    """The net of the case, its tethers included."""
-    return tie(case, _woven(case))
+    """The net of the case, its tethers and the mass of its closing line included."""
+    return tie(case, with_line(case, _woven(case)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,7 @@ def _woven(case: Case) -> Net:
     """The net without tethers."""
     if isinstance(case.shape, Explicit):
         knots, sides, length = _listed(case.shape)
-        return _finish(case, knots, [_Family(sides, length, case.cable, case.divisions)], sides[:0, 0])
+        return _finish(case, knots, [_Family(sides, length, case.cable, case.divisions)], *2 * [sides[:0, 0]])
     laid = _lay(case)
     parts = [(laid.mesh, case.cable, case.divisions)]
     if laid.border is not None and case.border is not None:
@@ -78,12 +79,16 @@ def _woven(case: Case) -> Net:
         joined = labels[before : before + 2 * len(part.length)].reshape(-1, 2)
         before += 2 * len(part.length)
         families.append(_Family(*_once(joined, part.length), cable, divisions, part is laid.strings))
-    tips = families[-1].sides[:, 1] if families[-1].strings else cKDTree(knots).query(laid.corners)[1]
-    return _finish(case, knots, families, _anticlockwise(knots, np.unique(tips.astype(np.intp))))
+    corners = np.asarray(cKDTree(knots).query(laid.corners)[1], dtype=np.intp)
+    tips = families[-1].sides[:, 1] if families[-1].strings else corners
+    return _finish(case, knots, families, _anticlockwise(knots, np.unique(tips)), corners)
 
 
-def _finish(case: Case, knots: Floats, families: list[_Family], tips: Ints) -> Net:
-    """Divides the sides of each family and lumps the masses.  `tips`: where bullets are, if there are any."""
+def _finish(case: Case, knots: Floats, families: list[_Family], tips: Ints, corners: Ints) -> Net:
+    """Divides the sides of each family and lumps the masses.
+
+    `tips`: where bullets are, if there are any; `corners` of the mouth.
+    """
     bullets = tips if case.bullet_mass is not None else tips[:0]
     if any(family.elements > LARGEST_COUNT for family in families):
         raise Refused([f"net.divisions: more than {LARGEST_COUNT} elements"])
@@ -126,6 +131,7 @@ def _finish(case: Case, knots: Floats, families: list[_Family], tips: Ints) -> N
         np.full(len(kind), -1),
         n,
         _numbered_nodes(case, knots, tips),
+        corners,
         none(),
     )
 

@@ -146,9 +146,13 @@ def _of_perimeter(keys: Closing) -> Iterator[Fault]:
 
 
 def _each_once_in_a_row(keys: Closing) -> Iterator[Fault]:
-    for k, (one, other) in enumerate(pairwise(keys.nodes or ()), start=1):
+    nodes = keys.nodes or ()
+    for k, (one, other) in enumerate(pairwise(nodes), start=1):
         if one is not None and one == other:
             yield Fault(f"nodes[{k}]", f"node {other} follows itself: one ring is enough")
+    if len(nodes) > 2 and not keys.is_given("start") and nodes[0] is not None and nodes[0] == nodes[-1]:
+        words = f"node {nodes[0]} is the first one too: a loop comes back to it anyway"
+        yield Fault(f"nodes[{len(nodes) - 1}]", words)
 
 
 def _ends(keys: Closing) -> Iterator[Fault]:

@@ -82,7 +82,7 @@ def mesh(keys: Keys) -> Mesh:
         sides=np.stack(np.divmod(side_names, len(names)), axis=1),
         anchors=anchors,
         faces=(loops,),
-        mouth=mouth[mouth != np.roll(mouth, 1)],  # the bridles of a single cell share their knots
+        mouth=mouth[mouth != np.roll(mouth, -1)],  # the bridles of a single cell share their knots
     )
 
 

@@ -31,6 +31,7 @@ from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
 from exunet.methods.method import Form, Method, NetForm
 from exunet.methods.plan import Plan
+from exunet.net.closing import NAME as LINE
 from exunet.results.comparison import ComparedRun, match_nodes
 from exunet.simulation.preparation import Start, prepare
 from exunet.studies.books import Books, Break
@@ -39,6 +40,7 @@ from exunet.studies.neighbours import launch_speed
 from exunet.system.effect_survey import without_choice
 from exunet.system.initial import places_of_fold
 from exunet.system.system import Moving, State
+from reference_impl import closing
 from reference_impl import forces as formulas
 from reference_impl.mode import Mode
 from reference_impl.state import layout
@@ -46,6 +48,7 @@ from reference_impl.state import layout
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+CLOSES = {closing.Line: ("wound_up", "work"), closing.Edge: ("part", "work")}  # names of its states here
 CANCELLED = 8.0 * float(np.finfo(float).eps)  # part of the largest of some powers that cancel to round-off
 
 
@@ -116,6 +119,11 @@ class BothCodes:
         """True if forces act on rigid bodies, or points are fixed to them."""
         system = self.start.system
         return bool(system.driven.any()) or bool(system.kinematics)
+
+    @property
+    def closes(self) -> bool:
+        """True if something closes the mouth of the net."""
+        return self.theirs.system.closing is not None
 
     @property
     def speed(self) -> float:
@@ -189,14 +197,22 @@ class BothCodes:
         held = {winding.name: winding.on_drum(state.memory) for winding in system.forces.cable.reels}
         return reference.Wound(wound, np.array([float(held[name]) for name in names]), work)
 
+    def drawn_in_reference(self, first_order: Floats) -> reference.Drawn:
+        """What closes the mouth in first-order states (..., n_states), as the reference has it."""
+        system, names = self.start.system, CLOSES.get(type(self.theirs.system.closing), ())
+        first = system.blocks.n_x - system.blocks.n_states
+        found = [first_order[..., [system.blocks.state(f"{LINE}/{name}") - first]] for name in names]
+        return reference.Drawn(*(found or [first_order[..., :0]] * 2))
+
     def reference_motion(self, state: State) -> tuple[Floats, float]:
         """The reference's accelerations at a state [m/s2], and the power that its forces take out [W].
 
         (n_points + n_rigid, 3) of the points, then of the centres of rigid bodies. What driven bodies and
-        drums put in is no part of it.
+        drums, or what closes the mouth, put in is no part of it.
         """
         response = self.reference_response(state)[1]
         parts = [response.power, float(response.given[:, 6].sum()), float(response.reeling[1].sum())]
+        parts.append(float(response.drawing[1:].sum()))
         power = sum(parts)
         if abs(power) <= CANCELLED * max(map(abs, parts)):
             power = 0.0
@@ -209,7 +225,9 @@ class BothCodes:
         """
         system, theirs = self.theirs.system, self.theirs_at(state.moving)
         lay = layout(system)
-        whole = lay.whole(lay.pack(theirs.x, theirs.v, theirs.bodies, state.time))
+        packed = lay.pack(theirs.x, theirs.v, theirs.bodies, state.time)
+        lay.drawn(packed).amount[:] = self.drawn_in_reference(state.first_order).amount
+        whole = lay.whole(packed)
         return whole, formulas.response(system, state.time, whole, Mode(self.intact_in_reference(state)))
 
     def probe(self) -> Probe:
@@ -274,7 +292,8 @@ class BothCodes:
         )
         steps, breaks = stepper.counts.steps, tuple(books.breaks)
         given = self._given(first_order)
-        return Trajectory(np.asarray(times), *arms, seen, steps, wound, energy, breaks, given)
+        drawn = self.drawn_in_reference(first_order)
+        return Trajectory(np.asarray(times), *arms, seen, steps, wound, drawn, energy, breaks, given)
 
     def run_reference(self, times: Floats, **how: Any) -> Trajectory:
         """The reference's trajectory at `times` (from 0 on); `how` as in reference_impl.integration."""
@@ -284,7 +303,8 @@ class BothCodes:
         ours = np.argsort(self.reference_elements)  # exunet's element of each of the reference's
         breaks = tuple(Break(int(ours[one.element]), one.time) for one in found.breaks)
         given = np.concatenate([found.given.impulse, found.given.angular_impulse], axis=-1).sum(axis=1)
-        return Trajectory(found.t, *arms, seen, found.n_steps, found.reels, found.dissipated, breaks, given)
+        wound, drawn, left, steps = found.reels, found.drawn, found.dissipated, found.n_steps
+        return Trajectory(found.t, *arms, seen, steps, wound, drawn, left, breaks, given)
 
     def _given(self, first_order: Floats) -> Floats:
         """(t, 6) impulses and angular impulses of all guided bodies, from states (t, n_states)."""

@@ -45,8 +45,9 @@ class Trajectory:
     seen       : the same states as the reference has them, with the bodies
     steps      : how many were taken
     reels      : (t, n_reels) of each, as the reference has them
+    drawn      : (t, c) of what closes the mouth, c = 0 or 1, as the reference has it
     dissipated : (t,) energy that has left the system since the start [J], less what bodies whose motion is
-                 given, and reels, have put in; None: it was not booked
+                 given, reels and what closes the mouth have put in; None: it was not booked
     breaks     : elements that broke, in order of time
     given      : (t, 6) impulse [N s] and angular impulse about the origin [N m s] that bodies whose motion is
                  given have given to all else; None: it was not asked for
@@ -58,6 +59,7 @@ class Trajectory:
     seen: Theirs
     steps: int
     reels: reference.Wound
+    drawn: reference.Drawn
     dissipated: Floats | None = None
     breaks: tuple[Break, ...] = ()
     given: Floats | None = None

@@ -79,10 +79,12 @@ def _quantities(case: BothCodes, state: State) -> Iterator[tuple[str, str, Float
     ours, theirs = States.of(case.start.system, state), case.theirs_at(state.moving)
     x, v, bodies = theirs.x, theirs.v, theirs.bodies
     intact, wound = case.intact_in_reference(state), case.wound_in_reference(state)
-    lengths, (_, outlets) = their_energy.lengths(system, wound), their_energy.at_outlets(system, x, wound)
+    drawn = case.drawn_in_reference(state.first_order)
+    lengths = their_energy.lengths(system, wound, drawn)
+    stored = their_energy.at_outlets(system, x, wound)[1] + their_energy.of_closing(system, x, drawn)[1]
     yield "kinetic energy", "J", ours.kinetic[0], their_energy.kinetic(system, v, bodies)
     yield "elastic energy", "J", ours.elastic[0], their_energy.elastic(system, x, intact)
-    yield "potential energy", "J", ours.potential[0], their_energy.potential(system, x, bodies) + outlets
+    yield "potential energy", "J", ours.potential[0], their_energy.potential(system, x, bodies) + stored
     yield "momentum", "kg m/s", ours.momentum[0], their_energy.momentum(system, v, bodies)
     angular = their_energy.angular_momentum(system, x, v, bodies)
     yield "angular momentum", "kg m2/s", ours.angular_momentum[0], angular

@@ -65,10 +65,12 @@ def energies(case: BothCodes, motion: Trajectory, allowed: Tolerance) -> Balance
     for one in motion.breaks:
         intact[motion.time >= one.time, case.reference_elements[one.element]] = False
     inside, outlets = energy.at_outlets(system, seen.x, motion.reels)
-    if inside is not None:
-        intact &= inside
+    others, closing = energy.of_closing(system, seen.x, motion.drawn)
+    for some in (inside, others):
+        if some is not None:
+            intact &= some
     kinetic = energy.kinetic(system, seen.v, seen.bodies)
-    total = kinetic + energy.elastic(system, seen.x, intact) + outlets
+    total = kinetic + energy.elastic(system, seen.x, intact) + outlets + closing
     total = total + energy.potential(system, seen.x, seen.bodies)
     if motion.dissipated is not None:
         total = total + motion.dissipated

@@ -12,7 +12,17 @@ from exunet.codegen.compile import numba_installed
 from exunet.methods.method import Form
 from exunet.studies.both_codes import BothCodes, NotCovered, read_both
 from exunet.studies.neighbours import MOVE
-from exunet.verification import at_states, contact, growth, horizon, matrices, stepping, symmetry, topology
+from exunet.verification import (
+    at_states,
+    closing,
+    contact,
+    growth,
+    horizon,
+    matrices,
+    stepping,
+    symmetry,
+    topology,
+)
 from exunet.verification.answers import ANSWERS, BODY_ANSWERS, Answer
 from exunet.verification.bodies.at_states import STATES
 from exunet.verification.bodies.scenes import BODY_CASES, body_scenes
@@ -31,6 +41,7 @@ RUNGS = {
     7: "Horizon",
     8: "Bodies",
     9: "Contact",
+    10: "Closing",
 }
 MOST_ELEMENTS = 2000  # larger nets are compared at given states and over one step, not over whole runs
 # The paper's case, with its damping, without, and packed as the paper says elsewhere.
@@ -102,7 +113,8 @@ def _of_rung(rung: int, findings: Iterable[Evidence]) -> Iterator[Evidence]:
 class Ladder:
     """The rungs over some cases.
 
-    cases : those with forces on rigid bodies are compared in rungs 1 and 8 only
+    cases : those with forces on rigid bodies are compared in rungs 1 and 8 only, others whose mouth something
+            closes in rungs 1 and 10
     quick : one case only for what takes whole runs, fewer random nets; rungs 1 to 3 are the same
     paper : also check that round-off alone separates the bullets of the paper's nets
     different: names of cases whose nets are known to differ; `nets` adds to them
@@ -113,7 +125,7 @@ class Ladder:
         self, cases: Sequence[BothCodes], *, quick: bool, paper: bool, different: Collection[str] = ()
     ) -> None:
         self._named, self._quick, self._paper = cases, quick, paper
-        self._cases = [case for case in cases if not case.moves_bodies]
+        self._cases = [case for case in cases if not case.moves_bodies and not case.closes]
         self.different = set(different)
 
     def nets(self) -> Iterator[Step]:
@@ -130,6 +142,7 @@ class Ladder:
         yield from self._answers()
         yield from self._bodies()
         yield from self._contacts()
+        yield from self._closings()
 
     def _states(self) -> Iterator[Step]:
         for case in self._forms():
@@ -214,6 +227,17 @@ class Ladder:
                 yield _without(9, name, "whole runs", "leaves out whole runs")
             else:
                 yield Step(9, name, partial(_in_contact, name, contact.over_a_run))
+
+    def _closings(self) -> Iterator[Step]:
+        """The scenes of rung 10: what closes a mouth, at states and over whole runs."""
+        closed = [case for case in self._named if case.closes and not case.moves_bodies]
+        states = QUICK_STATES if self._quick else STATES
+        for case in closing.closing_cases([case for case in closed if case.name not in self.different]):
+            yield Step(10, case.name, partial(closing.at_states, case, states))
+            if self._quick:
+                yield _without(10, case.name, "whole runs", "leaves out whole runs")
+            else:
+                yield Step(10, case.name, partial(closing.over_a_run, case))
 
 
 def later_steps(paths: Sequence[Path], quick: bool, different: Collection[str]) -> list[Step]:

@@ -10,8 +10,9 @@ import numpy as np
 from exunet.bodies.rigid import RigidStates
 from exunet.forces import cable
 from exunet.net.arrays import Net
+from exunet.net.closing import NAME
 from exunet.simulation.preparation import Start
-from exunet.system.system import State
+from exunet.system.system import State, System
 from exunet.verification.check import Floats
 
 KINDS = ("packed", "slack", "taut", "overstretched", "coincident", "crumpled")
@@ -60,11 +61,13 @@ def random_instants(start: Start, kind: str, count: int, random: np.random.Gener
     """`random_states` of a whole system: point masses anywhere among the nodes, rigid bodies anywhere.
 
     Where elements may break, a tenth has broken in every other state; where forces depend on the time, it is
-    any time of the scene. Fixed nodes are where they start.
+    any time of the scene; of a closing line any length is wound up, of a perimeter any part is left. Fixed
+    nodes are where they start.
     """
     system, net = start.system, start.net
     cable, fixed = system.forces.cable, net.fixed_nodes
     beside, bodies = system.blocks.n_points - net.n_nodes, len(system.bodies)
+    first, drawn = system.blocks.n_x - system.blocks.n_states, _drawn(system)
     timed = [(term.memory, switch) for term, switch in system.forces.switches if switch.times and term.memory]
     for number, (position, velocity) in enumerate(random_states(net, kind, count, random)):
         position[fixed], velocity[fixed] = start.position[fixed], 0.0
@@ -85,7 +88,21 @@ def random_instants(start: Start, kind: str, count: int, random: np.random.Gener
             if len(items := switch.crossed(state.time, x, v, held.initial)):
                 passed = switch.change(state.time, x, v, held.initial, items, state.memory)
                 memory[held.name] = passed.memory
+        if drawn is not None:
+            name, least, most = drawn
+            first_order = state.first_order.copy()
+            first_order[system.blocks.state(name) - first] = random.uniform(least, most)
+            state = replace(state, first_order=first_order)
         yield replace(state, memory=memory)
+
+
+def _drawn(system: System) -> tuple[str, float, float] | None:
+    """The first-order state that closes the mouth, and its range; None: nothing does, or it is constant."""
+    if system.line is not None and system.line.has_winch:
+        return f"{NAME}/wound_up", 0.0, system.line.length - system.line.shortest
+    if (edge := system.forces.cable.shortening) is not None:
+        return f"{NAME}/part", edge.perimeter.part, 1.0
+    return None
 
 
 def smooth_states(net: Net, random: np.random.Generator) -> dict[str, Floats]:

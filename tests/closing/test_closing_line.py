@@ -360,6 +360,7 @@ def test_arrays_and_loops_say_the_same_of_an_edge(tmp_path: Path) -> None:
     [
         (["closing.nodes=[7]"], "closing.nodes[0]: there is no node 7: the net has 3, numbered from 0"),
         (["closing.nodes=[1, 1]"], "node 1 follows itself"),
+        (["closing.nodes=[1, 0, 1]", "closing.start=", "closing.end="], "a loop comes back to it anyway"),
         (["closing.nodes=", "closing.rings=edge"], "closing.rings: the net has no edge"),
         (["closing.nodes=", "closing.rings=corners"], "closing.rings: the net has no mouth"),
         (["closing.nodes="], "needs either rings or nodes"),

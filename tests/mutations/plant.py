@@ -197,8 +197,8 @@ def reference_current_tangent(patch):
 def reference_compression(patch):
     right = forces._pull
 
-    def wrong(system, d, v, mode):
-        return system.axial_stiffness * forces.strain_of(system, d), right(system, d, v, mode)[1]
+    def wrong(system, d, *rest):
+        return system.axial_stiffness * forces.strain_of(system, d), right(system, d, *rest)[1]
 
     patch.setattr(forces, "_pull", wrong)
 

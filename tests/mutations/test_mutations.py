@@ -8,6 +8,7 @@ import plant_script  # noqa: F401 - enters its errors
 import pytest
 from plant import EXUDYN, PLANTED, REFERENCE
 from plant_bodies import SNAP
+from plant_closing import EDGE, LOOP, OPEN
 from plant_contact import BULLETS, THREADS
 
 from exunet.interfaces.commands.verify import PLANTED as REPORT_WORDS
@@ -26,17 +27,19 @@ QUICK = {
     "throw_without_recoil",
 }
 
+OF_SCENE = {THREADS: 9, BULLETS: 9, LOOP: 10, OPEN: 10, EDGE: 10}
 CASES = shipped() | shipped("verification/trajectories")
 
 
 def first_failure(case="planar_deployment"):
     """The first check that fails on the quick ladder over one case; None if all hold.
 
-    For a scene of rung 8 or 9, which every ladder has, that of its rows alone.
+    For a scene of rungs 8 to 10, which every ladder has, that of its rows alone.
     """
-    of_rung = 9 if case in (THREADS, BULLETS) else None if case in CASES else 8
+    of_rung = OF_SCENE.get(case, None if case in CASES else 8)
     ladder = Ladder([] if of_rung else read_cases([CASES[case]]), quick=True, paper=False)
-    for step in ladder._contacts() if of_rung == 9 else chain(ladder.nets(), ladder.later()):
+    alone = {9: ladder._contacts, 10: ladder._closings}.get(of_rung)
+    for step in alone() if alone else chain(ladder.nets(), ladder.later()):
         if of_rung and (step.rung, step.subject) != (of_rung, case):
             continue
         for finding in step.run():
@@ -71,12 +74,13 @@ def test_without_a_planted_error_the_ladder_holds():
     assert first_failure(SNAP) is None
     assert first_failure(THREADS) is None
     assert first_failure(BULLETS) is None
+    assert [first_failure(case) for case in (LOOP, OPEN, EDGE)] == [None] * 3
 
 
 def test_the_report_tells_how_many_are_planted_and_both_codes_have_some():
     """Rungs 5 and 7 follow whole runs; what changes those shows at a lower rung first."""
-    assert len(PLANTED) == 97
-    assert "plants ninety-seven errors in both codes" in " ".join(REPORT_WORDS.split())
+    assert len(PLANTED) == 107
+    assert "plants one hundred and seven errors in both codes" in " ".join(REPORT_WORDS.split())
     assert {error.code for error in PLANTED.values()} == {EXUDYN, REFERENCE}
-    assert {error.rung for error in PLANTED.values()} == {1, 2, 3, 4, 6, 8, 9, None}
+    assert {error.rung for error in PLANTED.values()} == {1, 2, 3, 4, 6, 8, 9, 10, None}
     assert set(PLANTED) >= QUICK

@@ -22,8 +22,8 @@ class Probe:
     """Evaluates an assembled model at states of the caller's choice, without a step in time.
 
     States are position, velocity (n, 3) [m], [m/s] of all points; fixed points keep their place, and rigid
-    bodies their state: that which the model was built with, or of the last call of `motion`. Matrices are
-    (3n, 3n) over all points, with zero rows and columns for fixed points.
+    bodies and first-order states theirs: that which the model was built with, or of the last call of
+    `motion`. Matrices are (3n, 3n) over all points, with zero rows and columns for fixed points.
     """
 
     def __init__(self, model: Model) -> None:
@@ -85,6 +85,8 @@ class Probe:
         now = self._model.places.pack(moving, self._model.coordinates())
         data.SetODE2Coordinates(now.q, current)
         data.SetODE2Coordinates_t(now.v, current)
+        if len(now.y):
+            data.SetODE1Coordinates(now.y, current)
         points = self.accelerations(moving.position, moving.velocity, time)
         return points, self._change()[self._model.places.bodies]
 

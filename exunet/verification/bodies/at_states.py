@@ -90,7 +90,7 @@ def motions(case: BothCodes, states_of_a_kind: int = STATES) -> Iterator[Check]:
                 ours.append(changes_at(state).named())
                 theirs.append(_of_reference(case, state).named())
                 spins.append(state.bodies.angular_velocity)
-            least = {"angular acceleration": float(np.square(spins).max())}
+            least = {"angular acceleration": float(np.square(spins).max(initial=0.0))}
             for quantity, unit in UNITS.items():
                 a, b = (np.array([one[quantity] for one in side]) for side in (ours, theirs))
                 what = "node" if quantity.endswith("points") else "body"
