@@ -315,7 +315,9 @@ class ScriptEvents:
             told |= {"crossed_s": self._crossed_at.pop(k, time), "value": row.value, "unit": unit}
         what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
         if entry.do == "cut":
-            what |= {"others": {INTACT: self._cut(entry, every[INTACT])}, "energy_lost": None}
+            after = self._cut(entry, every[INTACT])
+            told["element"] = int(np.argmax(every[INTACT] != after))
+            what |= {"others": {INTACT: after}, "energy_lost": None}
         elif entry.do == "thrust":
             what["others"] = {THRUST: begun_at(time, self._knots)}
         elif entry.do == "eject":
