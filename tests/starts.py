@@ -44,7 +44,7 @@ def text_of(kernel: Kernel) -> str:
 
 def no_table(takes: Takes = Takes.NOTHING) -> ForceTable:
     """Of steps whose forces a test gives in another way."""
-    return ForceTable((), takes, (), {})
+    return ForceTable((), takes, (), np.zeros(0), {})
 
 
 def planar(*overrides: str, on: Iterable[str] = ()) -> Start:

@@ -30,7 +30,7 @@ CONTRACT = (Path(__file__).parents[1] / "cases" / "README.md").read_text(encodin
 # The keys of cases/README.md, the contract between the two codes, outside [effects.NAME] and of all nets.
 COMMON = """format title seed time.end time.output_step time.output_times net.topology net.divisions
     net.cable.diameter net.cable.area net.cable.density net.cable.youngs_modulus net.cable.strength
-    initial.packing initial.fold.pattern initial.fold.box initial.fold.cylinder
+    initial.packing initial.from initial.fold.pattern initial.fold.box initial.fold.cylinder
     initial.frame.body initial.frame.position initial.frame.attitude initial.frame.axis initial.frame.angle
     initial.frame.eject_at
     initial.velocity initial.spin initial.node_positions initial.node_velocities

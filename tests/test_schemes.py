@@ -20,6 +20,7 @@ from exunet.backends.compiled.work_space import (
     Run,
     clock_at,
     motion_at,
+    no_looks,
 )
 
 START, H = 0.3, 0.7  # [s]
@@ -144,7 +145,7 @@ def test_steps_in_a_row_go_on_in_time(under: Callable[[Force], None], p: int) ->
         motion, clock = at_start(), clock_at(START, 0.05)
         seen = seen_of(np.zeros((0, 2), dtype=int), half=0.5 * np.ones(1), look_above=np.inf)
         kept = Kept(np.zeros(50), np.zeros((50, 1)), np.zeros((50, 1)), np.zeros(50))
-        run = Run(motion, clock, seen, kept)
+        run = Run(motion, clock, seen, kept, no_looks())
         if equal:
             rows = many_steps.equal_steps(False, EqualSteps(START, START + H, 7, 0, 7), 0, 1, run)
             assert clock["steps"][0] == 7

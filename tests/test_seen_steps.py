@@ -20,6 +20,7 @@ from exunet.backends.compiled.work_space import (
     Seen,
     clock_at,
     motion_at,
+    no_looks,
 )
 from exunet.codegen.force_table import Takes
 from exunet.forces import cable
@@ -158,7 +159,7 @@ def test_equal_steps_add_up_work_wherever_they_are_interrupted(verlet: bool) -> 
         row = done = 0
         for part in parts:
             steps = EqualSteps(FIRST, LAST, 60, done, part)
-            row = many_steps.equal_steps(verlet, steps, row, 7, Run(motion, clock, seen, kept))
+            row = many_steps.equal_steps(verlet, steps, row, 7, Run(motion, clock, seen, kept, no_looks()))
             done += part
         times = FIRST + (LAST - FIRST) / 60.0 * np.array([7, 14, 21, 28, 35, 42, 49, 56, 60])
         assert row == 9
@@ -174,7 +175,7 @@ def test_steps_of_much_energy_are_all_kept() -> None:
     """The elastic energy told here is the time; above 2 s each step is kept, below one in twenty."""
     motion, clock, seen, kept = moving()
     seen.peaks["keep_above"] = 2.0 + 1e-9
-    run = Run(motion, clock, seen, kept)
+    run = Run(motion, clock, seen, kept, no_looks())
     rows = many_steps.equal_steps(False, EqualSteps(FIRST, LAST, 60, 0, 60), 0, 20, run)
     steps = np.rint((kept.time[:rows] - FIRST) / 0.02).astype(int)
     assert steps.tolist() == [20, *range(26, 61)]
@@ -186,7 +187,7 @@ def test_chosen_and_equal_steps_pass_through_given_times() -> None:
     for equal in (False, True):
         motion, clock, seen, kept = moving()
         rows = kept._replace(time=np.zeros(4))
-        run = Run(motion, clock, seen, rows)
+        run = Run(motion, clock, seen, rows, no_looks())
         if equal:
             reached = many_steps.through_equal(False, times, 0.02, run)
             assert clock["steps"][0] == 5 + 23 + 33  # no step longer than 0.02 s

@@ -39,6 +39,7 @@ class Events:
         self._sees: dict[str, tuple[str, ...]] = {}
         self._watch: tuple[str, Watch] | None = None
         self._planners: list[tuple[str, Planner]] = []
+        self._told: tuple[tuple[str, int], ...] = ()
         for term, switch in system.forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
@@ -49,7 +50,7 @@ class Events:
             if term is system.forces.script:
                 watch = cast("Watch", switch)
                 self._watch = term.memory.name, watch
-                self._sees[term.memory.name] = watch.sees
+                self._sees[term.memory.name], self._told = watch.sees, watch.tells
         self.any = bool(self._switches)
 
     @property
@@ -58,9 +59,15 @@ class Events:
         return any(switch.in_steps(self._seen(name)) for name, switch in self._switches)
 
     def _seen(self, name: str) -> Floats:
-        """The memory of a term, followed by the inputs, or other memories, that its switch sees."""
+        """The memory of a term, followed by the inputs, or other memories, that its switch sees, and by the
+        numbers that it is told.
+        """
         own, others = self.memory[name], self._sees[name]
-        return np.concatenate([own, *(self.memory[one] for one in others)]) if others else own
+        told = self._told if self._watch is not None and name == self._watch[0] else ()
+        if not others and not told:
+            return own
+        numbers = [self.memory[one][place] for one, place in told]
+        return np.concatenate([own, *(self.memory[one] for one in others), numbers])
 
     @property
     def stopped(self) -> bool:
@@ -85,16 +92,26 @@ class Events:
     def in_each_step(self) -> bool:
         """True if what may come can only be seen at the end of each step."""
         others = (one for one in self._switches if self._watch is None or one[0] != self._watch[0])
-        if any(switch.in_steps(self._seen(name)) for name, switch in others):
-            return True
-        return self._watch is not None and self._watch[1].in_each_step(self.memory[self._watch[0]])
+        return any(switch.in_steps(self._seen(name)) for name, switch in others)
 
-    def seen(self, time: Floats, x: Floats, v: Floats) -> Seen:
-        """States at the ends of steps (k,), as what watches gets them."""
+    @property
+    def watch(self) -> Watch | None:
+        """What watches, if anything does."""
+        return None if self._watch is None else self._watch[1]
+
+    def seen(
+        self, time: Floats, x: Floats, v: Floats, told: Floats | None = None, mean: Floats | None = None
+    ) -> Seen:
+        """States at the ends of steps (k,), as what watches gets them.
+
+        told, mean : see `Seen`; told None: of one state, as the memories are now
+        """
         assert self._watch is not None
-        return Seen(time, x, v, self._seen(self._watch[0]))
+        memory = self._seen(self._watch[0])
+        told = memory[None, len(memory) - len(self._told) :] if told is None else told
+        return Seen(time, x, v, memory, told, mean)
 
-    def comes_true(self, steps: Seen) -> bool:
+    def comes_true(self, steps: Seen) -> int | None:
         """See `Watch.comes_true`."""
         assert self._watch is not None
         return self._watch[1].comes_true(steps)

@@ -36,6 +36,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _loop_has_the_method(scene),
         _ports_are_compiled(scene),
         _positions_in_place_of_packing(scene),
+        _not_with_a_state(scene),
         _net_can_be_folded(scene),
         _net_on_a_body(scene),
         _list_fits_the_net(scene, "node_positions"),
@@ -224,6 +225,23 @@ def _positions_in_place_of_packing(scene: Scene) -> Iterator[Fault]:
     if initial.is_given("node_positions") and initial.packing is not None and initial.packing != 1:
         words = f"initial.node_positions needs initial.packing = 1, got {initial.packing:g}"
         yield Fault("initial.node_positions", words, against=("initial.packing",))
+
+
+def _not_with_a_state(scene: Scene) -> Iterator[Fault]:
+    """What says otherwise where things are at the start than the state of another run."""
+    if not scene.initial.is_given("from"):
+        return
+    words = "excludes initial.from, whose state has places and velocities: remove one"
+    for name in ("frame", "velocity", "spin", "node_positions", "node_velocities"):
+        if scene.initial.is_given(name):
+            yield Fault(f"initial.{name}", words, against=("initial.from",))
+    if scene.is_given("launch"):
+        yield Fault("launch", words, against=("initial.from",))
+    if _is_on(scene, "launch_force"):
+        yield Fault("effects.launch_force", words, against=("initial.from",))
+    for name, keys in scene.tethers.items():
+        if keys is not None and keys.reel is not None and keys.reel.is_given("paid_out"):
+            yield Fault(f"tethers.{name}.reel.paid_out", words, against=("initial.from",))
 
 
 def _net_can_be_folded(scene: Scene) -> Iterator[Fault]:

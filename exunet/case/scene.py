@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import ConfigDict, Field, field_validator
+from pydantic import ConfigDict, Field, create_model, field_validator
 
 from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector
 from exunet.bodies.keys import Bodies, Placed, Quaternion
@@ -73,10 +73,10 @@ class NetFrame(Placed):
     )
 
 
-class Initial(Table):
+class InitialKeys(Table):
     """State at time 0."""
 
-    EXACTLY_ONE: ClassVar = ("packing", "fold")
+    EXACTLY_ONE: ClassVar = ("packing", "fold", "from")
 
     packing: NonNegative | None = Field(
         None, description="initial position = packing x reference position", examples=[0.1]
@@ -108,8 +108,31 @@ class Initial(Table):
 
     @property
     def deployed(self) -> float:
-        """The part of its size that the net has: packing, 0 where it is folded."""
+        """The part of its size that the net has: packing; 0 where it is folded, 1 in another run's state."""
+        if self.begins_from is not None:
+            return 1.0
         return 0.0 if self.packing is None else self.packing
+
+    @property
+    def begins_from(self) -> str | None:
+        """The key `from`, a word of Python: "RESULT@TIME", of the run in whose state the case starts."""
+        found: str | None = getattr(self, "from")
+        return found
+
+
+if TYPE_CHECKING:
+    Initial = InitialKeys
+else:
+    _FROM = Annotated[str, Field(min_length=1)] | None
+    _STATE_OF = Field(
+        None,
+        description="the state of another run, instead of packing: its folder or result.h5, relative to the "
+        "folder of the case, then @ and a stored time [s] or end, which is the default",
+        examples=["../results/capture@2.5"],
+    )
+    Initial = create_model(
+        "Initial", __base__=InitialKeys, __doc__=InitialKeys.__doc__, **{"from": (_FROM, _STATE_OF)}
+    )
 
 
 class Launch(Table):

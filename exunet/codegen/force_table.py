@@ -34,13 +34,20 @@ class ForceTable(NamedTuple):
     rows  : (n_calls,) records `ROW`; they keep what they point to
     takes : how the energy is known that they take out
     data  : of each call, whose arrays the rows point to
-    kept  : the memories that compiled code changes itself, by name; not copies
+    changed : the memories that compiled code changes itself, one after the other
+    kept  : the same by name; views
     """
 
     rows: Any
     takes: Takes
     data: tuple[Any, ...]
+    changed: NDArray[np.float64]
     kept: Mapping[str, NDArray[np.float64]]
+
+    def place_of(self, name: str, entry: int) -> int:
+        """Where an entry of a memory stands in `changed`; counted from the end if negative."""
+        ends = dict(zip(self.kept, np.cumsum([len(one) for one in self.kept.values()]).tolist(), strict=True))
+        return int(ends[name] + (entry if entry < 0 else entry - len(self.kept[name])))
 
 
 class _Owner(bytearray):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from types import ModuleType
 from typing import Any
 
@@ -76,18 +77,18 @@ class Kernel:
         Arrays are contiguous and writable: all of them have the same compiled code.
         """
         every: list[Any] = []
-        kept = {}
+        places: dict[str, tuple[int, str]] = {}
         for term in self._terms:
             for data in term.data_at(memory or {}):
-                own = copied(data)
                 if term.memory is not None and term.memory.kept_in:
-                    kept[term.memory.name] = getattr(own, term.memory.kept_in)
-                every.append(own)
+                    places[term.memory.name] = len(every), term.memory.kept_in
+                every.append(copied(data))
+        changed, kept = _in_one(every, places)
         if self._compiled:
             rows: Any = compiled_rows(self.calls, self.sources, every, lanes=self._lanes)
         else:
             rows = interpreted_rows(self.calls, every)
-        return ForceTable(rows, self.takes, tuple(every), kept)
+        return ForceTable(rows, self.takes, tuple(every), changed, kept)
 
     def forces(
         self, time: float, position: Floats, velocity: Floats, memory: Mapping[str, Floats] | None = None
@@ -137,6 +138,20 @@ class Kernel:
         for row, t in enumerate(time.tolist()):
             self.module.forces(t, x[row], v[row], rows, force[row])
         return force[:, v.shape[1] :]
+
+
+def _in_one(every: list[Any], places: Mapping[str, tuple[int, str]]) -> tuple[Floats, dict[str, Floats]]:
+    """One array for fields of the data, whose new arrays are views of it; by name.
+
+    places : number of the data, and name of the field
+    """
+    values = [getattr(every[number], field) for number, field in places.values()]
+    ends = np.cumsum([0, *(len(one) for one in values)]).tolist()
+    changed, kept = np.concatenate([np.zeros(0), *values]), {}
+    for (name, (number, field)), (begin, end) in zip(places.items(), pairwise(ends), strict=True):
+        kept[name] = changed[begin:end]
+        every[number] = every[number]._replace(**{field: kept[name]})
+    return changed, kept
 
 
 def net_kernel(forces: Forces, extra: tuple[Function, ...] = ()) -> Kernel:

@@ -64,6 +64,7 @@ class CableTerm:
 
     But for those on drums and the outlets of reels, and threads of the edge that become shorter.
     may_be_cut : a script may cut some
+    broken : those that carry nothing from the start on
     """
 
     net: Net
@@ -71,6 +72,7 @@ class CableTerm:
     reels: tuple[Winding, ...] = ()
     shortening: Shortening | None = None
     may_be_cut: bool = False
+    broken: tuple[int, ...] = ()
     acts_on: str = field(default="elements", init=False)
     damping_rate: float = field(default=0.0, init=False)
     has_potential: bool = field(default=False, init=False)  # beside the elastic energy of the elements
@@ -134,8 +136,12 @@ class CableTerm:
 
     @cached_property
     def memory(self) -> Memory | None:
-        """Which elements are intact, where they may break or be cut."""
-        return Memory(INTACT, np.ones(self.net.n_elements)) if self.breaks or self.may_be_cut else None
+        """Which elements are intact, where they may break or be cut, or some have."""
+        if not (self.breaks or self.may_be_cut or self.broken):
+            return None
+        intact = np.ones(self.net.n_elements)
+        intact[list(self.broken)] = 0.0
+        return Memory(INTACT, intact)
 
     def carrying(self, memory: Memories) -> Floats | None:
         """(n_elements,) 1.0 for elements that carry at these memories, 0.0 for others; None: all do."""

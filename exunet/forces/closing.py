@@ -51,10 +51,13 @@ def states_of(line: ClosingLine, position: Floats, ratio: float) -> tuple[FirstO
 
     position : (n_nodes, 3) at the start [m]; ratio : as of `Drawstring`
     """
-    states = FirstOrder(f"{NAME}/wound_up", (0.0,), "m"), FirstOrder(f"{NAME}/work", (0.0,), "J", gives=1.0)
+    states = (
+        FirstOrder(f"{NAME}/wound_up", (line.wound,), "m"),
+        FirstOrder(f"{NAME}/work", (0.0,), "J", gives=1.0),
+    )
     if line.friction == 0.0:
         return states
-    natural = ratio * line.length
+    natural = ratio * line.length_at_start
     strain = max(0.0, float(green_lagrange_strain(way_of(line, position).sum(), natural)))
     energy = 0.5 * ratio**3 * line.stiffness * strain**2 * natural
     taken = FirstOrder(f"{NAME}/friction", (0.0,), "J", gives=-1.0)
@@ -95,7 +98,8 @@ class Drawstring:
         status[0] = np.searchsorted(line.times, 0.0, side="right")
         if not self.rubs:
             return status
-        return np.concatenate([status, self.ratio * line.length * way / way.sum(), np.zeros(len(way))])
+        laid = self.ratio * line.length_at_start * way / way.sum()
+        return np.concatenate([status, laid, np.zeros(len(way))])
 
     def data(self, memory: Floats) -> Line:
         """What the loops take at a memory."""

@@ -21,6 +21,7 @@ from exunet.forces.reel_loops import (
     winding_rate,
 )
 from exunet.forces.terms import Input, KernelTerm, Memories, Memory, Switch
+from exunet.net.drive import Drive
 from exunet.net.reel import LEAST_OUTLET, Reel
 
 Floats = NDArray[np.float64]
@@ -48,6 +49,13 @@ def states_of(reel: Reel) -> tuple[FirstOrder, FirstOrder]:
 def at_start(reel: Reel) -> Floats:
     """The memory at time 0."""
     return np.array([float(reel.on_drum), float(np.searchsorted(reel.times, 0.0, side="right"))])
+
+
+def holds_still(reel: Reel, memory: Floats) -> bool:
+    """True if the drum does not turn, whatever pulls; memory: as of `Winding.outlet`."""
+    asked = memory[2:] if len(memory) > 2 else NOTHING_ASKED
+    drive = Drive(*asked[1:].tolist()) if asked[0] > 0.0 else reel.drives[int(memory[1])]
+    return drive.is_locked
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +103,10 @@ class Winding:
         return self.reel.elements[int(held[0])], self.outlet(np.concatenate([held, asked]))
 
     def is_locked(self, memory: Memories) -> bool:
-        """True if the drum does not turn at these memories, whatever pulls and whatever a script asks."""
-        if self.reel.is_commanded:
-            return False
+        """True if the drum does not turn at these memories, whatever pulls."""
         held = memory.get(memory_name(self.reel), at_start(self.reel))
-        return self.reel.drives[int(held[1])].is_locked
+        asked = memory.get(command_name(self.reel.name), NOTHING_ASKED)
+        return holds_still(self.reel, np.concatenate([held, asked]))
 
     @property
     def name(self) -> str:

@@ -185,18 +185,30 @@ class Planner(Switch, Protocol):
 class Watch(Planner, Protocol):
     """A switch whose crossings are located within steps.
 
-    Its memory is followed by those that it sees.
-    sees : names of these memories
+    Its memory is followed by those that it sees, and by the numbers that it is told.
+    sees  : names of these memories
+    tells : numbers of memories that steps change, at the end of each: name of the memory, place
+    of_x, of_v : entries of the states at the ends of steps that it looks at
+    weights : (n,) of the first points, at whose mean place and velocity it looks; none: it does not
     """
 
     @property
     def sees(self) -> tuple[str, ...]: ...
 
-    def in_each_step(self, memory: Floats) -> bool:
-        """True if what it waits for can be seen at the end of each step alone, not in states of several."""
+    @property
+    def tells(self) -> tuple[tuple[str, int], ...]: ...
 
-    def comes_true(self, steps: Seen) -> bool:
-        """True if at the end of one of these steps something is due."""
+    @property
+    def of_x(self) -> Ints: ...
+
+    @property
+    def of_v(self) -> Ints: ...
+
+    @property
+    def weights(self) -> Floats: ...
+
+    def comes_true(self, steps: Seen) -> int | None:
+        """The first of these steps at whose end something is due; None: there is none."""
 
     def crossing(self, begin: Seen, end: Seen) -> float | None:
         """Until when [s] one step is to go again so that a crossing in it is located; None: there is none.
@@ -213,14 +225,19 @@ class Watch(Planner, Protocol):
 
 
 class Seen(NamedTuple):
-    """States at the ends of steps: times (k,) [s], x (k, n_x), v (k, n_v), and what a switch gets of memories
-    at the last of them.
+    """States at the ends of steps: times (k,) [s], x (k, n_x), v (k, n_v), what a switch gets of memories.
+
+    memory : at the last of them
+    told   : (k, n) what `Watch.tells` names
+    mean   : (k, 6) mean place and velocity with `Watch.weights`; None: they follow from x and v
     """
 
     time: Floats
     x: Floats
     v: Floats
     memory: Floats
+    told: Floats
+    mean: Floats | None = None
 
 
 @dataclass(frozen=True)

@@ -184,6 +184,7 @@ class ClosingLine:
     winch_at_end : False for one at the start
     shortest, largest_rate, times, drives, damping : of the winch, as of a `Reel`
     has_winch : False for a line of constant length
+    wound     : length wound up at time 0 [m]
     """
 
     path: tuple[int, ...]
@@ -200,6 +201,12 @@ class ClosingLine:
     drives: tuple[Drive, ...] = field(default=(Drive(),))
     damping: float | None = None
     has_winch: bool = False
+    wound: float = 0.0
+
+    @property
+    def length_at_start(self) -> float:
+        """Outside at time 0, free of stress [m]."""
+        return self.length - self.wound
 
     @property
     def is_commanded(self) -> bool:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from exunet.forces.wrench import wrench_on
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.net.arrays import Net
+from exunet.simulation.begun_from import begun_from
 from exunet.simulation.planning import make_plan, settled_on_the_start, with_forms
 from exunet.system.effect_survey import chosen
 from exunet.system.from_scene import system_of
@@ -55,12 +57,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """All that a run begins from, before any engine: plain values that a script can print or change."""
+    """All that a run begins from, before any engine: plain values that a script can print or change.
+
+    begun_from : the result, the stored time and the hash of another run whose state it is; JSON-like
+    """
 
     scene: Scene
     system: System
     state: State
     plan: Plan
+    begun_from: Mapping[str, Any] | None = None
 
     @property
     def net(self) -> Net:
@@ -138,7 +144,9 @@ def prepare(scene: Scene, *, hosted: bool = False) -> Start:
     with collected() as faults, np.errstate(all="ignore"):  # numbers that overflow are faults
         faults += () if hosted else _ports(scene)
         scene, notes = chosen(scene, faults)
-        system, state = system_of(scene, faults)
+        named = scene.initial.begins_from
+        source = None if named is None else begun_from(named)
+        system, state = system_of(scene, faults, None if source is None else source.begun)
         faults += overflow_faults(system, state)
         of_start: list[Fault] = []
         if not any(fault.key.startswith("initial") for fault in faults):  # else they follow from that
@@ -168,7 +176,11 @@ def prepare(scene: Scene, *, hosted: bool = False) -> Start:
     with np.errstate(all="ignore"):
         plan = settled_on_the_start(scene, system, state, plan)
     scene, plan = with_forms(scene, system, plan)
-    return Start(scene, system, state, replace(plan, notes=plan.notes + notes))
+    story = None
+    if source is not None:
+        story = source.story
+        notes += (f"starts from the state of {source.begun.source}",)
+    return Start(scene, system, state, replace(plan, notes=plan.notes + notes), story)
 
 
 def _ports(scene: Scene) -> list[Fault]:

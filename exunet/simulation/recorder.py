@@ -28,6 +28,7 @@ from exunet.results.result import Result
 from exunet.results.script_story import ENTRIES
 from exunet.results.store import MemoryStore, RowStore
 from exunet.results.touching import EDGES
+from exunet.simulation.begun_from import BEGUN_FROM
 from exunet.simulation.element_peaks import ElementPeaks
 from exunet.simulation.envelope import Envelope
 from exunet.simulation.kept_series import KeptSeries, series_of
@@ -246,6 +247,7 @@ def first_story(start: Start) -> dict[str, Any]:
         **({} if (rule := start.scene.verdict) is None else {RULE: rule.model_dump()}),
         **_script(start),
         **_control(start),
+        **({} if start.begun_from is None else {BEGUN_FROM: dict(start.begun_from)}),
         **_edges(start),
         **_carried(start),
         "retries": [],

@@ -77,8 +77,8 @@ def run(case: Case | Scene, progress: Progress | None = None) -> Result:
 def provenance(case: Case) -> dict[str, Any]:
     """What a result records of the case."""
     found = {"case": case.path.name, "text": case.text, "overrides": list(case.overrides)}
-    meshes = any(keys.file for keys in case.scene.bodies.values())
-    return found | ({"folder": str(case.path.parent.resolve())} if meshes else {})  # to resume with them
+    files = case.scene.initial.begins_from or any(keys.file for keys in case.scene.bodies.values())
+    return found | ({"folder": str(case.path.parent.resolve())} if files else {})  # to resume with them
 
 
 def simulate(

@@ -26,6 +26,7 @@ from exunet.forces.reel import memory_name
 from exunet.net.arrays import Net
 from exunet.net.reel import Reel
 from exunet.net.tether import TiedPoint
+from exunet.system.begun import Begun
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -52,14 +53,21 @@ class BodiesAtStart:
 
 
 def bodies_at_start(
-    scene: Scene, net: Net, tied: tuple[TiedPoint, ...], reels: tuple[Reel, ...], faults: list[Fault]
+    scene: Scene,
+    net: Net,
+    tied: tuple[TiedPoint, ...],
+    reels: tuple[Reel, ...],
+    faults: list[Fault],
+    begun: Begun | None = None,
 ) -> BodiesAtStart:
     """The rigid bodies of a scene, with the nodes of the net that are fixed to them.
 
     tied   : the nodes at ends of tethers among them
     reels  : whose drums hold nodes for a while
     faults : takes those of bodies that overlap
-    Raises CaseError for bodies that cannot be made, and for attachments to nodes that are not there.
+    begun  : a state of another run, in which they start
+    Raises CaseError for bodies that cannot be made, or not begin so, and for attachments to nodes that are
+    not there.
     """
     if not scene.bodies:
         return BodiesAtStart()
@@ -70,13 +78,15 @@ def bodies_at_start(
             keys = scene.bodies[name]
             carried = [point_mass(net.mass[one.node], one.point) for one in attached[name]]
             bodies.append(_loaded(name, keys, carried))
+    if begun is not None:
+        wrong += [fault for body in bodies for fault in begun.faults_of_body(body)]
     if wrong:
         raise CaseError(wrong)
     tables = [scene.bodies[body.name] for body in bodies]
     guides = tuple(
-        _guide(body, keys) for body, keys in zip(bodies, tables, strict=True) if keys.motion != "free"
+        _guide(body, keys, begun) for body, keys in zip(bodies, tables, strict=True) if keys.motion != "free"
     )
-    states = [_start_of(body, keys) for body, keys in zip(bodies, tables, strict=True)]
+    states = [_start_of(body, keys, begun) for body, keys in zip(bodies, tables, strict=True)]
     whole = RigidStates(*(np.array(part) for part in zip(*states, strict=True)))
     held = _on_drums(bodies, net, tied, reels)
     ports = tuple(k for k, keys in enumerate(tables) if keys.motion == "port")
@@ -150,8 +160,17 @@ def _on_drums(
     return tuple(found)
 
 
-def _start_of(body: RigidBody, keys: BodyKeys) -> tuple[Floats, Floats, Floats, Floats]:
-    """Place and velocity of the centre of mass, attitude and angular velocity of the principal axes."""
+def _start_of(body: RigidBody, keys: BodyKeys, begun: Begun | None) -> tuple[Floats, Floats, Floats, Floats]:
+    """Place and velocity of the centre of mass, attitude and angular velocity of the principal axes.
+
+    A body whose motion is given starts where another run left it, with the velocities that are given.
+    """
+    if begun is not None and keys.motion == "free":
+        return begun.of_body(body)
+    if begun is not None:
+        given = _start_of(body, keys, None)
+        place, _, attitude, _ = begun.of_body(body)
+        return place, given[1], attitude, given[3]
     position, velocity = np.array(keys.position), np.array(keys.velocity)
     frame, spin = np.array(keys.quaternion), np.array(keys.angular_velocity)
     if keys.angular_velocity_frame == "scene":
@@ -163,10 +182,10 @@ def _start_of(body: RigidBody, keys: BodyKeys) -> tuple[Floats, Floats, Floats, 
     return position, velocity, product(frame, np.array(body.axes)), spin @ body.rotation
 
 
-def _guide(body: RigidBody, keys: BodyKeys) -> Guide:
+def _guide(body: RigidBody, keys: BodyKeys, begun: Begun | None) -> Guide:
     """The motion of a body that is fixed or prescribed, or that of a port at the start."""
     if keys.pose_times is None:
-        return Guide.steady(*_start_of(body, keys))
+        return Guide.steady(*_start_of(body, keys, begun))
     assert keys.pose_positions is not None
     frames = np.array(keys.pose_attitudes or [keys.quaternion] * len(keys.pose_times))
     attitudes = product(frames, np.array(body.axes))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.bodies.kinematics import Kinematics
-from exunet.forces.reel import Winding, memory_name
+from exunet.forces.reel import Winding, holds_still, memory_name
 from exunet.forces.reel_loops import Outlet, pulls
 from exunet.forces.terms import Change, Memories
 from exunet.net.reel import CLOSE, LARGEST_OUTLET, LEAST_OUTLET
@@ -55,7 +55,7 @@ class Drum:
 
     def in_steps(self, memory: Floats) -> bool:
         """Nodes go on and come off while the drum may turn."""
-        return self._reel.is_commanded or not self._reel.drives[int(memory[1])].is_locked
+        return not holds_still(self._reel, memory)
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The next command, a node that goes onto the drum, one that comes off."""

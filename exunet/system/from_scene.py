@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.base.errors import LARGEST, Fault
+from exunet.base.errors import LARGEST, CaseError, Fault
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
@@ -37,9 +37,11 @@ from exunet.forces.terms import KernelTerm, Memories
 from exunet.methods.method import METHODS, Kind
 from exunet.net import weave
 from exunet.net.arrays import Net
+from exunet.net.closing import NAME as CLOSING
 from exunet.net.closing import ClosingLine, Perimeter, closing_of, with_mass_of
 from exunet.net.reel import Reel
 from exunet.net.tether import reels_of, with_tethers
+from exunet.system.begun import Begun
 from exunet.system.bodies import BodiesAtStart, bodies_at_start
 from exunet.system.carried import booked, carried, net_axes, thrown
 from exunet.system.drum import Drum
@@ -51,22 +53,28 @@ from exunet.system.system import Layout, State, System
 Floats = NDArray[np.float64]
 
 
-def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
+def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> tuple[System, State]:
     """Weave the net, add the bodies, and sum the forces of the effects that are on; the state at t = 0.
 
     faults : takes what is wrong with the bodies and the effects, which does not hide other faults
-    Raises CaseError if there is no net.
+    begun  : a state of another run, in which the case starts
+    Raises CaseError if there is no net, or if the case cannot start so.
     """
     woven = weave(scene.net)
     net, tied = with_tethers(woven, scene.tethers)
+    if begun is not None:
+        if wrong := [*begun.faults_of_net(net), *begun.faults_of_bodies(scene)]:
+            raise CaseError(wrong)
+        scene = begun.wound_up_in(scene)
     net = _with_strength(net, scene)
     closing = None if scene.closing is None else closing_of(net, scene.closing)
     line = closing if isinstance(closing, ClosingLine) else None
     net = net if line is None else with_mass_of(net, line)
+    line = line if line is None or begun is None else replace(line, wound=begun.wound(CLOSING))
     reels = reels_of(net, scene.tethers)
-    rigid = bodies_at_start(scene, net, tied, reels, faults)
+    rigid = bodies_at_start(scene, net, tied, reels, faults, begun)
     axes = net_axes(scene.initial.frame, rigid)
-    packed, speed = packed_state(scene, woven)
+    packed, speed = packed_state(scene, woven) if begun is None else begun.of_nodes(slice(woven.n_nodes))
     position, velocity, added = packed, speed, kicks(scene, woven)
     if axes.body is not None:  # which gives the net all that it gets beside its own motion
         (position, velocity), added = carried(axes, rigid, net, packed), speed + added
@@ -75,10 +83,14 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     if later > 0.0:
         rigid = holding(axes, rigid, net, position)
     room = np.zeros((net.n_nodes - woven.n_nodes, 3))
-    position, velocity = np.concatenate([position, room]), np.concatenate([velocity, room])
+    others = (room, room) if begun is None else begun.of_nodes(slice(woven.n_nodes, None))
+    position, velocity = (np.concatenate(pair) for pair in zip((position, velocity), others, strict=True))
     kinematics, begin = rigid.kinematics, np.array(0.0)
     position, velocity, _ = kinematics.completed(begin, position, velocity, rigid.states, {})
-    faults += along_tethers(net, reels, position, velocity)
+    misplaced = (
+        along_tethers(net, reels, position, velocity) if begun is None else begun.faults_of_places(position)
+    )
+    faults += misplaced
     throw, before, held = None, velocity, rigid
     if later == 0.0:  # inner nodes of tethers stay as they are
         gained, rigid, throw = thrown(axes, held, net, position, added)
@@ -93,6 +105,7 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
     of_line = states_of_perimeter(closing) if isinstance(closing, Perimeter) else of_line
     of_units = () if scene.control is None else thrusters.states_of(scene.control)
     states = (*rigid.given, *of_reels, *of_line, *first_order_states(scene.effects), *of_units, *given)
+    states = states if begun is None else tuple(begun.goes_on(one) for one in states)
     inertia = Inertia(*rigid.free_inertia, rigid.kinematics.point)
     poses = Poses(rigid.states.position, rotation_matrix(rigid.states.attitude), axes.turn)
     blocks = Blocks.of(net, position, point_masses(scene.effects), names, states, inertia, poses)
@@ -119,6 +132,8 @@ def system_of(scene: Scene, faults: list[Fault]) -> tuple[System, State]:
         forces = replace(forces, kernels=tuple(kernels))
     if any(one.do == "cut" for one in scene.script):
         forces = replace(forces, cable=replace(forces.cable, may_be_cut=True))
+    if begun is not None:
+        forces = replace(forces, cable=replace(forces.cable, broken=begun.broken))
     if isinstance(closing, Perimeter):
         shortening = Shortening(closing, blocks, forces.cable.law)
         cable = replace(forces.cable, shortening=shortening)
@@ -155,11 +170,10 @@ def _drawn(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault])
     ratio, damped = _free_ratio(scene), getattr(scene.effects, "material_damping", None)
     time = 0.0 if damped is None or line.friction > 0.0 else float(damped.relaxation_time)
     way = float(way_of(line, blocks.position).sum())
-    if not way <= STRETCH_BOUND * ratio * line.length:
-        words = (
-            f"its way through the rings is {way:.6g} m at the start, {way / (ratio * line.length):.4g} times "
-        )
-        words += f"as long; above {STRETCH_BOUND:g} it is outside the cable law's validity. Give a longer one"
+    if not way <= STRETCH_BOUND * ratio * line.length_at_start:
+        stretch = way / (ratio * line.length_at_start)
+        words = f"its way through the rings is {way:.6g} m at the start, {stretch:.4g} times as long; "
+        words += f"above {STRETCH_BOUND:g} it is outside the cable law's validity. Give a longer one"
         faults.append(Fault("closing.length", words))
     drawstring = Drawstring(line, blocks, ratio, time)
     if not max(drawstring.rates) <= LARGEST:

@@ -15,6 +15,7 @@ from exunet.case.scene import Engine, Scene
 from exunet.forces import cable
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
+from exunet.forces.cable_term import INTACT
 from exunet.forces.terms import copied
 from exunet.methods.keys import SHORTEST_STEP
 from exunet.methods.method import METHODS, Kind, NetForm, TimeLoop
@@ -119,11 +120,12 @@ def start_faults(scene: Scene, system: System, start: State) -> list[Fault]:
     with np.errstate(all="ignore"):  # speeds beyond floats are refused here too
         # Tethers are straight at the start: those that are too short have been told.
         stretch = (cable.lengths(net, position) / natural)[: net.n_net_elements]
+        stretch *= start.memory.get(INTACT, np.ones(net.n_elements))[: net.n_net_elements]
         rate = np.linalg.norm(cable.spans(net, velocity), axis=-1) / natural
     longest, fastest = int(np.argmax(stretch)) if len(stretch) else -1, int(np.argmax(rate))
     faults = []
     if longest >= 0 and not stretch[longest] <= STRETCH_BOUND:
-        keys = (key for key in ("node_positions", "fold", "packing") if scene.initial.is_given(key))
+        keys = (key for key in ("node_positions", "fold", "packing", "from") if scene.initial.is_given(key))
         reason = (
             f"{_element(net, longest)} starts {stretch[longest]:.4g} times as long as when free of stress; "
             f"above {STRETCH_BOUND:g} it is outside the cable law's validity. Start it shorter"

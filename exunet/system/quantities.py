@@ -2,104 +2,147 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces import cable
 from exunet.forces.closing_loops import Status as LineStatus
-from exunet.forces.contact.status import status_of
+from exunet.forces.contact.status import STATUS
+from exunet.forces.contact.status import Status as Touch
 from exunet.net.areas import mouth_area, mouth_diameter
 from exunet.net.closing import NAME as CLOSING
 from exunet.system.states import States
 from exunet.system.system import System
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 LINE = f"{CLOSING}/line"
 _CONTACT = "contact/"
+_OF_CENTRE = frozenset(("range", "relative_speed"))
 
 
 @dataclass(frozen=True, eq=False)
 class Sight:
     """Which parts of a system quantities are of.
 
-    target   : the number of the target among the rigid bodies; None: there is none
-    contacts : names of the memories of contact
+    target    : the number of the target among the rigid bodies; None: there is none
+    tensions, touching, touched : numbers of memories (name, place): tensions at the ends of the closing line;
+                of each contact, how many pairs touch, and when something touched first
     """
 
     system: System
     target: int | None
-    contacts: tuple[str, ...]
+    tensions: tuple[tuple[str, int], ...]
+    touching: tuple[tuple[str, int], ...]
+    touched: tuple[tuple[str, int], ...]
 
     @classmethod
     def of(cls, system: System, target: str | None) -> Sight:
         """Of a system whose target has a name."""
-        rigid = system.blocks.rigid
-        contacts = tuple(name for name in system.memory if name.startswith(_CONTACT))
-        return cls(system, rigid.index(target) if target in rigid else None, contacts)
+        rigid, contacts = system.blocks.rigid, [name for name in system.memory if name.startswith(_CONTACT)]
+        ends = [LineStatus._fields.index(name) for name in ("tension_start", "tension_end")]
+        tensions = tuple((LINE, place) for place in ends if LINE in system.memory)
+        touching, touched = (
+            tuple((name, Touch._fields.index(field) - STATUS) for name in contacts)
+            for field in ("touching", "first_touch")
+        )
+        number = rigid.index(target) if target in rigid else None
+        return cls(system, number, tensions, touching, touched)
+
+    @property
+    def tells(self) -> tuple[tuple[str, int], ...]:
+        """The numbers of memories, in the order in which `LOOKS` gets them."""
+        return (*self.tensions, *self.touching, *self.touched)
 
 
-def _offset(sight: Sight, states: States, *, rates: bool) -> Floats:
+class Look(NamedTuple):
+    """States (k) at the ends of steps; the numbers of memories then (k, n); see `Seen` for `mean`."""
+
+    states: States
+    told: Floats
+    mean: Floats | None = None
+
+
+def weights(sight: Sight) -> Floats:
+    """(n_net_nodes,) of the nodes in the centre of mass of the net."""
+    mass = sight.system.net.mass[: sight.system.net.n_net_nodes]
+    return np.asarray(mass / mass.sum())
+
+
+def watched_weights(sight: Sight, names: Collection[str]) -> Floats:
+    """The same, if quantities follow from the centre; else none.
+
+    None also if bodies carry nodes of the net, whose velocities may be some stages old within steps.
+    """
+    carried = (sight.system.kinematics.point < sight.system.net.n_net_nodes).any()
+    return np.zeros(0) if carried or not _OF_CENTRE.intersection(names) else weights(sight)
+
+
+def _offset(sight: Sight, look: Look, *, rates: bool) -> Floats:
     """(k, 3) from the target's centre of mass to the net's [m], or its rate [m/s]."""
     assert sight.target is not None
-    net, bodies = sight.system.net, states.bodies
-    values = states.velocity if rates else states.position
-    mass = net.mass[: net.n_net_nodes]
-    centre = np.einsum("n,kna->ka", mass, values[:, : net.n_net_nodes]) / mass.sum()
+    states, bodies = look.states, look.states.bodies
+    if look.mean is not None:
+        centre = look.mean[:, 3:] if rates else look.mean[:, :3]
+    else:
+        values = (states.velocity if rates else states.position)[:, : sight.system.net.n_net_nodes]
+        centre = np.einsum("n,kna->ka", weights(sight), values)
     return np.asarray(centre - (bodies.velocity if rates else bodies.position)[:, sight.target])
 
 
-def _range(sight: Sight, states: States) -> Floats:
-    return np.linalg.norm(_offset(sight, states, rates=False), axis=1)
+def _range(sight: Sight, look: Look) -> Floats:
+    return np.linalg.norm(_offset(sight, look, rates=False), axis=1)
 
 
-def _relative_speed(sight: Sight, states: States) -> Floats:
-    return np.linalg.norm(_offset(sight, states, rates=True), axis=1)
+def _relative_speed(sight: Sight, look: Look) -> Floats:
+    return np.linalg.norm(_offset(sight, look, rates=True), axis=1)
 
 
-def _mouth_diameter(sight: Sight, states: States) -> Floats:
-    return mouth_diameter(sight.system.net, states.position)
+def _mouth_diameter(sight: Sight, look: Look) -> Floats:
+    return mouth_diameter(sight.system.net, look.states.position)
 
 
-def _area(sight: Sight, states: States) -> Floats:
-    return mouth_area(sight.system.net, states.position[:, : sight.system.net.n_nodes])
+def _area(sight: Sight, look: Look) -> Floats:
+    return mouth_area(sight.system.net, look.states.position[:, : sight.system.net.n_nodes])
 
 
-def _tether_tension(sight: Sight, states: States) -> Floats:
+def _tether_tension(sight: Sight, look: Look) -> Floats:
     net = sight.system.net
     first = net.n_net_elements
     i, j = net.element_nodes[first:].T
-    span = states.position[:, j] - states.position[:, i]
-    length, law = np.linalg.norm(span, axis=2), states.law
+    span = look.states.position[:, j] - look.states.position[:, i]
+    length, law = np.linalg.norm(span, axis=2), look.states.law
     natural, stiffness = law.natural_length[first:], law.stiffness[first:]
     if law.relaxation_time is None:
         found = cable.tension(length, natural, stiffness)
     else:
-        along = np.einsum("kea,kea->ke", span, states.velocity[:, j] - states.velocity[:, i])
+        along = np.einsum("kea,kea->ke", span, look.states.velocity[:, j] - look.states.velocity[:, i])
         rate = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
         found = cable.viscous_tension(length, rate, natural, stiffness, law.relaxation_time[first:])
     for winding in sight.system.forces.cable.reels:
-        element, _, pull = winding.outlets(states.memory, *states.flat)
+        element, _, pull = winding.outlets(look.states.memory, *look.states.flat)
         found[:, element - first] = pull
     return np.asarray(found.max(axis=1))
 
 
-def _closing_tension(sight: Sight, states: States) -> Floats:
-    status = LineStatus(*states.memory[LINE][: len(LineStatus._fields)])
-    return np.full(len(states), max(status.tension_start, status.tension_end))
+def _closing_tension(sight: Sight, look: Look) -> Floats:
+    return np.asarray(look.told[:, : len(sight.tensions)].max(axis=1))
 
 
-def _touching(sight: Sight, states: States) -> Floats:
-    return np.full(len(states), sum(status_of(states.memory[name]).touching for name in sight.contacts))
+def _touching(sight: Sight, look: Look) -> Floats:
+    first = len(sight.tensions)
+    return np.asarray(look.told[:, first : first + len(sight.touching)].sum(axis=1))
 
 
-def _time(sight: Sight, states: States) -> Floats:
-    return states.time
+def _time(sight: Sight, look: Look) -> Floats:
+    return look.states.time
 
 
-LOOKS: Mapping[str, Callable[[Sight, States], Floats]] = {
+LOOKS: Mapping[str, Callable[[Sight, Look], Floats]] = {
     "time": _time,
     "range": _range,
     "relative_speed": _relative_speed,
@@ -113,16 +156,36 @@ OF_VELOCITIES = ("relative_speed", "tether_tension")
 KEPT = ("closing_tension", "touching")  # known at the ends of steps only
 
 
-def has_touched(sight: Sight, states: States) -> bool:
-    """True from the first contact on."""
-    return any(status_of(states.memory[name]).first_touch >= 0.0 for name in sight.contacts)
+def has_touched(sight: Sight, told: Floats) -> NDArray[np.bool_]:
+    """(k,) true from the first contact on."""
+    return np.asarray((told[:, len(told[0]) - len(sight.touched) :] >= 0.0).any(axis=1))
+
+
+def looked_at(sight: Sight, names: Collection[str]) -> tuple[Ints, Ints]:
+    """Entries of x and v from which quantities follow: of some points, and all that are not of points."""
+    system, nodes, speeds = sight.system, set[int](), set[int]()
+    net, points = system.net, 3 * system.blocks.n_points
+    if _OF_CENTRE.intersection(names) and not watched_weights(sight, names).size:
+        nodes.update(range(net.n_net_nodes))
+        speeds.update(range(net.n_net_nodes))
+    nodes.update(net.mouth if {"mouth_diameter", "area", "largest_area"}.intersection(names) else ())
+    if "tether_tension" in names:
+        ends = net.element_nodes[net.n_net_elements :].ravel().tolist()
+        nodes.update(ends)
+        speeds.update(ends)
+    return _entries(nodes, points, system.blocks.n_x), _entries(speeds, points, system.blocks.n_v)
+
+
+def _entries(nodes: Iterable[int], points: int, size: int) -> Ints:
+    """Of nodes, and what follows points."""
+    of_nodes = [3 * node + axis for node in sorted(nodes) for axis in range(3)]
+    return np.array([*of_nodes, *range(points, size)], dtype=np.int64)
 
 
 def seen_memories(system: System) -> tuple[str, ...]:
     """The memories that quantities follow from."""
-    kept = [name for name in system.memory if name.startswith(_CONTACT) or name == LINE]
     threads = system.forces.cable
-    kept += [] if threads.memory is None else [threads.memory.name]
+    kept = [] if threads.memory is None else [threads.memory.name]
     for winding in threads.reels:
         kept += [name for name in system.memory if name in (f"{winding.name}/reel", f"reel/{winding.name}")]
     return tuple(kept)

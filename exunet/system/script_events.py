@@ -20,7 +20,17 @@ from exunet.forces.terms import Change, Memories, Seen
 from exunet.forces.thrusters import MEMORY as CONTROL
 from exunet.forces.thrusters import begun, released
 from exunet.system.ejection import HELD
-from exunet.system.quantities import KEPT, LOOKS, OF_VELOCITIES, Sight, has_touched, seen_memories
+from exunet.system.quantities import (
+    KEPT,
+    LOOKS,
+    OF_VELOCITIES,
+    Look,
+    Sight,
+    has_touched,
+    looked_at,
+    seen_memories,
+    watched_weights,
+)
 from exunet.system.states import States
 
 Floats = NDArray[np.float64]
@@ -66,9 +76,12 @@ class ScriptEvents:
     def __init__(self, entries: tuple[Entry, ...], sight: Sight, damping: Mapping[str, float | None]) -> None:
         self._entries, self._sight, self._damping = entries, sight, damping
         self._conditions = [one.condition for one in entries]
+        self._names = [one.condition_name for one in entries]
         self._numbers = {one.name: k for k, one in enumerate(entries)}
         self._size = _WIDTH * len(entries) + 1
-        self.sees = seen_memories(sight.system)
+        self.sees, self.tells = seen_memories(sight.system), sight.tells
+        self.of_x, self.of_v = looked_at(sight, set(self._names))
+        self.weights = watched_weights(sight, set(self._names))
         self._ends = np.cumsum([self._size, *(len(sight.system.memory[name]) for name in self.sees)])
         thrusts = (term.switch for term in sight.system.forces if isinstance(term.switch, Knots))
         self._knots = np.array([time for switch in thrusts for time in switch.knots])
@@ -106,11 +119,6 @@ class ScriptEvents:
         """True while a condition is looked at."""
         return bool(self._watched(memory))
 
-    def in_each_step(self, memory: Floats) -> bool:
-        """True for what memories tell only, unless it stays true once it is."""
-        names = {self._entries[k].condition_name for k, _ in self._watched(memory)}
-        return bool(names & set(KEPT))
-
     def _moment(self, entry: Entry, rows: list[Row]) -> float:
         """From when on it may happen [s]; infinite as long as that is not known."""
         if entry.at is not None:
@@ -143,17 +151,25 @@ class ScriptEvents:
             moving = moving.completed(system.kinematics, steps.time, memory)
         return States(system, steps.time, *moving[:3], memory, moving.first_order)
 
-    def _beyond(self, number: int, row: Row, states: States) -> Floats:
+    def _now(self, time: float, x: Floats, v: Floats, memory: Floats) -> Seen:
+        """One state."""
+        told = memory[None, len(memory) - len(self.tells) :]
+        return Seen(np.array([time]), x[None], v[None], memory, told)
+
+    def _look(self, steps: Seen, *, completed: bool = True) -> Look:
+        return Look(self._states(steps, completed=completed), steps.told, steps.mean)
+
+    def _beyond(self, number: int, row: Row, look: Look) -> Floats:
         """(k,) above 0 where a condition holds, in its quantity's unit."""
         condition = self._conditions[number]
         assert condition is not None
         if condition.name == "first_contact":
-            return np.full(len(states), 1.0 if has_touched(self._sight, states) else -1.0)
+            return np.where(has_touched(self._sight, look.told), 1.0, -1.0)
         if condition.name == "largest_area":
-            area = LOOKS["area"](self._sight, states)
+            area = LOOKS["area"](self._sight, look)
             largest = np.maximum.accumulate(np.maximum(row.value, area))
             return np.asarray((1.0 - self._entries[number].fall) * largest - area)
-        return condition.sign * (LOOKS[condition.name](self._sight, states) - condition.bound)
+        return condition.sign * (LOOKS[condition.name](self._sight, look) - condition.bound)
 
     def crossed(self, time: float, x: Floats, v: Floats, memory: Floats) -> Ints:
         """The first entry with which something is to be done: armed, happen, rest no more.
@@ -164,7 +180,7 @@ class ScriptEvents:
         for k, (row, one) in enumerate(zip(rows, self._entries, strict=True)):
             if row.state == WAITING and self._moment(one, rows) <= time:
                 return np.array([k])
-        now: States | None = None
+        look: Look | None = None
         due: list[int] = []
         for k, (row, one) in enumerate(zip(rows, self._entries, strict=True)):
             if row.state not in (ARMED, RESTING):
@@ -172,8 +188,8 @@ class ScriptEvents:
             if one.when is None or self._is_barred(one, rows):
                 due.append(k)
             elif time != self._nothing_at:
-                now = now or self._states(_alone(time, x, v, memory))
-                if (self._beyond(k, row, now)[0] > 0.0) == (row.state == ARMED):
+                look = look or self._look(self._now(time, x, v, memory))
+                if (self._beyond(k, row, look)[0] > 0.0) == (row.state == ARMED):
                     due.append(k)
         if not due:
             return _NOTHING
@@ -182,23 +198,26 @@ class ScriptEvents:
     def _is_barred(self, entry: Entry, rows: list[Row]) -> bool:
         return entry.unless is not None and rows[self._numbers[entry.unless]].times > 0.0
 
-    def comes_true(self, steps: Seen) -> bool:
-        """True if one of the conditions holds at the end of a step, or of one that rests does not."""
+    def comes_true(self, steps: Seen) -> int | None:
+        """The first step at whose end one of the conditions holds, or one that rests does not."""
         watched = self._watched(steps.memory)
-        speeds = any(self._entries[k].condition_name in OF_VELOCITIES for k, _ in watched)
-        states = self._states(steps, completed=speeds)
-        found = any(
-            ((self._beyond(k, row, states) > 0.0) == (row.state == ARMED)).any() for k, row in watched
-        )
-        self._nothing_at = -math.inf if found else float(steps.time[-1])
-        return found
+        speeds = any(self._names[k] in OF_VELOCITIES for k, _ in watched)
+        look = self._look(steps, completed=speeds)
+        found = np.zeros(len(steps.time), dtype=bool)
+        for k, row in watched:
+            found |= (self._beyond(k, row, look) > 0.0) == (row.state == ARMED)
+        if found.any():
+            self._nothing_at = -math.inf
+            return int(found.argmax())
+        self._nothing_at = float(steps.time[-1])
+        return None
 
     def remembered(self, steps: Seen) -> Floats | None:
         """The largest area so far, for entries that wait until it has fallen."""
         after = None
         for k, row in self._watched(steps.memory):
             if self._entries[k].when == "largest_area":
-                area = float(LOOKS["area"](self._sight, self._states(steps)).max())
+                area = float(LOOKS["area"](self._sight, self._look(steps, completed=False)).max())
                 if area > row.value:
                     after = steps.memory[: self._size].copy() if after is None else after
                     after[_WIDTH * k + Row._fields.index("value")] = area
@@ -229,7 +248,7 @@ class ScriptEvents:
         found: dict[int, float] = {}
         if not armed:
             return found
-        first, last = self._states(begin), self._states(end)
+        first, last = self._look(begin), self._look(end)
         for k, row in armed:
             after = float(self._beyond(k, row, last)[0])
             if after > 0.0 and (before := float(self._beyond(k, row, first)[0])) <= 0.0:
@@ -245,7 +264,7 @@ class ScriptEvents:
         def beyond(part: float) -> float:
             if part in (0.0, 1.0):
                 return ends[int(part)]
-            return float(self._beyond(number, row, self._states(self._hermite(*step, part)))[0])
+            return float(self._beyond(number, row, self._look(self._hermite(*step, part)))[0])
 
         if ends[0] == 0.0:
             return begin
@@ -263,7 +282,7 @@ class ScriptEvents:
         x[:, :moved] += s**3 * (h * (v0 + v1) - 2.0 * apart)
         v[:, :moved] = v0 + s * (6.0 * apart / h - 4.0 * v0 - 2.0 * v1)
         v[:, :moved] += s**2 * (3.0 * (v0 + v1) - 6.0 * apart / h)
-        return Seen(begin.time + s * h, x, v, end.memory)
+        return Seen(begin.time + s * h, x, v, end.memory, end.told)
 
     # What happens
 
@@ -290,14 +309,17 @@ class ScriptEvents:
             events.append(self._told(entry, time, f"happens no more: has happened {MOST} times"))
         row = row._replace(state=state, since=time, times=times)
         if entry.condition_name in QUANTITIES:
-            now = self._states(_alone(time, x, v, memory))
-            row = row._replace(value=float(LOOKS[entry.condition_name](self._sight, now)[0]))
+            now = self._look(self._now(time, x, v, memory))
+            value = LOOKS[entry.condition_name](self._sight, now)
+            row = row._replace(value=float(value[0]))
         if entry.when is not None:
             unit = QUANTITIES[entry.condition_name].unit if entry.condition_name in QUANTITIES else "1"
             told |= {"crossed_s": self._crossed_at.pop(k, time), "value": row.value, "unit": unit}
         what: dict[str, Any] = {"events": tuple(events), "stops": entry.do == "stop"}
         if entry.do == "cut":
-            what |= {"others": {INTACT: self._cut(entry, every[INTACT])}, "energy_lost": None}
+            after = self._cut(entry, every[INTACT])
+            told["element"] = int(np.argmax(every[INTACT] != after))
+            what |= {"others": {INTACT: after}, "energy_lost": None}
         elif entry.do == "thrust":
             what["others"] = {THRUST: begun_at(time, self._knots)}
         elif entry.do == "control":
@@ -336,8 +358,3 @@ class ScriptEvents:
     def _told(entry: Entry, time: float, words: str) -> dict[str, Any]:
         cause = entry.trigger_words
         return {"time_s": time, "entry": entry.name, "cause": cause, "event": words, "done": False}
-
-
-def _alone(time: float, x: Floats, v: Floats, memory: Floats) -> Seen:
-    """One state."""
-    return Seen(np.array([time]), x[None], v[None], memory)

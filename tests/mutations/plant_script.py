@@ -30,11 +30,11 @@ _of_text(
 )
 _of_text(
     "script_seen_late",
-    "a condition is looked at in the last of 64 states only",
+    "a condition is looked at in the last of many states only",
     ScriptEvents,
     "comes_true",
-    "> 0.0) == (row.state == ARMED)).any()",
-    "> 0.0) == (row.state == ARMED))[-1]",
+    "if found.any():",
+    "if found[-1]:",
     "a_state_between_two_looks_is_seen",
 )
 _of_text(

@@ -17,11 +17,13 @@ from exunet.backends.compiled.work_space import (
     Control,
     EqualSteps,
     Kept,
+    Looks,
     Run,
     Stages,
     clock_at,
     empty_rows,
     motion_of,
+    no_looks,
     seen_nothing,
     told_largest,
 )
@@ -33,10 +35,11 @@ from exunet.bodies.constraint_loops import OnGuided
 from exunet.bodies.kinematics import sites_of, steer
 from exunet.bodies.port import Piece
 from exunet.codegen.compile import require_numba
+from exunet.codegen.force_table import ForceTable
 from exunet.codegen.kernel import Kernel
 from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
 from exunet.forces.reel import Winding
-from exunet.forces.terms import Seen
+from exunet.forces.terms import Seen, Watch
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.methods.plan import Plan
 from exunet.system.energy import law_of
@@ -67,8 +70,8 @@ def loop_kernel(system: System, *, compiled: bool = True) -> Kernel:
 
 
 WITHOUT_LIMIT = 2**62
-_WATCHED = 64  # steps between two looks at conditions of the states in between
-_ROWS_TO_LOCATE = 8  # that steps to a crossing in a step may take
+_LOOKS = 512  # steps at which conditions are looked at in one go
+_ROWS_TO_LOCATE = 16  # that steps to a crossing in a step may take
 
 
 class _Before(NamedTuple):
@@ -117,7 +120,7 @@ class CompiledIntegration:
         The batch has fewer rows than times if the steps collapsed (see `collapse`), or were more.
         """
         kept, at = empty_rows(len(times), self._system), np.array(times, dtype=float)
-        run = Run(self._motion, self._clock, self._seen, kept)
+        run = Run(self._motion, self._clock, self._seen, kept, no_looks())
         if self._chosen:
             rows = self._module.through_chosen(at, self._control, TINY_IN_A_ROW, np.int64(most), run)
         else:
@@ -175,10 +178,11 @@ class CompiledLoop(CompiledIntegration):
             self._peaks["look_above"][0] = -1.0
         rows = max(16, min(_ROWS, 2**19 // max(1, len(self._motion.v))))
         self._kept = empty_rows(rows, system)
+        self._looks = _looks(self._events.watch, system, self._table)
         self._hold()
         self._moving = self._layout.unpack(self._motion.x, self._motion.v)  # views
         self._pushed = False
-        self._singly_until = -math.inf  # steps are taken one by one [s]
+        self._looks_to_come: list[int] = []  # after how many steps, the next one last; none: as many as fit
         self._ports = _steady_ports(system, state)
         self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
         if state.memory:
@@ -276,8 +280,8 @@ class CompiledLoop(CompiledIntegration):
         while self.time < until:
             if self._events.in_each_step:
                 self._shorten(until)
-            limit, every = self._stretch
             before = self._before()
+            limit, every = self._stretch
             self._row = self._module.chosen_stretch(self._control, until, limit, self._row, every, self._held)
             self._locate(before)
             self._make_room()
@@ -293,9 +297,9 @@ class CompiledLoop(CompiledIntegration):
         number = max(1, math.ceil((until - begin) / (self._plan.step or math.inf) * (1 - 1e-9)))
         done = 0
         while done < number:
+            at_begin = self._before()
             limit, every = self._stretch
             steps = EqualSteps(begin, until, number, done, limit)
-            at_begin = self._before()
             self._row = self._module.equal_stretch(self._verlet, steps, self._row, every, self._held)
             located = self._locate(at_begin)
             done = int(self._clock["steps"][0]) - before
@@ -310,10 +314,12 @@ class CompiledLoop(CompiledIntegration):
 
     def _before(self) -> _Before | None:
         """All that the next steps change, if crossings in them are to be located."""
+        self._looks.at[:] = 0
         if not self._events.watches:
             return None
+        self._looks.at[1] = self._looks_to_come.pop() if self._looks_to_come else len(self._looks.time)
         self._recall()
-        if self._row + _WATCHED + _ROWS_TO_LOCATE > self.room:
+        if self._row + _ROWS_TO_LOCATE > self.room:
             self.hand_over()
         m = self._motion
         held = (m.taken, m.work[_A1], self._clock, self._seen.peaks, self._seen.largest)
@@ -337,22 +343,25 @@ class CompiledLoop(CompiledIntegration):
         """Make the step just taken end where a condition that is watched comes true; True if steps are to be
         laid out anew from there.
 
-        Several steps, in one of which that happens, are taken again singly. Steps that end before it are
-        accepted as they are.
+        Several steps, in one of which that happens, are taken again: those before it, then it alone. Steps
+        that end before the crossing are accepted as they are.
         """
-        if before is None or self._row == before.row:  # no attempt was accepted
+        if before is None or self._looks.at[0] == 0:  # no attempt was accepted
             return False
         self._recall()
-        rows = slice(before.row, self._row)
-        steps = self._events.seen(self._kept.time[rows], self._kept.x[rows], self._kept.v[rows])
-        if not self._events.comes_true(steps):
+        looks, rows = self._looks, slice(int(self._looks.at[0]))
+        mean = looks.mean[rows] if looks.weights.size else None
+        time, x, v, told = (part[rows] for part in (looks.time, looks.x, looks.v, looks.told))
+        steps = self._events.seen(time, x, v, told, mean)
+        first = self._events.comes_true(steps)
+        if first is None:
             self._events.steps_done(steps)
-            self._thin(before.row)
             return False
-        if self._row - before.row > 1:
-            self._singly_until = self.time
+        if not self._singly:
+            self._looks_to_come = [1, first] if first else [1]
             self._go_back(before)
             return False
+        self._looks.at[:] = 0
         beyond = math.inf
         while True:
             self._recall()
@@ -371,13 +380,6 @@ class CompiledLoop(CompiledIntegration):
             self._step_to(target)
         return math.isfinite(beyond)
 
-    def _thin(self, row: int) -> None:
-        """Of the states from a row on leave the last, unless one of them is for the guards."""
-        if self._row - row > 1 and self._peaks["elastic"][0] <= self._peaks["keep_above"][0]:
-            for values in self._kept:
-                values[row] = values[self._row - 1]
-            self._row = row + 1
-
     def _step_to(self, time: float) -> None:
         """By one step, or by more where its error would be too large."""
         if not self._chosen:
@@ -391,11 +393,14 @@ class CompiledLoop(CompiledIntegration):
     @property
     def _stretch(self) -> tuple[int, int]:
         """How many steps to take without a look at events, and of how many one is handed over."""
-        if not self._events.in_steps:
-            return _ATTEMPTS, _THINNED
-        if self._events.in_each_step or self.time < self._singly_until:
+        if self._events.in_each_step:
             return 1, 1
-        return min(_WATCHED, self.room // 2), 1
+        return _ATTEMPTS, 1 if self._singly else _THINNED
+
+    @property
+    def _singly(self) -> bool:
+        """True if each step is kept, and looked at by itself."""
+        return self._events.in_each_step or self._looks.at[1] == 1
 
     def _shorten(self, until: float) -> None:
         """Make the step that comes end near the next event."""
@@ -436,6 +441,7 @@ class CompiledLoop(CompiledIntegration):
         self._memory = memory
         self._table = self._kernel.table(memory)
         self._motion = self._motion._replace(data=self._table.rows)
+        self._looks = self._looks._replace(memory=self._table.changed)
         self._steer_all()
         self._motion.inverse[:] = self._layout.inverse_mass(self._system, memory)
         self._hold()
@@ -471,7 +477,7 @@ class CompiledLoop(CompiledIntegration):
             self._peaks["elastic"] += before - self._asleep
 
     def _hold(self) -> None:
-        self._held = self._module.hold(Run(self._motion, self._clock, self._seen, self._kept))
+        self._held = self._module.hold(Run(self._motion, self._clock, self._seen, self._kept, self._looks))
 
     def _make_room(self) -> None:
         if self._row == len(self._kept.time):
@@ -523,6 +529,19 @@ class CompiledLoop(CompiledIntegration):
 
 
 _A1 = Stages._fields.index("a1")  # in the rows of `Motion.work`
+
+
+def _looks(watch: Watch | None, system: System, table: ForceTable) -> Looks:
+    """Room for what is watched of steps."""
+    if watch is None:
+        return no_looks()
+    of_memory = [table.place_of(name, place) for name, place in watch.tells]
+    rows = max(16, min(_LOOKS, 2**21 // max(1, system.blocks.n_v)))
+    time, x, v, _ = empty_rows(rows, system)
+    told, mean = np.zeros((rows, len(of_memory))), np.zeros((rows, 6))
+    at, entries = np.zeros(2, dtype=np.int64), np.array(of_memory, dtype=np.int64)
+    entries_of = at, watch.of_x, watch.of_v, entries
+    return Looks(*entries_of, table.changed, watch.weights, time, x, v, told, mean)
 
 
 def _steady_ports(system: System, state: State) -> dict[str, Piece]:

@@ -50,9 +50,14 @@ def keep(row: int, t: float, m: Any, kept: Any) -> int:
     return row + 1
 
 
+def look(t: float, m: Any, looks: Any) -> bool:
+    """Nothing is watched."""
+    return False
+
+
 def in_lanes(run: Any) -> Any:
     """A `Run` whose arrays have the runs as their last axis, as one of vectors."""
-    m, clock, seen, kept = borrowed(run)
+    m, clock, seen, kept, looks = borrowed(run)
     motion = Motion(
         lanes_of(m.x),
         lanes_of(m.v),
@@ -70,7 +75,7 @@ def in_lanes(run: Any) -> Any:
     )
     peaks, largest, elements, x, v, elastic, look_above, level = seen
     seen_in_lanes = SeenOfRuns(peaks, largest, elements, x, v, elastic, look_above, lanes_of(level))
-    return Run(motion, clock, seen_in_lanes, kept)
+    return Run(motion, clock, seen_in_lanes, kept, looks)
 
 
 def begin_runs(t: float, verlet: bool, run: Any) -> None:
@@ -88,7 +93,8 @@ IMPORTS = (
     "from exunet.backends.compiled.work_space import Motion, Run, Seen, SeenOfRuns",
     f"from exunet.codegen.lanes import lanes_of  # {version_of('lanes')}",
 )
-_SEEN = tuple(function for function in many_steps.STEPS if function is not many_steps.see)
-STEPS = (*_SEEN, see, in_lanes, begin, keep, through_equal)
+_OTHERS = many_steps.see, many_steps.look
+_STEPS = tuple(function for function in many_steps.STEPS if function not in _OTHERS)
+STEPS = (*_STEPS, see, look, in_lanes, begin, keep, through_equal)
 IN_PLACE = tuple(accept if function is many_steps.accept else function for function in STEPS)
 LOOP = (begin_runs, runs_through)

@@ -144,6 +144,29 @@ def keep(row: int, t: float, m: Any, kept: Any) -> int:
     return row + 1
 
 
+def look(t: float, m: Any, looks: Any) -> bool:
+    """Copy what is watched of the state into a row of `looks`; true if the stretch of steps ends there."""
+    row = looks.at[0]
+    looks.time[row] = t
+    for k in range(looks.of_x.size):
+        looks.x[row, looks.of_x[k]] = m.x[looks.of_x[k]]
+    for k in range(looks.of_v.size):
+        looks.v[row, looks.of_v[k]] = m.v[looks.of_v[k]]
+    for k in range(looks.of_memory.size):
+        looks.told[row, k] = looks.memory[looks.of_memory[k]]
+    if looks.weights.size > 0:
+        for axis in range(3):
+            place = 0.0
+            speed = 0.0
+            for k in range(looks.weights.size):
+                place += looks.weights[k] * m.x[3 * k + axis]
+                speed += looks.weights[k] * m.v[3 * k + axis]
+            looks.mean[row, axis] = place
+            looks.mean[row, 3 + axis] = speed
+    looks.at[0] = row + 1
+    return looks.at[0] == looks.at[1]
+
+
 def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> Any:
     """The next jump of the forces, as `exunet.forces.jumps.jump_ahead`: time until then, step across it [s].
 
@@ -206,7 +229,7 @@ def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> 
 
 def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int:
     """Take the steps that an `EqualSteps` names."""
-    m, clock, seen, kept = borrowed(run)
+    m, clock, seen, kept, looks = borrowed(run)
     now = clock[0]
     start, until, number, first, limit = steps
     s = stages_of(m.work)
@@ -232,8 +255,9 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
         now["time"] = end
         if (step + 1) % every == 0 or step + 1 == number or held > seen.peaks[0]["keep_above"]:
             row = keep(row, end, m, kept)
-            if row == kept.time.size:
-                break
+        ends = looks.at[1] > 0 and look(end, m, looks)
+        if ends or row == kept.time.size:
+            break
     return row
 
 
@@ -248,7 +272,7 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
     whatever its error estimate, and the control continues with the step that it had chosen before. If the way
     to the jump is itself too long a step, the control goes on by itself until it rejects another step.
     """
-    m, clock, seen, kept = borrowed(run)
+    m, clock, seen, kept, looks = borrowed(run)
     now = clock[0]
     s = stages_of(m.work)
     least = control.least
@@ -306,9 +330,8 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
         now["step"] = max(least, h * change, wanted if h < wanted and error <= 1.0 else 0.0)
         if now["steps"] % every == 0 or now["time"] == until or held > seen.peaks[0]["keep_above"]:
             row = keep(row, now["time"], m, kept)
-            if row == kept.time.size:
-                break
-        if now["time"] == until:
+        ends = looks.at[1] > 0 and look(now["time"], m, looks)
+        if ends or row == kept.time.size or now["time"] == until:
             break
     return row
 
@@ -331,7 +354,7 @@ def through_chosen(times: Any, control: Any, most_tiny: float, most: int, run: A
     Returns the number of rows that were reached.
     """
     own = borrowed(run)
-    m, clock, _, kept = own
+    m, clock, _, kept, _ = own
     # Not literals, for each of which the called functions would be compiled anew.
     first: Any = np.int64(0)
     never: Any = np.int64(2**62)
@@ -350,7 +373,7 @@ def through_chosen(times: Any, control: Any, most_tiny: float, most: int, run: A
 def through_equal(verlet: bool, times: Any, step: float, run: Any) -> int:
     """As `through_chosen`: `equal_steps`, none longer than `step` [s]."""
     own = borrowed(run)
-    m, clock, _, kept = own
+    m, clock, _, kept, _ = own
     first: Any = np.int64(0)  # not literals, as above
     never: Any = np.int64(2**62)
     row = keep(first, times[0], m, kept)
@@ -388,6 +411,7 @@ STEPS = (
     accept,
     see_tensions,
     see,
+    look,
     jump_ahead,
     equal_steps,
     chosen_steps,

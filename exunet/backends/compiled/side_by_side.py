@@ -20,6 +20,7 @@ from exunet.backends.compiled.work_space import (
     SeenOfRuns,
     Stages,
     clock_at,
+    no_looks,
     seen_nothing,
     told_largest,
 )
@@ -107,7 +108,7 @@ class RunsSideBySide:
         of_x, of_v = np.split(self._room[: sum(sizes)], sizes[:1])
         places, speeds = of_x.reshape(shapes[0]), of_v.reshape(shapes[1])
         kept = KeptOfRuns(np.zeros(rows), places, speeds, np.zeros((WIDTH, rows)), x, v, taken)
-        return Run(self._motion, self._clock, self._seen, kept)
+        return Run(self._motion, self._clock, self._seen, kept, no_looks())
 
     def through(self, times: Floats) -> StatesOfRuns:
         """From times[0], the states' time, through all times [s]; the next call overwrites them."""

@@ -182,13 +182,42 @@ class KeptOfRuns(NamedTuple):
     now_taken: Floats
 
 
+class Looks(NamedTuple):
+    """What is watched of every step, not only of those kept: some entries of x and v, and of memories.
+
+    at        : (2,) the next row, and the row at which a stretch of steps ends; 0: nothing is watched
+    of_x, of_v, of_memory : which entries
+    memory    : `ForceTable.changed`
+    weights   : (n,) of the first points, whose mean place and velocity are watched; none: they are not
+    time (k,), x (k, n_x), v (k, n_v) : the rows; other entries of x and v are left as they were
+    told      : (k, of_memory.size)
+    mean      : (k, 6) place [m] and velocity [m/s]
+    """
+
+    at: NDArray[np.int64]
+    of_x: NDArray[np.int64]
+    of_v: NDArray[np.int64]
+    of_memory: NDArray[np.int64]
+    memory: Floats
+    weights: Floats
+    time: Floats
+    x: Floats
+    v: Floats
+    told: Floats
+    mean: Floats
+
+
 class Run(NamedTuple):
-    """What a stretch of steps works on: the state, a record `CLOCK`, what was seen, room for states."""
+    """What a stretch of steps works on: the state, a record `CLOCK`, what was seen, room for states.
+
+    looks : what is watched of every step
+    """
 
     motion: Motion
     clock: NDArray[np.void]
     seen: Seen | SeenOfRuns
     kept: Kept | KeptOfRuns
+    looks: Looks
 
 
 class EqualSteps(NamedTuple):
@@ -258,6 +287,13 @@ def seen_nothing(system: System) -> Seen:
 def told_largest(records: NDArray[np.void]) -> tuple[Largest, ...]:
     """The records `LARGEST` (n,), for observers."""
     return tuple(Largest(float(one["tension"]), float(one["time"]), int(one["element"])) for one in records)
+
+
+def no_looks() -> Looks:
+    """Nothing is watched."""
+    none, row = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
+    no, at = np.zeros(0), np.zeros(2, dtype=np.int64)
+    return Looks(at, none, none, none, no, no, no, row, row, row, row)
 
 
 def empty_rows(rows: int, system: System) -> Kept:

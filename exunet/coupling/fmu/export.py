@@ -25,6 +25,7 @@ from exunet.coupling.fmu.served import Model
 from exunet.coupling.fmu.signals import Signals
 from exunet.coupling.fmu.variables import Variable
 from exunet.coupling.prediction import STABLE, longest_step
+from exunet.simulation.begun_from import begun_from
 
 VERSIONS = (2, 3)
 _COMMON = ("instance.c", "instance.h", "worker.c", "worker.h")
@@ -151,7 +152,7 @@ def _source(name: str) -> str:
 
 
 def _files_of(case: Case) -> tuple[dict[str, bytes], list[str]]:
-    """The meshes that the case names, by their new names, and the overrides that name them there."""
+    """Meshes and a result that the case names, by their new names, and the overrides that name them there."""
     files: dict[str, bytes] = {}
     moved = []
     for number, (name, keys) in enumerate(case.scene.bodies.items()):
@@ -159,6 +160,10 @@ def _files_of(case: Case) -> tuple[dict[str, bytes], list[str]]:
             new = f"mesh{number}{Path(keys.file).suffix}"
             files[new] = Path(keys.file).read_bytes()
             moved.append(f"bodies.{name}.file={json.dumps(new)}")
+    if (named := case.scene.initial.begins_from) is not None:
+        source = begun_from(named)
+        files["start.h5"] = Path(source.story["result"]).read_bytes()
+        moved.append(f'initial.from="start.h5@{source.story["time_s"]!r}"')
     return files, moved
 
 

@@ -86,6 +86,8 @@ def _mass(start: Start) -> str:
 def _packing(start: Start) -> str:
     """How the net lies at the start."""
     initial = start.scene.initial
+    if start.begun_from is not None:
+        return f"as in {start.begun_from['result']} at {start.begun_from['time_s']:g} s"
     if initial.node_positions is not None:
         return "as listed in initial.node_positions"
     if initial.fold is None:

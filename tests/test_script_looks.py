@@ -1,0 +1,80 @@
+"""What the compiled loop copies of every step for the conditions of a script is all that these look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import exunet
+from exunet.backends.compiled.loop import CompiledLoop
+from exunet.case.script import HAPPENINGS, QUANTITIES
+from exunet.simulation.simulation import Simulation
+from exunet.system.quantities import LOOKS, Look, Sight
+from exunet.system.states import States
+
+BEFORE = {"touching": 0.1586}  # [s]: first touched at 0.1591 s
+FORM = (
+    "engine.loop=compiled",
+    "time.end=0.3",
+    'closing.winch.commands=[{at=0.0, mode="tension", force=10.0}]',
+    "closing.winch.largest_rate=30.0",
+)
+TOW = Path(__file__).parents[1] / "cases" / "missions" / "throw_close_tow.toml"
+
+
+def watching(condition: str) -> Simulation:
+    """The mission with a condition that never holds in place of its script, and a line drawn from 0 s on."""
+    script = f'script=[{{name="never", when="{condition}", do="note"}}]'
+    return Simulation(exunet.load(TOW, [script, *FORM]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*QUANTITIES, *HAPPENINGS])
+def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
+    """All other entries of the rows are not numbers; the values are those of the whole state, at each step.
+
+    Taken from a run: the line is taut at 0.04 s, and slack when a thread touches the box for the first time.
+    """
+    simulation = watching(name if name in HAPPENINGS else f"{name} > 1e9")
+    loop = simulation._integrator
+    assert isinstance(loop, CompiledLoop)
+    if name in QUANTITIES:
+        simulation.advance_to(BEFORE.get(name, 0.04))
+    looks, step = loop._looks, simulation.plan.step
+    assert step is not None
+    for part in (looks.x, looks.v, looks.told, looks.mean):
+        part[:] = np.nan
+    before = simulation.counts.steps
+    simulation.advance(10.5 * step)
+    rows = simulation.counts.steps - before
+    assert looks.at.tolist() == [rows, len(looks.time)]
+    assert rows == 11
+    quantity = "area" if name == "largest_area" else "touching" if name == "first_contact" else name
+    system = simulation.start.system
+    sight = Sight.of(system, "box")
+    state = simulation.state
+    whole = States.of(system, state)
+    moving = system.layout.unpack(looks.x[:rows], looks.v[:rows])
+    moving = moving.completed(system.kinematics, looks.time[:rows], state.memory)
+    seen = States(system, looks.time[:rows], *moving[:3], state.memory, moving.first_order)
+    now = np.array([[state.memory[one][place] for one, place in sight.tells]])
+    mean = looks.mean[:rows] if looks.weights.size else None
+    found = LOOKS[quantity](sight, Look(seen, looks.told[:rows], mean))
+    assert np.isfinite(found).all()
+    assert found[-1] == pytest.approx(LOOKS[quantity](sight, Look(whole, now))[0], rel=1e-13)
+    if name in ("closing_tension", "touching"):
+        assert len(set(found.tolist())) > 1  # told at each step, not at the last
+
+
+@pytest.mark.slow
+def test_watching_changes_no_step() -> None:
+    """Nor is a state handed over for its sake: the same bits, and the same largest values."""
+    ours = watching("mouth_diameter < 1e-3")
+    plain = Simulation(exunet.load(TOW, ["script=[]", *FORM]))
+    for one in (ours, plain):
+        one.advance_to(0.28)
+    assert np.array_equal(ours.state.position, plain.state.position)
+    assert ours.counts == plain.counts
+    assert ours.largest_tension == plain.largest_tension
