@@ -7,7 +7,7 @@ import plant_script  # noqa: F401 - enters its errors
 import pytest
 from plant import EXUDYN, PLANTED, REFERENCE
 from plant_bodies import SNAP
-from plant_contact import BULLETS, THREADS
+from plant_contact import BULLETS, NODES, THREADS
 
 from exunet.interfaces.commands.verify import PLANTED as REPORT_WORDS
 from exunet.verification.check import Check
@@ -33,7 +33,7 @@ def first_failure(case="planar_deployment"):
 
     For a scene of rung 8 or 9, which every ladder has, that of its rows alone.
     """
-    of_rung = 9 if case in (THREADS, BULLETS) else None if case in CASES else 8
+    of_rung = 9 if case in (THREADS, NODES, BULLETS) else None if case in CASES else 8
     ladder = Ladder([] if of_rung else read_cases([CASES[case]]), quick=True, paper=False)
     for step in ladder._contacts() if of_rung == 9 else chain(ladder.nets(), ladder.later()):
         if of_rung and (step.rung, step.subject) != (of_rung, case):
@@ -70,12 +70,13 @@ def test_without_a_planted_error_the_ladder_holds():
     assert first_failure(SNAP) is None
     assert first_failure(THREADS) is None
     assert first_failure(BULLETS) is None
+    assert first_failure(NODES) is None
 
 
 def test_the_report_tells_how_many_are_planted_and_both_codes_have_some():
     """Rungs 5 and 7 follow whole runs; what changes those shows at a lower rung first."""
-    assert len(PLANTED) == 94
-    assert "plants ninety-four errors in both codes" in " ".join(REPORT_WORDS.split())
+    assert len(PLANTED) == 96
+    assert "plants ninety-six errors in both codes" in " ".join(REPORT_WORDS.split())
     assert {error.code for error in PLANTED.values()} == {EXUDYN, REFERENCE}
     assert {error.rung for error in PLANTED.values()} == {1, 2, 3, 4, 6, 8, 9, None}
     assert set(PLANTED) >= QUICK

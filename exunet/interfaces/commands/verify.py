@@ -23,7 +23,7 @@ COMPARED = (
     "of code, and both with known answers."
 )
 PLANTED = (
-    "A ladder that nothing can fail proves nothing: `pytest -m slow tests/mutations` plants ninety-four "
+    "A ladder that nothing can fail proves nothing: `pytest -m slow tests/mutations` plants ninety-six "
     "errors in both codes, one at a time, and demands that the quick ladder fails at the rung that each "
     "belongs to, or a test where none does."
 )
