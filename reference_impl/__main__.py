@@ -221,7 +221,7 @@ def _harder(system: System, options: argparse.Namespace) -> str:
     """What to do about contact that is too soft."""
     contact = system.effects.contact
     assert contact is not None
-    keys = ("modulus",) if contact.law == "hertz" else ("stiffness", "bullet_stiffness")
+    keys = ("modulus",) if contact.law == "hertz" else ("stiffness", "node_stiffness", "bullet_stiffness")
     given = [f"effects.contact.{key}" for key in keys if getattr(contact, key) is not None]
     shorter = f", or --step {options.step / 10.0:.2g}" if options.method in STEPPED else ""
     return f"Try a greater {' and '.join(given)}, or a larger edge_radius of that body{shorter}."

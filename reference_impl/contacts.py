@@ -1,9 +1,9 @@
-"""Threads and bullets that touch bodies: who may touch whom, and the forces across the surface.
+"""Threads, nodes and bullets that touch bodies: who may touch whom, and the forces across the surface.
 
 Everything is seen from a body: places, relative velocities and forces in its axes, about its centre of mass,
-so that its surface rests.  A thread is the straight line between two nodes and a bullet a point, one line of
-no length.  What a line feels is shared by its ends as s and 1 - s, so that the forces at the nodes are all
-that is needed: the body gets the opposite, at the places of the nodes, with the same sum and the same moment.
+so that its surface rests.  A thread is the straight line between two nodes; a node or a bullet is a point,
+one line of no length.  What a line feels is shared by its ends as s and 1 - s, so that the forces at the
+nodes are all that is needed: the body gets the opposite, at their places, with the same sum and moment.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ _ROUND_OFF = 4.0 * np.finfo(float).eps
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """q threads, or bullets, that may touch one body."""
+    """q threads, nodes or bullets that may touch one body."""
 
     name: str  # of the body
     body: int  # among the rigid ones
     parts: tuple[Part, ...]
-    threads: bool
-    i: Ints  # (q,) nodes; of bullets both are the same
+    what: str  # "element", "node" or "bullet"
+    i: Ints  # (q,) nodes; of points both are the same
     j: Ints
-    number: Ints  # (q,) of the element or bullet
+    number: Ints  # (q,) of the element, node or bullet
     radius: Floats  # (q,) [m]
-    length: Floats  # (q,) reference length [m]; 1 of bullets
+    length: Floats  # (q,) reference length [m]; 1 of points
     factor: float  # F = factor p^power, per length of threads
     power: float
     stiffness: Floats  # k_t (q,) [N/m] along the surface
@@ -58,7 +58,7 @@ class Group:
         return np.asarray((1.0 - s)[:, None] * values[self.i] + s[:, None] * values[self.j])
 
     def push(self, p: Floats) -> Floats:
-        """F (...) [N/m], of bullets [N]."""
+        """F (...) [N/m], of points [N]."""
         return np.asarray(self.factor * p**self.power)
 
     def stored(self, p: Floats) -> Floats:
@@ -66,9 +66,9 @@ class Group:
         return np.asarray(self.factor / (self.power + 1.0) * p ** (self.power + 1.0))
 
     @property
-    def what(self) -> str:
-        """ "element" or "bullet"."""
-        return "element" if self.threads else "bullet"
+    def threads(self) -> bool:
+        """Whether they have a length."""
+        return self.what == "element"
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,13 +109,13 @@ class Contacts:
             none = np.zeros((0, 3))
             return Pressed(rows, none, none, none[:, 0], none, none[:, 0], none[:, 0], none[:, 0])
         lines = group.some(rows)
-        return (self._threads if group.threads else self._bullets)(lines, x, w, rows)
+        return (self._threads if group.threads else self._points)(lines, x, w, rows)
 
     def _factor(self, rate: Floats) -> Floats:
         """max(1 + a p', 0)."""
         return np.asarray(np.maximum(1.0 + self.law.damping * rate, 0.0))
 
-    def _bullets(self, group: Group, x: Floats, w: Floats, rows: Ints) -> Pressed:
+    def _points(self, group: Group, x: Floats, w: Floats, rows: Ints) -> Pressed:
         here = depth(group.parts, group.radius, x[group.i], w[group.i])
         elastic = group.push(here.p)
         force = elastic * self._factor(here.rate)
@@ -226,8 +226,8 @@ def pairs(case: Case, net: Net, bodies: Bodies) -> Contacts | None:
     if law is None:
         return None
     groups: list[Group] = []
-    for threads, names in ((True, law.threads), (False, law.bullets)):
-        groups += [_group(case, net, bodies, name, threads) for name in names]
+    for what, names in (("element", law.threads), ("node", law.nodes), ("bullet", law.bullets)):
+        groups += [_group(case, net, bodies, name, what) for name in names]
     first = 0
     for k, group in enumerate(groups):
         groups[k] = replace(group, first=first)
@@ -235,7 +235,7 @@ def pairs(case: Case, net: Net, bodies: Bodies) -> Contacts | None:
     return Contacts(law, tuple(groups))
 
 
-def _group(case: Case, net: Net, bodies: Bodies, name: str, threads: bool) -> Group:
+def _group(case: Case, net: Net, bodies: Bodies, name: str, what: str) -> Group:
     law, listed = case.effects.contact, [body.name for body in case.bodies].index(name)
     assert law is not None
     body, number = case.bodies[listed], bodies.names.index(name)
@@ -243,35 +243,40 @@ def _group(case: Case, net: Net, bodies: Bodies, name: str, threads: bool) -> Gr
     least = min(float(np.min(block.half)) for block in body.blocks)
     rounding = min(core.rounding for core in parts)
     attached = net.anchors.node[net.anchors.body == listed]
-    if threads:
+    if what == "element":
         i, j = net.element_nodes.T
         radius, length = 0.5 * diameter(net), net.reference_length
         mass = net.density * net.area * length
+        number_of = np.arange(len(i))
     else:
-        i = j = net.numbered_bullets
-        radius, length = np.full(len(i), law.bullet_radius), np.ones(len(i))
+        own = np.arange(net.woven)
+        i = j = net.numbered_bullets if what == "bullet" else own[~np.isin(own, net.bullet_nodes)]
+        size = law.bullet_radius if what == "bullet" else law.node_radius
+        radius, length = np.full(len(i), size), np.ones(len(i))
         mass = net.mass[i]
-    factor, power, stiffness = _moduli(law, threads)
+        number_of = np.arange(len(i)) if what == "bullet" else i
+    factor, power, stiffness = _moduli(law, what)
     along = law.tangential_ratio * stiffness * length
     lag = 2.0 * law.tangential_damping * np.sqrt(mass / along)
     allowed = radius + min(0.5 * least, rounding)
-    place, count = int(np.searchsorted(bodies.rigid, number)), np.arange(len(i))
+    place = int(np.searchsorted(bodies.rigid, number))
     whole = Group(
-        name, place, parts, threads, i, j, count, radius, length, factor, power, along, lag, allowed, 0
+        name, place, parts, what, i, j, number_of, radius, length, factor, power, along, lag, allowed, 0
     )
     return whole.some(np.flatnonzero(~(np.isin(i, attached) | np.isin(j, attached))))
 
 
-def _moduli(law: Contact, threads: bool) -> tuple[float, float, float]:
+def _moduli(law: Contact, what: str) -> tuple[float, float, float]:
     """Factor and power of F, and what k_t is kappa times of: per length of threads."""
     if law.law == "linear":
-        factor = law.stiffness if threads else law.bullet_stiffness
+        factor = {"element": law.stiffness, "node": law.node_stiffness, "bullet": law.bullet_stiffness}[what]
         assert factor is not None
         return factor, 1.0, factor
     assert law.modulus is not None
-    if threads:
+    if what == "element":
         factor = 0.25 * math.pi * law.modulus
         return factor, 1.0, factor
-    assert law.bullet_radius is not None
-    stiffness = 4.0 / 3.0 * law.modulus * law.bullet_radius
-    return 4.0 / 3.0 * law.modulus * math.sqrt(law.bullet_radius), 1.5, stiffness
+    radius = law.bullet_radius if what == "bullet" else law.node_radius
+    assert radius is not None
+    stiffness = 4.0 / 3.0 * law.modulus * radius
+    return 4.0 / 3.0 * law.modulus * math.sqrt(radius), 1.5, stiffness

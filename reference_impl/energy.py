@@ -187,7 +187,7 @@ def lengths(system: System, wound: Wound, drawn: Drawn) -> Floats | None:
 
 
 def contact(system: System, run: Stored) -> Floats:
-    """Energy (nt,) [J] stored where threads and bullets press on bodies."""
+    """Energy (nt,) [J] stored where threads, nodes and bullets press on bodies."""
     contacts = system.contacts
     if contacts is None:
         return np.zeros(len(run.x))
@@ -195,7 +195,7 @@ def contact(system: System, run: Stored) -> Floats:
 
 
 def depth(system: System, run: Stored) -> Floats:
-    """The greatest depth (nt,) [m] of threads and bullets in bodies, 0 where nothing touches."""
+    """The greatest depth (nt,) [m] of threads, nodes and bullets in bodies, 0 where nothing touches."""
     if system.contacts is None:
         return np.zeros(len(run.x))
     return np.array([touch.deepest(seen).depth for seen in _views(system, run)])

@@ -162,7 +162,7 @@ def acceleration(
         if len(levers):
             raise ValueError("nodes are points of bodies: give the states of the bodies")
         if system.contacts is not None:
-            raise ValueError("threads or bullets touch bodies: give the states of the bodies")
+            raise ValueError("threads, nodes or bullets touch bodies: give the states of the bodies")
         if system.packs(t):
             raise ValueError("a body holds the net: give the states of the bodies")
         return motion(system, t, x, v, Mode(intact), drawn)[0][:n]

@@ -315,9 +315,9 @@ def _contact_faults(case: Case) -> list[str]:
     contact, faults, bodies = case.effects.contact, [], {body.name: body for body in case.bodies}
     if contact is None:
         return []
-    for key, names in (("threads", contact.threads), ("bullets", contact.bullets)):
+    for key, names in (("threads", contact.threads), ("nodes", contact.nodes), ("bullets", contact.bullets)):
         faults += [f"effects.contact.{key}: there is no body {name}" for name in names if name not in bodies]
-    for name in dict.fromkeys((*contact.threads, *contact.bullets)):
+    for name in dict.fromkeys((*contact.threads, *contact.nodes, *contact.bullets)):
         if name not in bodies:
             continue
         kinds = [block.kind for block in bodies[name].blocks]

@@ -96,7 +96,7 @@ def stretches(core: Part, begin: Floats, way: Floats, reach: Floats) -> Stretche
 
 @dataclass(frozen=True, eq=False)
 class Depth:
-    """Depth p and how it grows at places of threads or bullets."""
+    """Depth p and how it grows at places of threads, nodes or bullets."""
 
     p: Floats  # (...) [m], 0 outside
     rate: Floats  # p' (...) [m/s]
@@ -104,7 +104,7 @@ class Depth:
 
 
 def depth(parts: tuple[Part, ...], radius: Floats, place: Floats, w: Floats) -> Depth:
-    """p at places (..., 3) [m] of threads or bullets of radii (...) [m], which pass the body with w (..., 3).
+    """p at places (..., 3) [m] of threads or points of radii (...) [m], which pass the body with w (..., 3).
 
     Inside a core no direction leads out: there is a depth, but no force.
     """

@@ -108,7 +108,7 @@ class Deepest:
     depth: float  # [m], 0 where nothing touches
     over: float  # depth over what is allowed
     what: str  # such as "element 3 is deeper in the body target than 0.05 m"
-    element: int  # -1 of a bullet
+    element: int  # -1 of a node or bullet
 
 
 def deepest(seen: list[View]) -> Deepest:

@@ -14,7 +14,7 @@ from exunet import net
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
-from exunet.case import script, verdict
+from exunet.case import general_contact, script, verdict
 from exunet.case.scene import Launch, NetFrame, Scene
 from exunet.forces import control_keys, effects
 from exunet.forces.requirements import RestOfCase
@@ -54,6 +54,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
         _control(scene),
         _choice(scene),
         within("effects", effects.cross_checks(scene)),
+        general_contact.cross_checks(scene),
         _verdict(scene),
         _script(scene),
     )
@@ -61,7 +62,7 @@ def cross_checks(scene: Scene) -> Iterator[Fault]:
 
 def _verdict(scene: Scene) -> Iterator[Fault]:
     contact = getattr(scene.effects, "contact", None)
-    touched = frozenset(() if contact is None else contact.threads)
+    touched = frozenset(() if contact is None else (*contact.threads, *contact.nodes))
     has_mouth = scene.net.topology != "explicit"
     yield from verdict.cross_checks(scene.verdict, scene.bodies, touched, has_mouth=has_mouth)
 

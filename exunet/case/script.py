@@ -59,7 +59,7 @@ QUANTITIES = {
     "area": Quantity("m2", "mouth", "area of the mouth"),
     "tether_tension": Quantity("N", "tethers", "largest tension in any tether"),
     "closing_tension": Quantity("N", "line", "larger one of the tensions at the ends of the closing line"),
-    "touching": Quantity("1", "contact", "number of threads and bullets that touch a body"),
+    "touching": Quantity("1", "contact", "number of threads, nodes and bullets that touch a body"),
 }
 HAPPENINGS = {
     "first_contact": ("contact", "a thread or a bullet touches a body for the first time"),

@@ -36,7 +36,9 @@ class Verdict(Table):
     cqi: Positive | None = Field(None, description="largest capture quality index")
     mcqi: Positive | None = Field(None, description="largest modified capture quality index")
     mouth: Positive | None = Field(None, description="largest diameter of the net's mouth [m]")
-    touching: Count | None = Field(None, description="least number of elements that touch the target")
+    touching: Count | None = Field(
+        None, description="least number of elements, or nodes, that touch the target"
+    )
     length: Positive | None = Field(
         None, description="of the target, in the two indices [m]; default: of its longest diagonal"
     )
@@ -52,7 +54,7 @@ class Verdict(Table):
 def cross_checks(
     verdict: Verdict | None, bodies: Bodies, touched: frozenset[str], *, has_mouth: bool
 ) -> Iterator[Fault]:
-    """touched : the bodies that threads of the scene touch; has_mouth : of the net's topology."""
+    """touched : the bodies that threads or nodes of the scene touch; has_mouth : of the net's topology."""
     if verdict is None:
         return
     body = bodies.get(verdict.target)
@@ -64,7 +66,9 @@ def cross_checks(
     if not any(verdict.is_given(name) for name in CONDITIONS):
         yield Fault("verdict", f"needs at least one condition: {', '.join(CONDITIONS)}")
     if verdict.is_given("touching") and verdict.target not in touched:
-        words = f"effects.contact does not name {verdict.target!r} among the bodies that threads touch"
+        words = (
+            f"effects.contact does not name {verdict.target!r} among the bodies that threads or nodes touch"
+        )
         yield Fault("verdict.touching", words)
     if verdict.is_given("mouth") and not has_mouth:
         yield Fault("verdict.mouth", "a net of listed elements has no mouth that could be narrow")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from exunet.coupling.net_system import NetSystem
 from exunet.forces.cable_term import CableTerm
-from exunet.forces.contact.bullets import BulletContact, steepest
+from exunet.forces.contact.spheres import SphereContact, steepest
 from exunet.forces.contact.threads import ThreadContact
 from exunet.forces.effects import switched_on
 
@@ -80,7 +80,7 @@ def _of_contact(net: NetSystem, port: str) -> Ratios:
     total = Ratios()
     for term in system.forces.kernels:
         data = term.data
-        if not isinstance(data, ThreadContact | BulletContact) or data.centre != centre:
+        if not isinstance(data, ThreadContact | SphereContact) or data.centre != centre:
             continue
         if isinstance(data, ThreadContact):
             stiffness = data.stiffness * float(data.length.sum())

@@ -34,7 +34,7 @@ FIGURES = {
     "loads": "forces and torques of threads on bodies at the nodes that are fixed to them; needs such nodes",
     "distances": "distance of each two bodies with shapes, surface to surface, over time; needs two of them",
     "rotation": "angular velocity of rigid bodies over time, in body axes; needs a rigid body",
-    "contacts": "how many threads and bullets touch bodies, and their forces, over time; needs contacts",
+    "contacts": "how many threads, nodes, bullets touch bodies, and their forces, over time; needs contacts",
     "capture": "what is enclosed, capture indices, relative speed, mouth over time; needs [verdict]",
     "control": "mean thrust of each corner unit between stored times; needs [control]",
     "agreement": "differences between two codes over time; needs an `agreement`",

@@ -27,11 +27,11 @@ from exunet.figures.panels import AXES, framed
 from exunet.figures.style import BLACK, GREY, RED, SMALL, drawing
 from exunet.figures.tensions import BAR, colour_bar, tension_colors
 from exunet.figures.views import FREE, View, best_view, broadness, net_size
-from exunet.results.course import CONTACT
+from exunet.results.course import BULLETS, CONTACT, NODES, THREADS
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import Result
 from exunet.results.rows import row_ranges
-from exunet.results.touching import BULLETS, THREADS, contacts_at, touching_threads
+from exunet.results.touching import contacts_at, touching_threads
 
 Floats = NDArray[np.float64]
 
@@ -227,7 +227,11 @@ def _going_on(result: Result, k: int, first: float) -> str:
 
 
 def _counted(counts: dict[str, int]) -> str:
-    words = {THREADS: ("element", "elements"), BULLETS: ("bullet", "bullets")}
+    words = {
+        THREADS: ("element", "elements"),
+        NODES: ("node", "nodes"),
+        BULLETS: ("bullet", "bullets"),
+    }
     told = [f"{number} {words[what][number != 1]}" for what, number in counts.items() if number]
     return " and ".join(told)
 

@@ -12,7 +12,7 @@ from exunet.figures.lines import curve, from_zero, spread_band
 from exunet.figures.page import Page, finish
 from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, curve_styles
 from exunet.results.capture import capture_of, rule_of
-from exunet.results.course import CONTACT
+from exunet.results.course import CONTACT, TOUCHING
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.result import Result
 
@@ -20,14 +20,14 @@ Floats = NDArray[np.float64]
 
 
 def contacts(result: Result, page: Page) -> Figure | None:
-    """How many elements and bullets touch each body, and the force across its surface; None without contacts.
+    """How many elements, nodes and bullets touch each body, and the force across its surface.
 
-    Of more than eight pairs those with the largest forces.
+    None without contacts. Of more than eight pairs those with the largest forces.
     """
     pairs = [
         (name.removeprefix(CONTACT).rpartition("/")[0], what)
         for name in result.states
-        for what in ("threads", "bullets")
+        for what in TOUCHING
         if name.startswith(CONTACT) and name.endswith(f"/{what}_force")
     ]
     if not pairs:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.results.capture import Measures
-from exunet.results.course import CONTACT, Course
+from exunet.results.course import CONTACT, TOUCHING, Course
 from exunet.results.headline import Headline
 from exunet.results.verdict import Found, Outcome, conditions, found
 
@@ -28,8 +28,8 @@ def touched_bodies(course: Course) -> tuple[str, ...]:
 
 
 def _series(course: Course, body: str, quantity: str) -> list[Floats]:
-    """(t,) of threads and of bullets, as far as they touch the body."""
-    names = (f"{CONTACT}{body}/{what}_{quantity}" for what in ("threads", "bullets"))
+    """(t,) of threads, of nodes and of bullets, as far as they touch the body."""
+    names = (f"{CONTACT}{body}/{what}_{quantity}" for what in TOUCHING)
     return [course.contact[name] for name in names if name in course.contact]
 
 
@@ -40,7 +40,7 @@ def first_contact(course: Course, body: str) -> float | None:
 
 
 def of_contact(body: str) -> tuple[Headline, ...]:
-    """When the net first touched a body, how deep, and how many elements and bullets at once."""
+    """When the net first touched a body, how deep, and how many elements, nodes and bullets at once."""
 
     def deepest(course: Course) -> float | None:
         if first_contact(course, body) is None:

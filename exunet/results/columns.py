@@ -184,12 +184,16 @@ KEPT = {  # by their quantities
     "largest_time": "when the tension was largest so far",
     "load": "largest tension so far over the strength",
     "threads_touching": "how many threads touch the body",
+    "nodes_touching": "how many nodes touch the body",
     "bullets_touching": "how many bullets touch the body",
     "threads_force": "sum of the forces between threads and the body, across its surface",
+    "nodes_force": "sum of the forces between nodes and the body, across its surface",
     "bullets_force": "sum of the forces between bullets and the body, across its surface",
     "threads_first": "when a thread first touched the body; -1 until then",
+    "nodes_first": "when a node first touched the body; -1 until then",
     "bullets_first": "when a bullet first touched the body; -1 until then",
     "threads_deepest": "largest depth of a thread in the body so far, surface in surface",
+    "nodes_deepest": "largest depth of a node in the body so far, surface in surface",
     "bullets_deepest": "largest depth of a bullet in the body so far, surface in surface",
 }
 

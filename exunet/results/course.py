@@ -45,6 +45,7 @@ from exunet.results.rows import StoredRows
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+THREADS, NODES, BULLETS = TOUCHING = ("threads", "nodes", "bullets")  # what may touch a body
 CONTACT = "contact_"  # before the name of the body, in the names of what is stored of contacts
 LINE = f"{NAME}/"  # before the names of what is stored of a closing line
 REEL_STATES = ("wound_up", "work")  # of a reel, after the name of its tether, and of a closing line's winch

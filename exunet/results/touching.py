@@ -15,19 +15,18 @@ from exunet.bodies.crossing import least_along
 from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import core_of_solid
 from exunet.results.clearance import shapes_of
-from exunet.results.course import CONTACT
+from exunet.results.course import CONTACT, THREADS
 from exunet.results.result import Result
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 EDGES = "edge_radii"  # in the story of a result: of the bodies that have one, by name [m]
-THREADS, BULLETS = "threads", "bullets"
 _LEAST = 1e-12  # m, of a core's length: one that is flat has a side to be near to as well
 
 
 def contacts_at(result: Result, k: int) -> dict[str, dict[str, int]]:
-    """How many threads and bullets touch each body at stored time k, by body, as far as contact is stored."""
+    """How many threads, nodes, bullets touch each body at stored time k, by body, as far as it is stored."""
     found: dict[str, dict[str, int]] = {}
     for name, one in result.states.items():
         if name.startswith(CONTACT) and name.endswith("_touching"):

@@ -29,7 +29,7 @@ from exunet.case.fault_location import located_faults
 from exunet.case.scene import Scene
 from exunet.codegen.compile import numba_installed
 from exunet.forces.effects import switched_on
-from exunet.methods.method import Form, Method, NetForm
+from exunet.methods.method import ContactForm, Form, Method, NetForm
 from exunet.methods.plan import Plan
 from exunet.net.closing import NAME as LINE
 from exunet.results.comparison import ComparedRun, match_nodes
@@ -233,8 +233,9 @@ class BothCodes:
     def probe(self) -> Probe:
         """The engine's equations of motion, in the form that also has derivatives."""
         implicit = Plan(Method.GENERALIZED_ALPHA, step=1e-6)
-        fused = self.start.scene.engine.net == NetForm.FUSED
-        return Probe(build(self.start.system, self.start.state, implicit, fused=fused))
+        engine = self.start.scene.engine
+        fused, general = engine.net == NetForm.FUSED, engine.contact == ContactForm.GENERAL
+        return Probe(build(self.start.system, self.start.state, implicit, fused=fused, general=general))
 
     def in_form(self, form: Form) -> BothCodes:
         """The same case with the engine's fused net, or by exunet's compiled loop; needs Numba to run."""

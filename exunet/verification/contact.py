@@ -1,4 +1,4 @@
-"""Rung 9: contact in both codes, at random states in which threads or bullets press in, and over a run.
+"""Rung 9: contact in both codes, at random states in which what touches presses in, and over a run.
 
 The reference finds where a thread touches, integrates along it, and keeps what friction remembers in ways of
 its own (`reference_impl.contacts`, `quadrature`, `friction`).
@@ -16,13 +16,16 @@ from exunet.bodies.crossing import least_along
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import core_of_solid
+from exunet.forces.contact.spheres import bullets_of, nodes_of
 from exunet.forces.contact.status import status_of
 from exunet.forces.effects import switched_on
 from exunet.forces.terms import copied
+from exunet.methods.method import ContactForm
+from exunet.net.arrays import Ints, Net
 from exunet.studies.both_codes import BothCodes, Floats
 from exunet.system.system import State
 from exunet.verification.check import Check, difference, left_out
-from exunet.verification.tolerances import CONTACT, CONTACT_COUNT, CONTACT_RUN
+from exunet.verification.tolerances import CONTACT, CONTACT_COUNT, CONTACT_RUN, GENERAL, GENERAL_RUN
 from reference_impl import touch
 from reference_impl.friction import nothing
 
@@ -57,10 +60,11 @@ def at_states(case: BothCodes, count: int = STATES) -> Iterator[Check]:
         yield difference(f"{name}, {count} random states", a, b, CONTACT, axes, unit)
     told = f"{touching / count:.1f} of them touch, down to {deepest:.3g} m"
     yield Check("states in which nothing touches", float(touching < count), CONTACT_COUNT, told)
+    yield from by_the_engine(case, count)
 
 
 def pressed_states(case: BothCodes, count: int, random: np.random.Generator) -> Iterator[State]:
-    """Random states in which each thread, or bullet, is as deep in one solid of the body as it may be.
+    """Random states in which each thread, node or bullet is as deep in one solid of the body as it may be.
 
     Lines are moved along the direction of their distance from a core, which then changes by just as much.
     """
@@ -70,9 +74,8 @@ def pressed_states(case: BothCodes, count: int, random: np.random.Generator) -> 
     body = next(one for one in start.system.bodies if one.name == name)
     assert body.shape is not None
     cores = [_core(solid, body.shape.edge_radius) for solid in body.shape.solids]
-    contact, net = _contact(case), start.net
-    lines = net.element_nodes if contact.threads else np.stack([net.bullet_nodes] * 2, axis=1)
-    thick = np.sqrt(net.area / np.pi) if contact.threads else np.full(len(lines), contact.bullet_radius)
+    net = start.net
+    lines, thick = _lines(_contact(case), net)
     size = 0.5 * float(net.reference_length.min())
     for _ in range(count):
         own = random.normal(size=(net.n_nodes, 3))  # in the body's frame
@@ -90,6 +93,17 @@ def pressed_states(case: BothCodes, count: int, random: np.random.Generator) -> 
         position = bodies.position + seen @ rotation_matrix(bodies.attitude[0]).T
         velocity = bodies.velocity + SPEED * random.normal(size=position.shape)
         yield replace(start.state, position=position, velocity=velocity, bodies=bodies)
+
+
+def _lines(contact: Any, net: Net) -> tuple[Ints, Floats]:
+    """What touches, as ends of lines (m, 2), which of points are the same, and their radii (m,) [m]."""
+    if contact.threads:
+        return net.element_nodes, np.sqrt(net.area / np.pi)
+    balls = [(nodes_of(net), contact.node_radius)] * bool(contact.nodes)
+    balls += [(bullets_of(net), contact.bullet_radius)] * bool(contact.bullets)
+    nodes = np.concatenate([ball.nodes for ball, _ in balls])
+    thick = np.concatenate([np.full(len(ball.nodes), radius) for ball, radius in balls])
+    return np.stack([nodes] * 2, axis=1), thick
 
 
 def _contact(case: BothCodes) -> Any:
@@ -118,6 +132,8 @@ def _pressed_line(
 
 def _nearest(core: Solid, begin: Floats, end: Floats) -> tuple[float, float]:
     """Where along a line it is nearest to a core, and how near [m]."""
+    if np.array_equal(begin, end):
+        return 0.0, float(core.distance(begin[None])[0])
     gap = float(least_along(core.distance, begin[None], end[None])[0])
     parts = np.linspace(0.0, 1.0, 2001)
     values = core.distance(begin + parts[:, None] * (end - begin))
@@ -176,8 +192,38 @@ def _of_reference(case: BothCodes, state: State) -> list[Floats]:
     return [on_nodes, -force.sum(axis=0), torque, found.taken, np.array([touch.stored(contacts, views)])]
 
 
+def by_the_engine(case: BothCodes, count: int = STATES) -> Iterator[Check]:
+    """Accelerations by the engine's GeneralContact and by exunet's contact, where a case has the former.
+
+    The engine sums forces and divides by the masses in both; the law, and where it acts, are its own in one.
+    """
+    if not _left_to_the_engine(case):
+        return
+    probes = [one.probe() for one in (case, _with_own_contact(case))]
+    states = list(pressed_states(case, count, np.random.default_rng(SEED)))
+    found = [[probe.motion(state.moving, state.time) for state in states] for probe in probes]
+    parts = (("nodes", ("state", "node", "xyz")), ("the body", ("state", "body", "number")))
+    for k, (name, axes) in enumerate(parts):
+        a, b = (np.array([one[k] for one in side]) for side in found)
+        yield difference(f"GeneralContact: accelerations of {name}, {count} states", a, b, GENERAL, axes)
+
+
+def _left_to_the_engine(case: BothCodes) -> bool:
+    return bool(case.start.scene.engine.contact == ContactForm.GENERAL)
+
+
+def _with_own_contact(case: BothCodes) -> BothCodes:
+    """The same case, with exunet's contact in Exudyn."""
+    scene = case.start.scene
+    engine = scene.engine.model_copy(update={"contact": ContactForm.OWN})
+    return replace(case, start=replace(case.start, scene=scene.model_copy(update={"engine": engine})))
+
+
 def over_a_run(case: BothCodes) -> Iterator[Check]:
-    """Where nodes and body are at four times of a whole run, in exunet's quickest form."""
+    """Where nodes and body are at four times of a whole run, in exunet's quickest form.
+
+    By the engine's own contact too, where the case has it.
+    """
     if _contact(case).threads:
         yield left_out("whole runs", "the reference takes many minutes where threads touch parts of a body")
         return
@@ -185,3 +231,6 @@ def over_a_run(case: BothCodes) -> Iterator[Check]:
     a, b = case.fastest().run_exunet(times), case.run_reference(times)
     axes = ("time", "point", "xyz")
     yield difference("places over a run", a.position, b.position, CONTACT_RUN, axes, "m", scale=case.size)
+    if _left_to_the_engine(case):
+        name, found = "GeneralContact: places over a run", case.run_exunet(times)
+        yield difference(name, found.position, a.position, GENERAL_RUN, axes, "m", scale=case.size)

@@ -1,4 +1,4 @@
-"""`contact`: threads and bullets touch bodies; the record, its reader, and the damping of a bounce.
+"""`contact`: threads, nodes and bullets touch bodies; the record, its reader, and the damping of a bounce.
 
 Across the surface the law of Hunt and Crossley, F (1 + a p'), with the depth p (J. Appl. Mech. 42 (1975),
 doi:10.1115/1.3423596).  A mass m that meets it at v0 obeys m p' dp'/dp = -F(p) (1 + a p'): the integral of
@@ -31,10 +31,13 @@ class Contact:
     """
 
     threads: tuple[str, ...]  # names of bodies
+    nodes: tuple[str, ...]
     bullets: tuple[str, ...]
+    node_radius: float | None  # [m]
     bullet_radius: float | None  # [m]
     law: str  # linear, hertz
     stiffness: float | None  # K [N/m2]
+    node_stiffness: float | None  # k [N/m]
     bullet_stiffness: float | None  # k [N/m]
     modulus: float | None  # E* [Pa]
     damping: float  # a [s/m]
@@ -53,22 +56,25 @@ class Contact:
 def read_contact(table: Table, bullets: bool) -> Contact | None:
     """The contact; None with faults noted where it cannot be read.  `bullets`: whether the case has any."""
     before = len(table.faults)
-    threads, bodies = table.get("threads", texts, ()), table.get("bullets", texts, ())
-    if threads == bodies == ():
-        table.faults.append(
-            f"{table.path}: name bodies in {table.name('threads')} or {table.name('bullets')}"
-        )
+    threads, nodes, bodies = (table.get(key, texts, ()) for key in ("threads", "nodes", "bullets"))
+    if threads == nodes == bodies == ():
+        some = f"{table.name('threads')}, {table.name('nodes')} or {table.name('bullets')}"
+        table.faults.append(f"{table.path}: name bodies in {some}")
+    if both := sorted({*(threads or ())} & {*(nodes or ())}):
+        table.faults.append(f"{table.name('nodes')}: threads touch {', '.join(both)} already")
     if bodies and not bullets:
         table.faults.append(f"{table.name('bullets')}: needs net.bullets")
     law = table.need("law", one_of_names("linear", "hertz"))
     positive = number(above=0.0)
     linear, hertz = law == "linear", law == "hertz"
-    unread = law is None or threads is None or bodies is None
+    unread = law is None or threads is None or nodes is None or bodies is None
     given = {
         key: _where(table, key, positive, wanted, unread, why)
         for key, wanted, why in (
+            ("node_radius", bool(nodes), "nodes touch bodies"),
             ("bullet_radius", bool(bodies), "bullets touch bodies"),
             ("stiffness", linear and bool(threads), 'threads touch bodies with law = "linear"'),
+            ("node_stiffness", linear and bool(nodes), 'nodes touch bodies with law = "linear"'),
             ("bullet_stiffness", linear and bool(bodies), 'bullets touch bodies with law = "linear"'),
             ("modulus", hertz, 'law = "hertz"'),
         )
@@ -94,10 +100,13 @@ def read_contact(table: Table, bullets: bool) -> Contact | None:
     ratio, part = memory["tangential_ratio"], memory["tangential_damping"]
     return Contact(
         threads,
+        nodes,
         bodies,
+        given["node_radius"],
         given["bullet_radius"],
         law,
         given["stiffness"],
+        given["node_stiffness"],
         given["bullet_stiffness"],
         given["modulus"],
         damping,

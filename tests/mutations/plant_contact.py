@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from plant import EXUDYN, REFERENCE, of_text, planted
 
-from exunet.forces.contact import bullets, core_loops, frame_loops, friction_loops, threads, touching_loops
+from exunet.backends.exudyn.model import Model
+from exunet.forces.contact import core_loops, frame_loops, friction_loops, spheres, threads, touching_loops
 from exunet.forces.effects import contact
 from reference_impl.contacts import Group
 
-THREADS, BULLETS = "threads", "bullets"
-BOTH = (threads, bullets)
+THREADS, NODES, BULLETS = "threads", "nodes", "bullets"
+BOTH = (threads, spheres)
 
 
 def _of_text(name, scene, what, owner, function, old, new, users=()):
@@ -108,8 +109,8 @@ _of_text(
     "hertz_is_linear",
     BULLETS,
     "force of Hertz's law in proportion to the depth",
-    bullets,
-    "add_bullet",
+    spheres,
+    "add_sphere",
     f"{ELASTIC}**c.exponent",
     ELASTIC,
 )
@@ -121,6 +122,25 @@ _of_text(
     "depth_at",
     "after = (own / both) ** 7",
     "after = (own / both) ** 8",
+)
+_of_text(
+    "bullets_are_nodes_too",
+    NODES,
+    "bullets that touch as nodes besides",
+    spheres,
+    "nodes_of",
+    "np.setdiff1d(np.arange(net.n_net_nodes), net.bullet_nodes)",
+    "np.arange(net.n_net_nodes)",
+    (contact,),
+)
+_of_text(
+    "general_contact_in_series",
+    NODES,
+    "stiffness of the engine's contact halved by two springs in series",
+    Model,
+    "sphere_contact",
+    "2.0 * stiffness",
+    "stiffness",
 )
 
 

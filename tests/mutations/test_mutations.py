@@ -9,7 +9,7 @@ import pytest
 from plant import EXUDYN, PLANTED, REFERENCE
 from plant_bodies import SNAP
 from plant_closing import EDGE, LOOP, OPEN
-from plant_contact import BULLETS, THREADS
+from plant_contact import BULLETS, NODES, THREADS
 
 from exunet.interfaces.commands.verify import PLANTED as REPORT_WORDS
 from exunet.verification.check import Check
@@ -27,7 +27,7 @@ QUICK = {
     "throw_without_recoil",
 }
 
-OF_SCENE = {THREADS: 9, BULLETS: 9, LOOP: 10, OPEN: 10, EDGE: 10}
+OF_SCENE = {THREADS: 9, NODES: 9, BULLETS: 9, LOOP: 10, OPEN: 10, EDGE: 10}
 CASES = shipped() | shipped("verification/trajectories")
 
 
@@ -75,12 +75,13 @@ def test_without_a_planted_error_the_ladder_holds():
     assert first_failure(THREADS) is None
     assert first_failure(BULLETS) is None
     assert [first_failure(case) for case in (LOOP, OPEN, EDGE)] == [None] * 3
+    assert first_failure(NODES) is None
 
 
 def test_the_report_tells_how_many_are_planted_and_both_codes_have_some():
     """Rungs 5 and 7 follow whole runs; what changes those shows at a lower rung first."""
-    assert len(PLANTED) == 107
-    assert "plants one hundred and seven errors in both codes" in " ".join(REPORT_WORDS.split())
+    assert len(PLANTED) == 109
+    assert "plants one hundred and nine errors in both codes" in " ".join(REPORT_WORDS.split())
     assert {error.code for error in PLANTED.values()} == {EXUDYN, REFERENCE}
     assert {error.rung for error in PLANTED.values()} == {1, 2, 3, 4, 6, 8, 9, 10, None}
     assert set(PLANTED) >= QUICK

@@ -507,7 +507,7 @@ def test_em_refuses_it(bullets, scene):
     [
         (
             {"bullets": None, "bullet_radius": None, "bullet_stiffness": None},
-            "effects.contact: name bodies in effects.contact.threads or",
+            "effects.contact: name bodies in effects.contact.threads, effects.contact.nodes or",
         ),
         ({"bullets": ["none"]}, "effects.contact.bullets: there is no body none"),
         ({"bullets": ["target", "target"]}, "effects.contact.bullets: must name each once"),

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.backends.exudyn.applied_kernel import AppliedKernel
+from exunet.backends.exudyn.general_contact import spheres_of, touch, without_spheres
 from exunet.backends.exudyn.model import Model
 from exunet.codegen.compile import require_numba
 from exunet.codegen.kernel import Kernel, net_kernel, term_kernel
@@ -17,28 +18,38 @@ from exunet.codegen.linearised import Linearised
 from exunet.forces.cable_term import SomeElements
 from exunet.forces.from_outside import FIXED_NODES, effects_of
 from exunet.forces.terms import Memories
+from exunet.forces.total import Forces
 from exunet.methods.method import METHODS, Kind
 from exunet.methods.plan import Plan
 from exunet.system.system import State, System
 
 
-def build(system: System, state: State, plan: Plan, *, fused: bool, pushed: bool = False) -> Model:
+def build(
+    system: System, state: State, plan: Plan, *, fused: bool, general: bool = False, pushed: bool = False
+) -> Model:
     """Fill and assemble the engine's model at a state.
 
     fused  : the points, and the forces and masses of all of them at once; raises MissingExtra without Numba.
              Else a mass point a point, a connector an element, and the other terms if there are any
+    general : contact of spheres is the engine's own, see `exunet.backends.exudyn.general_contact`
     pushed : with room for forces from outside (the fused form always has it)
     """
     model = Model()
     implicit = METHODS[plan.method].kind == Kind.IMPLICIT
+    forces = without_spheres(system.forces) if general else system.forces
     with _collector_paused():
         if fused:
             require_numba('engine.net = "fused"')
             _points(model, system, state, massive=False)
             _bodies(model, system, state)
-            _apply(model, system, net_kernel(system.forces), state, massive=True, implicit=implicit)
+            _apply(model, system, net_kernel(forces), state, massive=True, implicit=implicit)
         else:
-            _connectors(model, system, state, implicit=implicit, pushed=pushed)
+            _connectors(model, system, forces, state, implicit=implicit, pushed=pushed)
+        if general:
+            touch(model, system)
+            model.watching = AppliedKernel(
+                model, term_kernel(spheres_of(system.forces)), dict(state.memory), system, bodies=True
+            )
     model.assemble(system.kinematics)
     return model
 
@@ -60,23 +71,23 @@ def _collector_paused() -> Iterator[None]:
 
 def remember(model: Model, system: System, memory: Memories) -> None:
     """Let a model's forces take all memories as they are now."""
-    if model.applied is not None:
-        model.applied.remember(memory)
+    for kernel in model.kernels:
+        kernel.remember(memory)
     carrying = system.forces.cable.carrying(memory)
     if carrying is not None and not model.elements_applied:
         model.carry(carrying)
 
 
-def expected_items(system: System, *, fused: bool) -> dict[str, int]:
+def expected_items(system: System, *, fused: bool, general: bool = False) -> dict[str, int]:
     """How many objects of each kind `build` would make, without making them."""
-    forces = system.forces
+    forces = without_spheres(system.forces) if general else system.forces
     free = int(system.free.sum())
     if fused:
         counts = {"ObjectGenericODE2": 2 if free or system.driven.any() else 0}
     else:
         constrained = forces.constraint is not None
         linear = forces.linear is not None and not constrained
-        applied = (forces.kernels or constrained) and (free or system.driven.any())
+        applied = (forces.kernels or constrained or system.blocks.states) and (free or system.driven.any())
         generic = linear + (2 if applied else 0)
         counts = {
             "MassPoint": free,
@@ -85,11 +96,14 @@ def expected_items(system: System, *, fused: bool) -> dict[str, int]:
         }
     counts["ObjectRigidBody"] = int(system.moves_freely.sum())
     counts["ObjectGenericODE1"] = int(bool(system.blocks.states))
+    counts["GeneralContact"] = len(spheres_of(system.forces)) if general else 0
     return {kind: number for kind, number in counts.items() if number}
 
 
-def _connectors(model: Model, system: System, state: State, *, implicit: bool, pushed: bool) -> None:
-    net, forces = system.net, system.forces
+def _connectors(
+    model: Model, system: System, forces: Forces, state: State, *, implicit: bool, pushed: bool
+) -> None:
+    net = system.net
     _points(model, system, state, massive=True)
     _bodies(model, system, state)
     law = forces.cable.law
@@ -108,7 +122,7 @@ def _connectors(model: Model, system: System, state: State, *, implicit: bool, p
         return
     if forces.linear is not None:
         model.linear_terms(forces.linear.on_velocity, forces.linear.stiffness, forces.linear.load)
-    if forces.kernels or pushed:
+    if forces.kernels or pushed or system.blocks.states:
         _apply(model, system, term_kernel(forces.kernels), state, massive=False, implicit=implicit)
 
 

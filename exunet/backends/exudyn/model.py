@@ -49,10 +49,12 @@ class Model:
         self._seen: Coordinates | None = None
         self._connectors: dict[int, int] = {}  # of elements
         self._carrying: NDArray[np.bool_] | None = None
-        self._bodies: list[int] = []
+        self._bodies: list[int] = []  # their nodes
+        self._body_objects: list[int] = []
         self._n_first_order = 0
         self.applied: Any = None  # the AppliedKernel that pushes the points, if there is one
         self.elements_applied = False  # that kernel has the elements' forces too
+        self.watching: Any = None  # an AppliedKernel that pushes nothing, but remembers what touches
 
     def _add_object(self, item: Any, name: str) -> int:
         self._counts[name] += 1
@@ -153,7 +155,34 @@ class Model:
         inertia = [*body.inertia, 0.0, 0.0, 0.0]
         item = self._items.ObjectRigidBody(mass=body.mass, nodeNumber=int(node), inertia=inertia)
         self._bodies.append(int(node))
-        return self._add_object(item, "ObjectRigidBody")
+        self._body_objects.append(self._add_object(item, "ObjectRigidBody"))
+        return self._body_objects[-1]
+
+    def sphere_contact(
+        self, body: int, place: Floats, radius: float, points: Sequence[int], stiffness: float
+    ) -> None:
+        """Let a body push points that come nearer than a radius [m], by the engine's own contact.
+
+        body  : its number among the model's; place : of the sphere in its axes, from its centre [m]
+        stiffness : force over depth [N/m]; the engine puts those of two spheres in series
+        """
+        contact = self.system.AddGeneralContact()
+        contact.verboseMode = 0
+        contact.SetFrictionPairings(np.zeros((1, 1)))
+        on_body = self._items.MarkerBodyRigid(
+            bodyNumber=self._body_objects[body], localPosition=place.tolist()
+        )
+        spheres = [(int(self.system.AddMarker(on_body)), radius)]
+        spheres += [(self._markers[point], 0.0) for point in points]
+        for marker, size in spheres:
+            contact.AddSphereWithMarker(
+                marker,
+                radius=size,
+                contactStiffness=2.0 * stiffness,
+                contactDamping=0.0,
+                frictionMaterialIndex=0,
+            )
+        self._counts["GeneralContact"] += 1
 
     def _law(self, *, viscous: bool) -> Any:
         if viscous not in self._laws:
@@ -332,8 +361,13 @@ class Model:
         bodies = self.columns_of_bodies()[:, None] + np.arange(6)
         self.places = Places(reference, self.free, self.columns(), bodies, kinematics or Kinematics())
 
+    @property
+    def kernels(self) -> tuple[Any, ...]:
+        """Its kernels, which push or watch."""
+        return tuple(one for one in (self.applied, self.watching) if one is not None)
+
     def items(self) -> dict[str, int]:
-        """How many objects of each kind the engine holds."""
+        """How many objects, and contacts, of each kind the engine holds."""
         return dict(self._counts)
 
     @property
@@ -344,7 +378,8 @@ class Model:
     @property
     def all_points_alone(self) -> bool:
         """True if the mass matrix can be inverted body by body: no object has several nodes."""
-        return set(self._counts) <= {"MassPoint", "ObjectConnectorSpringDamper", "ObjectRigidBody"}
+        alone = {"MassPoint", "ObjectConnectorSpringDamper", "ObjectRigidBody", "GeneralContact"}
+        return set(self._counts) <= alone
 
     @property
     def free(self) -> NDArray[np.bool_]:

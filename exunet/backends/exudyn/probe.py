@@ -39,15 +39,30 @@ class Probe:
         self._solver.ComputeMassMatrix(model.system)
         self._mass = np.array(self._solver.GetSystemMassMatrix())
         self._divide_by_mass = splu(csc_array(self._mass)).solve
+        # The last, as an implicit solver's start leaves a GeneralContact out of all forces from then on.
+        self._forces = self._explicit()
 
-    def _initialised(self, least: float) -> Any:
-        """The engine's implicit solver; least : size below which coordinates count as so large."""
+    def _explicit(self) -> Any:
+        """An explicit solver of the engine."""
+        settings = self._settings()
+        settings.timeIntegration.solverType = self._engine.DynamicSolverType.RK44
+        settings.timeIntegration.explicit.useLieGroupIntegration = self._model.has_bodies
+        solver = self._engine.MainSolverExplicit()
+        solver.InitializeSolver(self._system, settings)
+        return solver
+
+    def _settings(self) -> Any:
         settings = self._engine.SimulationSettings()
         settings.solution.file.write = False  # else the engine writes into the working directory
         settings.solution.sensors.active = False
         settings.solution.solverInformationFileName = ""
         settings.linearSolver.solverType = self._engine.LinearSolverType.EigenSparse
         settings.timeIntegration.verboseMode = 0
+        return settings
+
+    def _initialised(self, least: float) -> Any:
+        """The engine's implicit solver; least : size below which coordinates count as so large."""
+        settings = self._settings()
         settings.timeIntegration.newton.numericalDifferentiation.minimumCoordinateSize = least
         solver = self._engine.MainSolverImplicitSecondOrder()
         solver.InitializeSolver(self._system, settings)
@@ -92,8 +107,8 @@ class Probe:
 
     def _change(self) -> Floats:
         """Rates of the engine's velocities in its state."""
-        self._solver.ComputeODE2RHS(self._system)
-        force = np.array(self._solver.GetSystemResidual())[: len(self._mass)]
+        self._forces.ComputeODE2RHS(self._system)
+        force = np.array(self._forces.GetSystemResidual())[: len(self._mass)]
         return np.asarray(self._divide_by_mass(force))
 
     def mass(self) -> Floats:

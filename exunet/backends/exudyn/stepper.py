@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -35,11 +36,21 @@ _TINY_ATTEMPTS = 200  # of the least size, one after the other; a snap's beginni
 class Stepper:
     """The integrator that has Exudyn step; see `exunet.backends.protocol.Integrator`.
 
-    Every accepted state is handed over. fused : the form of the net, see `build`
+    Every accepted state is handed over. fused, general : the forms of net and contact, see `build`
     """
 
-    def __init__(self, system: System, state: State, plan: Plan, observer: Observer, *, fused: bool) -> None:
-        self._system, self._plan, self._observer, self._fused = system, plan, observer, fused
+    def __init__(
+        self,
+        system: System,
+        state: State,
+        plan: Plan,
+        observer: Observer,
+        *,
+        fused: bool,
+        general: bool = False,
+    ) -> None:
+        self._system, self._plan, self._observer = system, plan, observer
+        self._fused, self._general = fused, general
         self._method = METHODS[plan.method]
         self._adaptive = self._method.kind == Kind.ADAPTIVE
         self._tiny = 4.0 * plan.least_step
@@ -61,7 +72,9 @@ class Stepper:
     def _open(self, state: State) -> None:
         """Build the model at a state, and start the engine's solver there."""
         room = self._pushed is not None
-        self._model = build(self._system, state, self._plan, fused=self._fused, pushed=room)
+        self._model = build(
+            self._system, state, self._plan, fused=self._fused, general=self._general, pushed=room
+        )
         if self._pushed is not None:
             self._model.applied.push(self._pushed)
         self._remember(state.memory)
@@ -124,8 +137,7 @@ class Stepper:
             self._renew()
         while self.time < until and not self.stopped:
             self._stretch(self._events.next_instant(self.time, until))
-        of_kernel = self._model.applied.remembered.items() if self._keeps else ()
-        kept = {name: values.copy() for name, values in of_kernel} | self._events.kept
+        kept = {name: values.copy() for name, values in self._remembered()} | self._events.kept
         if kept:
             try:
                 self._observer.remembered(self.time, kept)
@@ -213,9 +225,15 @@ class Stepper:
         if not self._lets_remember:
             return
         now = self._model.coordinates()
-        self._model.applied.accepted(time, now.q, now.v)
-        for name, values in self._model.applied.remembered.items():
+        for kernel in self._model.kernels:
+            kernel.accepted(time, now.q, now.v)
+        for name, values in self._remembered():
             self._events.memory[name][:] = values
+
+    def _remembered(self) -> Iterator[tuple[str, Floats]]:
+        """The memories that compiled code changes itself, with their names; not copies."""
+        for kernel in self._model.kernels if self._keeps else ():
+            yield from kernel.remembered.items()
 
     def _refuse_collapse(self) -> None:
         """The engine repeats its smallest step without end when a tolerance cannot be met.

@@ -1,1 +1,1 @@
-"""Contact of threads and bullets with rigid bodies; `exunet.forces.effects.contact` switches it on."""
+"""Contact of threads, nodes and bullets with rigid bodies; `exunet.forces.effects.contact` switches it on."""

@@ -159,7 +159,7 @@ def _brought(what: str, effects: Table) -> Iterator[Any]:
 def touched_bodies(effects: Table) -> frozenset[str]:
     """Names of the rigid bodies that something touches."""
     on: Any = switched_on(effects).get("contact")
-    return frozenset() if on is None else frozenset((*on.threads, *on.bullets))
+    return frozenset() if on is None else frozenset((*on.threads, *on.nodes, *on.bullets))
 
 
 def from_outside(effects: Table) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Contact of threads and bullets with rigid bodies.
+"""Contact of threads, nodes and bullets with rigid bodies.
 
 Penalty with Hunt and Crossley's damping across the surface, Coulomb friction along it; see
 `exunet.forces.contact`, and for the equations cases/README.md.
@@ -17,8 +17,8 @@ from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import FromArray, NonNegative, Positive, Table
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.contact.bullets import SphereLaw, bullet_contact
 from exunet.forces.contact.law import LEAST_RESTITUTION, damping_of, hertz_of_line, hertz_of_sphere
+from exunet.forces.contact.spheres import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
 from exunet.forces.contact.threads import Friction, thread_contact
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
@@ -30,24 +30,37 @@ Names = Annotated[tuple[str, ...], FromArray]
 
 
 class Keys(Table):
-    """Threads and bullets touch bodies."""
+    """Threads, nodes and bullets touch bodies."""
 
     model_config = ConfigDict(
         json_schema_extra={
             "allOf": [
-                {"anyOf": [{"required": ["threads"]}, {"required": ["bullets"]}]},
+                {"anyOf": [{"required": [what]} for what in ("threads", "nodes", "bullets")]},
                 {"oneOf": [{"required": ["damping"]}, {"required": ["restitution", "impact_speed"]}]},
-                {"dependentRequired": {"bullets": ["bullet_radius"], "bullet_radius": ["bullets"]}},
+                {
+                    "dependentRequired": {
+                        "nodes": ["node_radius"],
+                        "node_radius": ["nodes"],
+                        "bullets": ["bullet_radius"],
+                        "bullet_radius": ["bullets"],
+                    }
+                },
                 {
                     "if": {"properties": {"law": {"const": "hertz"}}, "required": ["law"]},
                     "then": {
                         "required": ["modulus"],
-                        "properties": {"stiffness": False, "bullet_stiffness": False},
+                        "properties": {
+                            "stiffness": False,
+                            "node_stiffness": False,
+                            "bullet_stiffness": False,
+                        },
                     },
                     "else": {
                         "dependentRequired": {
                             "threads": ["stiffness"],
                             "stiffness": ["threads"],
+                            "nodes": ["node_stiffness"],
+                            "node_stiffness": ["nodes"],
                             "bullets": ["bullet_stiffness"],
                             "bullet_stiffness": ["bullets"],
                         },
@@ -74,9 +87,15 @@ class Keys(Table):
     )
 
     threads: Names = Field((), description="names of the bodies that threads touch", examples=[["chaser"]])
+    nodes: Names = Field(
+        (),
+        description="names of the bodies that nodes of the net touch, as spheres, in place of threads",
+        examples=[["chaser"]],
+    )
     bullets: Names = Field(
         (), description="names of the bodies that bullets touch, as spheres", examples=[["chaser"]]
     )
+    node_radius: Positive | None = Field(None, description="of the nodes [m]; for nodes", examples=[0.01])
     bullet_radius: Positive | None = Field(
         None, description="of the bullets [m]; for bullets", examples=[0.02]
     )
@@ -85,6 +104,9 @@ class Keys(Table):
         None,
         description='K, force per length of thread and per depth [N/m2]; "linear", for threads',
         examples=[2e4],
+    )
+    node_stiffness: Positive | None = Field(
+        None, description='k, force per depth [N/m]; "linear", for nodes', examples=[2e3]
     )
     bullet_stiffness: Positive | None = Field(
         None, description='k, force per depth [N/m]; "linear", for bullets', examples=[2e4]
@@ -143,14 +165,22 @@ class Keys(Table):
         return self.stiffness
 
     @property
+    def of_nodes(self) -> SphereLaw:
+        """Of spheres of the nodes' radius."""
+        return self._of_spheres(self.node_radius, self.node_stiffness)
+
+    @property
     def of_bullets(self) -> SphereLaw:
         """Of spheres of the bullets' radius."""
-        assert self.bullet_radius is not None
+        return self._of_spheres(self.bullet_radius, self.bullet_stiffness)
+
+    def _of_spheres(self, radius: float | None, stiffness: float | None) -> SphereLaw:
+        assert radius is not None
         if self.modulus is not None:
-            stiffness = hertz_of_sphere(self.modulus, self.bullet_radius)
-            return SphereLaw(stiffness, 1.5, self.a, 4.0 / 3.0 * self.modulus * self.bullet_radius)
-        assert self.bullet_stiffness is not None
-        return SphereLaw(self.bullet_stiffness, 1.0, self.a, self.bullet_stiffness)
+            hertz = hertz_of_sphere(self.modulus, radius)
+            return SphereLaw(hertz, 1.5, self.a, 4.0 / 3.0 * self.modulus * radius)
+        assert stiffness is not None
+        return SphereLaw(stiffness, 1.0, self.a, stiffness)
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
@@ -158,8 +188,10 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
     yield from each(
         _some_pair(keys),
         _named(keys, rest, "threads"),
+        _named(keys, rest, "nodes"),
         _named(keys, rest, "bullets"),
-        _bullets(keys, rest),
+        _not_twice(keys),
+        _spheres(keys, rest),
         _of_law(keys),
         _damped(keys),
         _rubs(keys),
@@ -167,8 +199,10 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
 
 
 def _some_pair(keys: Keys) -> Iterator[Fault]:
-    if not (keys.threads or keys.bullets):
-        yield Fault("", "names nothing that touches: give threads, bullets, or both, with names of bodies")
+    if not (keys.threads or keys.nodes or keys.bullets):
+        yield Fault(
+            "", "names nothing that touches: give threads or nodes, bullets, or both, with names of bodies"
+        )
 
 
 def _named(keys: Keys, rest: RestOfCase, key: str) -> Iterator[Fault]:
@@ -204,19 +238,29 @@ def _touchable(body: Any, name: str, place: str) -> Iterator[Fault]:
         )
 
 
-def _bullets(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+def _not_twice(keys: Keys) -> Iterator[Fault]:
+    for k, name in enumerate(keys.nodes):
+        if name in keys.threads:
+            words = f"threads touch {name} along their whole length, ends included: name it in one of both"
+            yield Fault(f"nodes[{k}]", words)
+
+
+def _spheres(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
     if keys.bullets and not rest.has_bullets:
         yield Fault("bullets", "the net has no bullets: add [net.bullets] or remove this key")
-    if keys.bullets and not keys.is_given("bullet_radius"):
-        yield Fault("", "needs bullet_radius, as bullets touch")
-    if keys.is_given("bullet_radius") and not keys.bullets:
-        yield Fault("bullet_radius", "is for bullets that touch: name bodies in bullets")
+    for what, radius in (("nodes", "node_radius"), ("bullets", "bullet_radius")):
+        touch = bool(getattr(keys, what))
+        if touch and not keys.is_given(radius):
+            yield Fault("", f"needs {radius}, as {what} touch")
+        if keys.is_given(radius) and not touch:
+            yield Fault(radius, f"is for {what} that touch: name bodies in {what}")
 
 
 def _of_law(keys: Keys) -> Iterator[Fault]:
     wanted = {
         "modulus": keys.law == "hertz",
         "stiffness": keys.law == "linear" and bool(keys.threads),
+        "node_stiffness": keys.law == "linear" and bool(keys.nodes),
         "bullet_stiffness": keys.law == "linear" and bool(keys.bullets),
     }
     for key, needed in wanted.items():
@@ -258,20 +302,26 @@ def internal(keys: Keys) -> bool:
 
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
-    """A term for each body that threads touch, and for each that bullets touch."""
+    """A term for each body that threads touch, for each that nodes touch, and for each that bullets touch."""
     found = []
     for body in keys.threads:
         inside = np.arange(blocks.net.n_net_elements if body == blocks.carrier else 0)
         law = keys.of_threads, keys.a
         found.append(thread_contact(blocks, body, blocks.surfaces[body], law, keys.rubbing, inside))
-    for body in keys.bullets:
-        surface, inside_of = blocks.surfaces[body], body == blocks.carrier
-        radius = keys.bullet_radius
-        assert radius is not None
-        found.append(
-            bullet_contact(blocks, body, surface, radius, keys.of_bullets, keys.rubbing, inside=inside_of)
-        )
+    nodes, bullets = nodes_of(blocks.net), bullets_of(blocks.net)
+    found += [_balls(keys, blocks, nodes, body, keys.node_radius, keys.of_nodes) for body in keys.nodes]
+    found += [
+        _balls(keys, blocks, bullets, body, keys.bullet_radius, keys.of_bullets) for body in keys.bullets
+    ]
     return tuple(found)
+
+
+def _balls(
+    keys: Keys, blocks: Blocks, what: Balls, body: str, radius: float | None, law: SphereLaw
+) -> KernelTerm:
+    assert radius is not None
+    inside, surface = body == blocks.carrier, blocks.surfaces[body]
+    return sphere_contact(blocks, what, body, surface, radius, law, keys.rubbing, inside=inside)
 
 
 def nominal(basis: EstimateBasis) -> None:
@@ -283,6 +333,9 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     speed = basis.speed
     length = float(basis.net.reference_length.sum())
     mass = float(basis.net.mass.sum())
-    stiffness = keys.of_threads * length if keys.threads else keys.of_bullets.stiffness
+    if keys.threads:
+        stiffness = keys.of_threads * length
+    else:
+        stiffness = (keys.of_nodes if keys.nodes else keys.of_bullets).stiffness
     acceleration = speed * math.sqrt(stiffness / mass)
     return Estimate(acceleration, basis.held(speed * basis.duration), f"stopped from {speed:.3g} m/s")

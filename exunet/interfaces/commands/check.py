@@ -16,7 +16,7 @@ from exunet.forces.effects import EFFECTS, switched_on
 from exunet.interfaces.commands.body_rows import body_rows
 from exunet.interfaces.commands.control_rows import control_rows
 from exunet.interfaces.commands.estimates import estimated
-from exunet.methods.method import METHODS, Kind, Method, NetForm, TimeLoop
+from exunet.methods.method import METHODS, ContactForm, Kind, Method, NetForm, TimeLoop
 from exunet.net.folding import folded
 from exunet.net.tether import EndKeys
 from exunet.results.table import mass_words
@@ -148,7 +148,9 @@ def _tied(end: EndKeys) -> str:
 
 
 def _items(start: Start) -> str:
-    items = expected_items(start.system, fused=start.scene.engine.net == NetForm.FUSED)
+    engine = start.scene.engine
+    fused, general = engine.net == NetForm.FUSED, engine.contact == ContactForm.GENERAL
+    items = expected_items(start.system, fused=fused, general=general)
     return ", ".join(f"{number} {kind}" for kind, number in items.items())
 
 

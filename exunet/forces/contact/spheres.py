@@ -1,4 +1,4 @@
-"""Contact of bullets, as spheres, with a rigid body."""
+"""Contact of nodes or bullets, as spheres, with a rigid body."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from exunet.forces.contact.trouble import trouble
 from exunet.forces.cores import Surface
 from exunet.forces.loops import Index
 from exunet.forces.terms import KernelTerm
+from exunet.net.arrays import Net
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,10 +40,30 @@ class SphereLaw(NamedTuple):
     along: float
 
 
-class BulletContact(NamedTuple):
-    """Bullets that may touch a body; what is not said here is as in `ThreadContact`.
+class Balls(NamedTuple):
+    """What touches as spheres: one in words, all in words, their nodes (m,), and the numbers told (m,)."""
 
-    node     : (m,) 3 x nodes of the bullets
+    one: str
+    many: str
+    nodes: Ints
+    numbers: Ints
+
+
+def bullets_of(net: Net) -> Balls:
+    """With the numbers that the case gives to them."""
+    return Balls("bullet", "bullets", net.bullet_nodes, np.arange(len(net.bullet_nodes)))
+
+
+def nodes_of(net: Net) -> Balls:
+    """Nodes of the net and its strings that are no bullets; those of tethers may lie on a drum."""
+    nodes = np.setdiff1d(np.arange(net.n_net_nodes), net.bullet_nodes)
+    return Balls("node", "nodes", nodes, nodes)
+
+
+class SphereContact(NamedTuple):
+    """Spheres that may touch a body; what is not said here is as in `ThreadContact`.
+
+    node     : (m,) 3 x nodes of the spheres
     thick    : their radius [m]
     exponent : n of F = k p^n
     spring, relaxation : (m,) k_t [N/m] and theta [s] of friction
@@ -77,8 +98,9 @@ class BulletContact(NamedTuple):
     frame: Floats
 
 
-def bullet_contact(
+def sphere_contact(
     blocks: Blocks,
+    what: Balls,
     body: str,
     surface: Surface,
     radius: float,
@@ -86,14 +108,18 @@ def bullet_contact(
     rubbing: Friction,
     inside: bool,
 ) -> KernelTerm:
-    """The term of the bullets' contact with a body; inside : they start inside it, in its canister."""
+    """The term of the contact of nodes, or bullets, with a body.
+
+    inside : they start inside it, in its canister
+    """
     net = blocks.net
-    nodes = net.bullet_nodes[~np.isin(net.bullet_nodes, surface.attached)]
+    touching = ~np.isin(what.nodes, surface.attached)
+    nodes, numbers = what.nodes[touching], what.numbers[touching]
     spring = np.full(len(nodes), rubbing.ratio * law.along)
     rows = np.zeros((len(nodes), ROW))
     rows[:, 0] = -1.0 if inside else 0.0
     kept = untouched(rows)
-    data = BulletContact(
+    data = SphereContact(
         (3 * nodes).astype(Index),
         radius,
         spring,
@@ -117,31 +143,30 @@ def bullet_contact(
         np.zeros(6),
         np.zeros((3, 3)),
     )
-    numbers = np.flatnonzero(np.isin(net.bullet_nodes, nodes))
 
     def wrong(values: Floats) -> str:
-        return trouble(values, surface, body, lambda pair: f"bullet {numbers[pair]}")
+        return trouble(values, surface, body, lambda pair: f"{what.one} {numbers[pair]}")
 
     return KernelTerm(
-        f"bullets and {body}",
-        add_bullet_contact,
+        f"{what.many} and {body}",
+        add_sphere_contact,
         data,
-        bullet_contact_potential,
+        sphere_contact_potential,
         (*FRAMES, *DISTANCES, keep_row, remember_status, *FRICTION, *_OWN),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=_stiffness_rate(blocks, body, surface, data),
-        memory=memory_of("bullets", body, kept, wrong),
-        remember=remember_bullet_contact,
+        memory=memory_of(what.many, body, kept, wrong),
+        remember=remember_sphere_contact,
         internal=True,
     )
 
 
-def steepest(data: BulletContact) -> float:
-    """The largest stiffness [N/m] of a bullet, while it is not too deep."""
+def steepest(data: SphereContact) -> float:
+    """The largest stiffness [N/m] of a sphere, while it is not too deep."""
     return data.stiffness * data.exponent * float(data.allowed + data.thick) ** (data.exponent - 1.0)
 
 
-def _stiffness_rate(blocks: Blocks, body: str, surface: Surface, data: BulletContact) -> float:
+def _stiffness_rate(blocks: Blocks, body: str, surface: Surface, data: SphereContact) -> float:
     """Bound [1/s2] of what contact adds to the eigenvalues, while nothing is too deep; as of threads."""
     slope = steepest(data)
     mass = blocks.net.mass[data.node.astype(np.int64) // 3]
@@ -159,8 +184,8 @@ def _stiffness_rate(blocks: Blocks, body: str, surface: Surface, data: BulletCon
 # Scalar loops, in the subset of Python that Numba compiles.
 
 
-def add_bullet_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
-    """Forces of all bullets that touch the body, and what they would leave in the memory."""
+def add_sphere_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
+    """Forces of all spheres that touch the body, and what they would leave in the memory."""
     now = c.now
     for m in range(now.size):
         now[m] = 0.0
@@ -179,11 +204,11 @@ def add_bullet_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
             if not turned:
                 turn_into(x, c.attitude, c.frame)
                 turned = True
-            add_bullet(x, v, c, k, force)
+            add_sphere(x, v, c, k, force)
 
 
-def add_bullet(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
-    """Forces of bullet k."""
+def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
+    """Forces of sphere k."""
     row = c.after[k]
     kept = c.kept
     first = 5 * k
@@ -233,7 +258,7 @@ def add_bullet(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
 
 
 def depth_of_ball(c: Any, p: Any) -> Any:
-    """Depth [m] of a bullet at p (3), and the direction (3) of the force; of more solids as `depth_at`."""
+    """Depth [m] of a sphere at p (3), and the direction (3) of the force; of more solids as `depth_at`."""
     depth = 0.0
     i = 0.0
     j = 0.0
@@ -253,7 +278,7 @@ def depth_of_ball(c: Any, p: Any) -> Any:
     return depth, i, j, k
 
 
-def bullet_contact_potential(x: Any, c: Any) -> float:
+def sphere_contact_potential(x: Any, c: Any) -> float:
     """Energy [J] stored across the surface."""
     turn_into(x, c.attitude, c.frame)
     total = 0.0
@@ -265,8 +290,8 @@ def bullet_contact_potential(x: Any, c: Any) -> float:
     return total
 
 
-def remember_bullet_contact(t: float, x: Any, v: Any, c: Any) -> None:
-    """What the bullets leave in the memory; `add_bullet_contact` has looked at this state last."""
+def remember_sphere_contact(t: float, x: Any, v: Any, c: Any) -> None:
+    """What the spheres leave in the memory; `add_sphere_contact` has looked at this state last."""
     kept = c.kept
     for k in range(c.node.size):
         keep_row(kept, k, c.after[k])
@@ -274,4 +299,4 @@ def remember_bullet_contact(t: float, x: Any, v: Any, c: Any) -> None:
     remember_status(t, c, kept[last:])
 
 
-_OWN = (add_bullet, depth_of_ball)
+_OWN = (add_sphere, depth_of_ball)
