@@ -26,7 +26,7 @@ from exunet.studies.both_codes import refusal
 
 CASES = Path(__file__).parents[1] / "cases"
 PLANAR = CASES / "planar_undamped.toml"  # its strings are slack for 0.3 s, so each bullet is free
-FORMS = ("engine.loop=compiled", "engine.net=fused", "engine.net=connectors")
+FORMS = ("engine.loop=compiled", "engine.net=connectors", "engine.net=fused")
 STILL = ("time.end=0.2", "time.output_step=0.02", "launch={radial_speed=0.0,axial_speed=0.0}")
 GAINS: dict[str, Any] = {"stiffness": 200.0, "damping": 12.0}
 POINT: dict[str, Any] = {"kind": "point", "point": [0.9, 0.8, 0.1], **GAINS}
