@@ -37,7 +37,7 @@ OTHER_FORMS = (
     "test_bounce.py", "test_forces_on_bodies.py", "test_guides.py", "test_inputs_and_states.py",
     "test_sleeping.py", "test_thrust.py", "test_attachments.py", "test_effects_on_bodies.py",
     "test_tethers.py", "test_reels.py", "test_reel_instants.py", "test_barrels.py", "test_ejection.py",
-    "closing/test_closing_line.py",
+    "closing/test_closing_line.py", "test_corner_units.py",
     "test_effects.py::test_a_snap_that_breaks", "test_simulation.py::test_a_body_is_read",
     "test_simulation.py::test_a_force_on_a_node_that_is_held", "test_simulation.py::test_reset_forgets",
     "test_simulation.py::test_a_force_changes", "test_simulation.py::test_forces_on_several_points",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.base.errors import InputError
+from exunet.base.errors import InputError, Interrupted
 from exunet.case.casefile import Case
 from exunet.figures import figures
 from exunet.forces.control_keys import Control
@@ -20,13 +21,14 @@ from exunet.results.corner_units import STANDARD_GRAVITY
 from exunet.results.measures import dissipation, energy_balance
 from exunet.results.summary import summarise
 from exunet.results.table import rows
+from exunet.simulation import run as runs
 from exunet.simulation.preparation import prepare_case
 from exunet.simulation.simulation import Simulation
 from exunet.studies.both_codes import refusal
 
 CASES = Path(__file__).parents[1] / "cases"
 PLANAR = CASES / "planar_undamped.toml"  # its strings are slack for 0.3 s, so each bullet is free
-FORMS = ("engine.loop=compiled", "engine.net=fused", "engine.net=connectors")
+FORMS = ("engine.loop=compiled", "engine.net=connectors", "engine.net=fused")
 STILL = ("time.end=0.2", "time.output_step=0.02", "launch={radial_speed=0.0,axial_speed=0.0}")
 GAINS: dict[str, Any] = {"stiffness": 200.0, "damping": 12.0}
 POINT: dict[str, Any] = {"kind": "point", "point": [0.9, 0.8, 0.1], **GAINS}
@@ -355,6 +357,36 @@ def test_check_tells_the_control_and_whether_it_is_stable() -> None:
 def test_the_reference_refuses_the_case() -> None:
     case = case_of(**POINT)
     assert "reference_impl does not know control" in refusal(case, case.scene)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["drift", "drift_controlled"])
+def test_a_killed_mission_goes_on_bitwise(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From a checkpoint whose states wait to be looked at, with what contact remembers of their times."""
+    case = exunet.load(CASES / "missions" / f"{name}.toml", ["time.end=0.3", "time.output_step=0.05"])
+    real = runs.drive
+
+    def drive(simulation: Simulation, recorder: Any, progress: Any, checkpoint: Any) -> None:
+        def after_each_time() -> None:
+            checkpoint()
+            if simulation.time >= 0.25:
+                shutil.copytree(tmp_path / "unfinished", tmp_path / "as it was")
+                raise KeyboardInterrupt
+
+        real(simulation, recorder, progress, after_each_time)
+
+    monkeypatch.setattr(runs, "drive", drive)
+    with pytest.raises(Interrupted):
+        runs.run_into(tmp_path, case, checkpoint_every=0.1)
+    monkeypatch.setattr(runs, "drive", real)
+    for path in tmp_path.iterdir():
+        if path.name != "as it was":
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    (tmp_path / "as it was").rename(tmp_path / "unfinished")
+    resumed, whole = runs.resume(tmp_path), exunet.run(case)
+    np.testing.assert_array_equal(resumed.position[:], whole.position)
+    for state, values in whole.states.items():
+        np.testing.assert_array_equal(resumed.states[state].values[:], values.values)
 
 
 # From Python

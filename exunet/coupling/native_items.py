@@ -93,7 +93,7 @@ def _refuse(start: Start) -> None:
     if moved:
         words.append(f"bodies that are fixed or prescribed ({', '.join(moved)})")
     if forces.switches or kinematics.held:
-        words.append("events: breaks, reels, ejections, thrusts")
+        words.append("events: breaks, reels, ejections, thrusts, corner units")
     throw = system.throw
     if throw is not None and throw.body in kinematics.ports:
         carrier = system.blocks.rigid[throw.body]

@@ -35,6 +35,17 @@ class KeptSeries:
         if self._series:
             self._at[time] = np.array([memory[name][one.place] for name, one in self._series])
 
+    def arrays(self) -> dict[str, Floats]:
+        """What was taken and may still be asked for, for a snapshot; nothing without series."""
+        if not self._series:
+            return {}
+        return {"time": np.array(list(self._at)), "values": np.array(list(self._at.values()))}
+
+    def restore(self, arrays: Mapping[str, Floats]) -> None:
+        """Go back to what `arrays` gave."""
+        if self._series:
+            self._at = dict(zip(arrays["time"].tolist(), arrays["values"], strict=True))
+
     def at(self, time: Floats) -> Floats:
         """(k, n_series) at times (k,) [s], in their order; what was before these is forgotten."""
         if not self._series:

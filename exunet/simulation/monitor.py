@@ -162,6 +162,8 @@ class Monitor:
             **self.peaks.arrays(),
             **grouped("kept_at", self._kept_rows()),
         }
+        if self._series is not None:
+            held |= grouped("series", self._series.arrays())
         if self._envelope is not None:
             held |= grouped("envelope", self._envelope.arrays(now))
         if self._element_peaks is not None:
@@ -193,6 +195,8 @@ class Monitor:
         self._kept_at = {time: {name: rows[name][k] for name in rows} for k, time in enumerate(times)}
         self.events = list(events)
         self._remembered_until, self._good_until = self.last_good.time, math.inf
+        if self._series is not None:
+            self._series.restore(group_of("series", arrays))
         if self._envelope is not None:
             self._envelope.restore(group_of("envelope", arrays))
         if self._element_peaks is not None:

@@ -25,6 +25,7 @@ _GROWING = (
     ("monitor:marks",),
     ("monitor:envelope:",),
     ("monitor:kept_at:",),
+    ("monitor:series:",),
     ("monitor:element_peaks:intervals", "monitor:element_peaks:later"),
     ("stops:times", "stops:force"),
     ("stops:forces",),
