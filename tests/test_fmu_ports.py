@@ -58,11 +58,11 @@ def host(shared: CHost) -> CHost:
     return shared
 
 
-def tell(host: CHost, state: exunet.FrameState) -> None:
+def tell(host: CHost, state: exunet.FrameState, port: str = "chaser") -> None:
     """The inputs of the port."""
     for what, parts in PARTS.items():
         for part, value in zip(parts, getattr(state, what), strict=True):
-            host.set(f"ports.chaser.{what}.{part}", float(value))
+            host.set(f"ports.{port}.{what}.{part}", float(value))
 
 
 def vector(host: CHost, name: str) -> np.ndarray:

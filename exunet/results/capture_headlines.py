@@ -80,7 +80,7 @@ def of_contact(body: str) -> tuple[Headline, ...]:
             "",
             most,
             least=1.0,
-            remark="elements and bullets, of the stored times",
+            remark="elements, nodes and bullets, of the stored times",
         ),
         Headline(
             f"{key}_largest_force",
