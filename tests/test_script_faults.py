@@ -53,7 +53,7 @@ def test_faults_name_their_line() -> None:
             4,
             "thrust.factor needs [effects.thrust]",
         ),
-        ("", "unset"): ({"at": 0.6, "do": "set", "on": "thrust.factor"}, 0, 'do = "set" needs value'),
+        ("", "unset"): ({"at": 0.6, "do": "set", "value": 1.0}, 0, "needs on: the name of a parameter"),
         ("on", "cut"): ({"at": 0.5, "do": "cut", "on": "tow"}, 4, "'tow' is no tether without a reel"),
         ("on", "stop"): ({"at": 0.5, "do": "stop", "verdict": "x", "on": "tow"}, 5, "acts on nothing"),
         ("repeat", "again"): ({"at": 0.5, **LOCK, "repeat": True}, 5, "needs when with a comparison"),
