@@ -284,14 +284,14 @@ def test_looks_are_thinned_and_the_first_and_last_stay():
     assert pace.left() == pytest.approx((5001.0 / 10.0, 1.8 * 5001.0, 5001.0 * 5.0), rel=0.02)
 
 
-def told(seconds: float) -> list[str]:
+def told(seconds: float, phase: str = "") -> list[str]:
     """The lines of a run of that wall time, linear in a simulated time of 10 s."""
     said: list[str] = []
     now = [0.0]
     lines = Lines(10.0, Pace(10.0), said.append, lambda: now[0])
     for k in range(1001):
         now[0] = seconds * k / 1000.0
-        lines(k / 100.0, k)
+        lines(k / 100.0, k, phase)
     lines.end()
     lines.end()
     return said
@@ -303,6 +303,7 @@ def test_lines_come_at_the_start_now_and_then_and_at_the_end():
     assert len(told(300.0)) == 2 + 9  # each tenth
     assert len(told(3000.0)) in range(2 + 45, 2 + 52)  # each minute at least
     assert "left" in told(50.0)[1]
+    assert told(50.0, "close")[1] == told(50.0)[1] + ', after "close"'
     assert all(len(line) <= 80 for line in told(3000.0))
 
 

@@ -132,7 +132,7 @@ def test_steps_that_collapse_are_told() -> None:
 def test_an_interrupt_keeps_what_was_computed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runs, "_SHOWN", -1.0)  # progress at each stored time, however fast the machine is
 
-    def press_ctrl_c(time: float, _evaluations: int) -> None:
+    def press_ctrl_c(time: float, *_: object) -> None:
         if time > 0.1:
             raise KeyboardInterrupt
 

@@ -248,7 +248,9 @@ def test_a_restart_in_mid_script_goes_on_to_the_last_bit() -> None:
     )
     case = case_of(script)
     one = Simulation(case)
+    assert one.monitor.phase == ""
     one.advance_to(0.5)  # after the first, before the second
+    assert one.monitor.phase == "near"
     held = one.snapshot()
     other = Simulation(case)
     other.restore(held)
@@ -376,3 +378,29 @@ def test_a_killed_run_goes_on_from_the_checkpoint_that_its_script_asked_for(
     assert np.array_equal(resumed.position[:], whole.position)
     assert resumed.provenance["script"] == whole.provenance["script"]
     assert [name for name, _ in happened(whole)] == ["save", "near", "then", "end"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loop", ["compiled", "exudyn"])
+def test_a_script_sets_the_factor_of_a_thrust(loop: str) -> None:
+    """1 N for 0.1 s, half of it for 0.1 s, then nothing: the net, on which nothing else acts, gets 0.15 N s.
+
+    The work of the thrust is in the books.
+    """
+    path = Path(__file__).parents[1] / "cases" / "planar_undamped.toml"
+    form = [
+        "solver={method='RK44', step=2e-4}",
+        f"engine.loop={loop}",
+        "time.end=0.3",
+        "time.output_step=0.1",
+        "effects.thrust={bullets=[0], time=[0.0, 1.0], force=[[0,0,1], [0,0,1]]}",
+    ]
+    script = entry("half", at=0.1, do="set", on="thrust.factor", value=0.5)
+    script += entry("off", at=0.2, do="set", on="thrust.factor", value=0.0)
+    result = exunet.run(case_of(script, *form, scene=path.read_text(encoding="utf-8")))
+    assert happened(result) == [("half", 0.1), ("off", 0.2)]
+    gained = result.momentum[:, 2] - result.momentum[0, 2]
+    np.testing.assert_allclose(gained, [0.0, 0.1, 0.15, 0.15], atol=1e-12)
+    balance = result.kinetic + result.elastic + result.dissipated
+    assert np.ptp(balance) < 1e-6 * result.kinetic.max()
+    assert result.dissipated[-1] < -1e-3  # the work of the thrust, put in

@@ -47,6 +47,13 @@ def test_faults_name_their_line() -> None:
         ("", "mute"): ({"at": 0.5, "do": "stop"}, 0, 'do = "stop" needs verdict'),
         ("do", "eject"): ({"at": 0.5, "do": "eject"}, 3, "no body holds the net: [initial.frame] names one"),
         ("do", "push"): ({"at": 0.5, "do": "thrust"}, 3, "needs [effects.thrust]"),
+        ("on", "set"): ({"at": 0.5, "do": "set", "on": "tow", "value": 2.0}, 4, "'tow' is no parameter"),
+        ("on", "turn"): (
+            {"at": 0.5, "do": "set", "on": "thrust.factor", "value": 2.0},
+            4,
+            "thrust.factor needs [effects.thrust]",
+        ),
+        ("", "unset"): ({"at": 0.6, "do": "set", "value": 1.0}, 0, "needs on: the name of a parameter"),
         ("on", "cut"): ({"at": 0.5, "do": "cut", "on": "tow"}, 4, "'tow' is no tether without a reel"),
         ("on", "stop"): ({"at": 0.5, "do": "stop", "verdict": "x", "on": "tow"}, 5, "acts on nothing"),
         ("repeat", "again"): ({"at": 0.5, **LOCK, "repeat": True}, 5, "needs when with a comparison"),

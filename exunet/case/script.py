@@ -30,6 +30,7 @@ Deed = Literal[
     "lock",
     "cut",
     "thrust",
+    "set",
     "control",
     "release_control",
     "checkpoint",
@@ -99,7 +100,7 @@ class Action(NamedTuple):
     """What an entry may do.
 
     on    : on what it acts: "drive", "line" (the winch of the closing line), "tether", "net", "thrust",
-            "control" or ""
+            "control", "parameter" or ""
     needs : keys of which it needs at least one
     may   : keys that it may have, these included
     words : what it does
@@ -122,11 +123,14 @@ ACTIONS = {
     "thrust": Action("thrust", (), (), "the times of [effects.thrust] count from now on"),
     "control": Action("control", (), (), "the units of [control] are controlled from now on"),
     "release_control": Action("control", (), (), "their thrusters fire no more"),
+    "set": Action("parameter", ("value",), ("value",), "gives a parameter another value from now on"),
     "checkpoint": Action("", (), (), "the run can be resumed from the next stored time on"),
     "note": Action("", (), (), "nothing: the event is told, and others may come after it"),
     "stop": Action("", ("verdict",), ("verdict",), "ends the run"),
 }
-_VALUES = ("rate", "force", "verdict")
+# What `set` may change: what the parameter is, and what of the scene it needs.
+PARAMETERS = {"thrust.factor": ("factor of all forces of [effects.thrust]", "thrust")}
+_VALUES = ("rate", "force", "value", "verdict")
 
 
 class Entry(Table):
@@ -159,14 +163,15 @@ class Entry(Table):
     do: Deed = Field(description="what happens", examples=["lock"])
     on: str | None = Field(
         None,
-        description='name of the tether whose reel acts or that is cut, or "closing" for the winch of the '
-        "closing line",
+        description='name of the tether whose reel acts or that is cut, "closing" for the winch of the '
+        'closing line, or a parameter: "thrust.factor"',
         examples=[CLOSING],
     )
     rate: Positive | None = Field(None, description="of winding up or paying out [m/s]")
     force: NonNegative | None = Field(
         None, description="that a drive without a rate holds, or above which it gives way [N]"
     )
+    value: NonNegative | None = Field(None, description="of a parameter that is set")
     verdict: str | None = Field(None, description="what is told of a run that this entry ends")
     repeat: bool = Field(
         False, description="happens each time that `when` comes true again, 100 times at most; default: once"
@@ -216,6 +221,8 @@ class Entry(Table):
             words += f" at {self.rate:g} m/s"
         if self.force is not None:
             words += f" with {self.force:g} N"
+        if self.value is not None:
+            words += f" to {self.value:g}"
         return words if self.verdict is None else f'{words}: "{self.verdict}"'
 
 
@@ -346,11 +353,17 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
     for key in _VALUES:
         if entry.is_given(key) and key not in action.may:
             yield Fault(key, f'do = "{entry.do}" has none')
-    if action.on not in ("drive", "tether") and entry.is_given("on"):
+    if action.on not in ("drive", "tether", "parameter") and entry.is_given("on"):
         yield Fault("on", f'do = "{entry.do}" acts on nothing that is to be named')
     if not action.on:
         return
-    special = {"tether": _cuts, "net": _ejects, "thrust": _pushes, "control": _controls}.get(action.on)
+    special = {
+        "tether": _cuts,
+        "net": _ejects,
+        "thrust": _pushes,
+        "control": _controls,
+        "parameter": _sets,
+    }.get(action.on)
     if special is not None:
         yield from special(entry, stage)
         return
@@ -397,6 +410,16 @@ def _controls(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault("do", "needs [control], whose units it acts on")
 
 
+def _sets(entry: Entry, stage: Stage) -> Iterator[Fault]:
+    known = ", ".join(PARAMETERS)
+    if not entry.is_given("on"):
+        yield Fault("", f'do = "{entry.do}" needs on: the name of a parameter ({known})')
+    elif entry.on not in PARAMETERS:
+        yield Fault("on", f"{entry.on!r} is no parameter that a script sets (those that are: {known})")
+    elif (needs := PARAMETERS[entry.on][1]) not in stage.has:
+        yield Fault("on", f"{entry.on} needs [effects.{needs}]")
+
+
 def _asks(entry: Entry, damping: float | None) -> Iterator[Fault]:
     try:
         drive_of(entry, damping)
@@ -434,15 +457,21 @@ def _cycles(known: list[tuple[int, Entry]], names: Mapping[str, int]) -> Iterato
 
 
 def _contradicts(number: int, entry: Entry, known: list[tuple[int, Entry]]) -> Iterator[Fault]:
-    """An entry that acts at the time of an earlier one, on the same drive, otherwise."""
-    if entry.when is not None or entry.unless is not None or entry.drive is None:
+    """An entry that acts at the time of an earlier one, on the same drive or parameter, otherwise."""
+    thing = _acted_on(entry)
+    if entry.when is not None or entry.unless is not None or thing is None:
         return
     for k, other in known:
         if k >= number:
             return
-        if _moment(other) == _moment(entry) and other.drive == entry.drive and _asked(other) != _asked(entry):
-            words = f"contradicts {other.name}, which acts on {entry.drive} at the same time"
+        if _moment(other) == _moment(entry) and _acted_on(other) == thing and _asked(other) != _asked(entry):
+            words = f"contradicts {other.name}, which acts on {thing} at the same time"
             yield Fault(_key(number, "do"), f"{words}: give another time, or leave one out")
+
+
+def _acted_on(entry: Entry) -> str | None:
+    """The drive or the parameter."""
+    return entry.on if entry.do == "set" and entry.on in PARAMETERS else entry.drive
 
 
 def _moment(entry: Entry) -> tuple[object, ...]:
@@ -453,4 +482,4 @@ def _moment(entry: Entry) -> tuple[object, ...]:
 
 
 def _asked(entry: Entry) -> tuple[object, ...]:
-    return entry.do, entry.rate, entry.force
+    return entry.do, entry.rate, entry.force, entry.value

@@ -23,6 +23,7 @@ from exunet.simulation.kept_series import KeptSeries
 from exunet.simulation.peaks import Peaks
 from exunet.simulation.snapshot import group_of, grouped
 from exunet.system.ejection import Ejection
+from exunet.system.script_events import HEADING as SCRIPT
 from exunet.system.states import States
 from exunet.system.system import State, System
 
@@ -117,6 +118,12 @@ class Monitor:
     def tell(self, inputs: Arrays) -> None:
         """Inputs have these values from now on."""
         self._remember({**self._memory, **inputs})
+
+    @property
+    def phase(self) -> str:
+        """The entry of the script that has happened last; "" if none has."""
+        mine = (one for one in reversed(self.events) if one["heading"] == SCRIPT and one["done"])
+        return str(next(mine, {"entry": ""})["entry"])
 
     def story(self) -> dict[str, list[dict[str, Any]]]:
         """The events so far, by heading."""

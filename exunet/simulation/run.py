@@ -41,7 +41,8 @@ from exunet.simulation.simulation import Simulation, cannot_restart
 from exunet.simulation.snapshot import Snapshot
 
 Floats = NDArray[np.float64]
-Progress = Callable[[float, int], None]  # simulated time [s], right-hand sides so far
+# Simulated time [s], right-hand sides so far, the last entry of the script that has happened ("": none).
+Progress = Callable[[float, int, str], None]
 Describe = Callable[[Result, Path], None]
 
 WALL_TIME = 30.0  # [s] between two checkpoints that nobody asked for
@@ -65,7 +66,8 @@ class Request:
 def run(case: Case | Scene, progress: Progress | None = None) -> Result:
     """Simulate a case (or a scene) and return its result.
 
-    progress : called with the simulated time [s] and the number of right-hand sides now and then
+    progress : called now and then with the simulated time [s], the number of right-hand sides, and the name
+               of the last entry of the script that has happened, "" for none
     Raises RunStopped (its `result` holds what was computed) if the run diverges or the integrator gives up
     and `solver.retry` finer attempts do not mend it, Interrupted (also with `result`) on Ctrl-C.
     """
@@ -118,8 +120,11 @@ def drive(
 def _through(
     simulation: Simulation, times: Floats, progress: Progress | None, checkpoint: Callable[[], None] | None
 ) -> None:
-    if progress is not None:
-        progress(simulation.time, simulation.counts.right_hand_sides)
+    def tell() -> None:
+        if progress is not None:
+            progress(simulation.time, simulation.counts.right_hand_sides, simulation.monitor.phase)
+
+    tell()
     shown = 0.0
     while True:
         if simulation.stopped and simulation.finish():
@@ -134,7 +139,7 @@ def _through(
         if checkpoint is not None:
             checkpoint()
         if progress is not None and clock.monotonic() - shown > _SHOWN:
-            progress(simulation.time, simulation.counts.right_hand_sides)
+            tell()
             shown = clock.monotonic()
 
 

@@ -190,7 +190,7 @@ def _run(
     brief = scene.time.model_copy(update={"end": BRIEF * scene.time.end, "output_times": ()})
     simulate(prepare(scene.model_copy(update={"time": brief})))  # so that no first use is timed
     start = prepare(scene)
-    tell = (lambda time, _number: progress(what, time)) if progress else None
+    tell = (lambda time, *_: progress(what, time)) if progress else None
     if progress:
         progress(what, 0.0)
     return simulate(change(start) if change else start, progress=tell)

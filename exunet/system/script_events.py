@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from exunet.case.script import QUANTITIES, Entry, drive_of
 from exunet.forces.cable_term import INTACT
 from exunet.forces.effects.thrust import MEMORY as THRUST
-from exunet.forces.effects.thrust import Knots, begun_at
+from exunet.forces.effects.thrust import Knots, begun_at, with_factor
 from exunet.forces.reel import command_name
 from exunet.forces.terms import Change, Memories, Seen
 from exunet.forces.thrusters import MEMORY as CONTROL
@@ -321,7 +321,10 @@ class ScriptEvents:
             told["element"] = int(np.argmax(every[INTACT] != after))
             what |= {"others": {INTACT: after}, "energy_lost": None}
         elif entry.do == "thrust":
-            what["others"] = {THRUST: begun_at(time, self._knots)}
+            what["others"] = {THRUST: begun_at(time, self._knots, float(every[THRUST][2]))}
+        elif entry.do == "set":
+            assert entry.value is not None
+            what["others"] = {THRUST: with_factor(every[THRUST], entry.value)}
         elif entry.do == "control":
             what["others"] = {CONTROL: begun(every[CONTROL], time)}
         elif entry.do == "release_control":

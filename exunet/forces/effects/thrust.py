@@ -82,25 +82,30 @@ def _one_force_a_time(keys: Keys) -> Iterator[Fault]:
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     """One term over the chosen bullets. Its memory is the number of the knots passed: no step sees a kink;
-    and the time from which on the knots count [s].
+    the time from which on the knots count [s]; the factor of all forces, which a script may set.
 
     Before the first knot (0) and after the last (n) there is no force; between the knots k and k + 1 it is
     linear. Steps end at the knots.
     """
     nodes = (3 * blocks.net.bullet_nodes[list(keys.bullets)]).astype(Index)
     times, force = np.array(keys.time), np.array(keys.force)
-    begun = begun_at(0.0, times)
+    begun = begun_at(0.0, times, 1.0)
 
     def data(memory: Floats) -> Thrust:
-        return Thrust(nodes, memory[1] + times, force, memory[:1].astype(np.int64))
+        return Thrust(nodes, memory[1] + times, memory[2] * force, memory[:1].astype(np.int64))
 
     memory = Memory(MEMORY, begun, data)
     return (KernelTerm("bullets", add_thrust, data(begun), memory=memory, switch=Knots(keys.time)),)
 
 
-def begun_at(time: float, times: Floats) -> Floats:
+def begun_at(time: float, times: Floats, factor: float) -> Floats:
     """The memory of a thrust whose knots count from a time on [s], at that time."""
-    return np.array([float(np.searchsorted(times, 0.0, side="right")), time])
+    return np.array([float(np.searchsorted(times, 0.0, side="right")), time, factor])
+
+
+def with_factor(memory: Floats, factor: float) -> Floats:
+    """The memory with another factor of all forces."""
+    return np.array([*memory[:2], factor])
 
 
 def waiting(term: KernelTerm) -> KernelTerm:
@@ -108,7 +113,7 @@ def waiting(term: KernelTerm) -> KernelTerm:
     assert term.memory is not None
     assert term.memory.data is not None
     assert isinstance(term.switch, Knots)
-    never = np.array([0.0, np.inf])
+    never = np.array([0.0, np.inf, 1.0])
     memory, switch = replace(term.memory, initial=never), Knots(term.switch.knots, known=False)
     return replace(term, data=term.memory.data(never), memory=memory, switch=switch)
 
@@ -144,7 +149,7 @@ class Knots:
         self, time: float, x: Floats, v: Floats, memory: Floats, items: Ints, every: Memories
     ) -> Change:
         """Count the knots; nothing else changes."""
-        return Change(np.array([self._passed(time, memory), memory[1]]))
+        return Change(np.array([self._passed(time, memory), *memory[1:]]))
 
 
 class Thrust(NamedTuple):

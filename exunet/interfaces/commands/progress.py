@@ -18,7 +18,7 @@ SELDOM, OFTEN, PART = 60.0, 10.0, 0.1  # [s], [s] between two lines, part of the
 class Progress(Protocol):
     """What a run tells; `end` when its last state is there."""
 
-    def __call__(self, time: float, right_hand_sides: int) -> None: ...
+    def __call__(self, time: float, right_hand_sides: int, phase: str) -> None: ...
 
     def end(self) -> None: ...
 
@@ -52,8 +52,13 @@ def remaining(pace: Pace) -> str:
     return f"{duration(low)} to {duration(high)} left" if low >= 1.0 else f"up to {duration(high)} left"
 
 
+def after(phase: str) -> str:
+    """The phase of a mission in words: the entry of the script that has happened last."""
+    return f'after "{phase}"' if phase else ""
+
+
 class _Silent:
-    def __call__(self, time: float, right_hand_sides: int) -> None:
+    def __call__(self, time: float, right_hand_sides: int, phase: str) -> None:
         """Nothing is told."""
 
     def end(self) -> None:
@@ -80,7 +85,7 @@ class Lines:
         self._begun = self._told = self._at = 0.0
         self._running = False
 
-    def __call__(self, time: float, right_hand_sides: int) -> None:
+    def __call__(self, time: float, right_hand_sides: int, phase: str) -> None:
         now = self._clock()
         if not self._running:
             self._running, self._begun, self._told, self._at = True, now, now, time
@@ -89,9 +94,8 @@ class Lines:
         since, part = now - self._told, (time - self._at) / self._end
         if time < self._end and since >= OFTEN and (part >= PART or since >= SELDOM):
             self._told, self._at = now, time
-            left = remaining(self._pace)
             words = f"simulated {time:.4g} of {self._end:g} s in {duration(now - self._begun)}"
-            self._say(f"{words}, {left}" if left else words)
+            self._say(", ".join(one for one in (words, remaining(self._pace), after(phase)) if one))
 
     def end(self) -> None:
         if self._running:
@@ -118,9 +122,10 @@ def _bar(end: float, pace: Pace) -> Iterator[Progress]:
             def __init__(self) -> None:
                 self._begun = clock.monotonic()
 
-            def __call__(self, time: float, right_hand_sides: int) -> None:
+            def __call__(self, time: float, right_hand_sides: int, phase: str) -> None:
                 pace.look(clock.monotonic() - self._begun, time, right_hand_sides)
-                bars.update(task, completed=time, description=remaining(pace))
+                words = ", ".join(one for one in (remaining(pace), after(phase)) if one)
+                bars.update(task, completed=time, description=words)
 
             def end(self) -> None:
                 bars.stop()
