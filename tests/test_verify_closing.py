@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from exunet import figure, load, run
+from exunet.base.errors import InputError
 from exunet.studies.both_codes import both_of_text, read_both
 from exunet.verification import closing
 from exunet.verification.check import Check
@@ -100,3 +102,16 @@ def test_both_codes_shorten_the_same_threads(net: str) -> None:
     assert isinstance(theirs, Edge)
     ours = case.reference_elements[list(shortening.elements)]
     assert sorted(ours.tolist()) == sorted(theirs.element.tolist())
+
+
+def test_the_figure_of_what_closes() -> None:
+    """A line has three panels, its tension, its lengths and the mouth; an edge two; another net none."""
+    made = {}
+    for name in ("loop", "perimeter"):
+        result = run(load(CASES[name], ["time.end=0.05"]))
+        made[name] = [axes.get_ylabel().replace("\n", " ") for axes in figure(result, "closing").axes]
+    mouth = "diameter of the mouth [m]"
+    assert made["loop"] == ["tension of the line [N]", "length [m]", mouth]
+    assert made["perimeter"] == ["part of the edge's length that is left", mouth]
+    with pytest.raises(InputError, match="needs \\[closing\\]"):
+        figure(run(load(CASES["loop"], ["time.end=0.01", "closing="])), "closing")

@@ -50,7 +50,7 @@ def test_horizon_of_a_growth_by_jumps_is_the_jump_that_reaches_it(monkeypatch):
     def flight(self, times, plan=None):
         factor = np.prod([np.where(times >= t, by, 1.0) for t, by in JUMPS.items()], axis=0)
         place = factor[:, None, None] * self.start.position
-        return Trajectory(times, place, np.zeros_like(place), seen=None, steps=1, reels=None)
+        return Trajectory(times, place, np.zeros_like(place), seen=None, steps=1, reels=None, drawn=None)
 
     monkeypatch.setattr(BothCodes, "run_exunet", flight)
     grown = growth(case, 1.0, (ROUND_OFF, MOVE))

@@ -183,7 +183,8 @@ def compared(own, apart=0.0, end=0.3):
     place = np.broadcast_to(case.start.position, (len(INSTANTS), *case.start.position.shape))
     shift = case.size * np.broadcast_to(apart, INSTANTS.shape)[:, None, None] * np.array([1.0, 0.0, 0.0])
     flight = [
-        Trajectory(INSTANTS, where, np.zeros_like(place), None, 1, None) for where in (place, place + shift)
+        Trajectory(INSTANTS, where, np.zeros_like(place), None, 1, None, None)
+        for where in (place, place + shift)
     ]
     return list(_compared(case, own, *flight, end))
 

@@ -22,7 +22,7 @@ def flying(case: BothCodes, last: float) -> Trajectory:
     velocity = np.zeros((len(TIMES), case.start.net.n_nodes, 3))
     velocity[:, case.start.net.bullet_nodes, 0] = 2.0
     velocity[TIMES >= 1.0, case.start.net.bullet_nodes[-1], 0] = last
-    return Trajectory(TIMES, np.zeros_like(velocity), velocity, seen=None, steps=1, reels=None)
+    return Trajectory(TIMES, np.zeros_like(velocity), velocity, seen=None, steps=1, reels=None, drawn=None)
 
 
 def test_separation_is_the_first_time_of_a_visible_spread():

@@ -35,6 +35,7 @@ FIGURES = {
     "distances": "distance of each two bodies with shapes, surface to surface, over time; needs two of them",
     "rotation": "angular velocity of rigid bodies over time, in body axes; needs a rigid body",
     "contacts": "how many threads, nodes, bullets touch bodies, and their forces, over time; needs contacts",
+    "closing": "tension and length of a closing line, or the part left of an edge, mouth; needs [closing]",
     "capture": "what is enclosed, capture indices, relative speed, mouth over time; needs [verdict]",
     "control": "mean thrust of each corner unit between stored times; needs [control]",
     "agreement": "differences between two codes over time; needs an `agreement`",
@@ -178,7 +179,7 @@ def _drawers(
     agreement: Agreement | None, spread: EnsembleResult | None
 ) -> dict[str, Callable[[Result, Page], Figure | None]]:
     """What makes each figure; it returns None for a result that has not what it shows."""
-    from exunet.figures import captures, curves, energies, momenta, nets, tensions
+    from exunet.figures import captures, closing, curves, energies, momenta, nets, tensions
 
     return {
         "reference_net": nets.reference_net,
@@ -194,6 +195,7 @@ def _drawers(
         "distances": lambda result, page: curves.distances(result, page, spread),
         "rotation": curves.rotation,
         "contacts": captures.contacts,
+        "closing": closing.closing,
         "capture": lambda result, page: captures.capture(result, page, spread),
         "control": curves.control,
         "agreement": lambda result, page: (

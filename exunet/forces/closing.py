@@ -13,7 +13,6 @@ from exunet.forces.closing_loops import (
     LAID,
     RUBBING,
     SMOOTH,
-    STATUS,
     Line,
     Status,
     add_line,
@@ -94,10 +93,21 @@ class Drawstring:
         """The memory at time 0: line in the pieces by their ways, so that its tension is the same in all."""
         line = self.line
         way = way_of(line, self.blocks.position)
-        status = np.zeros(STATUS)
-        status[0] = np.searchsorted(line.times, 0.0, side="right")
+        stretch = float(way.sum()) / (self.ratio * line.length_at_start)
+        strain = max(0.0, 0.5 * (stretch - 1.0) * (stretch + 1.0))
+        tension = line.stiffness * self.ratio**3 * strain * stretch
+        status = Status(
+            commands=float(np.searchsorted(line.times, 0.0, side="right")),
+            tension_start=tension,
+            tension_end=tension,
+            way=float(way.sum()),
+            largest=tension,
+            largest_time=0.0,
+            load=0.0 if line.strength is None else tension / line.strength,
+            stretch=stretch,
+        )
         if not self.rubs:
-            return status
+            return np.array(status)
         laid = self.ratio * line.length_at_start * way / way.sum()
         return np.concatenate([status, laid, np.zeros(len(way))])
 

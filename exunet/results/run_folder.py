@@ -25,7 +25,7 @@ SUMMARY = "summary.json"
 FIGURES = (
     *("reference_net", "snapshots", "bullet_speeds", "energies", "area", "tensions", "tethers"),
     *("largest_tension", "momentum", "loads", "distances", "rotation", "contacts"),
-    *("capture", "control", "agreement"),
+    *("closing", "capture", "control", "agreement"),
 )
 ANIMATION = "animation.gif"
 DESCRIPTIONS = (SUMMARY, SPREAD_FILE, ANIMATION, *(f"{figure}.png" for figure in FIGURES))

@@ -75,6 +75,16 @@ def test_one_tension_along_the_line() -> None:
     np.testing.assert_allclose(pulls[1:-1], 2.0 * tension * np.sin(0.5 * turns(ZIGZAG)), rtol=1e-12)
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_what_is_known_at_the_start(friction: float) -> None:
+    """Way, tension E1A e lambda at both ends and stretch of a line that starts stretched by a tenth."""
+    way = float(way_of(line_of(5), ZIGZAG).sum())
+    data, _ = line(ZIGZAG, length=way / 1.1, friction=friction, strength=1e3)
+    status = closing_loops.Status(*data.kept[: closing_loops.STATUS])
+    tension = 250.0 * (1.1**3 - 1.1)
+    assert status == pytest.approx((0.0, tension, tension, way, tension, 0.0, tension / 1e3, 1.1), rel=1e-12)
+
+
 def turns(places: Floats) -> Floats:
     """Angles [rad] by which a polygon turns at its inner corners."""
     ways = np.diff(places, axis=0)
