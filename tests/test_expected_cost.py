@@ -163,7 +163,7 @@ def test_the_time_of_a_check_is_told_with_that_of_both() -> None:
 
 
 def test_no_time_is_told_for_a_check_that_the_reference_refuses():
-    case = load(PLANAR.parent / "missions" / "closed_box.toml")
+    case = load(PLANAR.parent / "missions" / "throw_close_tow.toml")
     assert dict(describe(case))["check of a run"].startswith("none: the reference refuses the case: ")
 
 
