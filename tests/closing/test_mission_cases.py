@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 import exunet
-from exunet.results.capture_headlines import told
+from exunet.results.capture_headlines import outcomes, told
 from exunet.results.course import course_of
 from exunet.results.measures import energy_balance, momentum_books
 from exunet.results.summary import summarise
+from exunet.simulation.preparation import start_of
+from exunet.studies.spread import spread_of
 
 CASES = Path(__file__).parents[2] / "cases" / "missions"
 
@@ -58,6 +60,13 @@ def test_a_script_closes_locks_and_tows() -> None:
     assert result.bodies["box"].velocity[-1, 2] < -0.2
     assert momentum_books(result)["linear"].residual < 1e-10 * momentum_books(result)["linear"].size
     assert energy_balance(result) < 1e-3
+
+
+@pytest.mark.parametrize("name", ["closed_box", "throw_close_tow"])
+def test_a_closed_mouth_holds_from_moved_starts(name: str) -> None:
+    """In 20 of 20 runs with the start moved by 1e-6 m, a quarter of them with half of the step."""
+    start = start_of(CASES / f"{name}.toml", ["engine.loop=compiled"])
+    assert outcomes(spread_of(start, 20, move=1e-6).moved) == {"captured": 20}
 
 
 def test_a_net_that_misses_is_wound_back() -> None:

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow  # kernels, compiled in a minute each
     [
         ("free_sphere", 0.34, 0.94),
         ("fixed_sphere", 0.33, 0.94),
-        ("tumbling_box", 0.32, 0.96),
+        ("box", 0.32, 0.96),
         ("rocket", 0.38, 0.93),
         ("satellite", 1.2, 6.1),
         ("cubesat", 1.4, 2.54),
