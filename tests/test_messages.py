@@ -22,7 +22,7 @@ BODIES = CASES / "bodies"
         ("bodies/tow.toml", "tethers.tow.divisions=1000000000", "tethers.tow.divisions", "at most 1,000,000"),
         ("planar_deployment.toml", "time.end=1e18", "time.end", "1e+21 states; at most 10,000,000"),
         ("planar_deployment.toml", "time.output_step=1e-12", "time.output_step", "2e+12 states"),
-        ("nets/accordion.toml", "initial.packing=0.5", "initial.packing", "give either packing, fold or from"),
+        ("nets/accordion.toml", "initial.packing=0.5", "initial.packing", "give either packing, fold or"),
         ("bodies/tow.toml", "bodies.chaser.position=[1e300,0.0,0.0]", "bodies.chaser.position[0]",
          "not realistic"),
         ("bodies/frame.toml", "bodies.frame.position=[0.0,1e300,0.0]", "bodies.frame.position[1]",
