@@ -20,6 +20,7 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.methods.keys import AUTO
 from exunet.methods.method import COMPILED_METHODS, METHODS, Kind
 from exunet.net.areas import achievable_area
+from exunet.results.capture_headlines import outcomes
 from exunet.results.course import COURSE_BYTES, Course
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.simulation import measures
@@ -59,7 +60,8 @@ def ensemble(
 
     A case of equal steps goes eight runs at a time through compiled code, where its forces can and it pays;
     each has the bits that it has alone. A run that fails because of its steps begins anew with finer ones,
-    `solver.retry` times. Where moves are less than the errors that all runs by a cheap setting share, the
+    `solver.retry` times. Of a case with [verdict] the provenance has "outcomes": in how many runs what became
+    of the target. Where moves are less than the errors that all runs by a cheap setting share, the
     provenance has "notes" that say so.
 
     Raises InputError for a number, a perturbation or a seed out of range, for a method that the compiled loop
@@ -90,8 +92,10 @@ def ensemble(
     def made(verdict: str) -> EnsembleResult | None:
         if not courses:
             return None
-        seconds = {"seconds": clock.perf_counter() - began, "right_hand_sides": evaluations}
-        return ensemble_result(courses, complete=verdict == "ok", verdict=verdict, provenance=story | seconds)
+        found = story | {"seconds": clock.perf_counter() - began, "right_hand_sides": evaluations}
+        if counts := outcomes(courses):
+            found["outcomes"] = counts
+        return ensemble_result(courses, complete=verdict == "ok", verdict=verdict, provenance=found)
 
     try:
         while (done := len(courses)) < runs:

@@ -14,6 +14,7 @@ from contact_scenes import THROWN
 import exunet
 from exunet.bodies.shapes import Shape, Solid
 from exunet.case.verdict import CONDITIONS, Verdict
+from exunet.interfaces.commands.ensemble import rows
 from exunet.net.arrays import Net
 from exunet.results.capture import Measures, capture, target_of
 from exunet.results.capture_headlines import _with_unit, outcomes
@@ -215,6 +216,10 @@ def test_moved_starts_tell_the_same_of_a_capture_before_the_horizon(tmp_path: Pa
     for key in ("capture_enclosed", "capture_cqi", "capture_mcqi", "capture_relative_speed_m_s"):
         assert theirs[key] == pytest.approx(ours[key], rel=1e-9)
     assert sum(outcomes(spread.courses).values()) == 2
+    many = exunet.ensemble(case, 3)
+    assert many.provenance["outcomes"] == {"touched": 3}  # too late to hold on
+    assert ("capture", "of 3 runs: 3 touched") in rows(many)
+    assert set(outcomes(spread.courses)) == {"touched"}
     result, kept = exunet.run(case), spread.as_ensemble()
     for name in ("contacts", "capture"):
         for size in (None, (85.0, 80.0)):

@@ -155,6 +155,9 @@ def rows(found: EnsembleResult) -> list[tuple[str, str]]:
         ("method", f"{story['method']}, {setting}, compiled loop"),
         ("wall time", f"{story['seconds']:.2f} s, {found.runs / story['seconds']:.3g} runs a second"),
     ]
+    if outcomes := story.get("outcomes"):
+        counts = ", ".join(f"{number} {name}" for name, number in outcomes.items())
+        table.append(("capture", f"of {found.runs} runs: {counts}"))
     table += [(one.words, _quantiles(one, found)) for one in map(headline, found.headlines)]
     return [*table, *_elements(found), *(("note", words) for words in story.get("notes", []))]
 
