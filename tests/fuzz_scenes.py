@@ -183,22 +183,28 @@ def judge(seed: int, folder: Path) -> tuple[str, str]:
 
 def judge_case(words: str, folder: Path) -> tuple[str, str]:
     """As `judge`, for the text of a case; any exception that is no typed refusal comes out."""
+    end, fault, _ = judged(words, folder)
+    return end, fault
+
+
+def judged(words: str, folder: Path) -> tuple[str, str, Result | None]:
+    """As `judge_case`, with what came of the run; None: nothing."""
     path = folder / "case.toml"
     path.write_text(words, encoding="utf-8")
     try:
         start = prepare(load(path).scene)
     except (CaseError, InputError) as refusal:
-        return "refused", "" if str(refusal).strip() else "a refusal without a word"
+        return "refused", "" if str(refusal).strip() else "a refusal without a word", None
     try:
         result = simulate(start)
     except RunStopped as stop:
         if stop.result is None:
-            return "stopped", "nothing of the run is kept"
-        return "stopped", _words(stop) or _faults(stop.result, start, folder)
+            return "stopped", "nothing of the run is kept", None
+        return "stopped", _words(stop) or _faults(stop.result, start, folder), stop.result
     missing = (
         "" if np.array_equal(result.time, stored_times(start.scene.time)) else "stored times are missing"
     )
-    return "sound", missing or _faults(result, start, folder)
+    return "sound", missing or _faults(result, start, folder), result
 
 
 def _words(stop: RunStopped) -> str:
@@ -208,7 +214,11 @@ def _words(stop: RunStopped) -> str:
     if re.search(r"\bnan\b|\binf\b", text):
         return f"the message has a number that is none: {text}"
     when = re.search(r"t = [\d.e+-]+ s", text)
-    what = re.search(r"element is \d+ between nodes \d+ and \d+, stretch .*node is \d+|not started", text)
+    what = re.search(
+        r"element is \d+ between nodes \d+ and \d+, stretch .*node is \d+|not started|"
+        r"(element|bullet|node) \d+ (came to|is deeper than|passes)|what is near \w+ moves",
+        text,
+    )
     return "" if when and what else f"the message lacks time or place: {text}"
 
 

@@ -6,11 +6,14 @@ import multiprocessing
 import signal
 import traceback
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import pytest
+from fuzz_captures import Ended, judge_capture
 from fuzz_scenes import document, judge, judge_case
 
 import exunet
@@ -30,6 +33,18 @@ class TooLong(BaseException):
 
 def bounded(seed: int) -> tuple[int, str, str]:
     """Seed, how the scene ended, what is wrong; within bounded time, and whatever is raised."""
+    end, fault, *_ = within_time(judge, seed)
+    return seed, end, fault
+
+
+def bounded_capture(seed: int) -> tuple[int, Ended]:
+    """The same of a capture, with whether anything touched and rubbed."""
+    found = within_time(judge_capture, seed)
+    return seed, found if isinstance(found, Ended) else Ended(*found, touched=False, rubbed=False)
+
+
+def within_time(judged: Callable[[int, Path], Any], seed: int) -> Any:
+    """What is found of a scene: how it ended, what is wrong, and what else `judged` tells."""
 
     def give_up(*_: object) -> None:
         raise TooLong
@@ -38,11 +53,11 @@ def bounded(seed: int) -> tuple[int, str, str]:
     signal.setitimer(signal.ITIMER_PROF, MOST)  # whatever else the machine has to do
     try:
         with TemporaryDirectory() as folder:
-            return seed, *judge(seed, Path(folder))
+            return judged(seed, Path(folder))
     except TooLong:
-        return seed, "hang", f"does not end within {MOST:g} s"
+        return "hang", f"does not end within {MOST:g} s"
     except Exception:  # noqa: BLE001 - anything that is raised here is a finding
-        return seed, "raised", traceback.format_exc()
+        return "raised", traceback.format_exc()
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)
@@ -83,6 +98,28 @@ def test_two_thousand_random_scenes():
     assert ends["sound"] >= SCENES // 2
     assert ends["stopped"] >= SCENES // 20
     assert ends["refused"] >= SCENES // 20
+
+
+def run_captures(seeds: range) -> tuple[Counter[str], int, int]:
+    """How many ended in which way, in how many something touched, and rubbed."""
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        every = list(pool.map(bounded_capture, seeds, chunksize=10))
+    ends = tell([(seed, found.end, found.fault) for seed, found in every])
+    return ends, sum(found.touched for _, found in every), sum(found.rubbed for _, found in every)
+
+
+@pytest.mark.slow
+def test_random_captures_for_ci():
+    ends, touched, rubbed = run_captures(range(SCENES, SCENES + 100))
+    assert ends["sound"] >= 80
+    assert (touched >= 50, rubbed >= 33) == (True, True), (touched, rubbed)
+
+
+@pytest.mark.slow
+def test_two_thousand_random_captures():
+    ends, touched, rubbed = run_captures(range(SCENES))
+    assert ends["sound"] >= SCENES * 8 // 10
+    assert (touched >= SCENES // 2, rubbed >= SCENES // 3) == (True, True), (touched, rubbed)
 
 
 @pytest.mark.parametrize("path", sorted(FOUND.glob("*.toml")), ids=lambda path: path.stem)
