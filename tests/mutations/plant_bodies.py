@@ -15,8 +15,9 @@ from exunet.forces import from_outside, on_bodies, reel, reel_loops
 from exunet.system import bodies, carried, drum, ejection, exchange, from_scene
 from exunet.system.system import System
 from reference_impl import bodies as reference_bodies
-from reference_impl import fields, reels, start, state, tethers
+from reference_impl import fields, start, state, tethers
 from reference_impl.anchors import Levers
+from reference_impl.winding import Drive
 
 SNAP, ORBIT, FREE = "snap_off_centre", "librations", "free_bodies"
 
@@ -224,8 +225,12 @@ _of_text(
 
 @planted(8, "a drive with twice its damping", REFERENCE, "reel_force")
 def reference_drive(patch):
-    right = reels._wish
-    patch.setattr(reels, "_wish", lambda command, pull, damping: right(command, pull, 2.0 * damping))
+    right = Drive._wish
+
+    def wrong(drive, order, pull):
+        return right(dataclasses.replace(drive, damping=2.0 * drive.damping), order, pull)
+
+    patch.setattr(Drive, "_wish", wrong)
 
 
 @planted(8, "all ends of tethers on bodies numbered before all inner nodes", REFERENCE, "two_tethers")
