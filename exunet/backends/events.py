@@ -43,8 +43,8 @@ class Events:
         for term, switch in system.forces.switches:
             assert term.memory is not None
             self._switches.append((term.memory.name, switch))
-            if hasattr(switch, "instants"):
-                self._planners.append((term.memory.name, cast("Planner", switch)))
+            if isinstance(switch, Planner):
+                self._planners.append((term.memory.name, switch))
             sees = getattr(switch, "sees_inputs", False)
             self._sees[term.memory.name] = tuple(one.name for one in term.inputs) if sees else ()
             if term is system.forces.script:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, pairwise
 from typing import Any
 
 from exunet.base.errors import CaseError, Fault
@@ -50,6 +50,13 @@ def told_apart(names: Iterable[str]) -> Iterator[Fault]:
         before = known.setdefault(name.lower(), name)
         if before != name:
             yield Fault(name, f'differs from "{before}" by capital letters only: rename one')
+
+
+def increasing(key: str, times: Sequence[float | None]) -> Iterator[Fault]:
+    """A fault for each time [s] of a list that is not later than the one before it; None: not valid."""
+    for k, (before, time) in enumerate(pairwise(times), start=1):
+        if before is not None and time is not None and time <= before:
+            yield Fault(f"{key}[{k}]", f"must be greater than the time before it, {before:g} s, got {time:g}")
 
 
 def exactly_one(keys: Table) -> Iterator[Fault]:

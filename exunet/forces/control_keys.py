@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field, field_validator
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
+from exunet.base.faults import each, increasing
 from exunet.base.table import FromArray, NonNegative, Positive, Table, Vector
-from exunet.forces.requirements import RestOfCase
+from exunet.forces.requirements import RestOfCase, chosen_bullets
 
 KINDS = ("table", "point", "formation", "given")
 NEEDS: dict[str, tuple[str, ...]] = {
@@ -129,8 +128,8 @@ def cross_checks(keys: Control, rest: RestOfCase, *, scripted: bool) -> Iterator
     scripted : an entry of the script begins the control
     """
     yield from each(
-        _bullets_exist(keys, rest),
-        _each_once(keys),
+        _has_bullets(rest),
+        chosen_bullets(keys.bullets, rest),
         _of_kind(keys),
         _table(keys),
         _goal(keys),
@@ -146,21 +145,9 @@ def cross_checks(keys: Control, rest: RestOfCase, *, scripted: bool) -> Iterator
 # In these lists None stands for an item that is not valid.
 
 
-def _bullets_exist(keys: Control, rest: RestOfCase) -> Iterator[Fault]:
+def _has_bullets(rest: RestOfCase) -> Iterator[Fault]:
     if not rest.has_bullets:
         yield Fault("", "commands bullets, and the net has none: add [net.bullets] or remove this table")
-        return
-    number = rest.n_bullets
-    for k, bullet in enumerate(keys.bullets):
-        if bullet is not None and bullet >= number:
-            words = f"there is no bullet {bullet}: the {number} bullets are numbered from 0 to {number - 1}"
-            yield Fault(f"bullets[{k}]", words)
-
-
-def _each_once(keys: Control) -> Iterator[Fault]:
-    for k, bullet in enumerate(keys.bullets):
-        if bullet is not None and bullet in keys.bullets[:k]:
-            yield Fault(f"bullets[{k}]", f"bullet {bullet} is listed twice")
 
 
 def _of_kind(keys: Control) -> Iterator[Fault]:
@@ -176,9 +163,7 @@ def _of_kind(keys: Control) -> Iterator[Fault]:
 def _table(keys: Control) -> Iterator[Fault]:
     if keys.time is None or keys.force is None:
         return
-    for k, (before, time) in enumerate(pairwise(keys.time), start=1):
-        if before is not None and time is not None and time <= before:
-            yield Fault(f"time[{k}]", f"must be greater than the time before it, {before:g} s, got {time:g}")
+    yield from increasing("time", keys.time)
     if len(keys.force) != len(keys.time):
         words = f"needs forces for each of the {len(keys.time)} times, got {len(keys.force)}"
         yield Fault("force", words)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -56,6 +56,19 @@ class RestOfCase:
     def effect(self, name: str) -> Any:
         """The keys of another effect; None if it is off."""
         return getattr(self.scene.effects, name)
+
+
+def chosen_bullets(bullets: Sequence[int | None], rest: RestOfCase) -> Iterator[Fault]:
+    """Faults of a key `bullets`: numbers that the net has, each once; None: one that is not valid."""
+    number = rest.n_bullets
+    for k, bullet in enumerate(bullets):
+        if bullet is None:
+            continue
+        if number and bullet >= number:
+            words = f"there is no bullet {bullet}: the {number} bullets are numbered from 0 to {number - 1}"
+            yield Fault(f"bullets[{k}]", words)
+        if bullet in bullets[:k]:
+            yield Fault(f"bullets[{k}]", f"bullet {bullet} is listed twice")
 
 
 # What the module of an effect may declare as data, for reader and JSON schema.

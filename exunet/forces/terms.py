@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,6 +175,7 @@ class Switch(Protocol):
         """What the crossing of `items` does to the memory, and to the state; every : all memories now."""
 
 
+@runtime_checkable
 class Planner(Switch, Protocol):
     """A switch that plans instants as the run goes."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -12,12 +11,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from exunet.base.errors import Fault
-from exunet.base.faults import each
+from exunet.base.faults import each, increasing
 from exunet.base.table import FromArray, NonNegative, Table, Vector
 from exunet.forces.blocks import Blocks
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.loops import Index
-from exunet.forces.requirements import RestOfCase
+from exunet.forces.requirements import RestOfCase, chosen_bullets
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory
 
 Floats = NDArray[np.float64]
@@ -47,30 +46,9 @@ class Keys(Table):
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
     """Bullets that the net has, each once; times that increase; a force for each."""
-    yield from each(_bullets_exist(keys, rest), _each_once(keys), _increasing(keys), _one_force_a_time(keys))
-
-
-# In these lists None stands for an item that is not valid.
-
-
-def _bullets_exist(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    number = rest.n_bullets
-    for k, bullet in enumerate(keys.bullets):
-        if number and bullet is not None and bullet >= number:
-            reason = f"there is no bullet {bullet}: the {number} bullets are numbered from 0 to {number - 1}"
-            yield Fault(f"bullets[{k}]", reason)
-
-
-def _each_once(keys: Keys) -> Iterator[Fault]:
-    for k, bullet in enumerate(keys.bullets):
-        if bullet is not None and bullet in keys.bullets[:k]:
-            yield Fault(f"bullets[{k}]", f"bullet {bullet} is listed twice")
-
-
-def _increasing(keys: Keys) -> Iterator[Fault]:
-    for k, (before, time) in enumerate(pairwise(keys.time), start=1):
-        if before is not None and time is not None and time <= before:
-            yield Fault(f"time[{k}]", f"must be greater than the time before it, {before:g} s, got {time:g}")
+    yield from each(
+        chosen_bullets(keys.bullets, rest), increasing("time", keys.time), _one_force_a_time(keys)
+    )
 
 
 def _one_force_a_time(keys: Keys) -> Iterator[Fault]:
