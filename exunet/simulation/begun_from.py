@@ -47,7 +47,8 @@ def begun_from(named: str) -> Source:
             _refuse(f"{path}: there is no {RESULT_FILE}: let the run end, or exunet resume it")
         result = load_result(path)
         file = path / RESULT_FILE if path.is_dir() else path
-        content = file.read_bytes()
+        with file.open("rb") as content:  # which may be larger than memory
+            digest = hashlib.file_digest(content, "sha256").hexdigest()
         row = _row(result, parts[2], path)
         begun = _state(result, row, path)
     except InputError as error:
@@ -58,7 +59,7 @@ def begun_from(named: str) -> Source:
     story: dict[str, Any] = {
         "result": str(file),
         "time_s": time,
-        "sha256": hashlib.sha256(content).hexdigest(),
+        "sha256": digest,
     }
     return Source(begun, story | {"broken": list(begun.broken)})
 
