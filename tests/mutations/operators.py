@@ -7,13 +7,13 @@ What is changed: the arithmetic operators (+ - * / **, unary minus, augmented as
 statements are left out. Whether an operator is in the sample, and what replaces it, follow from the seed and
 the operator's own line alone, so edits elsewhere do not change the sample.
 
-How: `git archive` puts the commit into one scratch folder for each job, which stands first on PYTHONPATH (the
-copy is complete, so an editable install cannot fill gaps from the working tree). The quick tests run there
-once unchanged; tests that fail there are left out and named. Then each mutant meets the quick test files that
-concern its module (CONCERNED), and what survives those meets all quick tests, all with `-x`. A test that
-takes longer than the limit counts as one that fails: a mutant that never ends is noticed. XDG_CACHE_HOME is
-a folder of the job's own, filled from the user's cache, so the kernels of mutants stay out of that; they are
-removed after each.
+How: `git archive` puts the commit into one scratch folder for each job, which stands first on PYTHONPATH
+(the copy is complete, so an editable install cannot fill gaps from the working tree). The tests that
+`.ci/run` runs, quick ones and one slow one of a group, run there once unchanged; tests that fail there are
+left out and named. Then each mutant meets the test files that concern its module (CONCERNED), and what
+survives those meets all tests of CI, all with `-x`. A test that takes longer than the limit counts as one
+that fails: a mutant that never ends is noticed. XDG_CACHE_HOME is a folder of the job's own, filled from
+the user's cache, so the kernels of mutants stay out of that; they are removed after each.
 
 Every verdict is appended to `records.jsonl` in --out as it falls. A second call with the same --out goes on
 where the first ended; survivors are tried again if the commit has changed. The survivors of the last
@@ -45,38 +45,100 @@ from queue import Queue
 ROOT = Path(__file__).resolve().parents[2]
 
 PHYSICS = (
-    "forces/cable.py", "forces/cable_term.py", "forces/loops.py", "forces/jumps.py", "forces/terms.py",
-    "forces/surface.py", "forces/directions.py", "forces/atmosphere.py", "forces/lumped.py",
-    "forces/effects/*.py", "forces/estimate.py", "bodies/rigid.py",
-    "system/energy.py", "system/energy_scale.py", "system/stability.py",
-    "system/initial.py", "system/limits.py", "system/states.py", "system/system.py",
-    "backends/compiled/schemes.py", "backends/compiled/many_steps.py", "backends/compiled/work_space.py",
-    "backends/exudyn/step_choice.py", "simulation/guards.py", "simulation/monitor.py",
-    "simulation/envelope.py", "simulation/peaks.py", "simulation/refinement.py", "results/measures.py",
-    "net/weave.py", "net/square.py", "net/rectangular.py", "net/hexagonal.py", "net/radial.py",
+    "forces/**/*.py", "bodies/*.py", "system/*.py", "coupling/*.py", "net/*.py", "backends/compiled/*.py",
+    "backends/exudyn/step_choice.py", "simulation/control.py", "simulation/envelope.py",
+    "simulation/guards.py", "simulation/monitor.py", "simulation/peaks.py", "simulation/refinement.py",
+    "results/capture.py", "results/corner_units.py", "results/loads.py", "results/margins.py",
+    "results/measures.py", "results/momenta.py", "results/passages.py", "results/touching.py",
+    "results/verdict.py",
 )  # fmt: skip
 
-# Quick test files that concern the modules whose path begins so; the longest prefix counts. They run in the
-# order of the time that they take.
+# Test files that concern the modules whose path begins so; the longest prefix counts. They run in the order
+# of the time that they take.
 CONCERNED = {
     "forces/": "force_loops effects terms effects_estimates effects_together verify kernel stability guards",
     "forces/cable": "force_loops terms effects kernel stability planar guards peaks auto simulation verify",
     "forces/jumps": "jumps terms effects auto methods retry loop",
     "forces/loops": "force_loops terms kernel effects effects_together loop verify",
+    "forces/contact/": "contact/* touched_ports passages bounce verify_contact force_loops",
+    "forces/closing": "closing/* verify_closing script carried",
+    "forces/perimeter": "closing/* verify_closing script",
+    "forces/control": "control corner_units corner_faults",
+    "forces/thrusters": "corner_units control thrust",
+    "forces/barrels": "barrels ejection nominal_motion effects",
+    "forces/launch_laws": "barrels ejection effects",
+    "forces/held": "attachments bodies carried verify_bodies",
+    "forces/blocks": "attachments bodies verify_bodies",
+    "forces/on_bodies": "forces_on_bodies effects_on_bodies verify_bodies",
+    "forces/wrench": "forces_on_bodies from_outside ports",
+    "forces/from_outside": "from_outside ports simulation",
+    "forces/reel": "reels reel_instants reeled_ports tethers sleeping verify_bodies",
+    "forces/rotation_loops": "turning bodies attachments",
     "forces/effects/": "force_loops nominal_motion effects effects_estimates effects_together terms thrust",
+    "forces/effects/contact": "contact/* touched_ports bounce effects_estimates verify_contact",
     "forces/effects/thrust": "thrust terms simulation",
     "forces/estimate": "nominal_motion effects_estimates effects",
-    "bodies/": "turning bodies simulation restart envelope guards",
-    "system/energy": "guards bodies envelope effects effects_together planar metrics verify",
+    "bodies/": "turning bodies body_cases shapes simulation restart envelope guards verify_bodies",
+    "bodies/distance": "distance between surfaces contact/test_core_distance.py",
+    "bodies/surfaces": "surfaces distance shapes contact/test_core_distance.py",
+    "bodies/between": "between distance contact/test_core_distance.py",
+    "bodies/approach": "between distance body_cases",
+    "bodies/crossing": "between distance contact/test_touch.py preparation",
+    "bodies/overlap": "between distance contact/test_touch.py preparation",
+    "bodies/touched": "contact/* touched_ports",
+    "bodies/guide": "guides bodies attachments",
+    "bodies/constraint_loops": "turning attachments bodies couple_exudyn inputs_and_states",
+    "bodies/port": "ports reeled_ports touched_ports port_jumps coupling",
+    "bodies/wireframe": "wireframe figures_bodies",
+    "bodies/mass": "shapes bodies items",
+    "bodies/making": "shapes bodies",
+    "bodies/packed": "folding barrels preparation",
+    "coupling/": "coupling couple_runs coupled_cases coupled_snapshots macro_steps ports port_jumps",
+    "coupling/exudyn": "couple_exudyn couple_runs coupled_cases coupled_snapshots",
+    "coupling/native_items": "items",
+    "coupling/marked_ports": "couple_exudyn couple_runs",
+    "system/energy": "guards bodies envelope effects effects_together planar metrics verify books",
     "system/stability": "stability guards methods auto verify",
     "system/initial": "initial net planar verify",
     "system/limits": "guards guards_limits preparation",
-    "system/": "bodies simulation guards restart envelope planar terms",
+    "system/script": "script script_looks script_faults closing/* corner_units",
+    "system/quantities": "script script_looks closing/*",
+    "system/drum": "sleeping reels reel_instants tethers",
+    "system/carried": "carried sleeping reels",
+    "system/ejection": "ejection barrels bodies",
+    "system/begun": "begun",
+    "system/": "bodies simulation guards restart envelope planar terms books",
     "backends/compiled/": "schemes turning seen_steps jumps loop terms bodies simulation peaks retry auto",
+    "backends/compiled/many": "side_by_side ensemble spread seen_steps loop",
+    "backends/compiled/side_by_side": "side_by_side ensemble spread",
     "backends/exudyn/": "step_choice terms effects auto retry methods restart simulation",
     "simulation/": "guards peaks envelope retry effects_estimates simulation guards_limits loop",
-    "results/": "metrics guards planar plot bodies effects large_result",
-    "net/": "net initial planar verify",
+    "results/": "metrics guards planar plot bodies effects large_result summary",
+    "results/capture": "contact/* measures_setting",
+    "results/corner_units": "corner_units control",
+    "results/loads": "margins tethers body_cases attachments",
+    "results/margins": "margins tethers",
+    "results/momenta": "books body_cases body_rows summary",
+    "results/passages": "passages contact/*",
+    "results/touching": "contact/*",
+    "results/verdict": "contact/* script",
+    "net/": "net initial planar verify areas",
+    "net/accordion": "folding net",
+    "net/areas": "areas metrics",
+    "net/canister": "folding",
+    "net/closing": "closing/*",
+    "net/creases": "folding",
+    "net/cut": "cut net",
+    "net/drive": "reels tethers closing/*",
+    "net/explicit": "net preparation",
+    "net/folding": "folding",
+    "net/lattice": "cut net",
+    "net/meeting": "closing/* tethers",
+    "net/outline": "cut net",
+    "net/reel": "reels",
+    "net/star": "folding",
+    "net/string_folds": "folding",
+    "net/tether": "tethers reels",
 }
 
 REPLACED = {
@@ -89,7 +151,7 @@ SYMBOL = {
     ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
 }  # fmt: skip
 TEST_LIMIT = 120.0  # [s] of one test; the longest takes 20 s on two idle cores
-WHOLE_LIMIT = 3600.0  # [s] of all quick tests
+WHOLE_LIMIT = 3600.0  # [s] of all tests of CI
 
 
 @dataclass(frozen=True)
@@ -204,10 +266,14 @@ def concerned(tree: Path, module: str) -> list[str]:
     """The test files that concern a module."""
     path = module.removeprefix("exunet/")
     prefix = max((p for p in CONCERNED if path.startswith(p)), key=len)
-    files = [f"tests/test_{name}.py" for name in CONCERNED[prefix].split()]
-    if missing := [file for file in files if not (tree / file).is_file()]:
-        print(f"CONCERNED names files that are not there: {missing}")
-    return [file for file in files if file not in missing]
+    files: list[str] = []
+    for name in CONCERNED[prefix].split():
+        pattern = f"tests/{name.replace('*', 'test_*.py')}" if "/" in name else f"tests/test_{name}.py"
+        found = [file.relative_to(tree).as_posix() for file in tree.glob(pattern)]
+        if not found:
+            sys.exit(f"CONCERNED[{prefix!r}] names {name}, and there is no such test file")
+        files += found
+    return files
 
 
 class Scratch:
@@ -225,12 +291,13 @@ class Scratch:
             self.cache.mkdir(exist_ok=True)
 
     def pytest(self, arguments: list[str]) -> tuple[int | None, str]:
-        """Exit code (None: longer than the limit) and output of the quick tests with these arguments."""
+        """Exit code (None: longer than the limit) and output of the tests of CI with these arguments."""
         environment = dict(os.environ, XDG_CACHE_HOME=str(self.cache), PYTHONPATH=str(self.tree),
                            PYTHONDONTWRITEBYTECODE="1")  # fmt: skip
         command = [
-            sys.executable, "-m", "pytest", "-q", "-n", "0", "-rfE", "--tb=line", "-p", "no:cacheprovider",
-            "-o", f"faulthandler_timeout={TEST_LIMIT}", "-o", "faulthandler_exit_on_timeout=true",
+            sys.executable, "-m", "pytest", "-q", "-n", "0", "-m", "not slow or ci", "-rfE", "--tb=line",
+            "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={TEST_LIMIT}",
+            "-o", "faulthandler_exit_on_timeout=true",
         ]  # fmt: skip
         process = subprocess.Popen(
             [*command, *arguments], cwd=self.tree, env=environment, stdout=subprocess.PIPE,
@@ -290,7 +357,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--commit", default="HEAD", help="what to put into the scratch folders")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "mutations")
-    parser.add_argument("--concerned-only", action="store_true", help="not all quick tests for survivors")
+    parser.add_argument("--concerned-only", action="store_true", help="not all tests of CI for survivors")
     parser.add_argument("--list", action="store_true", help="only show the sample")
     chosen = parser.parse_args()
     sample, total = drawn(ROOT, chosen.sample, chosen.seed, chosen.only)

@@ -2,7 +2,9 @@
 
 from importlib import import_module
 from itertools import chain
+from pathlib import Path
 
+import operators
 import plant_control  # noqa: F401 - enters its errors
 import plant_script  # noqa: F401 - enters its errors
 import pytest
@@ -75,6 +77,17 @@ def test_every_error_finds_what_it_changes():
             import_module(error.case.split(":")[0])
         with pytest.MonkeyPatch.context() as patch:
             error.plant(patch)
+
+
+def test_every_module_of_the_physics_has_tests_that_concern_it():
+    root = Path(__file__).resolve().parents[2]
+    modules = {
+        path.relative_to(root).as_posix()
+        for pattern in operators.PHYSICS
+        for path in (root / "exunet").glob(pattern)
+    }
+    assert len(modules) > 150  # 168 at 2026-11-23
+    assert all(operators.concerned(root, module) for module in modules)
 
 
 @pytest.mark.slow
