@@ -23,5 +23,5 @@ def seen_of(
     bounds = (0, len(ends)) if bounds is None else bounds
     peaks = np.array([(0.0, np.inf, np.inf, look_above)], dtype=PEAKS)
     largest = np.array([(0.0, 0.0, -1)] * (len(bounds) - 1), dtype=LARGEST)
-    each = np.zeros(len(ends))
-    return Seen(peaks, largest, np.array(bounds), half, ends, length, stiffness, twice_time, twice_time, each)
+    numbers = length, stiffness, twice_time, twice_time, *np.zeros((2, len(ends)))
+    return Seen(peaks, largest, np.array(bounds), half, ends, *numbers)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from exunet.forces import cable, loops
 from exunet.forces.cable import Law
@@ -19,6 +20,7 @@ RANDOM = np.random.default_rng(20261121)
 ENDS = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3]])
 NATURAL = np.array([0.8, 0.9, 1.1, 1.3, 1.0, 1.2])
 LAW = Law(NATURAL, np.array([3.0, 5.0, 7.0, 2.0, 4.0, 6.0]), np.array([0.1, 0.3, 0.2, 0.4, 0.25, 0.15]))
+State = tuple[np.ndarray, np.ndarray]
 NET: Any = SimpleNamespace(element_nodes=ENDS)  # as much of a net as the laws ask for
 FIRST, SECOND = 3 * ENDS.T
 LOOP = loops.Elements(FIRST, SECOND, NATURAL**2, LAW.stiffness / (2.0 * NATURAL**3))
@@ -72,9 +74,9 @@ def test_viscous_work_is_that_of_the_law_and_the_integral_of_its_power() -> None
     lasting = 0
     for (x, v), (_, w) in zip(random_states(40), random_states(40), strict=True):
         h = float(RANDOM.uniform(0.05, 0.5))
-        states = [(x + s * h * v, v + s * w) for s in (0.0, 0.5, 1.0)]
+        states = step_of(h, (x, v), (x + h * (v + 0.5 * w), v + w))
         flat = [(place.ravel(), speed.ravel()) for place, speed in states]
-        found = loops.viscous_work(h, *flat, VISCOUS)
+        found = loops.viscous_work(h, flat[0], flat[2], VISCOUS)
         total = 0.0
         for e in range(len(ENDS)):
             stress, elastic, rate = [], [], []
@@ -95,21 +97,62 @@ def test_viscous_work_is_that_of_the_law_and_the_integral_of_its_power() -> None
     assert 20 < lasting < 200
 
 
+def step_of(h: float, begin: State, end: State) -> tuple[State, State, State]:
+    """The states of a step, that in the middle of the cubic with the values and slopes of both ends."""
+    (x, v), (y, w) = begin, end
+    cubic = CubicHermiteSpline([0.0, h], [x, y], [v, w])
+    return begin, (cubic(0.5 * h), cubic(0.5 * h, 1)), end
+
+
 def test_an_element_at_its_length_has_no_stress_yet() -> None:
     """S11 = 0 where E11 = 0, however fast it lengthens: at the start, the middle or the end of a step."""
-    speed = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    h = 0.25  # exact in binary numbers, as are the lengths
     for at in range(3):
-        lengths = [1.25, 1.25, 1.25]
+        lengths, speeds = [1.25, 1.25, 1.25], [1.0, 1.0, 1.0]
         lengths[at] = 1.0
-        states = [(np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), speed) for length in lengths]
-        flat = [(place.ravel(), rate.ravel()) for place, rate in states]
+        if at == 1:  # (1.25 + 1.25) / 2 + h / 8 (v0 - v1) = 1, speed there -(v0 + v1) / 4
+            speeds = [-6.0, 1.0, 2.0]
+        states = [
+            (np.array([0.0, 0.0, 0.0, length, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, speed, 0.0, 0.0]))
+            for length, speed in zip(lengths, speeds, strict=True)
+        ]
+        middle = step_of(h, states[0], states[2])[1]
+        of_middle = middle[0][3], middle[1][3]
+        assert at != 1 or of_middle[0] == 1.0
+        lengths[1], speeds[1] = of_middle
         ends = np.array([0]), np.array([3])
         element = loops.ViscousElements(*ends, np.ones(1), np.full(1, 3.0), np.ones(1))
-        # Stress per stiffness (1.25^2 - 1) / 2 + 0.5 * 1.25, its rate of strain 1.25; zero at the length.
-        power = [0.0 if length == 1.0 else (0.28125 + 0.625) * 1.25 for length in lengths]
-        stored = 0.5 * (0.28125**2 * (lengths[2] > 1.0) - 0.28125**2 * (lengths[0] > 1.0))
-        work = 6.0 * (0.3 / 6.0 * (power[0] + 4.0 * power[1] + power[2]) - stored)
-        assert loops.viscous_work(0.3, *flat, element) == pytest.approx(work, rel=1e-13)
+        # Stress per stiffness E + 0.5 dE/dt, E = (L^2 - 1) / 2, dE/dt = L dL/dt; zero at the length.
+        strain = [0.5 * (length**2 - 1.0) for length in lengths]
+        rate = [length * speed for length, speed in zip(lengths, speeds, strict=True)]
+        stress = [max(e + 0.5 * r, 0.0) if e > 0.0 else 0.0 for e, r in zip(strain, rate, strict=True)]
+        power = [s * r for s, r in zip(stress, rate, strict=True)]
+        stored = 0.5 * (max(strain[2], 0.0) ** 2 - max(strain[0], 0.0) ** 2)
+        work = 6.0 * (h / 6.0 * (power[0] + 4.0 * power[1] + power[2]) - stored)
+        assert loops.viscous_work(h, states[0], states[2], element) == pytest.approx(work, rel=1e-12)
+
+
+def test_slack_at_both_ends_may_be_taut_between_them() -> None:
+    """What is passed over is slack in the middle too: random steps, long and short, against all looked at."""
+    random, taut = np.random.default_rng(5), 0
+    element = loops.ViscousElements(np.array([0]), np.array([3]), np.ones(1), np.full(1, 3.0), np.ones(1))
+    for _ in range(2000):
+        h = 10.0 ** random.uniform(-4.0, 0.0)
+        begin, end = (
+            (
+                np.append(np.zeros(3), (1.0 - 10.0 ** random.uniform(-7.0, -0.7)) * np.eye(3)[0]),
+                random.normal(size=6),
+            )
+            for _ in range(2)
+        )
+        (x, v) = step_of(h, begin, end)[1]
+        d, w = x[3:] - x[:3], v[3:] - v[:3]
+        strain, rate = 0.5 * (d @ d - 1.0), d @ w
+        stress = max(strain + 0.5 * rate, 0.0) if strain > 0.0 else 0.0
+        taut += strain > 0.0
+        work = 6.0 * h / 6.0 * 4.0 * stress * rate
+        assert loops.viscous_work(h, begin, end, element) == pytest.approx(work, rel=1e-9, abs=1e-12)
+    assert 300 < taut < 1700
 
 
 def test_tangents_are_the_derivatives_of_the_loops() -> None:

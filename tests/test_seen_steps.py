@@ -64,7 +64,7 @@ def test_the_kinetic_energy_is_summed_over_all_coordinates(n_v: int) -> None:
 def test_the_largest_tension_is_that_of_the_law(viscous: bool) -> None:
     law = Law(LENGTH, STIFFNESS, 0.5 * TWICE_TAU if viscous else None)
     seen = seen_so_far(twice=TWICE_TAU if viscous else None)
-    largest = 0.0
+    largest, every = 0.0, []
     for time, (x, v) in enumerate(states(8)):
         many_steps.see_tensions(float(time), x.ravel(), v.ravel(), seen)
         tension = cable.element_tension(NET, law, x, v)
@@ -73,6 +73,8 @@ def test_the_largest_tension_is_that_of_the_law(viscous: bool) -> None:
         told = seen.largest[0]
         assert told["tension"] == pytest.approx(largest, rel=1e-13)
         assert (told["time"], told["element"]) == (when, where)
+        every.append(np.maximum(tension, 0.0))
+        assert seen.of_elements == pytest.approx(np.max(every, axis=0), rel=1e-13)
     assert largest > 0.0
     assert (seen.peaks["look_above"][0] == 0.0) == viscous
 
@@ -126,6 +128,7 @@ def dissipating(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many_steps, "borrowed", lambda value: value, raising=False)
     for module in (many_steps, work):
         monkeypatch.setattr(module, "power", power, raising=False)
+    monkeypatch.setattr(work, "has_power", lambda rows: True, raising=False)
     monkeypatch.setattr(work, "extra_work", lambda h, *state: 0.5 * h, raising=False)
     for module in (schemes, many_steps, work):
         for name in ("BODIES", "FIRST_ORDER"):

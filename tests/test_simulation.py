@@ -203,6 +203,17 @@ def test_forces_on_several_points_add_up_and_are_each_replaced(form: str) -> Non
     assert change == pytest.approx([0.2, 0.0, 0.04], abs=1e-12)
 
 
+def test_the_work_of_a_force_is_booked_in_each_state_of_a_long_call() -> None:
+    """The compiled loop hands over many states of one call, and the guards look at some of them."""
+    sim = Simulation(CASES / "bodies" / "ejection.toml", ["engine.loop=compiled", "solver.retry=0"])
+    before, place = sim.energy, sim.state.position[5].copy()
+    sim.set_force(5, [0.0, 0.0, 20.0])
+    sim.advance(0.054)
+    work = 20.0 * (sim.state.position[5] - place)[2]
+    assert work > 0.4 * before.total
+    assert sim.energy.total == pytest.approx(before.total, abs=1e-6)  # 4e-8 in the engine
+
+
 @form_of_net
 def test_a_force_on_a_node_that_is_held_does_nothing(form: str) -> None:
     case = CASES / "verification" / "pendulum.toml"

@@ -90,8 +90,8 @@ def _called(function: Callable[..., Any], *arguments: Any) -> Any:
     return function(*arguments)
 
 
-def _work(f: Any, h: Any, x0: Any, v0: Any, x: Any, v: Any, x1: Any, v1: Any, data: Any) -> Any:
-    return f(h, (x0, v0), (x, v), (x1, v1), data)
+def _work(f: Any, h: Any, x0: Any, v0: Any, x1: Any, v1: Any, data: Any) -> Any:
+    return f(h, (x0, v0), (x1, v1), data)
 
 
 _INTERPRETED = {

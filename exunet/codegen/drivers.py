@@ -130,17 +130,16 @@ def powers(times: Any, positions: Any, velocities: Any, data: Any, scratch: Any,
         out[row] = power(times[row], x[row], v[row], own, forces)
 
 
-def works(steps: Any, begin: Any, middle: Any, end: Any, data: Any, out: Any) -> None:
+def works(steps: Any, begin: Any, end: Any, data: Any, out: Any) -> None:
     """Work taken out in steps (k,) [s], of the forces that tell it, into out (k,).
 
-    begin, middle, end : states there, each a pair of x (k, n_x) and v (k, n_v)
+    begin, end : states there, each a pair of x (k, n_x) and v (k, n_v)
     """
     own = borrowed(data)
     x0, v0 = borrowed(begin)
-    x, v = borrowed(middle)
     x1, v1 = borrowed(end)
     for row in range(out.size):
-        out[row] = extra_work(steps[row], (x0[row], v0[row]), (x[row], v[row]), (x1[row], v1[row]), own)
+        out[row] = extra_work(steps[row], (x0[row], v0[row]), (x1[row], v1[row]), own)
 
 
 HELPERS = (quaternion, take_bodies, take_state)

@@ -20,7 +20,7 @@ _ENTRIES = {
     "add": ("t, x, v, data, force", "t, x, v, {data}, force"),
     "potential": ("x, data", "x, {data}"),
     "power": ("t, x, v, data", "t, x, v, {data}"),
-    "work": ("h, x0, v0, x, v, x1, v1, data", "h, (x0, v0), (x, v), (x1, v1), {data}"),
+    "work": ("h, x0, v0, x1, v1, data", "h, (x0, v0), (x1, v1), {data}"),
     "remember": ("t, x, v, data", "t, x, v, {data}"),
 }
 FUNCTIONS = tuple(_ENTRIES)

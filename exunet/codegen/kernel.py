@@ -122,11 +122,11 @@ class Kernel:
     ) -> Floats:
         """Energy [J] taken out in steps (k,) [s], of the terms that tell it (`KernelCall.work`) -> (k,).
 
-        states : x (k, n_x) and v (k, n_v) at the start, the middle and the end of the steps
+        states : x (k, n_x) and v (k, n_v) at the start and the end of the steps
         """
         taken = np.empty(len(step))
-        begin, middle, end = (tuple(np.array(part, dtype=float) for part in pair) for pair in states)
-        self.module.works(np.array(step, dtype=float), begin, middle, end, self.table(memory).rows, taken)
+        begin, end = (tuple(np.array(part, dtype=float) for part in pair) for pair in states)
+        self.module.works(np.array(step, dtype=float), begin, end, self.table(memory).rows, taken)
         return taken
 
     def rates(

@@ -102,7 +102,7 @@ _ARGUMENTS = {
     "told": (_TIME, _STATE, _STATE, _DATA, _STATE),
     "potential": (_STATE, _DATA),
     "power": (_TIME, _STATE, _STATE, _DATA),
-    "work": (_TIME, *6 * (_STATE,), _DATA),
+    "work": (_TIME, *4 * (_STATE,), _DATA),
     "remember": (_TIME, _STATE, _STATE, _DATA),
 }
 _RETURNS = ("told", "potential", "power", "work")  # a number; the others nothing
@@ -184,11 +184,9 @@ def call_power(typingctx: Any, f: Any, t: Any, x: Any, v: Any, data: Any) -> Any
 
 
 @intrinsic
-def call_work(
-    typingctx: Any, f: Any, h: Any, x0: Any, v0: Any, x: Any, v: Any, x1: Any, v1: Any, data: Any
-) -> Any:
+def call_work(typingctx: Any, f: Any, h: Any, x0: Any, v0: Any, x1: Any, v1: Any, data: Any) -> Any:
     """`KernelCall.work`, its states one by one."""
-    return _work((f, h, x0, v0, x, v, x1, v1, data))
+    return _work((f, h, x0, v0, x1, v1, data))
 
 
 @intrinsic

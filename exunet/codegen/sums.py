@@ -70,15 +70,22 @@ def power(t: float, x: Any, v: Any, rows: Any, scratch: Any) -> Any:
     return total
 
 
-def extra_work(h: float, begin: Any, middle: Any, end: Any, rows: Any) -> Any:
-    """Work [J] taken out in a step of length h [s], of the forces that tell it, from the states in it."""
+def has_power(rows: Any) -> bool:
+    """True if `power` is not zero always."""
+    found = False
+    for k in range(len(rows)):
+        row = rows[k]
+        found = found or row["power"] != 0 or row["works"] != 0
+    return found
+
+
+def extra_work(h: float, begin: Any, end: Any, rows: Any) -> Any:
+    """Work [J] taken out in a step of length h [s], of forces that tell it, from the states at its ends."""
     total = zero_of(begin[0])
     for k in range(len(rows)):
         row = rows[k]
         if row["work"] != 0:
-            total += call_work(
-                row["work"], h, begin[0], begin[1], middle[0], middle[1], end[0], end[1], row["data"]
-            )
+            total += call_work(row["work"], h, begin[0], begin[1], end[0], end[1], row["data"])
     return total
 
 
@@ -90,4 +97,4 @@ def remember(t: float, x: Any, v: Any, rows: Any) -> None:
             call_remember(row["remember"], t, x, v, row["data"])
 
 
-SUMS = (add_forces, potential, power, extra_work, remember)
+SUMS = (add_forces, potential, power, has_power, extra_work, remember)

@@ -108,7 +108,7 @@ class CableTerm:
                 loops.add_viscous_tension,
                 data,
                 work=loops.viscous_work,
-                helpers=(loops.excess, loops.parting),
+                helpers=(loops.excess, loops.parting, loops.halfway),
                 jumps=True,
                 elastic=True,
             ),

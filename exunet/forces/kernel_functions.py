@@ -20,7 +20,7 @@ ARGUMENTS = {
     "place": ("t", "x", "v", "data"),
     "potential": ("x", "data"),
     "power": ("t", "x", "v", "data"),
-    "work": ("h", "begin", "middle", "end", "data"),
+    "work": ("h", "begin", "end", "data"),
     "remember": ("t", "x", "v", "data"),
 }
 MODULES = ("math", "np")

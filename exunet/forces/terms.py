@@ -55,8 +55,8 @@ class KernelCall:
     The energy that it stores or takes out comes from these; none means a force that does no work:
     potential : function potential(x, data) -> [J]
     power     : function power(t, x, v, data) -> [W] taken out
-    work      : function work(h, begin, middle, end, data) -> [J] taken out in a step of length h, from
-                the states (x, v) at its start, middle and end
+    work      : function work(h, begin, end, data) -> [J] taken out in a step of length h, from the states
+                (x, v) at its start and end
     works     : the power taken out is -force . v
     """
 

@@ -53,7 +53,7 @@ def work_taken(system: System, time: Floats, x: Floats, v: Floats, memory: Memor
     middle = power_taken(forces, time[:-1] + 0.5 * step, place, speed, memory)
     work = step / 6.0 * (ends[:-1] + ends[1:] + 4.0 * middle)
     if forces.cable.viscous:
-        states = (x[:-1], v[:-1]), (place, speed), (x[1:], v[1:])
+        states = (x[:-1], v[:-1]), (x[1:], v[1:])
         work += cable_kernel(forces.cable).work(step, states, memory)
     return work
 

@@ -65,7 +65,7 @@ def touched(
     """(12,) what `touch` finds; zeros where nothing is touched."""
     c = contact_of(surface(SHAPES[name]), STIFFNESS, damping)
     a, b, v, w = (tuple(map(float, part)) for part in (a, b, v, w))
-    m = find_spans(c, THICK, a, b)
+    m, _ = find_spans(c, THICK, a, b)
     found = m > 0 and touch(c, THICK, v, w, m, c.sums)
     return c.sums.copy() if found else np.zeros(12)
 
@@ -145,14 +145,18 @@ def test_spans_are_where_the_distance_is_less(name: str) -> None:
     """By 2001 points of each thread; half of the threads are anywhere, also through the core."""
     random = np.random.default_rng(2)
     s = np.linspace(0.0, 1.0, 2001)
-    near, parts = 0, 0
+    near, parts, cleared = 0, 0, 0
     passing = [random.uniform(-1.0, 1.0, (2, 3)) for _ in range(15)]
     for a, b in [*threads(name, 2, 15), *passing]:
         c = contact_of(surface(SHAPES[name]))
         own = depths_of(name, a + s[:, None] * (b - a))[1]
         for n, solid in enumerate(SHAPES[name]):
             lay(c, n, a, b)
-            low, high = span(c, n, rounding_of(solid, EDGE) + THICK)
+            reach = rounding_of(solid, EDGE) + THICK
+            low, high, clear = span(c, n, reach)
+            distance = from_core(solid, EDGE, in_solid(solid, a + s[:, None] * (b - a)))[0] - reach
+            assert 0.0 <= clear <= max(distance.min(), 0.0)
+            cleared += clear > 0.0
             is_near = own[:, n] > 0.0
             near += bool(is_near.any())
             parts += bool(is_near.any() and not is_near.all())
@@ -160,6 +164,7 @@ def test_spans_are_where_the_distance_is_less(name: str) -> None:
             assert np.all(is_near | (s <= low + 1e-12) | (s >= high - 1e-12))
     assert near > 10
     assert parts > 5
+    assert cleared > 5
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -181,7 +181,6 @@ class CompiledLoop(CompiledIntegration):
         self._looks = _looks(self._events.watch, system, self._table)
         self._hold()
         self._moving = self._layout.unpack(self._motion.x, self._motion.v)  # views
-        self._pushed = False
         self._looks_to_come: list[int] = []  # after how many steps, the next one last; none: as many as fit
         self._ports = _steady_ports(system, state)
         self._asleep = 0.0  # elastic energy [J] of the elements that the kernel leaves out
@@ -208,7 +207,7 @@ class CompiledLoop(CompiledIntegration):
 
     def push(self, force: Floats) -> None:
         self._motion.push[: force.size] = force.ravel()
-        self._pushed = bool(self._motion.push.any())
+        self._motion.pushed[0] = float(self._motion.push.any())
         self._module.begin(self.time, self._verlet, self._motion)
 
     def tell(self, inputs: Arrays) -> None:
@@ -243,18 +242,14 @@ class CompiledLoop(CompiledIntegration):
         peaks = self._peaks
         peaks["elastic"][0], peaks["kinetic"][0] = 0.0, np.inf
         self._seen.of_elements[:] = 0.0
+        self._seen.above[:] = 0.0
         if self._events.is_due(self.time):
             self._look_for_events()
         with postponed() as check_interrupt:
             while self.time < until and not self.stopped:
-                before = self._motion.c.copy() if self._pushed else None
                 stop = self._events.next_instant(self.time, until)
                 advance = self._advance_chosen if self._chosen else self._advance_equal
                 advance(stop, check_interrupt)
-                if before is not None:  # the work of constant forces is exact
-                    moved = self._motion.push[: len(before)] @ (self._motion.c - before)
-                    self._motion.taken[0] -= moved
-                    self._kept.taken[self._row - 1] = self._motion.taken[0]
                 self._look_for_events()
         largest = float(peaks["elastic"][0]) + self._asleep
         kinetic, of_elements = float(peaks["kinetic"][0]), self._seen.of_elements
@@ -323,7 +318,7 @@ class CompiledLoop(CompiledIntegration):
             self.hand_over()
         m = self._motion
         held = (m.taken, m.work[_A1], self._clock, self._seen.peaks, self._seen.largest)
-        arrays = (*held, self._seen.of_elements, *self._table.kept.values())
+        arrays = (*held, self._seen.of_elements, self._seen.above, *self._table.kept.values())
         return _Before(self._now(), self._row, tuple((array, array.copy()) for array in arrays))
 
     def _now(self) -> Seen:
@@ -447,6 +442,7 @@ class CompiledLoop(CompiledIntegration):
         self._hold()
         self._count_asleep(memory)
         cable, seen = self._system.forces.cable, self._seen
+        seen.above[:] = 0.0
         carrying = cable.carrying(memory)
         if carrying is not None:
             seen.stiffness[:] = cable.law.stiffness * carrying
@@ -508,7 +504,7 @@ class CompiledLoop(CompiledIntegration):
         m = self._motion
         for held, name in ((m.x, "x"), (m.v, "v"), (m.push, "push"), (m.taken, "taken")):
             held[:] = arrays[name]
-        self._pushed = bool(m.push.any())
+        m.pushed[0] = float(m.push.any())
         for group, record in (
             ("clock", self._clock),
             ("seen", self._seen.peaks),

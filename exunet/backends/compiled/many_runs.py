@@ -27,9 +27,9 @@ def see(t: float, elastic: Any, x: Any, v: Any, seen: Any) -> None:
         for run in range(seen.peaks.size):
             if seen.elastic[0, run] > seen.look_above[0, run]:
                 peaks = seen.peaks[run : run + 1]
-                _, _, bounds, half, ends, length, stiffness, twice_time, jumps, each = seen.elements
-                largest = seen.largest[run]
-                of_run = Seen(peaks, largest, bounds, half, ends, length, stiffness, twice_time, jumps, each)
+                _, _, bounds, half, ends, length, stiffness, twice, jumps, each, above = seen.elements
+                so_far = seen.largest[run], bounds, half, ends, length, stiffness, twice, jumps, each
+                of_run = Seen(peaks, *so_far, above[run])
                 see_tensions(t, seen.x[:, run], seen.v[:, run], of_run)
                 seen.look_above[0, run] = peaks[0]["look_above"]
 
@@ -66,6 +66,7 @@ def in_lanes(run: Any) -> Any:
         m.inverse,
         m.inertia,
         m.push,
+        m.pushed,
         m.data,
         m.takes,
         lanes_of(m.work),

@@ -24,7 +24,7 @@ from exunet.backends.compiled.schemes import (
     unit_attitudes,
     verlet_step,
 )
-from exunet.backends.compiled.work import work_of_step
+from exunet.backends.compiled.work import book_push, work_of_step
 from exunet.backends.compiled.work_space import EqualSteps
 from exunet.codegen.force_table import Takes
 
@@ -105,11 +105,14 @@ def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
                 square += d * d
             length = seen.length[e]
             excess = square - length * length
-            if excess > 0.0:
+            if excess > seen.above[e]:
                 along = 0.0
-                for c in range(3):
-                    along += (x[j + c] - x[i + c]) * (v[j + c] - v[i + c])
-                viscous = viscous or seen.twice_time[e] > 0.0
+                if seen.twice_time[e] > 0.0:
+                    viscous = True
+                    for c in range(3):
+                        along += (x[j + c] - x[i + c]) * (v[j + c] - v[i + c])
+                else:
+                    seen.above[e] = excess
                 pull = (excess + seen.twice_time[e] * along) * math.sqrt(square) / (2.0 * length**3)
                 tension = seen.stiffness[e] * pull
                 if tension > seen.of_elements[e]:
@@ -235,6 +238,7 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
     s = stages_of(m.work)
     h = (until - start) / number
     watts = 0.0
+    pushed = m.pushed[0] > 0.0
     simpson = m.takes == Takes.INTEGRATED or (m.takes == Takes.TOLD and not verlet)
     if simpson:
         watts = power(start + first * h, m.x, m.v, m.data, s.scratch)
@@ -248,6 +252,8 @@ def equal_steps(verlet: bool, steps: Any, row: int, every: int, run: Any) -> int
             held, _ = accelerate(end, s.x1, s.v1, m, s.a1)
         if simpson:
             watts = work_of_step(t, h, watts, s.a1, m)
+        if pushed:
+            book_push(m)
         accept(m)
         remember(end, m.x, m.v, m.data)
         see(end, held, m.x, m.v, seen)
@@ -276,6 +282,7 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
     now = clock[0]
     s = stages_of(m.work)
     least = control.least
+    pushed = m.pushed[0] > 0.0
     watts = 0.0
     if m.takes != Takes.NOTHING:
         watts = power(now["time"], m.x, m.v, m.data, s.scratch)
@@ -318,6 +325,8 @@ def chosen_steps(control: Any, until: float, limit: int, row: int, every: int, r
         now["tiny"] = now["tiny"] + 1.0 if h <= 4.0 * least and not across else 0.0
         if m.takes != Takes.NOTHING:
             watts = work_of_step(now["time"], h, watts, s.a7, m)
+        if pushed:
+            book_push(m)
         accept(m)
         remember(until if h == rest else now["time"] + h, m.x, m.v, m.data)
         see(now["time"] + h, held, m.x, m.v, seen)
@@ -408,6 +417,7 @@ STEPS = (
     schemes.dormand_prince_step,
     work.middle_of_first_order,
     work.work_of_step,
+    work.book_push,
     accept,
     see_tensions,
     see,

@@ -146,6 +146,7 @@ def _motion_of(system: System, states: Sequence[State], kernel: Kernel, *, in_pl
         inverse=system.layout.inverse_mass(system, states[0].memory),
         inertia=np.zeros((0, 3)),
         push=np.zeros(n),
+        pushed=np.zeros(1),
         data=kernel.table().rows,
         takes=int(kernel.takes),
         work=work,
@@ -158,6 +159,7 @@ def _motion_of(system: System, states: Sequence[State], kernel: Kernel, *, in_pl
 def _seen_nothing(system: System, motion: Motion) -> SeenOfRuns:
     """Tensions are looked at from the first step on."""
     elements = seen_nothing(system)
+    elements = elements._replace(above=np.zeros((WIDTH, len(elements.above))))
     peaks = np.repeat(elements.peaks, WIDTH)
     peaks["look_above"] = 0.0
     level, energy = _aligned(1, WIDTH), _aligned(1, WIDTH)

@@ -12,29 +12,40 @@ from exunet.backends.compiled.schemes import first_order_rates, stages_of, turn
 if TYPE_CHECKING:  # the generated module holds these beside the functions below
     FIRST_ORDER = True
 
-    from exunet.codegen.sums import extra_work, power
+    from exunet.codegen.sums import extra_work, has_power, power
 
 
 def work_of_step(t: float, h: float, power_at_start: float, a: Any, m: Any) -> float:
     """Add to m.taken what the step to x1, v1 took out, by Simpson's rule; returns the power at its end [W].
 
     The state in the middle is that of the cubic Hermite polynomial through both ends; a: what `accelerate`
-    found at the end.
+    found at the end. Forces that tell their work have it from both ends.
     """
     s = stages_of(m.work)
     x = m.c
     v = m.v
     n = v.size
-    for c in range(x.size):
-        s.middle_x[c] = 0.5 * (x[c] + s.x1[c]) + 0.125 * h * (v[c] - s.v1[c])
-        s.middle_v[c] = 1.5 * (s.x1[c] - x[c]) / h - 0.25 * (v[c] + s.v1[c])
-    if FIRST_ORDER:
-        middle_of_first_order(h, a, m)
-    middle = power(t + 0.5 * h, s.middle_x, s.middle_v[:n], m.data, s.scratch)
-    end = power(t + h, s.x1, s.v1[:n], m.data, s.scratch)
-    m.taken[0] += h / 6.0 * (power_at_start + 4.0 * middle + end)
-    m.taken[0] += extra_work(h, (x, v), (s.middle_x, s.middle_v), (s.x1, s.v1), m.data)
-    return end
+    watts = power_at_start
+    if has_power(m.data):
+        for c in range(x.size):
+            s.middle_x[c] = 0.5 * (x[c] + s.x1[c]) + 0.125 * h * (v[c] - s.v1[c])
+            s.middle_v[c] = 1.5 * (s.x1[c] - x[c]) / h - 0.25 * (v[c] + s.v1[c])
+        if FIRST_ORDER:
+            middle_of_first_order(h, a, m)
+        middle = power(t + 0.5 * h, s.middle_x, s.middle_v[:n], m.data, s.scratch)
+        watts = power(t + h, s.x1, s.v1[:n], m.data, s.scratch)
+        m.taken[0] += h / 6.0 * (power_at_start + 4.0 * middle + watts)
+    m.taken[0] += extra_work(h, (x, v), (s.x1, s.v1), m.data)
+    return watts
+
+
+def book_push(m: Any) -> None:
+    """Add to m.taken the work of the forces from outside, constant in the step to x1, which is exact."""
+    x1 = stages_of(m.work).x1
+    given = 0.0
+    for c in range(m.c.size):
+        given += m.push[c] * (x1[c] - m.c[c])
+    m.taken[0] -= given
 
 
 def middle_of_first_order(h: float, a: Any, m: Any) -> None:

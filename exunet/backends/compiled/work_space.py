@@ -54,6 +54,7 @@ class Motion(NamedTuple):
     inverse : (n_force,) 1 / mass or inertia; zero for what is held still, 1 for first-order states
     inertia : (n_bodies, 3) principal moments [kg m2]
     push    : (n_force,) forces [N], and torques in body axes [N m], from outside
+    pushed  : (1,) 1.0 where one of these forces is not zero
     data    : rows of the kernel's `ForceTable`
     takes   : a `Takes`: how the energy is known that the forces take out
     work    : (17, n_x) the rows of `Stages`
@@ -69,6 +70,7 @@ class Motion(NamedTuple):
     inverse: Floats
     inertia: Floats
     push: Floats
+    pushed: Floats
     data: Any
     takes: int
     work: Floats
@@ -121,6 +123,8 @@ class Seen(NamedTuple):
     length, stiffness, twice_time : (n_elements,) natural lengths [m], axial stiffnesses [N], 2 tau [s]
     jumps            : (n_elements,) 2 tau [s] of those whose jumps of the force are looked for; else 0
     of_elements      : (n_elements,) largest tension of each [N], of the steps whose tensions are looked at
+    above            : (n_elements,) L^2 - L0^2 [m2] of each then, up to which it has no larger tension; 0.0
+                       with viscous stress
     """
 
     peaks: NDArray[np.void]
@@ -133,6 +137,7 @@ class Seen(NamedTuple):
     twice_time: Floats
     jumps: Floats
     of_elements: Floats
+    above: Floats
 
 
 class SeenOfRuns(NamedTuple):
@@ -140,7 +145,7 @@ class SeenOfRuns(NamedTuple):
 
     peaks      : (runs,) a record `PEAKS` of each
     largest    : (runs, n_groups) records `LARGEST`
-    elements   : the rest of a `Seen`, whose own records are not used
+    elements   : the rest of a `Seen`, whose own records are not used; its `above` (runs, n_elements)
     x, v       : (n_x, runs), (n_v, runs) the states
     elastic    : (1, runs) elastic energies [J] of a step that is looked at
     look_above : (1, runs) as in the records; level: the same memory, as vectors in compiled code
@@ -251,6 +256,7 @@ def motion_at(
         inverse=inverse,
         inertia=inertia,
         push=np.zeros(len(inverse)),
+        pushed=np.zeros(1),
         data=table.rows,
         takes=int(table.takes),
         work=work,
@@ -280,8 +286,8 @@ def seen_nothing(system: System) -> Seen:
     half = system.layout.half_mass(system)
     ends = system.net.element_nodes.copy()
     lengths, stiffness = law.natural_length.copy(), law.stiffness.copy()
-    each = np.zeros(system.net.n_elements)
-    return Seen(peaks, largest, bounds, half, ends, lengths, stiffness, twice, twice.copy(), each)
+    each, above = np.zeros((2, system.net.n_elements))
+    return Seen(peaks, largest, bounds, half, ends, lengths, stiffness, twice, twice.copy(), each, above)
 
 
 def told_largest(records: NDArray[np.void]) -> tuple[Largest, ...]:

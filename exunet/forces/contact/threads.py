@@ -76,6 +76,9 @@ class ThreadContact(NamedTuple):
     look     : (5,) how many there are, when they were chosen [s], how long they are right [s], their
                largest speed against the body then [m/s], and how many nodes they have
     nodes    : (k,) where the coordinates of the nodes of all pairs begin
+    clear    : (m,) how far each pair was at least from the surface when this was worked out last [m]; 0.0:
+               it may touch
+    seen     : (m, 6) where its ends were then, in the body's axes [m]
     near_nodes : (k,) of those that are looked at, as many as `look` says; wanted : (n_nodes,) 1 for these
     frame    : (3, 3) work space: the rotation of the body
     own      : (3 n_nodes,) work space: places of the nodes in the body's axes [m]
@@ -114,6 +117,8 @@ class ThreadContact(NamedTuple):
     near: Ints
     listed: Floats
     look: Floats
+    clear: Floats
+    seen: Floats
     nodes: Ints
     near_nodes: Ints
     wanted: Ints
@@ -173,6 +178,8 @@ def thread_contact(
         np.zeros(len(element), dtype=np.int64),
         np.zeros(len(element)),
         np.array([0.0, 0.0, -1.0, 0.0, 0.0]),
+        np.zeros(len(element)),
+        np.zeros((len(element), 6)),
         3 * np.unique(ends),
         np.zeros(np.unique(ends).size, dtype=np.int64),
         np.zeros(net.n_nodes, dtype=np.int64),
@@ -254,16 +261,19 @@ def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
 
 def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     """Forces of the pair k."""
-    sums = c.sums
-    row = c.after[k]
-    kept = c.kept
     i = c.first[k]
     j = c.second[k]
-    row[0] = min(kept[5 * k], 0.0)
     own = c.own
     a = (own[i], own[i + 1], own[i + 2])
     b = (own[j], own[j + 1], own[j + 2])
-    m = find_spans(c, c.thick[k], a, b)
+    if is_clear(c, k, a, b):
+        return
+    sums = c.sums
+    row = c.after[k]
+    kept = c.kept
+    row[0] = min(kept[5 * k], 0.0)
+    m, clear = find_spans(c, c.thick[k], a, b)
+    keep_clear(c, k, a, b, clear)
     if m == 0:
         row[0] = 0.0
         return
@@ -304,6 +314,33 @@ def add_thread(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
             on_b = along(on_b, rub, at)
     push_point(force, i, c.centre, c.spin, c.frame, a, on_a)
     push_point(force, j, c.centre, c.spin, c.frame, b, on_b)
+
+
+def is_clear(c: Any, k: int, a: Any, b: Any) -> bool:
+    """True if no end of the pair k has moved as far as this was from the surface: it cannot touch.
+
+    This follows from the places alone, so that neither the past nor a restart changes a bit of the forces;
+    its row in `after` is that of one that does not touch.
+    """
+    clear = c.clear[k]
+    if clear <= 0.0:
+        return False
+    seen = c.seen[k]
+    p = a[0] - seen[0]
+    q = a[1] - seen[1]
+    r = a[2] - seen[2]
+    f = b[0] - seen[3]
+    g = b[1] - seen[4]
+    h = b[2] - seen[5]
+    return max(p * p + q * q + r * r, f * f + g * g + h * h) < clear * clear
+
+
+def keep_clear(c: Any, k: int, a: Any, b: Any, clear: float) -> None:
+    """Remember how far from the surface the pair k is at least [m], less what round-off may change."""
+    c.clear[k] = clear - 1e-9 * c.radius
+    seen = c.seen[k]
+    seen[0], seen[1], seen[2] = a
+    seen[3], seen[4], seen[5] = b
 
 
 def rub_with_memory(
@@ -370,7 +407,7 @@ def thread_contact_potential(x: Any, c: Any) -> float:
         if c.kept[5 * k] >= 0.0:
             a = place_in_body(x, c.first[k], c.centre, c.frame)
             b = place_in_body(x, c.second[k], c.centre, c.frame)
-            m = find_spans(c, c.thick[k], a, b)
+            m, _ = find_spans(c, c.thick[k], a, b)
             if m > 0 and touch(c, c.thick[k], rest, rest, m, c.sums):
                 total += c.length[k] * c.sums[9]
     return total
@@ -388,4 +425,4 @@ def remember_thread_contact(t: float, x: Any, v: Any, c: Any) -> None:
     remember_status(t, c, kept[last:])
 
 
-_OWN = (add_thread, rub_with_memory, touches_at, remember_anchor, between, along)
+_OWN = (add_thread, is_clear, keep_clear, rub_with_memory, touches_at, remember_anchor, between, along)

@@ -31,14 +31,17 @@ def lay(c: Any, n: int, a: Any, b: Any) -> None:
 
 
 def span(c: Any, n: int, reach: float) -> Any:
-    """The piece (low, high) of the thread that is less than `reach` [m] from core n; (1, 0): none is."""
+    """The piece (low, high) of the thread that is less than `reach` [m] from core n; (1, 0): none is.
+
+    And how far beyond `reach` all of it is at least [m], by the tangents of the distance, which is convex.
+    """
     line = c.lines[n]
     p, q, r = line[0], line[1], line[2]
     d, e, f = line[3], line[4], line[5]
-    none = (1.0, 0.0)
     middle, _, _, _ = distance_of(c, n, p + 0.5 * d, q + 0.5 * e, r + 0.5 * f)
-    if middle - reach > 0.5 * math.sqrt(d * d + e * e + f * f):
-        return none
+    apart = middle - reach - 0.5 * math.sqrt(d * d + e * e + f * f)
+    if apart > 0.0:
+        return 1.0, 0.0, apart
     begin, i, j, k = distance_of(c, n, p, q, r)
     begin -= reach
     falls = i * d + j * e + k * f
@@ -46,17 +49,18 @@ def span(c: Any, n: int, reach: float) -> Any:
     end -= reach
     rises = i * d + j * e + k * f
     if begin < 0.0 and end < 0.0:
-        return 0.0, 1.0
+        return 0.0, 1.0, 0.0
     low, high = 0.0, 1.0
     if begin >= 0.0 and end >= 0.0:
         # Two tangents from outside meet below the lowest point between them (Kelley's cutting planes).
         inside = False
         for _ in range(60):
             if falls >= 0.0 or rises <= 0.0:
-                return none
+                return 1.0, 0.0, begin if falls >= 0.0 else end
             s = (end - begin + falls * low - rises * high) / (falls - rises)
-            if begin + falls * (s - low) >= 0.0 or not low < s < high:
-                return none
+            least = begin + falls * (s - low)
+            if least >= 0.0 or not low < s < high:
+                return 1.0, 0.0, max(least, 0.0)
             f_s, i, j, k = distance_of(c, n, p + s * d, q + s * e, r + s * f)
             f_s -= reach
             if f_s < 0.0:
@@ -68,11 +72,11 @@ def span(c: Any, n: int, reach: float) -> Any:
             else:
                 high, end, rises = s, f_s, slope
         if not inside:
-            return none
+            return 1.0, 0.0, 0.0
     if begin >= 0.0:  # Newton's method on a convex function comes from outside, and does not pass the root
         for _ in range(60):
             if falls >= 0.0:
-                return none
+                return 1.0, 0.0, 0.0
             step = -begin / falls
             low += step
             if step < 1e-9:
@@ -85,7 +89,7 @@ def span(c: Any, n: int, reach: float) -> Any:
     if end >= 0.0:
         for _ in range(60):
             if rises <= 0.0:
-                return none
+                return 1.0, 0.0, 0.0
             step = end / rises
             high -= step
             if step < 1e-9:
@@ -96,8 +100,8 @@ def span(c: Any, n: int, reach: float) -> Any:
             if end <= 0.0:
                 break
     if not low < high:
-        return none
-    return low, high
+        return 1.0, 0.0, 0.0
+    return low, high, 0.0
 
 
 def distance_of(c: Any, n: int, x: float, y: float, z: float) -> Any:
@@ -177,28 +181,36 @@ def order(splits: Any, m: int) -> None:
         splits[i + 1] = value
 
 
-def may_touch(c: Any, n: int, thick: float, a: Any, b: Any) -> bool:
-    """True if a thread reaches into the box along the principal axes around core n and its rounding."""
+def gap_to_box(c: Any, n: int, thick: float, a: Any, b: Any) -> float:
+    """How far apart [m] a thread and the box along the principal axes around core n and its rounding are.
+
+    Not above 0.0: they overlap.
+    """
     box = c.boxes[n]
+    gap = -np.inf
     for axis in range(3):
-        if max(a[axis], b[axis]) < box[axis] - thick or min(a[axis], b[axis]) > box[3 + axis] + thick:
-            return False
-    return True
+        gap = max(gap, box[axis] - thick - max(a[axis], b[axis]))
+        gap = max(gap, min(a[axis], b[axis]) - (box[3 + axis] + thick))
+    return gap
 
 
-def find_spans(c: Any, thick: float, a: Any, b: Any) -> int:
+def find_spans(c: Any, thick: float, a: Any, b: Any) -> Any:
     """Where a thread touches each core, into c.spans, and where pieces of it begin and end, into c.splits.
 
-    c : a `ThreadContact`; thick : the thread's radius [m]. How many splits there are; 0: it does not touch.
+    c : a `ThreadContact`; thick : the thread's radius [m]. How many splits there are, 0: it does not touch;
+    and how far from all cores it is at least, beyond what would touch [m].
     """
     splits = c.splits
     spans = c.spans
+    clear = np.inf
     m = 0
     for n in range(c.kind.size):
         low, high = 1.0, 0.0
-        if may_touch(c, n, thick, a, b):
+        apart = gap_to_box(c, n, thick, a, b)
+        if apart <= 0.0:
             lay(c, n, a, b)
-            low, high = span(c, n, c.rounding[n] + thick)
+            low, high, apart = span(c, n, c.rounding[n] + thick)
+        clear = min(clear, apart)
         spans[n, 0] = low
         spans[n, 1] = high
         if low < high:
@@ -208,7 +220,7 @@ def find_spans(c: Any, thick: float, a: Any, b: Any) -> int:
             splits[m + 1] = high
             m = split_at_edges(c, n, low, high, splits, m + 2)
     order(splits, m)
-    return m
+    return m, clear
 
 
 def touch(c: Any, thick: float, v: Any, w: Any, m: int, sums: Any) -> bool:
@@ -486,7 +498,7 @@ TOUCHING = (
     touch_one,
     touch_several,
     touch_between,
-    may_touch,
+    gap_to_box,
     find_spans,
     touch,
 )
