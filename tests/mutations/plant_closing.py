@@ -25,9 +25,9 @@ _of_loops(
     "line_tension_jumps_at_a_ring",
     LOOP,
     "the tension of a frictionless line falls by a part from piece to piece",
-    "add_line",
-    "pull_piece(line, piece, tension, force)",
-    "pull_piece(line, piece, tension * (1.0 - 1e-6 * piece), force)",
+    "pull_nodes",
+    "one = tension * pull[k]",
+    "one = tension * (1.0 - 1e-6 * k) * pull[k]",
 )
 _of_loops(
     "line_winch_work_sign",
@@ -50,15 +50,15 @@ _of_loops(
     OPEN,
     "viscous stress without the rate at which the winch shortens the line",
     "line_pulls",
-    "parting = (grows + stretch * line.ratio * w) / natural",
-    "parting = grows / natural",
+    "parting = (growth_of_way(v, line) + stretch * line.ratio * w) / natural",
+    "parting = growth_of_way(v, line) / natural",
 )
 _of_loops(
     "line_straight_through_rings",
     OPEN,
     "the way of rings that meet without the turn round them",
     "lay_line",
-    "line.ring * (0.375 + u * u * (0.75 - 0.125 * u * u))",
+    "ring * (0.375 + u * u * (0.75 - 0.125 * u * u)) if u < 1.0 else d",
     "d",
 )
 of_text(
