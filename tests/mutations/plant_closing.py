@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from plant import PLANTED, REFERENCE, Planted, of_text, other_text
+from plant import EXUDYN, PLANTED, REFERENCE, Planted, of_text, other_text
 
 import reference_impl.closing as reference_closing
 from exunet.forces import closing, closing_loops, perimeter
@@ -14,11 +14,18 @@ LOOP, OPEN, EDGE = "loop", "open_line", "perimeter"
 
 
 def _of_loops(name, scene, what, function, old, new):
-    of_text(name, 10, what, closing_loops, function, old, new, scene, users=_users(function))
+    def plant(patch):
+        wrong = other_text(closing_loops, function, old, new)
+        for one in (closing_loops, closing):
+            if hasattr(one, function):
+                patch.setattr(one, function, wrong)
+        for helpers in ("LAID", "SMOOTH"):  # of which kernels are made
+            every = getattr(closing, helpers)
+            patch.setattr(
+                closing, helpers, tuple(wrong if one.__name__ == function else one for one in every)
+            )
 
-
-def _users(function):
-    return (closing,) if hasattr(closing, function) else ()
+    PLANTED[name] = Planted(what, EXUDYN, 10, scene, plant)
 
 
 _of_loops(
