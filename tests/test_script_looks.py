@@ -56,12 +56,12 @@ def test_a_quantity_follows_from_what_is_copied_of_a_step(name: str) -> None:
     sight = Sight.of(system, "box")
     state = simulation.state
     whole = States.of(system, state)
-    moving = system.layout.unpack(looks.x[:rows], looks.v[:rows])
+    moving = system.layout.unpack(looks.x[:, :rows].T, looks.v[:, :rows].T)
     moving = moving.completed(system.kinematics, looks.time[:rows], state.memory)
     seen = States(system, looks.time[:rows], *moving[:3], state.memory, moving.first_order)
     now = np.array([[state.memory[one][place] for one, place in sight.tells]])
     mean = looks.mean[:rows] if looks.weights.size else None
-    found = LOOKS[quantity](sight, Look(seen, looks.told[:rows], mean))
+    found = LOOKS[quantity](sight, Look(lambda: seen, looks.told[:rows], mean))
     assert np.isfinite(found).all()
     assert found[-1] == pytest.approx(LOOKS[quantity](sight, Look(whole, now))[0], rel=1e-13)
     if name in ("closing_tension", "touching"):

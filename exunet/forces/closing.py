@@ -11,21 +11,18 @@ from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.cable import STRETCH_BOUND, green_lagrange_strain
 from exunet.forces.closing_loops import (
     LAID,
-    RUBBING,
     SMOOTH,
     Line,
     Status,
     add_line,
-    add_rubbing_line,
     line_potential,
     line_power,
     remember_line,
-    remember_rubbing,
-    rubbing_potential,
 )
 from exunet.forces.loops import Index
 from exunet.forces.reel import NOTHING_ASKED, command_name
 from exunet.forces.reel_loops import winding_rate
+from exunet.forces.rubbing_loops import RUBBING, add_rubbing_line, remember_rubbing, rubbing_potential
 from exunet.forces.terms import Change, Input, KernelTerm, Memories, Memory, Series
 from exunet.net.closing import NAME, SLOWS, ClosingLine
 
@@ -115,7 +112,7 @@ class Drawstring:
         """What the loops take at a memory."""
         line, blocks = self.line, self.blocks
         n, drive = len(line.path) - 1, line.drives[int(memory[0])]
-        room = np.zeros((8, n if self.rubs else 0))
+        laid, room = np.zeros((6, n)), np.zeros((8, n if self.rubs else 0))
         return Line(
             node=(3 * np.array(line.path)).astype(Index),
             state=np.array([blocks.state(f"{NAME}/wound_up")], dtype=Index),
@@ -137,8 +134,13 @@ class Drawstring:
             longest_wound=line.length - line.shortest,
             slows=SLOWS * line.length,
             kept=memory,
-            pieces=np.zeros((n, 6)),
-            pull=np.zeros(2),
+            dx=laid[0],
+            dy=laid[1],
+            dz=laid[2],
+            square=laid[3],
+            way=laid[4],
+            pull=laid[5],
+            told=np.zeros(3),
             old=room[0],
             material=room[1],
             tension=room[2],

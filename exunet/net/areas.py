@@ -42,10 +42,11 @@ def mouth_area(net: Net, position: Floats) -> Floats:
 
 def mouth_diameter(net: Net, position: Floats) -> Floats:
     """Largest distance of two of its corners [m]; (k, n_points, 3) [m] -> (k,); zero without a mouth."""
-    corners, square = position[:, list(net.mouth)], np.zeros(len(position))
+    corners = np.ascontiguousarray(position[:, list(net.mouth)].T)  # (3, c, k), as sums over states are fast
+    square = np.zeros(len(position))
     for k in range(1, corners.shape[1]):
-        apart = corners[:, k:] - corners[:, k - 1 : k]
-        square = np.maximum(square, np.einsum("kca,kca->kc", apart, apart).max(axis=1))
+        x, y, z = corners[:, k:] - corners[:, k - 1 : k]
+        np.maximum(square, (x * x + y * y + z * z).max(axis=0), out=square)
     return np.sqrt(square)
 
 

@@ -28,7 +28,7 @@ from exunet.forces.effects import (
     thrust,
     touched_bodies,
 )
-from exunet.forces.from_outside import FIXED_NODES, counted, with_reactions
+from exunet.forces.from_outside import FIXED_NODES, with_reactions
 from exunet.forces.from_outside import states_of as impulses_of
 from exunet.forces.perimeter import Shortening
 from exunet.forces.perimeter import states_of as states_of_perimeter
@@ -186,7 +186,7 @@ def _drawn(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault])
 
 
 def _units(scene: Scene, blocks: Blocks, rigid: BodiesAtStart, kept: bool) -> tuple[KernelTerm, ...]:
-    """The term of corner units, and with `kept` those of what they give."""
+    """The term of corner units; with `kept` it keeps what they give."""
     if scene.control is None:
         return ()
     layout, kinematics = Layout(blocks), rigid.kinematics
@@ -196,8 +196,8 @@ def _units(scene: Scene, blocks: Blocks, rigid: BodiesAtStart, kept: bool) -> tu
             return x, v
         return layout.pack(layout.unpack(x, v).completed(kinematics, time, memory))
 
-    term = thrusters.term_of(scene.control, blocks, completed, waits=begins_control(scene.script))
-    return tuple(counted(thrusters.NAME, [term], blocks)) if kept else (term,)
+    waits = begins_control(scene.script)
+    return (thrusters.term_of(scene.control, blocks, completed, waits=waits, counted=kept),)
 
 
 def _surfaces(scene: Scene, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> dict[str, Surface]:

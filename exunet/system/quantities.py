@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,12 +59,19 @@ class Sight:
         return (*self.tensions, *self.touching, *self.touched)
 
 
-class Look(NamedTuple):
-    """States (k) at the ends of steps; the numbers of memories then (k, n); see `Seen` for `mean`."""
+class Look:
+    """States (k) at the ends of steps, made when they are asked for; the numbers of memories then (k, n).
 
-    states: States
-    told: Floats
-    mean: Floats | None = None
+    See `Seen` for `mean`.
+    """
+
+    def __init__(self, states: Callable[[], States], told: Floats, mean: Floats | None = None) -> None:
+        self._states, self.told, self.mean = states, told, mean
+
+    @cached_property
+    def states(self) -> States:
+        """The states."""
+        return self._states()
 
 
 def weights(sight: Sight) -> Floats:

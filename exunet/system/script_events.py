@@ -157,7 +157,7 @@ class ScriptEvents:
         return Seen(np.array([time]), x[None], v[None], memory, told)
 
     def _look(self, steps: Seen, *, completed: bool = True) -> Look:
-        return Look(self._states(steps, completed=completed), steps.told, steps.mean)
+        return Look(lambda: self._states(steps, completed=completed), steps.told, steps.mean)
 
     def _beyond(self, number: int, row: Row, look: Look) -> Floats:
         """(k,) above 0 where a condition holds, in its quantity's unit."""

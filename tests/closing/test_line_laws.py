@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exunet.forces import closing_loops
+from exunet.forces import closing_loops, rubbing_loops
 from exunet.forces.blocks import Blocks
 from exunet.forces.closing import Drawstring, states_of, way_of
 from exunet.net.arrays import Net
@@ -55,7 +55,7 @@ def test_forces_and_torques_sum_to_zero(friction: float, near: float) -> None:
     data, blocks = line(places, friction=friction, length=1.2)
     force = np.zeros(blocks.n_force)
     rubs = friction > 0.0
-    add = closing_loops.add_rubbing_line if rubs else closing_loops.add_line
+    add = rubbing_loops.add_rubbing_line if rubs else closing_loops.add_line
     add(0.0, flat(places, 0.1, 0.0, 0.0, 0.0), np.zeros(blocks.n_v), data, force)
     pulls = force[: 3 * len(places)].reshape(-1, 3)
     assert np.abs(pulls).max() > 10.0
@@ -126,8 +126,8 @@ def test_the_pull_of_rings_that_meet_has_no_jump() -> None:
     for d, slope in zip(distance, [0.0, 0.6875, 1.0, 1.0, 1.0], strict=True):  # 3/2 u - u^3/2
         data, _ = line(np.array([[0.0, 0, 0], [d, 0, 0]]))
         closing_loops.lay_line(np.array([0.0, 0, 0, d, 0, 0, 0, 0]), data)
-        assert data.pieces[0, 4] == pytest.approx(slope, abs=1e-8)
-        assert data.pieces[0, 5] == way_of(line_of_two(d), np.array([[0.0, 0, 0], [d, 0, 0]]))[0]
+        assert d * data.pull[0] == pytest.approx(slope, abs=1e-8)
+        assert data.way[0] == way_of(line_of_two(d), np.array([[0.0, 0, 0], [d, 0, 0]]))[0]
 
 
 def line_of_two(_: float) -> ClosingLine:
@@ -138,7 +138,7 @@ def slid(places: Floats, wound: float, friction: float, **given: Any) -> closing
     """A line of one tension, none unless stretched, from which a length was wound up at its start."""
     length = float(way_of(line_of(len(places)), places).sum()) / given.pop("stretched", 1.0)
     data, _ = line(places, length=length, friction=friction, **given)
-    closing_loops.settle_line(flat(places, wound, 0.0, 0.0, 0.0), data)
+    rubbing_loops.settle_line(flat(places, wound, 0.0, 0.0, 0.0), data)
     return data
 
 
@@ -155,7 +155,7 @@ def test_the_capstan_ratio(at_end: bool) -> None:
     falls = data.tension[1:] / data.tension[:-1]
     np.testing.assert_allclose(falls, np.exp((0.3 if at_end else -0.3) * phi), rtol=1e-10)
     assert data.material.sum() == pytest.approx(data.whole - 0.1, rel=1e-13)
-    stretch = data.pieces[:, 5] / data.material
+    stretch = data.way / data.material
     np.testing.assert_allclose(data.tension, 250.0 * (stretch**3 - stretch), rtol=1e-10)  # EA e lambda
 
 
@@ -182,7 +182,7 @@ def test_what_slides_is_the_least(seed: int) -> None:
     data.kept[first : first + 11] *= rng.uniform(0.9, 1.1, size=11)
     whole = data.kept[first : first + 11].sum()
     wound = data.whole - whole + rng.uniform(-0.2, 0.2)
-    closing_loops.settle_line(flat(places, wound, 0.0, 0.0, 0.0), data)
+    rubbing_loops.settle_line(flat(places, wound, 0.0, 0.0, 0.0), data)
     holds = np.exp(data.limit[:-1]) * (1.0 + 1e-9)
     assert (data.tension[1:] <= data.tension[:-1] * holds + 1e-9).all()
     assert (data.tension[:-1] <= data.tension[1:] * holds + 1e-9).all()
@@ -203,7 +203,7 @@ def test_hardly_any_friction_is_none() -> None:
     v, n = rng.normal(size=blocks.n_v), blocks.n_v
     one, other = np.zeros(blocks.n_force), np.zeros(more.n_force)
     closing_loops.add_line(0.0, flat(ZIGZAG, 0.2, 0.0), v, smooth, one)
-    closing_loops.add_rubbing_line(0.0, flat(ZIGZAG, 0.2, 0.0, 0.0, 0.0), v, rubbing, other)
+    rubbing_loops.add_rubbing_line(0.0, flat(ZIGZAG, 0.2, 0.0, 0.0, 0.0), v, rubbing, other)
     np.testing.assert_allclose(other[: n + 2], one, rtol=1e-9, atol=1e-9)
     assert other[n + 2] == pytest.approx(0.0, abs=1e-9)
 
@@ -220,13 +220,13 @@ def test_what_friction_takes(near: float) -> None:
     data, blocks = line(places, length=length, friction=0.3, winch_at_end=True, drives=(Drive(0.5),))
     v = np.random.default_rng(1).normal(scale=0.2, size=blocks.n_v)
     x, n, force = flat(places, 0.1, 0.0, 0.0, 0.0), blocks.n_v, np.zeros(blocks.n_force)
-    closing_loops.add_rubbing_line(0.0, x, v, data, force)
+    rubbing_loops.add_rubbing_line(0.0, x, v, data, force)
     assert (data.slides[:-1] != 0.0).all()
 
     def elastic(h: float) -> float:
         moved = x + h * np.concatenate([v, [force[n], 0.0, 0.0, 0.0]])
-        closing_loops.settle_line(moved, data)
-        stretch = data.pieces[:, 5] / data.material
+        rubbing_loops.settle_line(moved, data)
+        stretch = data.way / data.material
         return float((250.0 * (0.5 * (stretch**2 - 1.0)) ** 2 * data.material).sum())
 
     rate = (elastic(1e-6) - elastic(-1e-6)) / 2e-6

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from plant import PLANTED, REFERENCE, Planted, of_text, other_text
+from plant import EXUDYN, PLANTED, REFERENCE, Planted, of_text, other_text
 
 import reference_impl.closing as reference_closing
 from exunet.forces import closing, closing_loops, perimeter
@@ -14,20 +14,27 @@ LOOP, OPEN, EDGE = "loop", "open_line", "perimeter"
 
 
 def _of_loops(name, scene, what, function, old, new):
-    of_text(name, 10, what, closing_loops, function, old, new, scene, users=_users(function))
+    def plant(patch):
+        wrong = other_text(closing_loops, function, old, new)
+        for one in (closing_loops, closing):
+            if hasattr(one, function):
+                patch.setattr(one, function, wrong)
+        for helpers in ("LAID", "SMOOTH"):  # of which kernels are made
+            every = getattr(closing, helpers)
+            patch.setattr(
+                closing, helpers, tuple(wrong if one.__name__ == function else one for one in every)
+            )
 
-
-def _users(function):
-    return (closing,) if hasattr(closing, function) else ()
+    PLANTED[name] = Planted(what, EXUDYN, 10, scene, plant)
 
 
 _of_loops(
     "line_tension_jumps_at_a_ring",
     LOOP,
     "the tension of a frictionless line falls by a part from piece to piece",
-    "add_line",
-    "pull_piece(line, piece, tension, force)",
-    "pull_piece(line, piece, tension * (1.0 - 1e-6 * piece), force)",
+    "pull_nodes",
+    "one = tension * pull[k]",
+    "one = tension * (1.0 - 1e-6 * k) * pull[k]",
 )
 _of_loops(
     "line_winch_work_sign",
@@ -50,15 +57,15 @@ _of_loops(
     OPEN,
     "viscous stress without the rate at which the winch shortens the line",
     "line_pulls",
-    "parting = (grows + stretch * line.ratio * w) / natural",
-    "parting = grows / natural",
+    "parting = (growth_of_way(v, line) + stretch * line.ratio * w) / natural",
+    "parting = growth_of_way(v, line) / natural",
 )
 _of_loops(
     "line_straight_through_rings",
     OPEN,
     "the way of rings that meet without the turn round them",
     "lay_line",
-    "line.ring * (0.375 + u * u * (0.75 - 0.125 * u * u))",
+    "ring * (0.375 + u * u * (0.75 - 0.125 * u * u)) if u < 1.0 else d",
     "d",
 )
 of_text(

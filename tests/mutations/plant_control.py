@@ -31,8 +31,8 @@ _of_text(
     "the noise of sensors does not depend on its seed alone",
     control_laws,
     "with_noise",
-    "np.random.Philox(key=noise.seed, counter=(0, 0, 0, sample))",
-    "np.random.Philox()",
+    "_generator_at(noise.seed, sample)",
+    "np.random.default_rng()",
     "noise_has_the_bits_of_its_seed",
     users=(thrusters,),
 )

@@ -346,8 +346,8 @@ class CompiledLoop(CompiledIntegration):
         self._recall()
         looks, rows = self._looks, slice(int(self._looks.at[0]))
         mean = looks.mean[rows] if looks.weights.size else None
-        time, x, v, told = (part[rows] for part in (looks.time, looks.x, looks.v, looks.told))
-        steps = self._events.seen(time, x, v, told, mean)
+        x, v = looks.x[:, rows].T, looks.v[:, rows].T
+        steps = self._events.seen(looks.time[rows], x, v, looks.told[rows], mean)
         first = self._events.comes_true(steps)
         if first is None:
             self._events.steps_done(steps)
@@ -533,7 +533,7 @@ def _looks(watch: Watch | None, system: System, table: ForceTable) -> Looks:
         return no_looks()
     of_memory = [table.place_of(name, place) for name, place in watch.tells]
     rows = max(16, min(_LOOKS, 2**21 // max(1, system.blocks.n_v)))
-    time, x, v, _ = empty_rows(rows, system)
+    time, x, v = np.zeros(rows), *(np.zeros((n, rows)) for n in (system.blocks.n_x, system.blocks.n_v))
     told, mean = np.zeros((rows, len(of_memory))), np.zeros((rows, 6))
     at, entries = np.zeros(2, dtype=np.int64), np.array(of_memory, dtype=np.int64)
     entries_of = at, watch.of_x, watch.of_v, entries

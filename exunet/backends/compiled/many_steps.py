@@ -148,13 +148,13 @@ def keep(row: int, t: float, m: Any, kept: Any) -> int:
 
 
 def look(t: float, m: Any, looks: Any) -> bool:
-    """Copy what is watched of the state into a row of `looks`; true if the stretch of steps ends there."""
+    """Copy what is watched of the state into `looks`; true if the stretch of steps ends there."""
     row = looks.at[0]
     looks.time[row] = t
     for k in range(looks.of_x.size):
-        looks.x[row, looks.of_x[k]] = m.x[looks.of_x[k]]
+        looks.x[looks.of_x[k], row] = m.x[looks.of_x[k]]
     for k in range(looks.of_v.size):
-        looks.v[row, looks.of_v[k]] = m.v[looks.of_v[k]]
+        looks.v[looks.of_v[k], row] = m.v[looks.of_v[k]]
     for k in range(looks.of_memory.size):
         looks.told[row, k] = looks.memory[looks.of_memory[k]]
     if looks.weights.size > 0:

@@ -194,7 +194,8 @@ class Looks(NamedTuple):
     of_x, of_v, of_memory : which entries
     memory    : `ForceTable.changed`
     weights   : (n,) of the first points, whose mean place and velocity are watched; none: they are not
-    time (k,), x (k, n_x), v (k, n_v) : the rows; other entries of x and v are left as they were
+    time (k,), x (n_x, k), v (n_v, k) : the rows, of x and v as columns, since few of their entries are
+                watched; others are left as they were
     told      : (k, of_memory.size)
     mean      : (k, 6) place [m] and velocity [m/s]
     """
