@@ -16,6 +16,7 @@ from exunet.forces.contact.pair_loops import PAIRS, dot, point_of, press, way
 from exunet.forces.contact.status import Status, series_of, status_of, untouched
 from exunet.forces.contact.together_loops import (
     TOGETHER,
+    are_neighbours,
     distance_of,
     list_is_right,
     list_pairs,
@@ -33,7 +34,7 @@ NAME = "self_contact"
 LEAST = 1.0 / math.sqrt(3.0)  # of the reach: where threads side by side push hardest, the nearest they may be
 AROUND = 6  # threads that have room around one of the same radius
 SKIN = 0.25  # of the mean length of the elements
-ROOM = 64  # pairs in the list, for each element
+FEW, ROOM = 8, 64  # pairs in the list, for each element: as a rule, and at most
 POINTS = 16  # of the outer rule, see `pair_loops`
 TOO_DEEP, PASSED, TOO_MANY = 1.0, 2.0, 3.0
 
@@ -47,18 +48,20 @@ class Together(NamedTuple):
     nodes      : (k,) where the coordinates of all nodes begin
     neighbours : pairs of elements that do not touch, though they share no node, increasing
     begun      : (b,) pairs that were nearer than their reach at the start, increasing
+    begun_reach : (b,) how far apart their axes were then [m], which is their reach
     stiffness, damping : K [N/m2], a [s/m]
     least      : of the reach, the nearest that elements may be
     taken      : where in force the rate of the energy that damping takes stands
-    skin       : wished, of the list [m]
-    kept       : (b + 3 n_nodes + STATUS,) the memory: reach of the pairs of `begun` [m], where the nodes were
-                 at the end of the last step [m], the status
+    skin       : the most of the list [m]
+    few        : pairs that the list should not exceed
+    kept       : (3 n_nodes + STATUS,) the memory: where the nodes were at the end of the last step [m], the
+                 status
     now        : (6,) of the state that was looked at last: largest depth [m], its pair, pairs that touch; not
                  used; 1 + the number of a pair that is too near, or 0; sum of the forces [N]
     pairs      : list of the pairs that are near; a pair of the elements k < l has the number k m + l
-    look       : (3,) how many they are (-1: not listed yet), skin of the list [m], 1.0 if it is too short
+    look       : (3,) how many they are, skin of the list [m], 1.0 if there are more than there is room for
     listed_at  : (3 n_nodes,) where the nodes were when it was made
-    order      : (m,) the elements, in the order in which they were swept last; begins : (m,) by which they are
+    order      : (m,) the elements, as they were swept last; begins : (m,) by which they were sorted [m]
     none       : (0,)
     boxes, sums, splits, ends, rule : work space and rule, see `pair_loops` and `together_loops`
     """
@@ -70,11 +73,13 @@ class Together(NamedTuple):
     nodes: Ints
     neighbours: Ints
     begun: Ints
+    begun_reach: Floats
     stiffness: float
     damping: float
     least: float
     taken: int
     skin: float
+    few: int
     kept: Floats
     now: Floats
     pairs: Ints
@@ -91,7 +96,7 @@ class Together(NamedTuple):
 
 
 def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: float) -> KernelTerm:
-    """The term of the contact of elements of the net and its strings, of radii (m,) [m]; K [N/m2], a [s/m]."""
+    """The term of the contact of elements of the net and its strings, of radii (m,); K [N/m2], a [s/m]."""
     net = blocks.net
     number = net.n_net_elements
     ends, length = net.element_nodes[:number], net.reference_length[:number]
@@ -107,16 +112,18 @@ def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: f
         3 * np.unique(ends),
         neighbours_of(net, thick),
         np.zeros(0, dtype=np.int64),
+        np.zeros(0),
         stiffness,
         damping,
         LEAST,
         blocks.rate(f"{NAME}/damping"),
         max(SKIN * float(length.mean()), 2.0 * float(thick.max())),
+        FEW * number,
         np.zeros(0),
         np.zeros(6),
         np.zeros(room, dtype=np.int64),
-        np.array([-1.0, 0.0, 0.0]),
-        np.zeros(3 * net.n_nodes),
+        np.zeros(3),
+        position.copy(),
         np.arange(number),
         np.zeros(number),
         np.zeros(0),
@@ -126,10 +133,11 @@ def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: f
         np.zeros((4, 3)),
         np.stack([np.sin(angle), 0.5 * math.pi * weight * np.cos(angle)]),
     )
-    list_pairs(position, data)
     begun, reach = _begun(position, data)
-    kept = untouched(np.concatenate([reach, position]))
-    data = data._replace(begun=begun, kept=kept)
+    kept = untouched(position)
+    data = data._replace(begun=begun, begun_reach=reach, kept=kept)
+    data.pairs[: len(begun)] = begun[:room]  # the list, until something moves
+    data.look[:] = min(len(begun), room), 0.0, float(len(begun) > room)
 
     def wrong(values: Floats) -> str:
         return trouble(status_of(values), data)
@@ -140,7 +148,7 @@ def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: f
         add_together,
         data,
         together_potential,
-        (*PAIRS, *TOGETHER, *KEPT, add_pair, reach_of, press_pair),
+        (*PAIRS, *TOGETHER, *KEPT, add_pair, reach_of, is_watched, press_pair),
         stiffness_rate=_stiffness_rate(net, stiffness),
         memory=memory,
         remember=remember_together,
@@ -164,7 +172,7 @@ def neighbours_of(net: Net, thick: Floats) -> Ints:
         near = dijkstra(graph, directed=False, indices=own, limit=most, min_only=True)
         for m in np.flatnonzero((near[ends] <= most).any(axis=1)):
             way = near[ends[m]].min()
-            if m > k and way <= 0.5 * math.pi * (thick[k] + thick[m]):
+            if m > k and 0.0 < way <= 0.5 * math.pi * (thick[k] + thick[m]):
                 found.add(k * number + int(m))
     return np.array(sorted(found), dtype=np.int64)
 
@@ -172,10 +180,31 @@ def neighbours_of(net: Net, thick: Floats) -> Ints:
 def _begun(position: Floats, data: Together) -> tuple[Ints, Floats]:
     """Pairs that overlap at the start, and how far apart their axes are [m]."""
     number = len(data.length)
-    pairs = data.pairs[: int(data.look[0])]
-    apart = np.array([distance_of(position, data, k, m) for k, m in zip(*divmod(pairs, number), strict=True)])
-    near = apart < data.thick[pairs // number] + data.thick[pairs % number]
-    return pairs[near], apart[near]
+    found = [
+        (k * number + m, apart)
+        for k, m in zip(*_meeting(position, data), strict=True)
+        if not are_neighbours(data, k, m)
+        and (apart := distance_of(position, data, k, m)) < data.thick[k] + data.thick[m]
+    ]
+    pairs = sorted(found)
+    return np.array([pair for pair, _ in pairs], dtype=np.int64), np.array([apart for _, apart in pairs])
+
+
+def _meeting(position: Floats, data: Together) -> tuple[Ints, Ints]:
+    """Numbers k < m of the elements around which boxes meet."""
+    ends = position[np.stack([data.first, data.second])[..., None] + np.arange(3)]
+    low, high = ends.min(axis=0) - data.thick[:, None], ends.max(axis=0) + data.thick[:, None]
+    axis = int(np.argmax(np.ptp(low, axis=0)))
+    order = np.argsort(low[:, axis], kind="stable")
+    until = np.searchsorted(low[order, axis], high[order, axis], side="right")
+    found = [np.zeros((2, 0), dtype=np.int64)]
+    for place, k in enumerate(order):
+        others = order[place + 1 : until[place]]
+        meet = (low[others] <= high[k]).all(axis=1) & (low[k] <= high[others]).all(axis=1)
+        both = others[meet]
+        found.append(np.stack([np.minimum(both, k), np.maximum(both, k)]))
+    pairs = np.concatenate(found, axis=1)
+    return pairs[0], pairs[1]
 
 
 def _stiffness_rate(net: Net, stiffness: float) -> float:
@@ -205,10 +234,10 @@ def trouble(status: Status, data: Together) -> str:
     if status.wrong == PASSED:
         return f"elements {k} and {m} have passed through each other in the step that ends {when}. {advice}"
     if status.wrong == TOO_DEEP:
-        nearest = LEAST * float(data.thick[k] + data.thick[m])
+        nearest = LEAST * reach_of(data, int(status.wrong_pair), k, m)
         return (
-            f"the axes of elements {k} and {m} are nearer than {nearest:.3g} m {when}, where contact gives way: "
-            f"they may pass through each other. {advice}"
+            f"the axes of elements {k} and {m} are nearer than {nearest:.3g} m {when}. Contact gives way "
+            f"there, and they may pass through each other. {advice}"
         )
     return ""
 
@@ -243,7 +272,7 @@ def add_pair(x: Any, v: Any, c: Any, pair: int, force: Any) -> None:
     if depth > now[0]:
         now[0] = depth
         now[1] = pair
-    if reach == c.thick[k] + c.thick[m] and reach - depth < c.least * reach:
+    if is_watched(c, k, m, reach) and reach - depth < c.least * reach:
         now[4] = 1.0 + pair
     i, j, p, q = c.first[k], c.second[k], c.first[m], c.second[m]
     damped = 1.0
@@ -269,7 +298,7 @@ def add_pair(x: Any, v: Any, c: Any, pair: int, force: Any) -> None:
 
 
 def press_pair(x: Any, c: Any, k: int, m: int, reach: float) -> bool:
-    """`press` of the elements k and m, the inner integral along the longer one; c.sums are those of k first."""
+    """`press` of the elements k and m, the inner integral along the longer one; the first is k."""
     a, b, p, q = (
         point_of(x, c.first[k]),
         point_of(x, c.second[k]),
@@ -291,13 +320,17 @@ def press_pair(x: Any, c: Any, k: int, m: int, reach: float) -> bool:
 
 
 def reach_of(c: Any, pair: int, k: int, m: int) -> float:
-    """From where on the elements k and m push each other [m]; 0.0: they were in one place at the start."""
-    reach = c.thick[k] + c.thick[m]
+    """From where on the elements k and m push each other [m]; 0.0: they crossed at the start."""
     if c.begun.size > 0:
         place = place_of(c.begun, pair)
         if place >= 0:
-            reach = min(reach, c.kept[place])
-    return reach
+            return c.begun_reach[place]
+    return c.thick[k] + c.thick[m]
+
+
+def is_watched(c: Any, k: int, m: int, reach: float) -> bool:
+    """True if a run stops where the elements are too near: not if they began at less than half."""
+    return reach >= 0.5 * (c.thick[k] + c.thick[m])
 
 
 def together_potential(x: Any, c: Any) -> float:
@@ -317,14 +350,12 @@ def together_potential(x: Any, c: Any) -> float:
 
 
 def remember_together(t: float, x: Any, v: Any, c: Any) -> None:
-    """At the end of a step: what is told, who passed through whom, and who has come further apart.
+    """At the end of a step: what is told, who passed through whom, and where the nodes are.
 
     `add_together` has looked at this state last.
     """
-    kept, now, number = c.kept, c.now, c.length.size
-    begun = c.begun.size
-    last = begun + c.listed_at.size
-    before, status = kept[begun:last], kept[last:]
+    now, number, last = c.now, c.length.size, c.listed_at.size
+    before, status = c.kept[:last], c.kept[last:]
     remember_touch(t, now, status)
     remember_wrong(t, 3.0 * c.look[2], 0.0, status)
     if now[4] > 0.0:
@@ -332,13 +363,8 @@ def remember_together(t: float, x: Any, v: Any, c: Any) -> None:
     for one in range(int(c.look[0])):
         pair = c.pairs[one]
         k, m = pair // number, pair % number
-        reach = c.thick[k] + c.thick[m]
-        if reach_of(c, pair, k, m) == reach and passed(x, before, c, k, m, c.least * reach):
+        reach = reach_of(c, pair, k, m)
+        if is_watched(c, k, m, reach) and passed(x, before, c, k, m, c.least * reach):
             remember_wrong(t, 2.0, float(pair), status)
-    for place in range(begun):
-        k, m = c.begun[place] // number, c.begun[place] % number
-        reach = c.thick[k] + c.thick[m]
-        if kept[place] < reach:
-            kept[place] = min(reach, max(kept[place], distance_of(x, c, k, m)))
-    for n in range(last - begun):
+    for n in range(last):
         before[n] = x[n]

@@ -8,7 +8,6 @@ and pairs stand in a fixed order, so that forces are the same to the last bit wh
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from exunet.forces.contact.pair_loops import apart, dot, point_of, way
@@ -16,8 +15,6 @@ from exunet.forces.contact.pair_loops import apart, dot, point_of, way
 
 def list_is_right(x: Any, c: Any) -> bool:
     """True if every pair that may touch is listed."""
-    if c.look[0] < 0.0:
-        return False
     number = c.nodes.size
     step = max(1, number // 8)
     p, q, r = 0.0, 0.0, 0.0
@@ -39,12 +36,14 @@ def list_is_right(x: Any, c: Any) -> bool:
 
 
 def list_pairs(x: Any, c: Any) -> None:
-    """List the pairs anew, with a smaller skin where there are too many; `look` tells if there still are."""
-    skin = c.skin
-    number = list_within(x, c, skin)
+    """List the pairs anew, with a skin that leaves few; `look` tells if there are too many without."""
+    skin = c.skin if c.look[1] == 0.0 else min(c.skin, 2.0 * c.look[1])
+    number = list_within(x, c, skin, min(c.few, c.pairs.size))
     while number < 0 and skin > 1e-3 * c.skin:
         skin *= 0.5
-        number = list_within(x, c, skin)
+        number = list_within(x, c, skin, min(c.few, c.pairs.size))
+    if number < 0:
+        number = list_within(x, c, skin, c.pairs.size)
     c.look[2] = 1.0 if number < 0 else 0.0
     c.look[0] = max(number, 0)
     c.look[1] = skin
@@ -53,7 +52,7 @@ def list_pairs(x: Any, c: Any) -> None:
             c.listed_at[i] = x[i]
 
 
-def list_within(x: Any, c: Any, skin: float) -> int:
+def list_within(x: Any, c: Any, skin: float, room: int) -> int:
     """Put the pairs nearer than reach and skin into c.pairs, in order; how many, -1: more than there is room.
 
     The boxes around the elements are swept along the axis along which they are spread most.
@@ -83,7 +82,7 @@ def list_within(x: Any, c: Any, skin: float) -> int:
             if meet(boxes, k, m) and not are_neighbours(c, k, m):
                 reach = c.thick[k] + c.thick[m]
                 if distance_of(x, c, k, m) < reach + skin:
-                    if number == c.pairs.size:
+                    if number == room:
                         return -1
                     c.pairs[number] = min(k, m) * many + max(k, m)
                     number += 1
@@ -133,7 +132,7 @@ def meet(boxes: Any, k: int, m: int) -> bool:
 def are_neighbours(c: Any, k: int, m: int) -> bool:
     """True for elements that share a node, or are listed as too near along the threads."""
     i, j, p, q = c.first[k], c.second[k], c.first[m], c.second[m]
-    if i == p or i == q or j == p or j == q:
+    if i in (p, q) or j in (p, q):
         return True
     return place_of(c.neighbours, min(k, m) * c.length.size + max(k, m)) >= 0
 

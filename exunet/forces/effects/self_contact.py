@@ -116,7 +116,8 @@ def radii(keys: Keys, net: Net) -> Floats:
 
 def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
     """Threads as thick as they are; what they exchange as they meet hardly depends on the stiffness."""
-    return Keys(stiffness=1e5, damping=0.0), "threads of their own radius, without damping"
+    keys = Keys.model_validate({"stiffness": 1e5, "damping": 0.0})
+    return keys, "threads of their own radius, without damping"
 
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
