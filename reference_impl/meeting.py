@@ -3,7 +3,7 @@
 A pair stores U = L L' K/(3 pi R^2) times the integral of (R^2 - d^2)^(3/2) over the places s, t of both
 elements that are nearer than R, where d is the distance of x(s) from y(t).  Along the second element, t in a
 chord of half-width w, the places are t = t0 + w sin(phi), in which the integrands are smooth; along the first
-the rule halves its pieces until they agree (`quadrature`).
+the rule halves its pieces until they agree (`quadrature`), with s = 3 z^2 - 2 z^3 on each piece at first.
 """
 
 from __future__ import annotations
@@ -198,17 +198,27 @@ def _pressed(pairs: Meeting, rows: Ints, x: Floats) -> Floats:
         stored = np.einsum("qgp,qgp->qg", weight, g**3)
         return np.concatenate((push, s[..., None] * push, lever, stored[..., None]), axis=-1)
 
-    pieces = _stretches(a, u, b, w, reach)
-    return integrals(density, pieces, len(rows), _MEASURE, np.zeros(len(rows)))
+    marks = _marks(a, u, b, w, reach)
+
+    def smooth(line: Ints, z: Floats) -> Floats:
+        """The density, s = 3 f^2 - 2 f^3 of piece k, f = z - k: without square roots at its ends."""
+        piece = z.astype(np.intp)
+        f, begin = z - piece, marks[line[:, None], piece]
+        width = marks[line[:, None], piece + 1] - begin
+        s = begin + width * f * f * (3.0 - 2.0 * f)
+        return (6.0 * width * f * (1.0 - f))[..., None] * density(line, s)
+
+    line, piece = (part.ravel() for part in np.indices((len(rows), marks.shape[1] - 1)))
+    pieces = Pieces(line, piece.astype(float), piece + 1.0)
+    return integrals(smooth, pieces, len(rows), _MEASURE, np.zeros(len(rows)))
 
 
-def _stretches(a: Floats, u: Floats, b: Floats, w: Floats, reach: Floats) -> Pieces:
-    """From where to where the first elements are nearer than R to the second, parted where ends come near.
+def _marks(a: Floats, u: Floats, b: Floats, w: Floats, reach: Floats) -> Floats:
+    """Places s (q, 6) on the first elements: where they become near, where ends of the other do, in order.
 
     The distance of a + s u from an element is convex in s: Newton's steps from an end of the element that is
     not near go towards the place where it becomes near, and not beyond.
     """
-    q = len(a)
     marks = [_edge(a, u, b, w, reach, end) for end in (0.0, 1.0)]
     uu = dot(u, u)
     for end in (b, b + w):
@@ -216,11 +226,7 @@ def _stretches(a: Floats, u: Floats, b: Floats, w: Floats, reach: Floats) -> Pie
         off = a + foot[:, None] * u - end
         wide = np.sqrt(_over(np.maximum(reach**2 - dot(off, off), 0.0), uu))
         marks += [np.clip(foot + sign * wide, marks[0], marks[1]) for sign in (-1.0, 1.0)]
-    places = np.sort(np.stack(marks, axis=1), axis=1)
-    line = np.repeat(np.arange(q), places.shape[1] - 1)
-    begin, end = places[:, :-1].ravel(), places[:, 1:].ravel()
-    some: Bools = end > begin
-    return Pieces(line[some], begin[some], end[some])
+    return np.sort(np.stack(marks, axis=1), axis=1)
 
 
 def _edge(a: Floats, u: Floats, b: Floats, w: Floats, reach: Floats, end: float) -> Floats:
