@@ -231,10 +231,7 @@ class Ladder:
         for name in shipped(together.TOGETHER_CASES):
             case = read_both(shipped_case(together.TOGETHER_CASES, name))
             yield Step(9, name, partial(together.at_states, case, states))
-            if self._quick:
-                yield _without(9, name, "whole runs", "leaves out whole runs")
-            else:
-                yield Step(9, name, partial(together.over_a_run, case))
+            yield Step(9, name, partial(together.over_a_run, case))
 
     def _closings(self) -> Iterator[Step]:
         """The scenes of rung 10: what closes a mouth, at states and over whole runs."""

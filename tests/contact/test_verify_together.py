@@ -25,16 +25,6 @@ def test_both_codes_agree_at_states(case: BothCodes) -> None:
     assert all(check.holds for check in checks), checks
 
 
-@pytest.mark.slow
-def test_both_codes_agree_over_a_run_in_which_threads_touch(case: BothCodes) -> None:
-    (check,) = together.over_a_run(case)
-    assert check.holds, check
-    system = case.theirs.system
-    assert system.meeting is not None
-    last = case.fastest().run_exunet(np.array([0.0, case.start.scene.time.end])).position[-1]
-    assert len(meeting.near(system.meeting, last[: case.start.net.n_nodes])[0]) >= 3
-
-
 def test_the_least_distance_is_that_of_many_points() -> None:
     """The reference's, of 200 pairs of lines, beside 101 points on each: less by at most a spacing."""
     random = np.random.default_rng(20261123)
