@@ -147,7 +147,7 @@ LEAVES = {
     ),
     "launch_force": ({"kernels"}, {"add_gas_launch"}),
     "molecular_drag": ({"kernels"}, {"add_molecular_drag"}),
-    "self_contact": ({"kernels", "memory"}, {"add_together", "add_pair", "press"}),
+    "self_contact": ({"kernels", "memory"}, {"add_together", "add_pair"}),
     "solar_pressure": ({"load"}, {"add_load"}),
     "thermal_strain": ({"free_strain"}, set()),
     "thrust": ({"kernels", "memory", "switch"}, {"add_thrust"}),

@@ -18,6 +18,7 @@ from exunet.forces.contact.together_loops import (
     TOGETHER,
     are_neighbours,
     distance_of,
+    largest_step,
     list_is_right,
     list_pairs,
     passed,
@@ -59,7 +60,9 @@ class Together(NamedTuple):
     now        : (6,) of the state that was looked at last: largest depth [m], its pair, pairs that touch; not
                  used; 1 + the number of a pair that is too near, or 0; sum of the forces [N]
     pairs      : list of the pairs that are near; a pair of the elements k < l has the number k m + l
-    look       : (3,) how many they are, skin of the list [m], 1.0 if there are more than there is room for
+    gaps       : how far apart their surfaces were when they were listed [m]
+    look       : (4,) how many they are, skin of the list [m], 1.0 if there are more than there is room for,
+                 how far nodes have moved since, but for a common shift [m]
     listed_at  : (3 n_nodes,) where the nodes were when it was made
     order      : (m,) the elements, as they were swept last; begins : (m,) by which they were sorted [m]
     none       : (0,)
@@ -83,6 +86,7 @@ class Together(NamedTuple):
     kept: Floats
     now: Floats
     pairs: Ints
+    gaps: Floats
     look: Floats
     listed_at: Floats
     order: Ints
@@ -122,7 +126,8 @@ def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: f
         np.zeros(0),
         np.zeros(6),
         np.zeros(room, dtype=np.int64),
-        np.zeros(3),
+        np.zeros(room),
+        np.zeros(4),
         position.copy(),
         np.arange(number),
         np.zeros(number),
@@ -137,7 +142,7 @@ def threads_together(blocks: Blocks, thick: Floats, stiffness: float, damping: f
     kept = untouched(position)
     data = data._replace(begun=begun, begun_reach=reach, kept=kept)
     data.pairs[: len(begun)] = begun[:room]  # the list, until something moves
-    data.look[:] = min(len(begun), room), 0.0, float(len(begun) > room)
+    data.look[:3] = min(len(begun), room), 0.0, float(len(begun) > room)
 
     def wrong(values: Floats) -> str:
         return trouble(status_of(values), data)
@@ -254,7 +259,8 @@ def add_together(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
         now[n] = 0.0
     now[1] = -1.0
     for one in range(int(c.look[0])):
-        add_pair(x, v, c, c.pairs[one], force)
+        if c.gaps[one] <= 2.0 * c.look[3]:
+            add_pair(x, v, c, c.pairs[one], force)
 
 
 def add_pair(x: Any, v: Any, c: Any, pair: int, force: Any) -> None:
@@ -360,7 +366,10 @@ def remember_together(t: float, x: Any, v: Any, c: Any) -> None:
     remember_wrong(t, 3.0 * c.look[2], 0.0, status)
     if now[4] > 0.0:
         remember_wrong(t, 1.0, now[4] - 1.0, status)
+    near = 2.0 * c.look[3] + 4.0 * largest_step(x, before)
     for one in range(int(c.look[0])):
+        if c.gaps[one] > near:
+            continue
         pair = c.pairs[one]
         k, m = pair // number, pair % number
         reach = reach_of(c, pair, k, m)

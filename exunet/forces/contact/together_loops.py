@@ -8,13 +8,14 @@ and pairs stand in a fixed order, so that forces are the same to the last bit wh
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from exunet.forces.contact.pair_loops import apart, dot, point_of, way
 
 
 def list_is_right(x: Any, c: Any) -> bool:
-    """True if every pair that may touch is listed."""
+    """True if every pair that may touch is listed; how far nodes have moved since then goes into `look`."""
     number = c.nodes.size
     step = max(1, number // 8)
     p, q, r = 0.0, 0.0, 0.0
@@ -32,7 +33,8 @@ def list_is_right(x: Any, c: Any) -> bool:
         e = x[i + 1] - c.listed_at[i + 1] - q
         f = x[i + 2] - c.listed_at[i + 2] - r
         most = max(most, d * d + e * e + f * f)
-    return most <= 0.25 * c.look[1] * c.look[1]
+    c.look[3] = math.sqrt(most)
+    return c.look[3] <= 0.5 * c.look[1]
 
 
 def list_pairs(x: Any, c: Any) -> None:
@@ -47,6 +49,10 @@ def list_pairs(x: Any, c: Any) -> None:
     c.look[2] = 1.0 if number < 0 else 0.0
     c.look[0] = max(number, 0)
     c.look[1] = skin
+    c.look[3] = 0.0
+    for one in range(int(c.look[0])):
+        k, m = c.pairs[one] // c.length.size, c.pairs[one] % c.length.size
+        c.gaps[one] = distance_of(x, c, k, m) - c.thick[k] - c.thick[m]
     for one in range(c.nodes.size):
         for i in range(c.nodes[one], c.nodes[one] + 3):
             c.listed_at[i] = x[i]
@@ -167,6 +173,14 @@ def volume_of(x: Any, c: Any, k: int, m: int) -> float:
     return dot(across, way(p, a))
 
 
+def largest_step(x: Any, before: Any) -> float:
+    """The longest way [m] along an axis since `before`; no node has gone further than 3^(1/2) of it."""
+    most = 0.0
+    for n in range(before.size):
+        most = max(most, abs(x[n] - before[n]))
+    return most
+
+
 def passed(x: Any, before: Any, c: Any, k: int, m: int, least: float) -> bool:
     """True if two elements came nearer than `least` [m] as they changed sides since the last step.
 
@@ -211,5 +225,6 @@ TOGETHER = (
     place_of,
     distance_of,
     volume_of,
+    largest_step,
     passed,
 )
