@@ -150,8 +150,9 @@ class Dop853:
     def __init__(self, run: Run, rtol: float, atol: float, times: Floats) -> None:
         self.run, self.rtol, self.atol = run, max(rtol, 100.0 * np.finfo(float).eps), atol
         self.stages = _Stages(run, _pair(DOP853, DOP853.E5))
-        contact = run.system.effects.contact
-        self.books = bool(run.system.effects.relaxation_time or (contact is not None and contact.damping))
+        effects = run.system.effects
+        damped = any(law is not None and law.damping for law in (effects.contact, effects.self_contact))
+        self.books = bool(effects.relaxation_time or damped)
         self.h = self._first_step(float(times[-1] - times[0]))
 
     def _rms(self, ratio: Floats) -> float:

@@ -19,6 +19,7 @@ from reference_impl.closing import Drawn, Edge, Line
 from reference_impl.effects.orbit import orbital_potential
 from reference_impl.elements import excess, span, strain, stress
 from reference_impl.forces import ways
+from reference_impl.meeting import stored as stored_between
 from reference_impl.reels import Wound
 from reference_impl.system import System
 
@@ -73,7 +74,7 @@ def of_closing(system: System, x: Floats, drawn: Drawn) -> tuple[Bools | None, F
 def potential(
     system: System, x: Floats, bodies: BodyStates | None = None, gone: Bools | None = None
 ) -> Floats:
-    """Potential (...) [J] of gravity, orbit, j2, sunlight, bending and launch_force, fixed nodes included.
+    """Potential (...) [J] of gravity, orbit, j2, sunlight, bending, self_contact and launch_force.
 
     Without that of `contact`, which depends on what bodies hold.
 
@@ -92,6 +93,8 @@ def potential(
         total = total - np.einsum("nc,...nc->...", system.sunlight, x)
     if effects.bending is not None:
         total = total + system.hinges.energy(span(system, x))
+    if system.meeting is not None:
+        total = total + stored_between(system.meeting, x)
     if bodies is not None and fields.act(system):
         total = total + fields.potential(system, bodies.position, bodies.attitude)
     if effects.launch_force is not None:

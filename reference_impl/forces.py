@@ -21,6 +21,7 @@ from reference_impl.effects.air_drag import bullet_drag, cable_drag
 from reference_impl.effects.molecular_drag import molecular_force
 from reference_impl.effects.orbit import orbital_acceleration
 from reference_impl.elements import excess, length, span, strain, strain_of, stress, tension
+from reference_impl.meeting import met
 from reference_impl.mode import BY_STATE, Mode
 from reference_impl.reels import Outlets, Wound, pay
 from reference_impl.stiffness import damping, secant, tangent, tangent_element
@@ -231,6 +232,10 @@ def response(system: System, t: float, whole: Whole, mode: Mode = BY_STATE) -> R
         power += pulled.taken - pulled.power
         drawing = np.array([pulled.rate, pulled.power])
     effects = system.effects
+    if system.meeting is not None:
+        found = met(system.meeting, nodes, speeds)
+        push += found.on_nodes
+        power += found.taken
     if any(effects.gravity):
         push += system.weight
     if effects.solar_pressure is not None:

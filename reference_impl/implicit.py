@@ -57,6 +57,8 @@ def unsupported(system: System) -> str:
         reasons.append("effects.thrust, which puts energy in")
     if effects.breaking is not None:
         reasons.append("effects.breaking, which ends an element's energy")
+    if effects.self_contact is not None:
+        reasons.append("effects.self_contact, whose forces have no discrete gradient here")
     if effects.contact is not None:
         reasons.append("effects.contact, whose forces have no discrete gradient here")
     if system.barrels is not None and system.barrels.rigid is not None:

@@ -19,6 +19,7 @@ from reference_impl.events import Break, Watch
 from reference_impl.forces import response, seen, ways
 from reference_impl.friction import SLIDING, nothing, remembered
 from reference_impl.handover import eject, hand_over
+from reference_impl.meeting import too_near
 from reference_impl.mode import Mode
 from reference_impl.reels import Wound
 from reference_impl.state import Given, Layout, layout
@@ -170,7 +171,10 @@ class Run:
         return not (np.array_equal(after.law, memory.law) and np.array_equal(after.b, memory.b))
 
     def check_depth(self) -> None:
-        """Stops where a thread or bullet is deeper in a body than contact allows."""
+        """Stops where threads or bullets are deeper in a body, or in each other, than contact allows."""
+        pairs = self.system.meeting
+        if pairs is not None and (words := too_near(pairs, self.layout.positions(self.y))):
+            raise Breakdown(words)
         if self.system.contacts is None:
             return
         whole, packed = self.layout.whole(self.y), bool(np.any(self.layout.packed(self.y)))

@@ -25,10 +25,11 @@ from reference_impl.effects.breaking import limits
 from reference_impl.effects.j2 import oblate_gradient
 from reference_impl.effects.solar_pressure import solar_force
 from reference_impl.elements import Elements
+from reference_impl.meeting import Meeting, meeting
 from reference_impl.net import Net
 from reference_impl.packed import Packed, packed
 from reference_impl.reels import Reels, reeled
-from reference_impl.start import initial_bodies
+from reference_impl.start import initial_bodies, initial_state
 from reference_impl.stiffness import damping, mass_proportional
 
 ALONE = collect(())[0]
@@ -54,6 +55,7 @@ class System(Elements):
     reels: Reels | None = None
     packed: Packed | None = None  # the net, until a body ejects it
     contacts: Contacts | None = None
+    meeting: Meeting | None = None  # of threads of the net
     closing: Closing | None = None
     begun: Begun | None = None  # None: the books are empty at time 0
 
@@ -196,4 +198,5 @@ def assemble(case: Case, net: Net, symmetric: bool = False, assembled: bool = Fa
     barrels, reels = aimed(case, net, bodies, states), reeled(case, net)
     held = packed(case, net, bodies)
     moving = (bodies, barrels, reels if len(reels) else None, held, pairs(case, net, bodies))
-    return System(net, case.effects, symmetric, assembled, *moving, closed_by(case, net))
+    meets = meeting(case, net, initial_state(case, net)[0])
+    return System(net, case.effects, symmetric, assembled, *moving, meets, closed_by(case, net))

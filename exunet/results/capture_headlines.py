@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.results.capture import Measures
-from exunet.results.course import CONTACT, TOUCHING, Course
+from exunet.results.course import CONTACT, SELF, TOUCHING, Course
 from exunet.results.headline import Headline
 from exunet.results.verdict import Found, Outcome, conditions, found
 
@@ -92,6 +92,37 @@ def of_contact(body: str) -> tuple[Headline, ...]:
     )
 
 
+def _of_threads(quantity: str) -> Callable[[Course], float | None]:
+    """Of threads that touch each other; None where none ever did."""
+
+    def value(course: Course) -> float | None:
+        if not course.together or course.together[f"{SELF}first"][-1] == _NOT_YET:
+            return None
+        series = course.together[SELF + quantity]
+        return float(series[-1] if quantity in ("first", "deepest") else series.max())
+
+    return value
+
+
+OF_SELF_CONTACT = (
+    Headline(
+        "self_contact_first", "first contact of threads", "s", _of_threads("first"), at_a_step=True
+    ),
+    Headline(
+        "self_contact_deepest", "deepest overlap of threads", "m", _of_threads("deepest"), least=_LEAST,
+        remark="surface in surface, of all steps",
+    ),
+    Headline(
+        "self_contact_most_touching", "most pairs of elements that touch", "", _of_threads("touching"),
+        least=1.0, remark="of the stored times",
+    ),
+    Headline(
+        "self_contact_largest_force", "largest force between threads", "N", _of_threads("force"),
+        remark="sum over all pairs, of the stored times",
+    ),
+)  # fmt: skip
+
+
 def outcome(course: Course) -> Found | None:
     """What became of the target; None without a rule."""
     if course.rule is None or course.capture is None:
@@ -171,4 +202,5 @@ OF_A_CAPTURE = (
 def headlines_of_capture(course: Course) -> tuple[Headline, ...]:
     """Those of the contacts and of the capture of a scene."""
     contacts = [one for body in touched_bodies(course) for one in of_contact(body)]
-    return (*contacts, *(OF_A_CAPTURE if course.rule is not None else ()))
+    together = OF_SELF_CONTACT if course.together else ()
+    return (*contacts, *together, *(OF_A_CAPTURE if course.rule is not None else ()))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from exunet.bodies.approach import Mover
 from exunet.bodies.kinematics import GIVEN
 from exunet.case.verdict import Verdict
+from exunet.forces.contact.together import NAME as SELF_CONTACT
 from exunet.forces.from_outside import effects_of
 from exunet.net.areas import achievable_area
 from exunet.net.closing import NAME
@@ -47,6 +48,7 @@ Ints = NDArray[np.int64]
 
 THREADS, NODES, BULLETS = TOUCHING = ("threads", "nodes", "bullets")  # what may touch a body
 CONTACT = "contact_"  # before the name of the body, in the names of what is stored of contacts
+SELF = f"{SELF_CONTACT}/"  # before the names of what is stored of threads that touch each other
 LINE = f"{NAME}/"  # before the names of what is stored of a closing line
 REEL_STATES = ("wound_up", "work")  # of a reel, after the name of its tether, and of a closing line's winch
 INTERVALS = 400  # between the instants of a course
@@ -88,6 +90,7 @@ class Course:
     line            : (t,) what is stored of a closing line, by name ("closing/largest" and so on)
     units           : (t, n_units + 1) impulse that each corner unit has spent [N s], and the work of all [J]
     contact         : (t,) what is stored of contacts, by name ("contact_BODY/threads_touching" and so on)
+    together        : (t,) what is stored of threads that touch each other ("self_contact/touching" and so on)
     """
 
     time: Floats
@@ -121,6 +124,7 @@ class Course:
     units: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     line: Mapping[str, Floats] = field(default_factory=dict)
     contact: Mapping[str, Floats] = field(default_factory=dict)
+    together: Mapping[str, Floats] = field(default_factory=dict)
 
     def at_every_second(self) -> Course:
         """The same at half as many times, the last one included."""
@@ -140,9 +144,11 @@ class Course:
         capture = None if self.capture is None else Measures(*(one[rows] for one in self.capture))
         contact = {name: values[rows] for name, values in self.contact.items()}
         line = {name: values[rows] for name, values in self.line.items()}
+        together = {name: values[rows] for name, values in self.together.items()}
         movers = {name: replace(one, path=one.path.every_second()) for name, one in self.movers.items()}
         thinned = {name: getattr(self, name)[rows] for name in names}
-        return replace(self, movers=movers, capture=capture, line=line, contact=contact, **thinned)
+        kept: dict[str, Any] = {"line": line, "contact": contact, "together": together}
+        return replace(self, movers=movers, capture=capture, **kept, **thinned)
 
     @cached_property
     def nearest(self) -> dict[Pair, Nearest]:
@@ -206,6 +212,7 @@ def course_of(result: Result) -> Course:
         units=units_over_time(result),
         line=_series(result, LINE),
         contact=_series(result, CONTACT),
+        together=_series(result, SELF),
     )
 
 

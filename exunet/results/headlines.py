@@ -25,7 +25,7 @@ from exunet.results.body_headlines import (
     books_of_bodies,
     headlines_of_bodies,
 )
-from exunet.results.capture_headlines import OF_A_CAPTURE, headlines_of_capture, of_contact
+from exunet.results.capture_headlines import OF_A_CAPTURE, OF_SELF_CONTACT, headlines_of_capture, of_contact
 from exunet.results.clearance import Nearest
 from exunet.results.course import LINE, REEL_STATES, Course
 from exunet.results.headline import Headline
@@ -336,6 +336,7 @@ _ONES = (
     of_margin(STRINGS),
     *OF_A_SCENE,
     *OF_A_CAPTURE,
+    *OF_SELF_CONTACT,
     *OF_A_LINE,
     *OF_UNITS,
     _wound_up(LINE_NAME),

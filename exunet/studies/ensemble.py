@@ -29,7 +29,7 @@ from exunet.forces.from_outside import effects_of
 from exunet.methods.method import COMPILED_METHODS
 from exunet.results.capture import Measures
 from exunet.results.clearance import Pair
-from exunet.results.course import CONTACT, LINE, Course, winches_of
+from exunet.results.course import CONTACT, LINE, SELF, Course, winches_of
 from exunet.results.margins import Groups, Peak
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.kept_series import series_of
@@ -151,6 +151,7 @@ class Ensemble(Measured):
             units=self.units[run],
             line=self._series(run, LINE),
             contact=self._series(run, CONTACT),
+            together=self._series(run, SELF),
         )
 
     def _series(self, run: int, prefix: str) -> dict[str, Floats]:

@@ -164,7 +164,7 @@ def contact_faults(system: System, start: State) -> list[Fault]:
         if words := memory.wrong(getattr(data, memory.kept_in)):
             where = words.partition(":")[0]  # without what a run could change
             reason = f"cannot start so: {where}. Give the net or the body another start, further apart"
-            faults.append(Fault("effects.contact", reason))
+            faults.append(Fault(f"effects.{memory.name.partition('/')[0]}", reason))
     return faults
 
 

@@ -21,6 +21,7 @@ from exunet.verification import (
     matrices,
     stepping,
     symmetry,
+    together,
     topology,
 )
 from exunet.verification.answers import ANSWERS, BODY_ANSWERS, Answer
@@ -227,6 +228,10 @@ class Ladder:
                 yield _without(9, name, "whole runs", "leaves out whole runs")
             else:
                 yield Step(9, name, partial(_in_contact, name, contact.over_a_run))
+        for name in shipped(together.TOGETHER_CASES):
+            case = read_both(shipped_case(together.TOGETHER_CASES, name))
+            yield Step(9, name, partial(together.at_states, case, states))
+            yield Step(9, name, partial(together.over_a_run, case))
 
     def _closings(self) -> Iterator[Step]:
         """The scenes of rung 10: what closes a mouth, at states and over whole runs."""

@@ -17,6 +17,7 @@ from reference_impl.effects.j2 import J2, read_j2
 from reference_impl.effects.launch_force import LaunchForce, read_launch_force
 from reference_impl.effects.molecular_drag import MolecularDrag, read_molecular_drag
 from reference_impl.effects.orbit import Orbit, read_orbit
+from reference_impl.effects.self_contact import SelfContact, read_self_contact
 from reference_impl.effects.solar_pressure import SolarPressure, read_solar_pressure
 from reference_impl.effects.thermal_strain import ThermalStrain, read_thermal_strain
 from reference_impl.effects.thrust import Thrust, read_thrust
@@ -31,6 +32,7 @@ CONTRADICTIONS = (
     ("gravity", "molecular_drag"),
     ("gravity", "solar_pressure"),
     ("breaking", "bending"),
+    ("breaking", "self_contact"),
 )
 
 
@@ -54,6 +56,7 @@ class Effects:
     launch_force: LaunchForce | None = None
     thrust: Thrust | None = None
     contact: Contact | None = None
+    self_contact: SelfContact | None = None
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ _READERS: dict[str, Callable[[Table, Surroundings], Any]] = {
     "launch_force": lambda table, around: read_launch_force(table, around.bullets != 0),
     "thrust": lambda table, around: read_thrust(table, around.bullets),
     "contact": lambda table, around: read_contact(table, around.bullets != 0),
+    "self_contact": lambda table, around: read_self_contact(table),
 }
 
 

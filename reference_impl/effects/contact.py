@@ -79,7 +79,7 @@ def read_contact(table: Table, bullets: bool) -> Contact | None:
             ("modulus", hertz, 'law = "hertz"'),
         )
     }
-    damping = _damping(table)
+    damping = damping_of_bounce(table)
     friction = table.need("friction", number(0.0))
     law_of_friction = table.get("friction_law", one_of_names("sticking", "regularised"), None)
     if friction and "friction_law" not in table.values:
@@ -131,7 +131,7 @@ def _where(
     return None
 
 
-def _damping(table: Table) -> float | None:
+def damping_of_bounce(table: Table) -> float | None:
     """a [s/m], given itself or by restitution and impact speed; None with faults noted."""
     bounce = [key for key in ("restitution", "impact_speed") if key in table.values]
     restitution = table.need("restitution", number(above=0.0, maximum=1.0)) if bounce else None

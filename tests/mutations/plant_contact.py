@@ -5,11 +5,20 @@ from __future__ import annotations
 from plant import EXUDYN, REFERENCE, of_text, planted
 
 from exunet.backends.exudyn.model import Model
-from exunet.forces.contact import core_loops, frame_loops, friction_loops, spheres, threads, touching_loops
+from exunet.forces.contact import (
+    core_loops,
+    frame_loops,
+    friction_loops,
+    pair_loops,
+    spheres,
+    threads,
+    together,
+    touching_loops,
+)
 from exunet.forces.effects import contact
 from reference_impl.contacts import Group
 
-THREADS, NODES, BULLETS = "threads", "nodes", "bullets"
+THREADS, NODES, BULLETS, TOGETHER = "threads", "nodes", "bullets", "together"
 BOTH = (threads, spheres)
 
 
@@ -158,3 +167,32 @@ def reference_contact_doubled(patch):
 @planted(9, "energy of contact without its power", REFERENCE, BULLETS)
 def reference_contact_energy(patch):
     patch.setattr(Group, "stored", lambda self, p: self.factor * p ** (self.power + 1.0))
+
+
+_of_text(
+    "threads_together_without_reaction",
+    TOGETHER,
+    "force of threads that touch on one of both alone",
+    together,
+    "add_pair",
+    "force[q + axis] -= on_q",
+    "force[q + axis] -= 0.0 * on_q",
+)
+_of_text(
+    "lever_along_the_other_thread",
+    TOGETHER,
+    "force of threads that touch shared to the ends of one by the middle of the chord",
+    pair_loops,
+    "press_at",
+    "at * push + each * weight * (across[axis] * m_1 - e[axis] * m_2)",
+    "at * push",
+)
+_of_text(
+    "threads_together_pull",
+    TOGETHER,
+    "threads that part fast pull each other back",
+    together,
+    "add_pair",
+    "max(1.0 + c.damping * rate, 0.0)",
+    "(1.0 + c.damping * rate)",
+)

@@ -101,6 +101,15 @@ def size_of(a: Any) -> float:
 def remember_status(t: float, c: Any, status: Any) -> None:
     """The `Status` at the end of an accepted step."""
     now = c.now
+    way = now[3] * (t - status[8])
+    remember_touch(t, now, status)
+    wrong = 1.0 if now[4] < 0.0 else 2.0 if way > c.least else 3.0 if now[4] > 0.0 else 0.0
+    remember_wrong(t, wrong, now[1] if wrong == 2.0 else abs(now[4]) - 1.0, status)
+    now[4] = 0.0
+
+
+def remember_touch(t: float, now: Any, status: Any) -> None:
+    """Depths, touches and forces of the state that was looked at last, in the `Status`."""
     if now[0] > status[0]:
         status[0] = now[0]
         status[1] = t
@@ -108,16 +117,17 @@ def remember_status(t: float, c: Any, status: Any) -> None:
     if now[2] > 0.0 and status[3] < 0.0:
         status[3] = t
     status[7] = max(status[7], now[2])
+    status[8] = t
     status[9] = now[2]
     status[10] = now[5]
-    way = now[3] * (t - status[8])
-    status[8] = t
-    wrong = 1.0 if now[4] < 0.0 else 2.0 if way > c.least else 3.0 if now[4] > 0.0 else 0.0
+
+
+def remember_wrong(t: float, wrong: float, pair: float, status: Any) -> None:
+    """What went wrong first, in the `Status`; wrong = 0.0: nothing did."""
     if status[4] == 0.0 and wrong > 0.0:
         status[4] = wrong
         status[5] = t
-        status[6] = now[1] if wrong == 2.0 else abs(now[4]) - 1.0
-    now[4] = 0.0
+        status[6] = pair
 
 
 def keep_row(kept: Any, k: int, row: Any) -> None:
@@ -127,4 +137,5 @@ def keep_row(kept: Any, k: int, row: Any) -> None:
         kept[5 * k + m] = row[m] if row[0] == 1.0 else 0.0
 
 
-NEAR = (is_near, clearance, choose_near, size_of, remember_status, keep_row)
+KEPT = (remember_status, remember_touch, remember_wrong, keep_row)
+NEAR = (is_near, clearance, choose_near, size_of, *KEPT)

@@ -18,7 +18,7 @@ from exunet.forces.contact.frame_loops import (
     velocity_against_body,
 )
 from exunet.forces.contact.friction_loops import FRICTION, friction, regularised_friction, shift_for
-from exunet.forces.contact.near_loops import keep_row, remember_status
+from exunet.forces.contact.near_loops import KEPT, keep_row, remember_status
 from exunet.forces.contact.status import memory_of, untouched
 from exunet.forces.contact.threads import ROW, Friction
 from exunet.forces.contact.trouble import trouble
@@ -152,7 +152,7 @@ def sphere_contact(
         add_sphere_contact,
         data,
         sphere_contact_potential,
-        (*FRAMES, *DISTANCES, keep_row, remember_status, *FRICTION, *_OWN),
+        (*FRAMES, *DISTANCES, *KEPT, *FRICTION, *_OWN),
         bodies=(body,) if body in blocks.free_bodies else (),
         stiffness_rate=_stiffness_rate(blocks, body, surface, data),
         memory=memory_of(what.many, body, kept, wrong),

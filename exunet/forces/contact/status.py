@@ -60,8 +60,11 @@ def untouched(pairs: Floats) -> Floats:
 
 def memory_of(what: str, body: str, kept: Floats, wrong: Callable[[Floats], str]) -> Memory:
     """The memory of the contact of threads, or of bullets, with a body."""
-    series = tuple(
-        Series(f"contact_{body}/{what}_{name}", units, Status._fields.index(field) - STATUS)
-        for field, (name, units) in _SERIES.items()
-    )
+    series = series_of(f"contact_{body}/{what}_")
     return Memory(f"contact/{what}/{body}", kept, kept_in="kept", wrong=wrong, series=series)
+
+
+def series_of(begin: str) -> tuple[Series, ...]:
+    """What is stored of a status, under names that begin so."""
+    places = {field: Status._fields.index(field) - STATUS for field in _SERIES}
+    return tuple(Series(begin + name, units, places[field]) for field, (name, units) in _SERIES.items())

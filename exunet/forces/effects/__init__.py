@@ -64,6 +64,7 @@ _NAMES = (
     "j2",
     "launch_force",
     "molecular_drag",
+    "self_contact",
     "solar_pressure",
     "thermal_strain",
     "thrust",

@@ -1,0 +1,142 @@
+"""Contact of the threads of a net with each other, without friction.
+
+Penalty, integrated over where threads touch, with Hunt and Crossley's damping; see
+`exunet.forces.contact.pair_loops`, and for the equations cases/README.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from exunet.base.errors import Fault
+from exunet.base.faults import each
+from exunet.base.table import NonNegative, Positive, Table
+from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.contact.law import LEAST_RESTITUTION, damping_of
+from exunet.forces.contact.together import NAME, threads_together
+from exunet.forces.estimate import Estimate, EstimateBasis
+from exunet.forces.requirements import RestOfCase
+from exunet.forces.terms import KernelTerm
+from exunet.net.arrays import Floats, Net
+
+EXCLUDES = {"breaking": "the line between the ends of a broken element would still touch"}
+
+
+class Keys(Table):
+    """Threads of the net touch each other."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [{"required": ["damping"]}, {"required": ["restitution", "impact_speed"]}]
+        }
+    )
+
+    stiffness: Positive = Field(
+        description="K, force per length of threads side by side and per depth [N/m2]", examples=[2e4]
+    )
+    radius: Positive | None = Field(
+        None, description="of all threads [m], at least their own; default that", examples=[0.005]
+    )
+    restitution: float | None = Field(
+        None,
+        ge=LEAST_RESTITUTION,
+        le=1.0,
+        description="e, speed after over speed before two threads meet at impact_speed [-]",
+        examples=[0.5],
+    )
+    impact_speed: Positive | None = Field(None, description="v0 [m/s]; for restitution", examples=[1.0])
+    damping: NonNegative | None = Field(
+        None, description="a in F(1 + a p') [s/m]; instead of restitution", examples=[0.5]
+    )
+
+    @property
+    def a(self) -> float:
+        """Of Hunt and Crossley's law [s/m]."""
+        if self.damping is not None:
+            return self.damping
+        assert self.restitution is not None
+        assert self.impact_speed is not None
+        return damping_of(self.restitution, self.impact_speed)
+
+
+def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    """One of two ways to give the damping; threads that are not thinner than they are."""
+    yield from each(_damped(keys), _thick(keys, rest))
+
+
+def _damped(keys: Keys) -> Iterator[Fault]:
+    bounces = keys.is_given("restitution"), keys.is_given("impact_speed")
+    if keys.is_given("damping") == any(bounces):
+        yield Fault("", "needs either restitution with impact_speed, or damping")
+    elif any(bounces) and not all(bounces):
+        yield Fault("", "needs restitution and impact_speed together: restitution falls with the speed")
+
+
+def _thick(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    if not keys.is_given("radius"):
+        return
+    net, radius = rest.scene.net, keys.radius
+    kinds = [("net.cable", net.cable)]
+    if net.is_given("strings"):
+        kinds.append(("net.strings", net.strings))
+    for words, cable in kinds:
+        if cable.is_given("diameter") != cable.is_given("area"):
+            own = math.sqrt(cable.cross_section / math.pi)
+            if radius is not None and radius < (1.0 - 1e-12) * own:  # the square root rounds
+                yield Fault("radius", f"must be at least that of {words}, {own:.6g} m, got {radius:g}")
+
+
+def first_order_states(keys: Keys) -> tuple[FirstOrder, ...]:
+    """Energy that damping has taken [J]."""
+    return (FirstOrder(f"{NAME}/damping", (0.0,), "J", gives=-1.0),)
+
+
+def internal(keys: Keys) -> bool:
+    """Threads push each other."""
+    return True
+
+
+def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
+    """One term for all elements of the net and its strings; none for a single one."""
+    if blocks.net.n_net_elements < 2:
+        return ()
+    return (threads_together(blocks, radii(keys, blocks.net), keys.stiffness, keys.a),)
+
+
+def radii(keys: Keys, net: Net) -> Floats:
+    """(m,) of the elements of the net and its strings [m]."""
+    if keys.radius is not None:
+        return np.full(net.n_net_elements, keys.radius)
+    return np.asarray(np.sqrt(net.area[: net.n_net_elements] / math.pi))
+
+
+def nominal(basis: EstimateBasis) -> tuple[Keys, str]:
+    """Threads as thick as they are; what they exchange as they meet hardly depends on the stiffness."""
+    keys = Keys.model_validate({"stiffness": 1e5, "damping": 0.0})
+    return keys, "threads of their own radius, without damping"
+
+
+def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """Meetings of threads once the net has opened and springs back, as lines that fly through each other.
+
+    A line of length l that moves at the speed v across itself sweeps the area (pi/4) l v; lines of the length
+    lambda per volume, in all directions, cross an area lambda / 2 times. Each meeting changes the speed of a
+    node by about v. Before the net has opened, its threads move apart.
+    """
+    net = basis.net
+    mass = np.where(basis.free, net.mass, 0.0)
+    own = basis.velocity - (mass @ basis.velocity) / mass.sum() if mass.any() else 0.0 * basis.velocity
+    speed = basis.rms(np.where(basis.free[:, None], own, 0.0))
+    opens = basis.opening_time if math.isfinite(basis.opening_time) else 0.0
+    lasts = max(0.0, basis.duration - opens)
+    length = net.reference_length[: net.n_net_elements]
+    rate = math.pi / 8.0 * float(length.mean()) * speed * float(length.sum()) / basis.size**3
+    meetings = rate * lasts
+    moved = min(meetings, 1.0) * speed * 0.5 * lasts
+    words = f"{meetings:.2g} meetings of an element at {speed:.3g} m/s in the {lasts:.3g} s after opening"
+    acceleration = speed * math.sqrt(keys.stiffness * float(length.sum() / max(mass.sum(), 1e-300)))
+    return Estimate(acceleration, basis.held(moved), words)
