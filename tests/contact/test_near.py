@@ -91,7 +91,7 @@ def test_the_depth_of_a_rejected_attempt_does_not_stop_a_run(start: Start) -> No
 
 @pytest.mark.parametrize(("what", "speeds"), [("element", "threads"), ("bullet", "bullets")])
 def test_what_may_pass_through_unseen_is_named(what: str, speeds: str, start: Start) -> None:
-    """The fastest of what is near, after a step in which it goes half of the box's least thickness and more."""
+    """The fastest of what is near, after a step in which it goes more than half of the box's thickness."""
     term = next(one for one in start.system.forces.kernels if one.acts_on.startswith(speeds))
     assert term.memory is not None
     assert term.memory.wrong is not None
