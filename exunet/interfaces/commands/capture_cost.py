@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from exunet.base.errors import InputError
 from exunet.base.files import replacing
 from exunet.case.casefile import Case
 from exunet.figures.page import write
@@ -33,8 +34,12 @@ def study_capture(case: Case, asked: Asked, folder: Callable[[], Path]) -> bool:
     folder : makes and proves it, once the case is known to be one that can be studied
     """
     study = begun(case, asked)
+    first = first_seconds(study)
+    if first > asked.budget:
+        least = f"one run of the case takes some {duration(first)}, without what contact takes"
+        raise InputError(f"--budget: {least}: give more, or an earlier --until")
     there = folder()
-    tell(f"time    the case as it is first: about {duration(first_seconds(study))}, with contact more")
+    tell(f"time    the case as it is first: about {duration(first)}, with contact more")
     with status() as show:
         say = show if sys.stderr.isatty() else _Settings()
         run(study, asked, say, _expect)

@@ -19,14 +19,16 @@ from exunet.figures.page import write
 from exunet.figures.style import drawing
 from exunet.interfaces.commands import capture_cost as capture
 from exunet.interfaces.commands.capture_cost import is_capture, study_capture
+from exunet.interfaces.commands.ensemble import as_options
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.methods.method import METHODS
 from exunet.results.run_folder import new_folder, refuse_replacing
+from exunet.results.spread import COVERING
 from exunet.simulation.planning import slow_turning
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of
-from exunet.studies.capture_cost.settings import changed
+from exunet.studies.capture_cost.settings import MOST_SETTINGS, changed
 from exunet.studies.capture_cost.study import Asked
 from exunet.studies.cost.converged import INSTANTS, Converged, converge
 from exunet.studies.cost.figure import work_precision
@@ -35,6 +37,7 @@ from exunet.studies.cost.runners import Subject
 from exunet.studies.cost.settings import base
 from exunet.studies.cost.study import Study, all_rungs, climb, untried
 from exunet.studies.ensemble import metres
+from exunet.studies.moved_starts import refuse_far_moves, refuse_too_many
 from exunet.studies.spread import move_of
 
 INTERRUPTED = 130
@@ -77,11 +80,14 @@ def cost(case: Case, asked: AskedCost) -> int:
 
 
 def _of_capture(case: Case, asked: AskedCost) -> int:
-    if asked.perturb is not None:
-        metres("--perturb", asked.perturb)
     if asked.until is not None:
         case = changed(case, f"time.end={_end(case, asked.until)!r}")
-    move = move_of(prepare_case(case)) if asked.perturb is None else asked.perturb
+    start = prepare_case(case)
+    move = move_of(start) if asked.perturb is None else asked.perturb
+    with as_options():
+        metres("perturb", move)
+        refuse_far_moves(start, move)
+        refuse_too_many(MOST_SETTINGS * (asked.runs or COVERING))
     budget = capture.BUDGET if asked.budget is None else asked.budget
 
     def folder() -> Path:

@@ -84,8 +84,10 @@ def _range(one: Bias) -> str:
 
 def remark(study: Study, row: Row) -> str:
     """What is to be said of a row: that it failed, was left out, is the finest, holds, or not."""
+    if row.failed:
+        return f"failed: {row.reason}"
     if row.reason:
-        return f"failed: {row.reason}" if row.failed else row.reason
+        return row.reason
     if row is study.finest:
         return "the finest: ranges of its runs"
     if row.setting.alone:

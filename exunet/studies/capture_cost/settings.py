@@ -31,6 +31,7 @@ _TOLERANCES = {
 }
 _STIFFNESSES = {0.5: "contact x 1/2", 2.0: "contact x 2"}
 _DIVISIONS = 2
+MOST_SETTINGS = len(_STEPS) + len(_STIFFNESSES) + 1  # of a case, that have moved starts
 _NEXT = 1.6  # a run of DOPRI5 at a tenth of the tolerance costs at most this much more
 _CONTACT = ("stiffness", "node_stiffness", "bullet_stiffness", "modulus")
 _NO_RETRY = "retry=0"  # a setting that fails is not continued with another one
@@ -126,7 +127,7 @@ def settings_of(case: Case) -> list[Setting]:
     plan, contact = start.plan, bool(stiffer(case, 1.0))
     found = _sizes(start)
     for factor, name in _STIFFNESSES.items() if contact else ():
-        size, work = _sized(plan, following(factor))
+        size, work = _sized(plan, 1.0 if plan.step is None else following(factor))
         found.append(Setting(Knob.STIFFNESS, name, solver(plan, size), size, work, stiffer(case, factor)))
     found.append(_with_divisions(case, start))
     size, _ = _sized(plan, 1.0)

@@ -2,7 +2,8 @@
 
 The case as it is runs first, and tells what all others will take. Then come the finest setting, coarser ones,
 those that change the contact and the net, and the forms of Exudyn's, as long as they fit into the budget. A
-start that stops ends its setting, with the reason. What is done when the user interrupts is kept.
+start that stops ends its setting, with the reason. What is done when the budget is spent, or the user
+interrupts, is kept.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from exunet.base.errors import ExunetError, Interrupted
+from exunet.base.errors import ExunetError, Interrupted, RunStopped
 from exunet.bodies.rigid import RigidStates
 from exunet.case.casefile import Case
 from exunet.net.areas import achievable_area
@@ -24,9 +25,10 @@ from exunet.simulation.run import simulate
 from exunet.studies.capture_cost.judging import Bias, Verdicts, biases, verdicts
 from exunet.studies.capture_cost.settings import Knob, Setting, settings_of, the_case
 from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions, run_ensemble
-from exunet.studies.moved_starts import refuse_ended, refuse_far_moves, refuse_too_many
+from exunet.studies.moved_starts import refuse_ended
 
 Say = Callable[[str], None]
+Left = Callable[[], float]
 
 CHEAPER = 0.9  # of the wall time: what is not below is as dear, as wall times of single runs scatter
 _WARM_UP = 1e-3  # of the run: compiles what is to be compiled
@@ -136,14 +138,11 @@ class Expected:
 def begun(case: Case, asked: Asked) -> Study:
     """The study before its first run.
 
-    Raises what preparing the case raises, and InputError where moved starts cannot be compared: of a script
-    that may end runs, or with moves beyond what the cable law is valid for, or more runs than memory.
+    Raises what preparing the case raises, and InputError for a script that may end runs, whose moved starts
+    cannot be compared.
     """
-    start = prepare_case(case)
-    refuse_ended(start)
-    refuse_far_moves(start, asked.move)
-    refuse_too_many((asked.runs or COVERING) * len(settings := settings_of(case)))
-    rows = [Row(one, reason=one.refused, failed=bool(one.refused)) for one in settings]
+    refuse_ended(prepare_case(case))
+    rows = [Row(one, reason=one.refused, failed=bool(one.refused)) for one in settings_of(case)]
     return Study(case, asked.runs or 0, asked.move, rows)
 
 
@@ -178,8 +177,8 @@ def run(
     own = _own(study)
     try:
         say(f"{own.setting.name}: the start as it is")
-        _alone(study, own)
-        if own.failed:
+        _alone(study, own, left)
+        if own.reason:
             return
         rates = _Rates(own.seconds, own.seconds / _cores())
         plan = _planned(study, asked, rates, left())
@@ -194,10 +193,10 @@ def run(
                 continue
             if row.unmoved is None:
                 say(f"{row.setting.name}: the start as it is")
-                _alone(study, row)
-            if not (row.failed or row.setting.alone):
+                _alone(study, row, left)
+            if not (row.reason or row.setting.alone):
                 before = now()
-                _moved(study, row, say)
+                _moved(study, row, say, left)
                 if row is own and row.moved:
                     rates.start = (now() - before) / len(row.moved)
     except KeyboardInterrupt:
@@ -257,12 +256,24 @@ def _planned(study: Study, asked: Asked, rates: _Rates, left: float) -> Expected
     return Expected(runs, seconds, tuple(inside), tuple(outside))
 
 
-def _alone(study: Study, row: Row) -> None:
-    """The start as it is, timed."""
+class _Spent(RunStopped):
+    """Nothing is left of the budget."""
+
+
+def _alone(study: Study, row: Row, left: Left) -> None:
+    """The start as it is, timed, as long as something is left of the budget."""
+
+    def watch(time: float, *_: object) -> None:
+        if left() < 0.0:
+            raise _Spent(f"left out: the budget was spent at t = {time:.3g} s of its first run")
+
     try:
         start = row.setting.start(study.case)
-        simulate(_briefly(study, row))
-        found = simulate(start)
+        simulate(_briefly(start))
+        found = simulate(start, progress=watch)
+    except _Spent as spent:
+        row.reason = str(spent)
+        return
     except Interrupted:
         raise KeyboardInterrupt from None
     except ExunetError as error:
@@ -274,20 +285,22 @@ def _alone(study: Study, row: Row) -> None:
     row.unmoved = course_of(found)
 
 
-def _briefly(study: Study, row: Row) -> Start:
+def _briefly(start: Start) -> Start:
     """A start that ends soon, so that no first use is timed."""
-    end = _WARM_UP * study.case.scene.time.end
-    scene = row.setting.start(study.case)
-    time = scene.scene.time.model_copy(update={"end": end, "output_step": None, "output_times": ()})
-    return replace(scene, scene=scene.scene.model_copy(update={"time": time}))
+    keys = {"end": _WARM_UP * start.scene.time.end, "output_step": None, "output_times": ()}
+    time = start.scene.time.model_copy(update=keys)
+    return replace(start, scene=start.scene.model_copy(update={"time": time}))
 
 
-def _moved(study: Study, row: Row, say: Say) -> None:
+def _moved(study: Study, row: Row, say: Say, left: Left) -> None:
     """The moved starts, as many at once as there are cores, so that what is done survives Ctrl-C."""
     start = row.setting.start(study.case)
     achievable = achievable_area(start.net)
     seed = start.scene.seed
     while (done := len(row.moved)) < study.runs:
+        if left() < 0.0:
+            row.reason = f"the budget was spent after {done} of {study.runs} moved starts"
+            return
         say(f"{row.setting.name}: moved start {done + 1} of {study.runs}")
         number = min(_cores(), study.runs - done)
         places = perturbed_positions(start, number, study.move, seed, first=done)
