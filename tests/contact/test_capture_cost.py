@@ -286,22 +286,24 @@ def made(monkeypatch: pytest.MonkeyPatch, *rows: tuple[str, float, float, float]
 
 @pytest.mark.usefixtures("named")
 def test_the_cheapest_that_holds_is_recommended(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Biases in units of a range of 2: those of 1 matter. A softer contact that is as dear is not taken."""
+    """Of a range of 2: biases from 2/3 on matter. A softer contact that is as dear is not taken."""
     study = made(
         monkeypatch,
-        ("step x 4", 4e-5, 1.0, 1.0),
+        ("step x 8", 8e-5, 0.5, 3.0),
+        ("step x 4", 4e-5, 1.0, 0.7),
         ("step x 2", 2e-5, 2.0, 0.1),
         ("step x 1/2", 5e-6, 8.0, 0.0),
         ("contact x 1/2", 1e-5, 1.9, 0.0),
     )
-    assert study.finest is study.rows[2]
-    assert study.recommended is study.rows[1]
-    study.rows[3].seconds = 1.7
-    assert study.recommended is study.rows[3]
-    study.rows[3].moved.pop()
-    assert study.recommended is study.rows[1]
+    assert study.finest is study.rows[3]
+    assert study.recommended is study.rows[2]
+    study.rows[4].seconds = 1.7
+    assert study.recommended is study.rows[4]
+    study.rows[4].moved.pop()
+    assert study.recommended is study.rows[2]
     lines = dict(words(study))
-    assert lines["step x 4 (4e-05 s)"].endswith("number 11.0000 N s (+1.0000)*!; does not hold")
+    assert lines["step x 8 (8e-05 s)"].endswith("number 13.0000 N s (+3.0000)*!; does not hold")
+    assert lines["step x 4 (4e-05 s)"].endswith("number 10.7000 N s (+0.7000)!; open: more --runs would tell")
     assert "the finest" in lines["step x 1/2 (5e-06 s)"]
     assert "only 7 of 8 moved starts" in lines["contact x 1/2 (1e-05 s)"]
     assert (recommendation(study)[-1][0], recommendation(study)[-1][1][:9]) == ("not shown", "of number")
@@ -309,7 +311,7 @@ def test_the_cheapest_that_holds_is_recommended(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.usefixtures("named")
 def test_where_nothing_coarser_holds_the_finest_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    study = made(monkeypatch, ("step x 1", 1e-5, 1.0, 1.0), ("step x 1/2", 5e-6, 2.0, 0.0))
+    study = made(monkeypatch, ("step x 1", 1e-5, 1.0, 3.0), ("step x 1/2", 5e-6, 2.0, 0.0))
     assert study.recommended is study.rows[1]
     assert "the finest that ran" in recommendation(study)[0][1]
 

@@ -4,7 +4,8 @@ A capture is chaotic soon after the first contact: two runs of it differ, howeve
 right is a distribution over moved starts. The bias of a setting is the difference of its median from that of
 the finest one; it matters where it is a third of the range of the finest runs or more, and more than the
 digits that are printed. Where nothing is spread, as before the horizon of predictability, these digits alone
-are asked for.
+are asked for. A bias that is not told apart from what moved starts do alone decides nothing: with more of
+them it may be seen, or vanish.
 """
 
 from __future__ import annotations
@@ -116,8 +117,12 @@ def verdict_of(course: Course) -> str:
     return (Outcome.TOUCHED if touched else Outcome.MISSED).value
 
 
-def verdicts(courses: Sequence[Course], finest: Sequence[Course]) -> Verdicts:
-    """Of the runs of a setting; finest: those that it is compared with, none of a form that ran once."""
+def verdicts(courses: Sequence[Course], finest: Sequence[Course], settings: int = 1) -> Verdicts:
+    """Of the runs of a setting.
+
+    finest   : those that they are compared with, none of the finest itself
+    settings : how many are compared with these
+    """
     names, others = ([verdict_of(one) for one in some] for some in (courses, finest))
     counts = dict(Counter(names).most_common())
     if not others:
@@ -126,14 +131,17 @@ def verdicts(courses: Sequence[Course], finest: Sequence[Course]) -> Verdicts:
     if next(iter(counts)) != expected:
         return Verdicts(counts, same=len(names) == 1 and names[0] in others)
     shares = ([float(name == expected) for name in some] for some in (names, others))
-    return Verdicts(counts, same=rank_test(*shares) >= CHANCE)
+    return Verdicts(counts, same=rank_test(*shares) >= CHANCE / settings)
 
 
-def biases(courses: Sequence[Course], finest: Sequence[Course], step: float) -> tuple[Bias, ...]:
+def biases(
+    courses: Sequence[Course], finest: Sequence[Course], step: float, settings: int = 1
+) -> tuple[Bias, ...]:
     """Each quantity of the runs of a setting, which have it.
 
     finest : runs that they are compared with; of the finest setting itself none
     step   : of the setting [s]; 0: not known
+    settings : how many are compared with these; CHANCE: that any of them is told apart which does nothing
     """
     found = []
     quantities = quantities_of(courses[0])
@@ -141,7 +149,8 @@ def biases(courses: Sequence[Course], finest: Sequence[Course], step: float) -> 
         values, others = _values(one, courses), _values(one, finest)
         if len(values):
             resolved = _resolved(one, courses[0], step)
-            found.append(_bias(one, values, others, resolved, CHANCE / len(quantities)))
+            level = CHANCE / (settings * len(quantities))
+            found.append(_bias(one, values, others, resolved, level))
     return tuple(found)
 
 

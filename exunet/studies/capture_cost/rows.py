@@ -19,7 +19,8 @@ _NONE = "—"
 LEGEND = (
     "median of the moved starts, and in brackets its bias against the finest. *: told apart from it by more "
     "than chance, else not told apart; !: a third of the range of the finest runs or more, so that it "
-    "matters. A form of Exudyn's has one run, of the start as it is; seconds and right-hand sides are of one"
+    "matters if it is told apart, and leaves the setting open if not. A form of Exudyn's has one run, of the "
+    "start as it is; seconds and right-hand sides are of one"
 )
 
 
@@ -94,7 +95,7 @@ def remark(study: Study, row: Row) -> str:
         return "one run"
     if not row.courses or study.finest is None:
         return ""
-    words = "holds" if study.holds(row) else "does not hold"
+    words = study.judged(row)
     return words if study.complete(row) else f"{words}; only {len(row.moved)} of {study.runs} moved starts"
 
 
@@ -127,7 +128,7 @@ def recommendation(study: Study) -> list[tuple[str, str]]:
         return [("recommended", "nothing: there is no finer setting to compare with; give a larger --budget")]
     seconds = f"{best.seconds:.3g} s a run"
     if best is finest:
-        found = f"{best.setting.name}, {seconds}, the finest that ran: no other setting holds beside it"
+        found = f"{best.setting.name}, {seconds}, the finest that ran: no other setting is shown to hold"
         return [("recommended", found), *_to_run(best)]
     why = "each bias below a third of the range of the finest runs or below the digits, the same verdict"
     rows = [("recommended", f"{best.setting.name}, {seconds}: {why}"), *_to_run(best)]

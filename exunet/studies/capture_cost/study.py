@@ -12,6 +12,7 @@ import os
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 from exunet.base.errors import ExunetError, Interrupted, RunStopped
 from exunet.bodies.rigid import RigidStates
@@ -32,6 +33,17 @@ Left = Callable[[], float]
 
 CHEAPER = 0.9  # of the wall time: what is not below is as dear, as wall times of single runs scatter
 _WARM_UP = 1e-3  # of the run: compiles what is to be compiled
+
+
+class Judgement(StrEnum):
+    """HOLDS : no bias matters, and the verdict is that of the finest
+    OPEN  : a bias would matter, and is not told apart from what moved starts do
+    FAILS : a bias matters and is told apart, or the verdict is another
+    """
+
+    HOLDS = "holds"
+    OPEN = "open: more --runs would tell"
+    FAILS = "does not hold"
 
 
 @dataclass
@@ -88,19 +100,29 @@ class Study:
 
     def biases(self, row: Row) -> tuple[Bias, ...]:
         """Of the quantities of a row, against the finest; without runs none."""
-        return biases(row.courses, self._against(row), row.step) if row.courses else ()
+        if not row.courses:
+            return ()
+        return biases(row.courses, self._against(row), row.step, self._compared)
 
     def verdicts(self, row: Row) -> Verdicts | None:
         """Of a row, against the finest; None without runs."""
-        return verdicts(row.courses, self._against(row)) if row.courses else None
+        return verdicts(row.courses, self._against(row), self._compared) if row.courses else None
+
+    @property
+    def _compared(self) -> int:
+        """How many settings are compared with the finest by their distributions."""
+        return max(1, sum(not row.setting.alone for row in self.rows) - 1)
 
     def _against(self, row: Row) -> Sequence[Course]:
         return [] if self.finest is None or self.finest is row else self.finest.moved
 
-    def holds(self, row: Row) -> bool:
-        """True if no bias of a setting matters, and the verdict is that of the finest."""
+    def judged(self, row: Row) -> Judgement:
+        """Of a row with runs, against the finest."""
         found = self.verdicts(row)
-        return found is not None and found.same and not any(one.matters for one in self.biases(row))
+        mattering = [one for one in self.biases(row) if one.matters]
+        if found is None or not found.same or any(one.told_apart for one in mattering):
+            return Judgement.FAILS
+        return Judgement.OPEN if mattering else Judgement.HOLDS
 
     @property
     def recommended(self) -> Row | None:
@@ -110,8 +132,12 @@ class Study:
         """
         finest, best = self.finest, None
         for row in self.rows:
-            able = self.complete(row) and not row.setting.alone and row is not finest and self.holds(row)
-            if able and (best is None or row.seconds < CHEAPER * best.seconds):
+            able = self.complete(row) and not row.setting.alone and row is not finest
+            if (
+                able
+                and self.judged(row) == Judgement.HOLDS
+                and (best is None or row.seconds < CHEAPER * best.seconds)
+            ):
                 best = row
         return finest if best is None else best
 
