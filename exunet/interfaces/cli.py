@@ -373,7 +373,8 @@ def cost_command(
     perturb: Annotated[
         float | None,
         typer.Option(
-            help="of a capture: largest move of each coordinate of the start [m] (default: 1e-9)",
+            help="of a capture: largest move of each coordinate of the start [m] (default: 1.4e-5 of the "
+            "net, with a tolerance 2e-6)",
             metavar="M",
         ),
     ] = None,

@@ -28,9 +28,9 @@ def trouble(values: Floats, surface: Surface, body: str, name: Name) -> str:
         )
     if wrong == TOO_FAST:
         return (
-            f"{name(int(pair))} near {body} moves by more than half of the body's least thickness, "
-            f"{surface.least:.3g} m, in the step that ends {when}, and may pass through unseen. Give smaller "
-            f"steps (solver.step, or a smaller solver.tolerance)"
+            f"{name(int(pair))} near {body} moves by more than {surface.least:.3g} m, half of the body's "
+            f"least thickness, in the step that ends {when}, and may pass through unseen. Give smaller steps "
+            f"(solver.step, or a smaller solver.tolerance)"
         )
     if wrong == UNSEEN:
         return (

@@ -14,9 +14,11 @@ from exunet.figures.style import drawing
 from exunet.interfaces.commands.estimates import duration
 from exunet.interfaces.commands.lines import tell
 from exunet.interfaces.commands.printing import print_table, status
+from exunet.simulation.preparation import prepare_case
 from exunet.studies.capture_cost.figure import capture_cost
 from exunet.studies.capture_cost.rows import LEGEND, recommendation, table, words, write_csv
 from exunet.studies.capture_cost.study import Asked, Expected, Study, begun, first_seconds, run
+from exunet.studies.moved_starts import small_moves
 
 TABLE, WORDS, FIGURE, PRINT = "cost.csv", "cost.md", "capture_cost.png", "capture_cost.pdf"
 FILES = (TABLE, WORDS, FIGURE, PRINT)
@@ -39,12 +41,14 @@ def study_capture(case: Case, asked: Asked, folder: Callable[[], Path]) -> bool:
         least = f"one run of the case takes some {duration(first)}, without what contact takes"
         raise InputError(f"--budget: {least}: give more, or an earlier --until")
     there = folder()
+    small = small_moves(prepare_case(case), asked.move)
     tell(f"time    the case as it is first: about {duration(first)}, with contact more")
     with status() as show:
         say = show if sys.stderr.isatty() else _Settings()
         run(study, asked, say, _expect)
     _write(study, there, case)
     rows = [*words(study), *recommendation(study), ("note", LEGEND), ("note", _moves(study))]
+    rows += [("note", small)] if small else []
     if study.interrupted:
         rows.insert(0, ("INCOMPLETE", "interrupted; what was measured until then is kept"))
     print_table(_title(case), [*rows, ("written to", f"{there}/")])

@@ -37,8 +37,7 @@ from exunet.studies.cost.runners import Subject
 from exunet.studies.cost.settings import base
 from exunet.studies.cost.study import Study, all_rungs, climb, untried
 from exunet.studies.ensemble import metres
-from exunet.studies.moved_starts import refuse_far_moves, refuse_too_many
-from exunet.studies.spread import move_of
+from exunet.studies.moved_starts import move_for_medians, refuse_far_moves, refuse_too_many
 
 INTERRUPTED = 130
 BUDGET = 120.0  # [s], unless another is given
@@ -83,7 +82,7 @@ def _of_capture(case: Case, asked: AskedCost) -> int:
     if asked.until is not None:
         case = changed(case, f"time.end={_end(case, asked.until)!r}")
     start = prepare_case(case)
-    move = move_of(start) if asked.perturb is None else asked.perturb
+    move = move_for_medians(start) if asked.perturb is None else asked.perturb
     with as_options():
         metres("perturb", move)
         refuse_far_moves(start, move)

@@ -51,7 +51,7 @@ def _panel(axes: Axes, study: Study, quantity: Headline) -> None:
         band = f"range of {finest.runs} finest runs"
         axes.axhspan(finest.least, finest.largest, color="0.93", zorder=0, label=band)
         allowed = max((one.allowed for row in study.rows if (one := _of(study, row, quantity))), default=0.0)
-        within = "a third of it about its median, or what digits and steps resolve"
+        within = "a third of it to each side of the median, or what is resolved"
         assert study.finest is not None
         axes.plot(
             study.finest.seconds,
@@ -65,14 +65,14 @@ def _panel(axes: Axes, study: Study, quantity: Headline) -> None:
         low, high = finest.median - allowed, finest.median + allowed
         axes.axhspan(low, high, color="0.84", zorder=0.5, label=within)
     for knob, style in _KNOBS.items():
+        rows = sorted(study.rows, key=lambda row: -row.setting.size)  # the line goes from coarse to fine
         points = [
             (row.seconds, one)
-            for row in study.rows
+            for row in rows
             if row.setting.knob == knob and (one := _of(study, row, quantity)) is not None
         ]
         if not points:
             continue
-        points.sort(key=lambda point: point[0])
         x, found = [point[0] for point in points], [point[1] for point in points]
         middle = [one.median for one in found]
         ends = [[one.median - one.least for one in found], [one.largest - one.median for one in found]]

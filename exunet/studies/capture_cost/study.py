@@ -148,7 +148,7 @@ class Asked:
 
     budget: float
     runs: int | None = None
-    move: float = 1e-9
+    move: float = 1e-5
 
 
 @dataclass(frozen=True)
