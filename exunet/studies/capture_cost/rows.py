@@ -13,7 +13,7 @@ from exunet.results.digits import printed
 from exunet.results.headline import Headline
 from exunet.results.spread import FEWEST
 from exunet.studies.capture_cost.judging import Bias, quantities_of
-from exunet.studies.capture_cost.study import Row, Study
+from exunet.studies.capture_cost.study import Judgement, Row, Study
 
 _NONE = "—"
 LEGEND = (
@@ -128,17 +128,31 @@ def recommendation(study: Study) -> list[tuple[str, str]]:
         return [("recommended", "nothing: there is no finer setting to compare with; give a larger --budget")]
     seconds = f"{best.seconds:.3g} s a run"
     if best is finest:
-        found = f"{best.setting.name}, {seconds}, the finest that ran: no other setting is shown to hold"
-        return [("recommended", found), *_to_run(best)]
+        found = f"{best.setting.name}, {seconds}, the finest that ran: no other setting is found to hold"
+        return [("recommended", found), *_to_run(best), *_open(study, best)]
     why = "each bias below a third of the range of the finest runs or below the digits, the same verdict"
     rows = [("recommended", f"{best.setting.name}, {seconds}: {why}"), *_to_run(best)]
     unsure = [one.quantity.words for one in study.biases(best) if not one.shown]
     if unsure:
         few = f"{study.runs} moved starts are too few to show it by two one-sided tests at 5 %"
         rows.append(("not shown", f"of {', '.join(unsure)}: {few}; give more --runs"))
+    rows += _open(study, best)
     if study.runs < FEWEST:
         rows.append(("note", f"ranges of fewer than {FEWEST} runs tell little"))
     return rows
+
+
+def _open(study: Study, best: Row) -> list[tuple[str, str]]:
+    """A row with what is cheaper than the recommended setting and may hold too."""
+    cheaper = [
+        f"{row.setting.name} ({row.seconds:.3g} s a run)"
+        for row in study.rows
+        if study.complete(row) and row.seconds < best.seconds and study.judged(row) == Judgement.OPEN
+    ]
+    if not cheaper:
+        return []
+    words = f"not told apart from the finest by {study.runs} moved starts; more --runs would tell"
+    return [("may hold too", f"{', '.join(cheaper)}: {words}")]
 
 
 def _to_run(row: Row) -> list[tuple[str, str]]:
