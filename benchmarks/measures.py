@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 import exunet
 from exunet.case.casefile import Case
 from exunet.net.areas import achievable_area
+from exunet.results.convergence import Shift, shift_of
 from exunet.results.headlines import HEADLINES, headlines_of
 from exunet.simulation.measures import move_of_starts, settings
 from exunet.simulation.preparation import Start, prepare
@@ -81,24 +82,8 @@ SCENES: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 RUNS, RUNS_OF_LARGE, LARGE = 256, 48, 300  # elements from which a net is large
 MEASURES = ("largest_area", "time_of_largest_area", "distance", "time_above_80_percent")
-SEED = 0  # of the moves, and of the bootstrap
-PART = 1.0 / 3.0  # of the range of the tight runs
-RESAMPLES, LEVEL = 2000, 0.05
+SEED = 0  # of the moves
 REPEATS = 3  # of runs that are timed
-
-
-@dataclass(frozen=True)
-class Shift:
-    """Of the median of a measure, as a part of the range of the tight runs; low, high: its 90 % interval."""
-
-    shift: float
-    low: float
-    high: float
-
-    @property
-    def shown(self) -> bool:
-        """Equivalence at LEVEL."""
-        return max(abs(self.low), abs(self.high)) < PART
 
 
 @dataclass(frozen=True)
@@ -151,20 +136,6 @@ def measures_of(start: Start, runs: int, *, first: int = 0) -> dict[str, Floats]
     rows = [headlines_of(found.course(k, achievable)) for k in range(runs)]
     keys = {one.name: one.key for one in HEADLINES}
     return {name: np.array([row[keys[name]] for row in rows], dtype=float) for name in MEASURES}
-
-
-def shift_of(tight: Floats, cheap: Floats, least: float) -> Shift | None:
-    """How far the median is moved, with its interval; None if the tight runs differ by `least` only."""
-    width = float(np.ptp(tight))
-    if width <= least:
-        return None
-    draw = np.random.default_rng(SEED)
-    a, b = (
-        np.median(values[draw.integers(0, len(values), (RESAMPLES, len(values)))], axis=1)
-        for values in (tight, cheap)
-    )
-    low, high = np.quantile((b - a) / width, (LEVEL, 1.0 - LEVEL))
-    return Shift(float(np.median(cheap) - np.median(tight)) / width, float(low), float(high))
 
 
 def seconds(start: Start, repeats: int) -> float:

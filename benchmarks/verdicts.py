@@ -23,6 +23,7 @@ from exunet.case.casefile import Case, load
 from exunet.results.capture_headlines import outcome, outcomes
 from exunet.results.course import course_of
 from exunet.simulation.preparation import start_of
+from exunet.studies.capture_cost.settings import following, stiffer
 from exunet.studies.spread import spread_of
 
 HERE = Path(__file__).parent
@@ -41,16 +42,10 @@ HEAD = (
 )
 
 
-def stiffer(case: Case, factor: float) -> list[str]:
-    """What makes contact stiffer by a factor, the step following where it is stiffer."""
-    contact = case.scene.effects.contact
-    assert contact is not None
+def with_stiffness(case: Case, factor: float) -> list[str]:
+    """What makes contact stiffer by a factor, the step following."""
     assert case.scene.solver.step is not None
-    keys = {key: getattr(contact, key) for key in ("stiffness", "bullet_stiffness", "modulus")}
-    changed = [
-        f"effects.contact.{key}={value * factor!r}" for key, value in keys.items() if value is not None
-    ]
-    return [*changed, f"solver.step={case.scene.solver.step / max(factor, 1.0)!r}"]
+    return [*stiffer(case, factor), f"solver.step={case.scene.solver.step * following(factor)!r}"]
 
 
 def one(path: Path, settings: Sequence[str]) -> str:
@@ -75,8 +70,8 @@ def row(name: str, runs: int) -> str:
             (),
             (f"solver.step={step / 2!r}",),
             (f"solver.step={step / 4!r}",),
-            stiffer(case, 2.0),
-            stiffer(case, 0.5),
+            with_stiffness(case, 2.0),
+            with_stiffness(case, 0.5),
         )
     ]
     counts = outcomes(spread_of(start_of(case), runs, move=move).moved)

@@ -14,6 +14,7 @@ import exunet
 from exunet.backends.protocol import StepCounts
 from exunet.base.errors import InputError
 from exunet.interfaces.commands import cost as command
+from exunet.interfaces.commands.cost import AskedCost
 from exunet.methods.method import METHODS, Form, Kind, Method
 from exunet.results.measures import Deployment
 from exunet.simulation.preparation import prepare
@@ -396,7 +397,7 @@ def test_an_interrupt_keeps_what_was_measured(monkeypatch, tmp_path):
         return run(scene, setting, until)
 
     monkeypatch.setattr(studies, "run", stop_at_the_fifth)
-    code = command.cost(exunet.load(PLANAR), tmp_path, until=0.02, budget=60.0)
+    code = command.cost(exunet.load(PLANAR), AskedCost(tmp_path, 0.02, 60.0))
     assert code == 130
     assert "INCOMPLETE" in (tmp_path / "cost.md").read_text(encoding="utf-8")
     assert (tmp_path / "work_precision.png").stat().st_size > 10_000
@@ -408,7 +409,7 @@ def test_an_interrupt_keeps_what_was_measured(monkeypatch, tmp_path):
 def test_an_end_outside_the_case_is_refused(until, tmp_path):
     (tmp_path / "cost.csv").write_text("of an earlier study", encoding="utf-8")
     with pytest.raises(InputError, match="--until"):
-        command.cost(exunet.load(PLANAR), tmp_path, until=until, budget=1.0)
+        command.cost(exunet.load(PLANAR), AskedCost(tmp_path, until, 1.0))
     assert (tmp_path / "cost.csv").read_text(encoding="utf-8") == "of an earlier study"
 
 
@@ -419,19 +420,19 @@ def test_nothing_is_lost_before_there_is_something_to_write(monkeypatch, tmp_pat
     (tmp_path / "cost.csv").write_text("of an earlier study", encoding="utf-8")
     monkeypatch.setattr(command, "converge", press_ctrl_c)
     with pytest.raises(KeyboardInterrupt):
-        command.cost(exunet.load(PLANAR), tmp_path, until=0.1, budget=1.0, overwrite=True)
+        command.cost(exunet.load(PLANAR), AskedCost(tmp_path, 0.1, 1.0, overwrite=True))
     assert (tmp_path / "cost.csv").read_text(encoding="utf-8") == "of an earlier study"
     with pytest.raises(InputError, match=r"cost\.csv in this folder would be replaced.*--overwrite"):
-        command.cost(exunet.load(PLANAR), tmp_path, until=0.1, budget=1.0)
+        command.cost(exunet.load(PLANAR), AskedCost(tmp_path, 0.1, 1.0))
     assert [path.name for path in tmp_path.iterdir()] == ["cost.csv"]
     (tmp_path / "cost.md").mkdir()
     with pytest.raises(InputError, match=r"cost\.md: cannot be written"):
-        command.cost(exunet.load(PLANAR), tmp_path, until=0.1, budget=1.0)
+        command.cost(exunet.load(PLANAR), AskedCost(tmp_path, 0.1, 1.0))
 
 
 @pytest.mark.slow
 def test_the_whole_command(tmp_path):
-    assert command.cost(exunet.load(PLANAR), tmp_path, until=1.0, budget=60.0) == 0
+    assert command.cost(exunet.load(PLANAR), AskedCost(tmp_path, 1.0, 60.0)) == 0
     with (tmp_path / "cost.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {row["code"] for row in rows} == {"connectors", "fused", "compiled loop", "reference"}
@@ -444,7 +445,7 @@ def test_the_whole_command(tmp_path):
 @pytest.mark.slow
 def test_after_the_horizon_it_says_so(tmp_path):
     case = exunet.load(PLANAR.with_name("planar_deployment.toml"))
-    assert command.cost(case, tmp_path, until=2.0, budget=20.0) == 0
+    assert command.cost(case, AskedCost(tmp_path, 2.0, 20.0)) == 0
     words = (tmp_path / "cost.md").read_text(encoding="utf-8")
     assert "after the horizon" in words  # field.md: round-off alone parts the curves before 2 s
     assert "Errors are those of the energy balance" in words

@@ -357,24 +357,45 @@ def cost_command(
     until: Annotated[
         float | None, typer.Option(help="end of the runs [s] (default: the case's)", metavar="T")
     ] = None,
-    budget: Annotated[float, typer.Option(help="wall time [s]", metavar="S", min=0.0)] = 120.0,
+    budget: Annotated[
+        float | None, typer.Option(help="wall time [s] (default: 120; a capture 300)", metavar="S", min=0.0)
+    ] = None,
+    runs: Annotated[
+        int | None,
+        typer.Option(
+            "--runs",
+            "-n",
+            help="of a capture: moved starts of each setting (default: 8 to 32, what fits)",
+            metavar="N",
+            min=2,
+        ),
+    ] = None,
+    perturb: Annotated[
+        float | None,
+        typer.Option(
+            help="of a capture: largest move of each coordinate of the start [m] (default: 1.4e-5 of the "
+            "net, with a tolerance 2e-6)",
+            metavar="M",
+        ),
+    ] = None,
     out: Annotated[Path | None, _out("results/CASE--cost, or the next that is free")] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="replace what an earlier study left in the folder")
     ] = False,
     overrides: Overrides = [],  # noqa: B006
 ) -> None:
-    """Measure what accuracy costs on a case, method by method.
+    """Measure what accuracy costs on a case.
 
-    Writes a table and the work-precision diagram.
+    Method by method, by the trajectory; a capture by what became of its target, over step, stiffness,
+    divisions and form. Writes tables and a figure.
     """
     from exunet.case.casefile import load
     from exunet.case.fault_location import located_faults
-    from exunet.interfaces.commands.cost import cost
+    from exunet.interfaces.commands.cost import AskedCost, cost
 
     loaded = load(case, overrides)
     with located_faults(loaded):
-        code = cost(loaded, out, until, budget, overwrite=overwrite)
+        code = cost(loaded, AskedCost(out, until, budget, overwrite, runs, perturb))
     raise typer.Exit(code)
 
 

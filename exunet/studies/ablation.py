@@ -9,19 +9,18 @@ toggled lies outside the interval in which another of those runs' would lie with
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student_t
 
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.base.faults import collected
 from exunet.case.scene import Scene
 from exunet.forces.effects import cross_checks
+from exunet.results.convergence import around_one_more
 from exunet.results.measures import deployment
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
@@ -38,7 +37,6 @@ FOUR = ("largest_area", "time_of_largest", "distance", "time_open")
 
 
 STARTS = 8  # runs with nothing changed but their errors
-SURE = 0.99  # probability of the interval outside which a measure is told apart
 
 
 @dataclass(frozen=True)
@@ -213,10 +211,7 @@ def _changes(same: Floats | None, toggled: tuple[float, ...] | None, sign: float
     """Of each measure; same: (runs, 4) with nothing changed, toggled: (4,) of the run with the effect so."""
     if same is None or toggled is None:
         return ()
-    runs = len(same)
-    # Of one more value of a normal distribution of which `runs` are known.
-    width = float(student_t.ppf(0.5 + 0.5 * SURE, runs - 1)) * math.sqrt(1.0 + 1.0 / runs)
-    spread = width * same.std(axis=0, ddof=1)
+    spread = around_one_more(same)
     values = sign * (np.array(toggled) - same.mean(axis=0))
     return tuple(
         Change(name, float(value), float(around))

@@ -125,6 +125,13 @@ def ensemble(
     return whole
 
 
+def move_for_medians(start: Start) -> float:
+    """By which starts are moved at most [m] for medians that hardly depend on the method of the runs."""
+    least = measures.move_of_starts(start.net)
+    adaptive = METHODS[start.plan.method].kind == Kind.ADAPTIVE
+    return least if adaptive else max(least, OF_EQUAL_STEPS * start.net.size)
+
+
 def small_moves(start: Start, perturb: float) -> str:
     """Words for moves [m] that are less than the errors that runs by a cheap setting share; else ""."""
     if start.scene.solver.accuracy_of == "measures":

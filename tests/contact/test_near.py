@@ -89,6 +89,37 @@ def test_the_depth_of_a_rejected_attempt_does_not_stop_a_run(start: Start) -> No
         assert bool(found) == bool(words)
 
 
+@pytest.mark.parametrize(("what", "speeds"), [("element", "threads"), ("bullet", "bullets")])
+def test_what_may_pass_through_unseen_is_named(what: str, speeds: str, start: Start) -> None:
+    """The fastest of what is near, after a step in which it goes more than half of the box's thickness."""
+    term = next(one for one in start.system.forces.kernels if one.acts_on.startswith(speeds))
+    assert term.memory is not None
+    assert term.memory.wrong is not None
+    assert term.remember is not None
+    x, v = start.system.layout.pack(start.state.moving)
+    x, v = x.copy(), np.zeros_like(v)
+    number = {"element": 5, "bullet": 0}[what]
+    nodes = start.net.element_nodes[number] if what == "element" else start.net.bullet_nodes[:1]
+    x[: 3 * start.net.n_nodes].reshape(-1, 3)[nodes] = [[0.25, 0.2, -0.015], [0.3, 0.2, -0.015]][: len(nodes)]
+    v[: 3 * start.net.n_nodes].reshape(-1, 3)[nodes] = [0.0, 0.0, -30.0]  # 15 mm above the box's face
+    others = np.setdiff1d(np.arange(start.net.n_nodes), nodes)
+    v[: 3 * start.net.n_nodes].reshape(-1, 3)[others] = [0.0, 0.0, -1.0]
+    data = copied(term.data)
+    for time in (0.0, 1e-3, 1e-3 + 1.01 * 0.05 / 30.0):  # half of the box's 0.1 m at 30 m/s
+        assert term.memory.wrong(data.kept) == ""
+        term.add(time, x, v, data, np.zeros(start.system.blocks.n_force))
+        term.remember(time, x, v, data)
+    found = term.memory.wrong(data.kept)
+    sharing = np.flatnonzero(np.isin(start.net.element_nodes, nodes).any(axis=1))
+    names = [f"element {one}" for one in sharing] if what == "element" else ["bullet 0"]
+    words = (
+        " near box moves by more than 0.05 m, half of the body's least thickness, in the step that ends at "
+    )
+    assert found.partition(words)[0] in names
+    assert found.partition(words)[2].startswith("t = 0.00268333 s")
+    assert "solver.step" in found
+
+
 def test_a_body_far_away_is_not_asked_at_each_step(start: Start) -> None:
     """However it turns: for 1 km at 8 (0.62 rad/s 1 km + 6 m/s), less the sizes of both."""
     term, data = threads_of(start)

@@ -61,6 +61,7 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
     margin = 0.1 * c.radius
     right_for = np.inf
     speed = 0.0
+    fastest_pair = 0
     n = 0
     for k in range(c.length.size):
         i = c.first[k]
@@ -74,7 +75,10 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
             for node in (i, j):
                 c.wanted[node // 3] = 1
                 a = (own[node], own[node + 1], own[node + 2])
-                speed = max(speed, size_of(velocity_against_body(v, node, c.centre, c.spin, c.frame, a)))
+                own_speed = size_of(velocity_against_body(v, node, c.centre, c.spin, c.frame, a))
+                if own_speed > speed:
+                    speed = own_speed
+                    fastest_pair = k
         else:
             away = max(size_of((own[i], own[i + 1], own[i + 2])), size_of((own[j], own[j + 1], own[j + 2])))
             right_for = min(right_for, apart / (8.0 * (fastest + spin * away + 5.0)))
@@ -91,6 +95,7 @@ def choose_near(t: float, x: Any, v: Any, c: Any) -> None:
     c.look[2] = right_for
     c.look[3] = speed
     c.look[4] = m
+    c.look[5] = fastest_pair
 
 
 def size_of(a: Any) -> float:
@@ -104,7 +109,7 @@ def remember_status(t: float, c: Any, status: Any) -> None:
     way = now[3] * (t - status[8])
     remember_touch(t, now, status)
     wrong = 1.0 if now[4] < 0.0 else 2.0 if way > c.least else 3.0 if now[4] > 0.0 else 0.0
-    remember_wrong(t, wrong, now[1] if wrong == 2.0 else abs(now[4]) - 1.0, status)
+    remember_wrong(t, wrong, now[6] if wrong == 2.0 else abs(now[4]) - 1.0, status)
     now[4] = 0.0
 
 

@@ -140,7 +140,7 @@ def sphere_contact(
         rubbing.slip_speed,
         kept,
         np.zeros((len(nodes), ROW)),
-        np.zeros(6),
+        np.zeros(7),
         np.zeros((3, 3)),
     )
 
@@ -215,7 +215,10 @@ def add_sphere(x: Any, v: Any, c: Any, k: int, force: Any) -> None:
     i = c.node[k]
     p = place_in_body(x, i, c.centre, c.frame)
     w = velocity_against_body(v, i, c.centre, c.spin, c.frame, p)
-    c.now[3] = max(c.now[3], math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]))
+    speed = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    if speed > c.now[3]:
+        c.now[3] = speed
+        c.now[6] = k
     depth, d, e, f = depth_of_ball(c, p)
     if depth <= 0.0:
         return

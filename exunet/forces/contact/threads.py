@@ -68,13 +68,13 @@ class ThreadContact(NamedTuple):
     friction, slip_speed : as `Friction`
     kept     : (ROW m + STATUS,) the memory
     after    : (m, ROW) what the memory would be after the state that was looked at last
-    now      : (6,) of that state: largest depth [m], its pair, pairs that touch, speed against the body of
-               what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0 of one
-               that is too deep, or 0; sum of the forces across the surface [N]
+    now      : (7,) of that state: largest depth [m], its pair, pairs that touch, largest speed against the
+               body of what is near [m/s]; 1 + the number of a pair that came into reach unseen, less than 0
+               of one that is too deep, or 0; sum of the forces across the surface [N]; the fastest pair
     near     : (m,) numbers of the pairs that are looked at, in order
     listed   : (m,) 1.0 for these
-    look     : (5,) how many there are, when they were chosen [s], how long they are right [s], their
-               largest speed against the body then [m/s], and how many nodes they have
+    look     : (6,) how many there are, when they were chosen [s], how long they are right [s], their
+               largest speed against the body then [m/s], how many nodes they have, and which is the fastest
     nodes    : (k,) where the coordinates of the nodes of all pairs begin
     clear    : (m,) how far each pair was at least from the surface when this was worked out last [m]; 0.0:
                it may touch
@@ -174,10 +174,10 @@ def thread_contact(
         rubbing.slip_speed,
         kept,
         np.zeros((len(element), ROW)),
-        np.zeros(6),
+        np.zeros(7),
         np.zeros(len(element), dtype=np.int64),
         np.zeros(len(element)),
-        np.array([0.0, 0.0, -1.0, 0.0, 0.0]),
+        np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]),
         np.zeros(len(element)),
         np.zeros((len(element), 6)),
         3 * np.unique(ends),
@@ -248,6 +248,7 @@ def add_thread_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     now[4] = max(now[4], 0.0)  # an attempt that was rejected may have been too deep
     number = int(c.look[0])
     now[3] = c.look[3] if number > 0 else 0.0
+    now[6] = c.look[5]
     if number == 0:
         return
     turn_into(x, c.attitude, c.frame)

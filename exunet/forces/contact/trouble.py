@@ -28,8 +28,9 @@ def trouble(values: Floats, surface: Surface, body: str, name: Name) -> str:
         )
     if wrong == TOO_FAST:
         return (
-            f"what is near {body} moves by more than half of its least thickness, {surface.least:.3g} m, in "
-            f"the step that ends {when}, and may pass through unseen. Give smaller steps"
+            f"{name(int(pair))} near {body} moves by more than {surface.least:.3g} m, half of the body's "
+            f"least thickness, in the step that ends {when}, and may pass through unseen. Give smaller steps "
+            f"(solver.step, or a smaller solver.tolerance)"
         )
     if wrong == UNSEEN:
         return (

@@ -1,8 +1,9 @@
-"""`exunet cost`: climbs the ladder of methods on a case, prints the answer, writes figure and tables."""
+"""`exunet cost`: climbs the ladder of methods on a case, or studies a capture; writes figure and tables."""
 
 from __future__ import annotations
 
 import time as clock
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -16,41 +17,94 @@ from exunet.case.scene import SHORTEST
 from exunet.codegen.compile import numba_installed
 from exunet.figures.page import write
 from exunet.figures.style import drawing
+from exunet.interfaces.commands import capture_cost as capture
+from exunet.interfaces.commands.capture_cost import is_capture, study_capture
+from exunet.interfaces.commands.ensemble import as_options
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.methods.method import METHODS
 from exunet.results.run_folder import new_folder, refuse_replacing
+from exunet.results.spread import COVERING
 from exunet.simulation.planning import slow_turning
 from exunet.simulation.preparation import prepare_case
 from exunet.studies.both_codes import both_of
+from exunet.studies.capture_cost.settings import MOST_SETTINGS, changed
+from exunet.studies.capture_cost.study import Asked
 from exunet.studies.cost.converged import INSTANTS, Converged, converge
 from exunet.studies.cost.figure import work_precision
 from exunet.studies.cost.ranking import failed_rows, measure_rows, runnable_rows, write_csv
 from exunet.studies.cost.runners import Subject
 from exunet.studies.cost.settings import base
 from exunet.studies.cost.study import Study, all_rungs, climb, untried
+from exunet.studies.ensemble import metres
+from exunet.studies.moved_starts import move_for_medians, refuse_far_moves, refuse_too_many
 
 INTERRUPTED = 130
+BUDGET = 120.0  # [s], unless another is given
 FILES = TABLE, WORDS, FIGURE, PRINT = "cost.csv", "cost.md", "work_precision.png", "work_precision.pdf"
 
 
-def cost(case: Case, out: Path | None, until: float | None, budget: float, *, overwrite: bool = False) -> int:
-    """Study a case and write cost.csv, cost.md and work_precision.png and .pdf; returns the exit code.
+@dataclass(frozen=True)
+class AskedCost:
+    """What the user asked of a study beside the case: see `exunet cost -h`.
 
     out    : folder; None: results/CASE--cost, or the next that is free
     until  : end of the runs [s], at most the case's; None: the case's
-    budget : wall time [s] of all of it; at least the converged solution is computed
+    budget : wall time [s] of all of it; None: BUDGET, of a capture that of `capture_cost`
     overwrite : replace what an earlier study left in the folder
-    Raises InputError for an `until` or a folder that cannot be used, RunStopped if not even the converged
+    runs, perturb : of a capture the number of moved starts, and their largest move [m]; None: the default
+    """
+
+    out: Path | None = None
+    until: float | None = None
+    budget: float | None = None
+    overwrite: bool = False
+    runs: int | None = None
+    perturb: float | None = None
+
+
+def cost(case: Case, asked: AskedCost) -> int:
+    """Study a case, write tables and figure into a folder, print the answer; returns the exit code.
+
+    A case with contact or [verdict] is judged by what became of its target, others by their trajectory.
+    Raises InputError for options or a folder that cannot be used, RunStopped if not even the converged
     solution can be computed.
     """
-    began = clock.perf_counter()
+    if is_capture(case):
+        return _of_capture(case, asked)
+    for name in ("runs", "perturb"):
+        if getattr(asked, name) is not None:
+            raise InputError(f"--{name}: is for captures; this case has neither contact nor [verdict]")
+    return _of_trajectory(case, asked)
+
+
+def _of_capture(case: Case, asked: AskedCost) -> int:
+    if asked.until is not None:
+        case = changed(case, f"time.end={_end(case, asked.until)!r}")
+    start = prepare_case(case)
+    move = move_for_medians(start) if asked.perturb is None else asked.perturb
+    with as_options():
+        metres("perturb", move)
+        refuse_far_moves(start, move)
+        refuse_too_many(MOST_SETTINGS * (asked.runs or COVERING))
+    budget = capture.BUDGET if asked.budget is None else asked.budget
+
+    def folder() -> Path:
+        return _ready(asked.out, folder_of(case, "cost"), capture.FILES, overwrite=asked.overwrite)
+
+    interrupted = study_capture(case, Asked(budget, asked.runs, move), folder)
+    return INTERRUPTED if interrupted else 0
+
+
+def _of_trajectory(case: Case, asked: AskedCost) -> int:
+    """At least the converged solution is computed, whatever the budget."""
+    began, budget = clock.perf_counter(), BUDGET if asked.budget is None else asked.budget
 
     def left() -> float:
         return budget - (clock.perf_counter() - began)
 
-    subject, refusal = _subject(case, until)
-    folder = _ready(out, folder_of(case, "cost"), overwrite=overwrite)
+    subject, refusal = _subject(case, asked.until)
+    folder = _ready(asked.out, folder_of(case, "cost"), FILES, overwrite=asked.overwrite)
     compiled = numba_installed()
     with status() as say:
         say("converged solution")
@@ -77,17 +131,21 @@ def cost(case: Case, out: Path | None, until: float | None, budget: float, *, ov
 
 
 def _subject(case: Case, until: float | None) -> tuple[Subject, str]:
-    end = case.scene.time.end
-    if until is not None:
-        if not SHORTEST <= until <= end:
-            words = f"must be in [{SHORTEST:g}, {end:g}] s, up to the case's time, got {until:g}"
-            raise InputError(f"--until: {words}")
-        end = until
+    end = case.scene.time.end if until is None else _end(case, until)
     start = prepare_case(case)
     try:
         return Subject(start, both_of(case), (0.0, end)), ""
     except InputError as error:
         return Subject(start, None, (0.0, end)), f"without the reference: {error}"
+
+
+def _end(case: Case, until: float) -> float:
+    """`until` [s], which a case's runs can end at."""
+    end = case.scene.time.end
+    if not SHORTEST <= until <= end:
+        words = f"must be in [{SHORTEST:g}, {end:g}] s, up to the case's time, got {until:g}"
+        raise InputError(f"--until: {words}")
+    return until
 
 
 def _head(converged: Converged, subject: Subject) -> list[tuple[str, str]]:
@@ -142,7 +200,7 @@ def _untried(subject: Subject, *, compiled: bool) -> list[tuple[str, str]]:
     return rows + [("note", one) for one in words if one]
 
 
-def _ready(out: Path | None, own: Path, *, overwrite: bool) -> Path:
+def _ready(out: Path | None, own: Path, files: tuple[str, ...], *, overwrite: bool) -> Path:
     """The folder; one that cannot be written, or has a study, is refused before hours are spent."""
     if out is None:
         return new_folder(own)
@@ -150,11 +208,11 @@ def _ready(out: Path | None, own: Path, *, overwrite: bool) -> Path:
         out.mkdir(parents=True, exist_ok=True)
         with TemporaryFile(dir=out):
             pass
-        for name in FILES:
+        for name in files:
             if (out / name).exists() and not (out / name).is_file():
                 raise InputError(f"{out / name}: cannot be written: it is not an ordinary file")
         if not overwrite:
-            refuse_replacing(out, FILES)
+            refuse_replacing(out, files)
     except OSError as error:
         raise cannot_write(out, error) from error
     return out

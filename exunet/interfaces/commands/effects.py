@@ -17,8 +17,9 @@ from exunet.forces.effects import EFFECTS
 from exunet.interfaces.commands.printing import console
 from exunet.net import weave
 from exunet.net.closing import Perimeter, closing_of
+from exunet.results.convergence import SURE
 from exunet.results.headlines import DEPLOYMENT, headline
-from exunet.studies.ablation import FOUR, STARTS, SURE, Change, ProgressOfRuns, Toggled, ablate
+from exunet.studies.ablation import FOUR, STARTS, Change, ProgressOfRuns, Toggled, ablate
 from exunet.studies.neighbours import MOVE
 from exunet.system.effect_survey import ASKED, Finding, survey
 

@@ -63,12 +63,12 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
     InputError, before any run, for what cannot be meant, or a folder that cannot be written or has an
     ensemble.
     """
-    with _as_options():
+    with as_options():
         refuse_wrong(asked.runs, asked.perturb, asked.seed)
     start = prepare_case(case)
     refuse_other_methods(start)
     require_numba("an ensemble")
-    with _as_options():
+    with as_options():
         refuse_too_many(asked.runs)
         refuse_far_moves(start, asked.perturb)
     wanted = asked.out or folder_of(case, "ensemble")
@@ -105,7 +105,7 @@ def run_ensemble_case(case: Case, asked: AskedEnsemble) -> ExunetError | None:
 
 
 @contextmanager
-def _as_options() -> Iterator[None]:
+def as_options() -> Iterator[None]:
     """Let faults of arguments, which begin with their names, name the options."""
     try:
         yield
