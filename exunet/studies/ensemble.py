@@ -54,7 +54,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Ensemble(Measured):
-    """Measures of all runs at the stored times: what `OverTime` and `Measured` have, as (runs, t, ...).
+    """Measures of all runs at the stored times; those of `Measured` and `OverTime` too, as (runs, t, ...).
 
     time          : (t,) [s]
     contact       : (runs, t, n_series) what is stored of contacts and of a closing line
