@@ -45,10 +45,18 @@ def entry(name: str, thing: Any) -> Iterator[str]:
     yield f"### exunet.{name}\n"
     parts = [described(name, thing)]
     if inspect.isclass(thing):
+        parts += [f"{base.__name__}: {inspect.getdoc(base)}" for base in inherited_records(thing)]
         for member, value in vars(thing).items():
             if not member.startswith("_") and is_member(value) and inspect.getdoc(value):
                 parts.append(described(member, value, "."))
     yield "```text\n" + "\n\n".join(parts) + "\n```\n"
+
+
+def inherited_records(thing: type) -> Iterator[type]:
+    """Bases whose fields a record has, and which are not public themselves."""
+    for base in inspect.getmro(thing)[1:]:
+        if dataclasses.is_dataclass(base) and not hasattr(exunet, base.__name__):
+            yield base
 
 
 def is_member(value: Any) -> bool:

@@ -86,9 +86,13 @@ def test_the_last_state_is_the_default(tmp_path: Path) -> None:
 def test_a_run_that_was_killed_goes_on_from_the_same_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its case is read again from what it has stored, in which the result stands relative to a folder."""
+    """Its case is read again from what it has stored, in which the result stands relative to a folder.
+
+    It was named relative to the working directory, as in a shell, which is another one later.
+    """
     kept(tmp_path, simple(tmp_path, SCENE, "time.end=0.25"))
-    case = begun(tmp_path, SCENE, "first", ["initial.node_velocities="])
+    monkeypatch.chdir(tmp_path)
+    case = begun(Path(), SCENE, "first", ["initial.node_velocities="])
     (tmp_path / "second").mkdir()
     real = runs.drive
 
@@ -105,8 +109,9 @@ def test_a_run_that_was_killed_goes_on_from_the_same_start(
     with pytest.raises(Interrupted):
         run_into(tmp_path / "second", case, checkpoint_every=0.3)
     monkeypatch.setattr(runs, "drive", real)
+    whole = exunet.run(case)
     monkeypatch.chdir(tmp_path / "first")
-    assert np.array_equal(resume(tmp_path / "killed").position[:], exunet.run(case).position)
+    assert np.array_equal(resume(tmp_path / "killed").position[:], whole.position)
 
 
 @pytest.mark.slow

@@ -160,6 +160,10 @@ def turning(spin: float, angle: float) -> Course:
         potential=zeros,
         body_names=("box",),
         body_centre=np.outer(time, [3.0, 0.0, 0.0])[:, None],
+        reel=np.zeros((5, 0, 2)),
+        loaded=np.zeros((5, 0)),
+        loaded_element=np.zeros((5, 0), dtype=np.int64),
+        units=np.zeros((5, 0)),
         turning=("box",),
         ends=ends,
     )

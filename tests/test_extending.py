@@ -54,7 +54,7 @@ def changed(name: str, lines: list[str], change: str) -> list[str]:
 
 def extended(folder: Path) -> None:
     """A copy of the package with all that the page adds."""
-    for name in ("exunet", "reference_impl", "cases"):
+    for name in ("exunet", "reference_impl", "cases", "docs"):
         skipped = shutil.ignore_patterns("__pycache__", "*.pyc")
         shutil.copytree(ROOT / name, folder / name, symlinks=True, ignore=skipped)
     (folder / "tests").mkdir()
@@ -93,7 +93,7 @@ def test_the_examples_pass_their_tests(tmp_path):
     tests = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]
     done = subprocess.run(tests, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "10 passed" in done.stdout
+    assert "11 passed" in done.stdout
     where = [sys.executable, "-c", "import exunet.net.ring as ring; print(ring.__file__)"]
     found = subprocess.run(where, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
     assert found.stdout.startswith(str(tmp_path))

@@ -10,6 +10,7 @@ import math
 import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -307,6 +308,36 @@ def test_mouth_joins_the_corners_anticlockwise(topology: str) -> None:
         assert spanned == pytest.approx(AREAS[topology], rel=1e-12)
     held, sides = (set(woven.element_nodes[kind].ravel()) for kind in (woven.is_string, ~woven.is_string))
     assert set(woven.mouth) == held & sides
+
+
+RIM = [0, 1, 2, 5, 8, 7, 6, 3]  # of two by two meshes, knots row by row: 0, 2, 8 and 6 are the corners
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"mouth": RIM}, "its mouth has the knots .0, 1, 2, 5, 8, 7, 6, 3., its corners .anchors. are .0, 2"),
+        ({"mouth": [0, 2, 8]}, "its mouth has the knots .0, 2, 8., its corners"),
+        ({"mouth": [0, 2, 8, 6, 0]}, "the mouth is the ring of corners, each once"),
+        ({"mouth": [6, 8, 2, 0]}, "its mouth is not anticlockwise"),
+        ({"faces": [[0, 1, 4, 3], [1, 2, 5, 8]]}, "a face goes from knot 8 to 1: no side"),
+        ({"faces": [[0, 1, 4, 3], [1, 4, 5, 2]]}, r"the face .1, 4, 5, 2. is not anticlockwise"),
+    ],
+)
+def test_a_topology_whose_mouth_or_faces_are_wrong_is_told_where_the_guide_says_it(
+    monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], words: str
+) -> None:
+    """It would run, and its measures of deployment be wrong."""
+    square, real = TOPOLOGIES["square"], TOPOLOGIES["square"].mesh
+    arrays = {name: np.array(value) for name, value in wrong.items()}
+    arrays |= {"faces": (arrays["faces"],)} if "faces" in arrays else {}
+    monkeypatch.setattr(square, "mesh", lambda keys: replace(real(keys), **arrays))
+    with pytest.raises(ValueError, match=f"the mesh of the topology 'square': .*{words}.*docs/extending.md"):
+        net("square", size=2.0, mesh=1.0)
+    guide = (CASES.parent / "docs" / "extending.md").read_text(encoding="utf-8")
+    section = guide.split("\n## A topology\n")[1].split("\n## ")[0]
+    assert "`mouth`" in section
+    assert "`faces`" in section
 
 
 def test_mouth_of_a_single_cell_is_the_cell() -> None:

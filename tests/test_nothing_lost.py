@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from pathlib import Path
 
 import pytest
 from commands import WRITING_OFTEN, command, ended, process, wait_until
+from test_files_of_cases import CABLE
 
 import exunet
 from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.files import cannot_write
-from exunet.case.casefile import load
+from exunet.case.casefile import load, parse_case
 from exunet.figures import figures
 from exunet.interfaces.commands import run as command_run
 from exunet.interfaces.commands.naming import folder_of
-from exunet.results import run_folder
+from exunet.results import run_folder, segments
 from exunet.results.run_folder import FIGURES, held, new_folder
 from exunet.results.segments import is_store
 from exunet.simulation import run as runs
-from exunet.simulation.run import run_into
+from exunet.simulation.preparation import prepare_case
+from exunet.simulation.recorder import columns_of
+from exunet.simulation.run import resume, run_into
 
 PLANAR = Path(__file__).parent.parent / "cases" / "planar_deployment.toml"
 SHORT = ("--set", "time.end=0.02", "--set", "time.output_step=0.01")
@@ -227,6 +231,37 @@ def test_a_disk_that_is_full_when_a_result_is_described_costs_no_result(first, m
     place = "here-2" if overwrite else "there"
     assert f"what was computed is in {place}" in done.told
     assert exunet.load_result(first / place).complete
+
+
+@pytest.mark.parametrize(
+    ("rows", "every", "words"),
+    [
+        (0, None, "no state is stored yet: exunet resume {} begins again from the start"),
+        (2, None, "what was stored is kept, but there is no checkpoint: exunet resume {} begins again from"),
+        (2, 0.04, "what was stored is kept; to go on from the last checkpoint: exunet resume {}"),
+    ],
+    ids=["nothing", "states", "a checkpoint"],
+)
+def test_a_full_disk_is_told_with_what_is_left(tmp_path, monkeypatch, rows, every, words):
+    """Segments of two states each, if any; there is room for the first `rows` of six states."""
+    write, written = segments.write_arrays, 0
+
+    def full(path: Path, kind: str, version: int, header: dict, arrays: dict) -> None:
+        nonlocal written
+        written += kind == "exunet segment" and len(arrays["time"])
+        if written > rows:
+            raise cannot_write(path, OSError(28, "No space left on device"))
+        write(path, kind, version, header, arrays)
+
+    case = parse_case(CABLE, tmp_path / "cable.toml", ["time.output_step=0.02"])
+    row = sum(one.row_bytes for one in columns_of(prepare_case(case).system))
+    monkeypatch.setattr(segments, "SEGMENT_BYTES", 2 * row)
+    with monkeypatch.context() as patch:
+        patch.setattr(segments, "write_arrays", full)
+        with pytest.raises(InputError, match=re.escape(words.format(tmp_path))) as caught:
+            run_into(tmp_path, case, checkpoint_every=every)
+    assert "No space left on device; " in str(caught.value)
+    assert len(resume(tmp_path).time) == 6
 
 
 @pytest.mark.slow

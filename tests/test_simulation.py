@@ -311,6 +311,26 @@ def test_a_time_too_short_to_be_told_apart_is_refused() -> None:
         sim.advance(1e-20)
 
 
+@form_of_net
+@pytest.mark.parametrize("duration", [1e-100, 1e-25, 2e-14, 1e-13, 1e-12])
+def test_a_run_goes_on_after_an_advance_of_next_to_nothing(form: str, duration: float) -> None:
+    """Far below the round-off of the engine's sums of times, or hundreds of doublings away from a sound step.
+
+    The slack net flies freely until 0.1 s: a bullet of 5 m/s is 0.05 m away after 0.01 s.
+    """
+    sim = Simulation(thrown({}, engine=FORMS[form]))
+    bullet = sim.net.bullets[0]
+    begin = sim.net.position[bullet]
+    sim.advance(duration)
+    assert sim.time == duration
+    sim.advance_to(0.005)
+    sim.advance_to(np.nextafter(0.005, 1.0))
+    sim.advance_to(0.01)
+    assert np.linalg.norm(sim.net.position[bullet] - begin) == pytest.approx(0.05, rel=1e-12)
+    # From 1e-6 of the first step it takes 20 doublings to the first one, once after each short advance.
+    assert sim.counts.steps < 100
+
+
 @pytest.mark.parametrize("on", [-1, 2, "target", "", 0.5, None])
 def test_a_force_on_nothing_is_refused(on: Any) -> None:
     sim = Simulation(pair_of_masses())

@@ -60,6 +60,12 @@ def course(peak: float = 100.0, area: float = 4.0, element: int = 3) -> Course:
         elastic=zeros,
         dissipated=np.linspace(0.0, 0.5, 5),
         tension=zeros,
+        potential=zeros,
+        body_centre=np.zeros((5, 0, 3)),
+        reel=np.zeros((5, 0, 2)),
+        loaded=np.zeros((5, 0)),
+        loaded_element=np.zeros((5, 0), dtype=np.int64),
+        units=np.zeros((5, 0)),
         peaks={"net": Peak(peak, 0.7, element)},
     )
 

@@ -29,7 +29,9 @@ def choice(attempt: float = 0.01, error: float = 1.0, jumps: list[Jump | None] |
     integration = SimpleNamespace(stepSizeMaxIncrease=2.0, stepSizeSafety=0.9, absoluteTolerance=1e-6)
     left = None if jumps is None else iter(jumps)
     found = StepChoice(
-        SimpleNamespace(method=Method.DOPRI5, tolerance=1e-6, first_step=0.005),  # type: ignore[arg-type]
+        SimpleNamespace(  # type: ignore[arg-type]
+            method=Method.DOPRI5, tolerance=1e-6, first_step=0.005, least_step=1e-5
+        ),
         SimpleNamespace(it=progress),
         SimpleNamespace(timeIntegration=integration),
         None if left is None else lambda within: next(left),
@@ -76,6 +78,16 @@ def test_steps_end_with_the_stretch_and_lengthen_again_after_one_that_was_cut_sh
     found.begin_stretch(2.1)
     found.choose(2.1, True, False)  # cut by the engine: the control's own step is put back
     assert progress.currentStepSize == pytest.approx(0.9 * 0.01 * 2.0**0.2, rel=1e-14)
+
+
+def test_a_stretch_of_next_to_nothing_does_not_tell_how_the_next_one_begins() -> None:
+    found, progress, _ = choice(1e-13, 1e-3)
+    progress.currentStepSize = 2e-13  # what the engine goes on with
+    assert found.choose(1.0 + 2e-13, False, False) == 1.0 + 1e-5
+    assert progress.currentStepSize == 1e-5  # the least of the plan
+    progress.currentStepSize = 2e-13
+    found.choose(1.0 + 2e-13, True, True)  # what the control itself has come to, it keeps
+    assert progress.currentStepSize == 2e-13
 
 
 def test_a_jump_is_approached_crossed_with_a_lifted_tolerance_and_left_with_the_step_of_before() -> None:

@@ -13,6 +13,7 @@ import pytest
 from result_samples import square_net, unfolding
 
 from exunet.base.errors import InputError
+from exunet.base.files import cannot_write
 from exunet.results import from_rows, segments
 from exunet.results.columns import PATHS, BodyConstants, body_path, body_quantities, declare
 from exunet.results.reading import load_result, open_unfinished
@@ -563,6 +564,25 @@ def test_a_full_disk_loses_no_row(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == f"{folder}/segment-000002.exu: cannot be written: File too large"
     assert_rows(SegmentStore(folder), 20)
+
+
+def test_rows_whose_index_cannot_be_written_are_not_taken_for_stored(monkeypatch, small_segments, tmp_path):
+    store = new(tmp_path)
+    store.append(cut(0, 9))  # a segment of seven, and two
+    store.flush(checkpoint="9")
+
+    def full(*_):
+        raise cannot_write(tmp_path / segments.INDEX, OSError(28, "No space left on device"))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(segments, "_write_index", full)
+        store.append(cut(9, 12))
+        with pytest.raises(InputError, match="No space left on device"):
+            store.flush(checkpoint="12")
+        assert (store.written, store.checkpoint) == (9, "9")
+        assert_rows(store, 12)
+    store.close()
+    assert_rows(SegmentStore(tmp_path), 12)
 
 
 def test_folders_that_cannot_be_written(tmp_path):

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 import exunet
 from exunet.interfaces.cli import app
+from exunet.results.headlines import ANY, OF_A_NAME, ONES
 from exunet.results.summary import summarise
 from exunet.results.table import rows
 
@@ -52,6 +53,23 @@ WITHOUT = {  # numbers that have no unit
 }  # fmt: skip
 
 PARTS_AND_INDICES = {"capture_enclosed", "capture_cqi", "capture_mcqi"}
+
+
+def test_every_headline_has_a_row_of_its_own_and_no_row_is_of_none() -> None:
+    """In results.md a row names the part x of a vector, and then `_y_`, `_z_`."""
+    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    section = page.split("## Headlines and their spread")[1].split("\n## ")[0]
+    listed = []
+    for row in re.findall(r"^\| (`.*?) \| ", section, re.MULTILINE):
+        for key in re.findall("`(.*?)`", row):
+            any_one = re.sub("NAME|EFFECT|ONE.OTHER", ANY, key)
+            parts = "xyz" if "`_y_`, `_z_`" in row and "_x_" in key else "x"
+            listed += [any_one.replace("_x_", f"_{part}_") for part in parts if key not in ("_y_", "_z_")]
+    known = [one.key for one in ONES] + [one.key for made in OF_A_NAME for one in made(ANY)]
+    where = 'the tables of "Headlines and their spread" in docs/results.md'
+    assert not (lacking := set(known) - set(listed)), f"{where} lack rows of {sorted(lacking)}"
+    assert not (unknown := set(listed) - set(known)), f"{where} have rows of unknown {sorted(unknown)}"
+    assert len(listed) == len(set(listed)), f"{where} name a headline twice"
 
 
 def keys(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:

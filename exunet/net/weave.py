@@ -11,6 +11,7 @@ import numpy as np
 from exunet.base.errors import CaseError, Fault
 from exunet.net.arrays import Floats, Ints, Mesh, Net
 from exunet.net.base import Bullets, Cable, NetTable, Strings, ThrownNetTable
+from exunet.net.sound_mesh import refuse_unsound
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,10 @@ class _Cables:
 def net_of(mesh: Mesh, keys: NetTable) -> Net:
     """The net that `keys` asks for on the topology's `mesh`.
 
-    Raises CaseError if a node's mass or position is beyond what floating-point numbers can hold.
+    Raises CaseError if a node's mass or position is beyond what floating-point numbers can hold, and
+    ValueError if the topology is at fault (`refuse_unsound`).
     """
+    refuse_unsound(mesh, keys.topology)
     strings, bullets = _thrown(keys)
     string_ends, end_position = _string_ends(mesh, strings)
     shift = len(end_position)  # bullets come first

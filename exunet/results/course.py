@@ -40,6 +40,7 @@ from exunet.results.measures import (
     speeds_of,
     work_of_ejection,
 )
+from exunet.results.over_time import OVER_TIME, OverTime
 from exunet.results.result import Result
 from exunet.results.rows import StoredRows
 
@@ -61,51 +62,33 @@ def instants(end: float) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class Course(OverTime):
     """What headlines are computed from: one run, over its times.
 
-    time            : (t,) [s]
-    area            : (t,) of the mouth [m2]; zeros without one
+    time            : (t,) [s], of `OverTime`
     achievable_area : the largest that the mouth can have [m2]; 0 or infinite: there is no mouth to speak of
-    centre          : (t, 3) centre of mass of the net [m]
-    bullet_speed    : (t, n_bullets) [m/s]
-    kinetic, elastic, potential : (t,) [J]
-    dissipated      : (t,) [J], without the work that is put in: see `exunet.results.measures.dissipation`
-    tension         : (t,) largest tension of all elements at each time [N]
     peaks           : the largest of all steps of each of `Net.spans`
-    body_names, body_centre       : (t, n_bodies, 3) centres of mass [m], of point masses too
+    body_names      : of bodies, of point masses too
     turning, guided : the bodies that have an attitude; those whose motion is given
     outside         : effects whose impulse is kept
     ends            : (2, n_bodies + n_outside + 1) records `END` at the start and at the end, of bodies, of
                       these effects and of the net; (2, 0) without bodies
     ejection        : work of the ejection of the net until the end [J]; None: there is none in the scene
     tether_names    : of all tethers
-    reel_names, reel : (t, n_reels, 2) of tethers with reels, and of a closing line: length that is wound up
-                      [m], work of the drum on it [J]
+    reel_names      : of tethers with reels, and of a closing line
     groups          : of elements whose strength is known; None: of none
     pairs, movers   : of bodies whose distances are headlines, and these bodies in motion
-    loaded, loaded_element : (t, n_groups) largest tension / strength in each group, and in which element
     rule            : when the target counts as captured; None: the case has none
     capture         : with the rule, the measures of the capture
     line            : (t,) what is stored of a closing line, by name ("closing/largest" and so on)
-    units           : (t, n_units + 1) impulse that each corner unit has spent [N s], and the work of all [J]
     contact         : (t,) what is stored of contacts, by name ("contact_BODY/threads_touching" and so on)
     together        : (t,) what is stored of threads that touch each other ("self_contact/touching" and so on)
     """
 
     time: Floats
-    area: Floats
     achievable_area: float
-    centre: Floats
-    bullet_speed: Floats
-    kinetic: Floats
-    elastic: Floats
-    dissipated: Floats
-    tension: Floats
     peaks: Mapping[str, Peak]
-    potential: Floats = field(default_factory=lambda: np.zeros(0))
     body_names: tuple[str, ...] = ()
-    body_centre: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
     turning: tuple[str, ...] = ()
     guided: tuple[str, ...] = ()
     outside: tuple[str, ...] = ()
@@ -113,15 +96,11 @@ class Course:
     ejection: float | None = None
     tether_names: tuple[str, ...] = ()
     reel_names: tuple[str, ...] = ()
-    reel: Floats = field(default_factory=lambda: np.zeros((0, 0, 2)))
     pairs: tuple[Pair, ...] = ()
     movers: Mapping[str, Mover] = field(default_factory=dict)
     groups: Groups | None = None
-    loaded: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    loaded_element: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
     rule: Verdict | None = None
     capture: Measures | None = None
-    units: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     line: Mapping[str, Floats] = field(default_factory=dict)
     contact: Mapping[str, Floats] = field(default_factory=dict)
     together: Mapping[str, Floats] = field(default_factory=dict)
@@ -136,17 +115,12 @@ class Course:
         return self._at(np.unique(np.searchsorted(between, other.time)))
 
     def _at(self, rows: Ints) -> Course:
-        names = ["time", "area", "centre", "bullet_speed", "kinetic", "elastic", "dissipated", "tension"]
-        names += ["body_centre", "potential"] if self.body_names else []
-        names += ["reel"] if self.reel_names else []
-        names += ["units"] if self.units.shape[1] else []
-        names += ["loaded", "loaded_element"] if self.groups else []
         capture = None if self.capture is None else Measures(*(one[rows] for one in self.capture))
         contact = {name: values[rows] for name, values in self.contact.items()}
         line = {name: values[rows] for name, values in self.line.items()}
         together = {name: values[rows] for name, values in self.together.items()}
         movers = {name: replace(one, path=one.path.every_second()) for name, one in self.movers.items()}
-        thinned = {name: getattr(self, name)[rows] for name in names}
+        thinned = {name: getattr(self, name)[rows] for name in ("time", *OVER_TIME)}
         kept: dict[str, Any] = {"line": line, "contact": contact, "together": together}
         return replace(self, movers=movers, capture=capture, **kept, **thinned)
 

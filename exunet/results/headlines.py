@@ -329,7 +329,8 @@ def headlines_for(course: Course) -> tuple[Headline, ...]:
     )
 
 
-_ONES = (
+# All that there are: those of one name, and those of which each body, tether, effect or pair has its own.
+ONES = (
     *HEADLINES,
     *_OF_THE_NET,
     of_margin(THREADS),
@@ -342,7 +343,7 @@ _ONES = (
     _wound_up(LINE_NAME),
     _reel_work(LINE_NAME),
 )
-_OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
+OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
     *OF_A_BODY,
     *OF_AN_EFFECT,
     of_tether,
@@ -351,7 +352,7 @@ _OF_A_NAME: tuple[Callable[[str], tuple[Headline, ...]], ...] = (
     of_reel,
     _of_pair_both,
 )
-_ANY = "*"  # in place of a name
+ANY = "*"  # in place of a name
 
 
 # The four measures of deployment, in the order of the paper.
@@ -360,12 +361,12 @@ DEPLOYMENT = ("largest_area_m2", "time_of_largest_area_s", "distance_m", "time_a
 
 def headline(key: str) -> Headline:
     """The headline of a key; raises KeyError if there is none."""
-    for one in _ONES:
+    for one in ONES:
         if one.key == key:
             return one
-    for made in _OF_A_NAME:
-        for number, any_one in enumerate(made(_ANY)):
-            begin, _, end = any_one.key.partition(_ANY)
+    for made in OF_A_NAME:
+        for number, any_one in enumerate(made(ANY)):
+            begin, _, end = any_one.key.partition(ANY)
             if key.startswith(begin) and key.endswith(end):
                 return made(key[len(begin) : -len(end)])[number]
     raise KeyError(key)

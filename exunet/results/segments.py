@@ -219,7 +219,12 @@ class SegmentStore(Segments):
         return cls(folder)
 
     def __len__(self) -> int:
-        return super().__len__() + self._block.count
+        return self.written + self._block.count
+
+    @property
+    def written(self) -> int:
+        """Rows that survive the process."""
+        return super().__len__()
 
     @postponed()  # Ctrl-C between the steps of one of these would count rows twice
     def append(self, rows: Mapping[str, Floats]) -> None:
@@ -244,24 +249,27 @@ class SegmentStore(Segments):
 
         Raises InputError if a file cannot be written; the rows are kept in memory then.
         """
+        segments, number, of_checkpoint = self._segments, self._number, self._of_checkpoint
         if count := self._block.count:
-            file = f"segment-{self._number + 1:06d}.exu"
+            number += 1
+            file = f"segment-{number:06d}.exu"
             rows = {column.path: self._block.view(column.path, 0, count) for column in self.columns}
             write_arrays(self.folder / file, "exunet segment", VERSION, {"identity": self._identity}, rows)
-            self._number += 1
-            self._segments.append(Segment(file, count))
-            self._block.count = 0
+            segments = [*segments, Segment(file, count)]
         if checkpoint is not None:
-            self.checkpoint, self._of_checkpoint = checkpoint, list(self._segments)
+            of_checkpoint = list(segments)
+        named = self.checkpoint if checkpoint is None else checkpoint
         if count or checkpoint is not None:
-            self._index()
+            _write_index(self.folder, self._identity, segments, number, named, of_checkpoint)
+        self._segments, self._number, self._of_checkpoint = segments, number, of_checkpoint
+        self.checkpoint, self._block.count = named, 0
 
     @postponed()
     def drop_after(self, count: int) -> None:
         """Keep the first `count` rows only; those of the last checkpoint can still be returned to."""
         if not 0 <= count <= len(self):
             raise ValueError(f"cannot keep {count} of {len(self)} rows")
-        written = super().__len__()
+        written = self.written
         self._block.count = max(0, count - written)
         if count < written:
             self._segments = _first(self._segments, count)
@@ -280,7 +288,7 @@ class SegmentStore(Segments):
 
     def read(self, path: str, start: int, stop: int) -> Floats:
         """Rows `start` to `stop` (not included) of a column, copied; raises InputError if damaged."""
-        written = super().__len__()
+        written = self.written
         later = self._block.view(path, max(start - written, 0), max(stop - written, 0))
         return np.concatenate([super().read(path, start, min(stop, written)), later])
 

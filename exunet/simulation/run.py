@@ -324,7 +324,6 @@ def _into(
 @contextmanager
 def _kept(store: SegmentStore, folder: Path) -> Iterator[None]:
     """Keep what is stored if it cannot be made into a result, and say how to go on."""
-    words = f"what was stored is kept; to go on from there: exunet resume {quote(str(folder))}"
     try:
         yield
     except UnsoundStates:  # nor would they be sound after a resume
@@ -335,10 +334,20 @@ def _kept(store: SegmentStore, folder: Path) -> Iterator[None]:
         with suppress(InputError):  # the disk is full still
             store.close()
         if isinstance(error, InputError):
-            raise InputError(f"{error}; {words}") from error
+            raise InputError(f"{error}; {_left(store, folder)}") from error
         if isinstance(error, KeyboardInterrupt):
-            raise Interrupted(f"interrupted; {words}") from None
+            raise Interrupted(f"interrupted; {_left(store, folder)}") from None
         raise
+
+
+def _left(store: SegmentStore, folder: Path) -> str:
+    """What there is of a run that could not be made into a result, and how to go on, in words."""
+    resume = f"exunet resume {quote(str(folder))}"
+    if store.checkpoint is not None:
+        return f"what was stored is kept; to go on from the last checkpoint: {resume}"
+    if store.written:
+        return f"what was stored is kept, but there is no checkpoint: {resume} begins again from the start"
+    return f"no state is stored yet: {resume} begins again from the start"
 
 
 def _describe(place: Path, describe: Describe | None, *, alone: bool) -> None:

@@ -23,7 +23,7 @@ from exunet.codegen.compile import numba_version
 from exunet.simulation.preparation import Start
 from exunet.simulation.snapshot_checks import array_faults, header_faults
 
-KIND, FORMAT = "exunet snapshot", 1
+KIND, FORMAT = "exunet snapshot", 2  # 1: paths of files counted as what a case is
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,15 +104,26 @@ _DIFFERS = {
     "numba": "another version of Numba",
     "engine": "another engine or form of the net",
     "scene": "another case",
+    "files": "a case whose files (bodies.*.file, initial.from) have another content",
     "state": "another start",
 }
 _READABLE = {"exunet", "numpy", "exudyn", "numba", "engine"}  # the others are checksums
+# What a state does not depend on, and the paths of files.
+_NOT_IN_SCENE: Any = {
+    "time": True,
+    "title": True,
+    "initial": {"from"},
+    "bodies": {"__all__": {"file"}},
+}
 
 
 @lru_cache(maxsize=8)
 def identity(start: Start) -> Mapping[str, Any]:
-    """What a snapshot must share with what it is put back into."""
-    scene = start.scene.model_dump(mode="json", exclude={"time", "title"})
+    """What a snapshot must share with what it is put back into.
+
+    Of a file that the case names, what was read from it counts, not how or from where its path is written.
+    """
+    scene = start.scene.model_dump(mode="json", exclude=_NOT_IN_SCENE)
     state = hashlib.sha256()
     for name, values in sorted(start.state.arrays().items()):
         state.update(name.encode() + np.ascontiguousarray(values).tobytes())
@@ -123,9 +134,22 @@ def identity(start: Start) -> Mapping[str, Any]:
         "numba": numba_version(),
         "engine": start.scene.engine.model_dump(mode="json"),
         "scene": hashlib.sha256(json.dumps(scene, sort_keys=True).encode()).hexdigest(),
+        "files": _read_from_files(start),
         "state": state.hexdigest(),
     }
     return MappingProxyType(found)
+
+
+def _read_from_files(start: Start) -> str:
+    """Checksum of the surfaces of bodies, and of the result and the stored time that the case starts from."""
+    found = hashlib.sha256()
+    for body in start.system.bodies:
+        if body.shape is not None and (mesh := body.shape.mesh) is not None:
+            for part in (mesh.vertices, mesh.triangles):
+                found.update(f"{body.name} {part.shape}".encode() + np.ascontiguousarray(part).tobytes())
+    if (begun := start.begun_from) is not None:
+        found.update(f"{begun['sha256']} {begun['time_s']!r}".encode())
+    return found.hexdigest()
 
 
 def grouped(group: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

@@ -31,6 +31,7 @@ from exunet.results.capture import Measures
 from exunet.results.clearance import Pair
 from exunet.results.course import CONTACT, LINE, SELF, Course, winches_of
 from exunet.results.margins import Groups, Peak
+from exunet.results.over_time import OVER_TIME
 from exunet.simulation.expected_cost import seconds_of_a_course
 from exunet.simulation.kept_series import series_of
 from exunet.simulation.preparation import Start
@@ -53,22 +54,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Ensemble(Measured):
-    """Measures of all runs at the stored times.
+    """Measures of all runs at the stored times; those of `Measured` and `OverTime` too, as (runs, t, ...).
 
     time          : (t,) [s]
-    bullet_speed  : (runs, t, n_bullets) [m/s]
-    area          : (runs, t) area of the mouth [m2]
-    kinetic, elastic, potential, dissipated : (runs, t) [J]; the last as `exunet.results.measures.dissipation`
-    centre        : (runs, t, 3) centre of mass of the net [m]
-    tension       : (runs, t) largest tension of all elements at that time [N]
-    body_centre   : (runs, t, n_bodies, 3) centres of mass of point masses and rigid bodies [m]
-    reel          : (runs, t, n_reels, 2) length of its tether on the drum [m], work of the drum on it [J]
-    motion        : (runs, t, n_shown, 13) of the bodies of `pairs`: place [m] and velocity [m/s] of the
-                    centre of mass, attitude, angular velocity in axes of the body [rad/s]
-    loaded, loaded_element : (runs, t, n_groups) largest tension / strength in each group of elements whose
-                     strength is known, and in which element
-    capture       : (runs, t, 6) the fields of `exunet.results.capture.Measures`; (runs, t, 0) without a rule
-    units         : (runs, t, n_units + 1) impulse that each corner unit has spent [N s], work of all [J]
     contact       : (runs, t, n_series) what is stored of contacts and of a closing line
     ends          : (runs, 2, n_bodies + n_outside + 1) records `exunet.results.ends.END` at the start and
                      at the end
@@ -118,21 +106,12 @@ class Ensemble(Measured):
         """One of the runs, for its headlines; achievable_area: of its net [m2]."""
         return Course(
             time=self.time,
-            area=self.area[run],
             achievable_area=achievable_area,
-            centre=self.centre[run],
-            bullet_speed=self.bullet_speed[run],
-            kinetic=self.kinetic[run],
-            elastic=self.elastic[run],
-            dissipated=self.dissipated[run],
-            tension=self.tension[run],
             peaks={
                 name: Peak(float(tension), float(time), int(element))
                 for name, (tension, time, element) in zip(self.peak_names, self.peaks[run], strict=True)
             },
-            potential=self.potential[run],
             body_names=self.body_names,
-            body_centre=self.body_centre[run],
             turning=self.turning,
             guided=self.guided,
             outside=self.outside,
@@ -140,18 +119,15 @@ class Ensemble(Measured):
             ejection=float(self.ejection[run]) if self.ejects else None,
             tether_names=self.tether_names,
             reel_names=self.reel_names,
-            reel=self.reel[run],
             pairs=self.pairs,
             movers=self._movers(run),
             groups=self.groups,
-            loaded=self.loaded[run],
-            loaded_element=self.loaded_element[run],
             rule=self.rule,
             capture=None if self.rule is None else Measures(*self.capture[run].T),
-            units=self.units[run],
             line=self._series(run, LINE),
             contact=self._series(run, CONTACT),
             together=self._series(run, SELF),
+            **{name: getattr(self, name)[run] for name in OVER_TIME},
         )
 
     def _series(self, run: int, prefix: str) -> dict[str, Floats]:

@@ -28,6 +28,7 @@ from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
 from exunet.results.course import REEL_STATES, winches_of
 from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
+from exunet.results.over_time import OverTime
 from exunet.results.result import BodyStates
 from exunet.simulation.kept_series import KeptSeries
 from exunet.simulation.monitor import Monitor
@@ -36,7 +37,6 @@ from exunet.system.states import States
 from exunet.system.system import System
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOTION = 13  # numbers of a body: place, velocity, attitude, angular velocity
 _STRETCH = 0.2  # [s] of wall time after which a run sees that it is to be left
@@ -45,25 +45,17 @@ _MOST_VALUES = 2**21  # coordinates that runs side by side keep in one go
 _MOST_WORK = 1e7  # elements times steps of runs side by side in one go: about _STRETCH
 
 
-@dataclass(frozen=True)
-class Measured:
-    """What an ensemble keeps of states (k,), here of one run; meaning and units: `ensemble.Ensemble`."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measured(OverTime):
+    """What an ensemble keeps of states (k,), here of one run.
 
-    bullet_speed: Floats
-    area: Floats
-    kinetic: Floats
-    elastic: Floats
-    potential: Floats
-    dissipated: Floats
-    centre: Floats
-    tension: Floats
-    body_centre: Floats
-    reel: Floats
+    motion  : (k, n_shown, 13) of the bodies of `shown_pairs`: place [m] and velocity [m/s] of the centre of
+              mass, attitude, angular velocity in axes of the body [rad/s]
+    capture : (k, 6) the fields of `exunet.results.capture.Measures`; (k, 0) without a rule
+    """
+
     motion: Floats
-    loaded: Floats
-    loaded_element: Ints
     capture: Floats
-    units: Floats
 
 
 MEASURED = tuple(one.name for one in fields(Measured))

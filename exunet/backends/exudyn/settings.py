@@ -54,5 +54,8 @@ def longest_of(plan: Plan) -> float:
 
 
 def ends_at(until: float) -> float:
-    """The end to give to the engine, which ends a stretch `_GAP` before it."""
-    return until - 64.0 * math.ulp(until) + _GAP
+    """The end to give to the engine, which ends a stretch `_GAP` before it.
+
+    That is some units of round-off before `until`, of the larger of the two numbers in the difference.
+    """
+    return until - 64.0 * math.ulp(max(until, _GAP)) + _GAP

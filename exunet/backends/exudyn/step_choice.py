@@ -75,6 +75,8 @@ class StepChoice:
         wanted = progress.currentStepSize
         if end_of_attempt >= self._until and not rejected and attempting:
             wanted = self._controlled()  # the engine has cut it short already
+        elif not attempting:  # the stretch before may have been shorter than any sound step
+            wanted = max(wanted, self._plan.least_step)
         if self.jump is not None:
             wanted = self._mind_jumps(wanted, rejected)
         step = self._until - self._from if self._from + wanted > self._until else wanted

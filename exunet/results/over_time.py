@@ -1,0 +1,51 @@
+"""The quantities over time of which headlines are made: of a run, of a piece of one, and of many runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OverTime:
+    """Each has a row for each of the t times, and of many runs an axis of runs before that.
+
+    None has a default: what a result (`course_of`) or moved starts (`studies.measured_runs`) do not fill in
+    is an error as soon as one of them is looked at.
+
+    area         : (t,) of the mouth [m2]; zeros without one
+    centre       : (t, 3) centre of mass of the net [m]
+    bullet_speed : (t, n_bullets) [m/s]
+    kinetic, elastic, potential : (t,) [J]
+    dissipated   : (t,) [J], without the work that is put in: see `exunet.results.measures.dissipation`
+    tension      : (t,) largest tension of all elements at each time [N]
+    body_centre  : (t, n_bodies, 3) centres of mass of point masses and rigid bodies [m]
+    reel         : (t, n_reels, 2) of tethers with reels, and of a closing line: length that is wound up [m],
+                   work of the drum on it [J]
+    loaded, loaded_element : (t, n_groups) largest tension / strength in each group of elements whose strength
+                   is known, and in which element
+    units        : (t, n_units + 1) impulse that each corner unit has spent [N s], and the work of all [J];
+                   (t, 0) without any
+    """
+
+    area: Floats
+    centre: Floats
+    bullet_speed: Floats
+    kinetic: Floats
+    elastic: Floats
+    potential: Floats
+    dissipated: Floats
+    tension: Floats
+    body_centre: Floats
+    reel: Floats
+    loaded: Floats
+    loaded_element: Ints
+    units: Floats
+
+
+OVER_TIME = tuple(one.name for one in fields(OverTime))
