@@ -126,6 +126,11 @@ class BothCodes:
         return self.theirs.system.closing is not None
 
     @property
+    def touches_itself(self) -> bool:
+        """True if threads of the net touch each other."""
+        return self.theirs.system.meeting is not None
+
+    @property
     def speed(self) -> float:
         """See `launch_speed`."""
         return launch_speed(self.start.velocity)

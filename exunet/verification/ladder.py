@@ -115,7 +115,8 @@ class Ladder:
     """The rungs over some cases.
 
     cases : those with forces on rigid bodies are compared in rungs 1 and 8 only, others whose mouth something
-            closes in rungs 1 and 10
+            closes in rungs 1 and 10, those whose threads touch each other in rung 1 only: rung 9 has a net
+            for what touching threads do, since random states of other nets have no such pairs
     quick : one case only for what takes whole runs, fewer random nets; rungs 1 to 3 are the same
     paper : also check that round-off alone separates the bullets of the paper's nets
     different: names of cases whose nets are known to differ; `nets` adds to them
@@ -126,7 +127,9 @@ class Ladder:
         self, cases: Sequence[BothCodes], *, quick: bool, paper: bool, different: Collection[str] = ()
     ) -> None:
         self._named, self._quick, self._paper = cases, quick, paper
-        self._cases = [case for case in cases if not case.moves_bodies and not case.closes]
+        self._cases = [
+            case for case in cases if not (case.moves_bodies or case.closes or case.touches_itself)
+        ]
         self.different = set(different)
 
     def nets(self) -> Iterator[Step]:
@@ -232,6 +235,9 @@ class Ladder:
             case = read_both(shipped_case(together.TOGETHER_CASES, name))
             yield Step(9, name, partial(together.at_states, case, states))
             yield Step(9, name, partial(together.over_a_run, case))
+        for case in self._named:
+            if case.touches_itself:
+                yield Step(9, case.name, partial(iter, [left_out("all of it", together.OF_OTHER_NETS)]))
 
     def _closings(self) -> Iterator[Step]:
         """The scenes of rung 10: what closes a mouth, at states and over whole runs."""

@@ -26,6 +26,7 @@ from reference_impl.meeting import met
 TOGETHER_CASES = "verification/self_contact"  # below cases/
 SEED = 20261123
 SPEED = 1.0  # m/s, of nodes
+OF_OTHER_NETS = "threads that touch each other are compared at states of the net together.toml"
 QUANTITIES = {"forces on nodes": "N", "power taken": "W", "energy stored": "J"}
 
 
