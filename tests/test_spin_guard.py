@@ -127,7 +127,7 @@ def test_a_run_of_such_steps_is_stopped(tmp_path: Path) -> None:
 
 def test_a_retry_mends_it(tmp_path: Path) -> None:
     """Half the step twice; the body's energy is then kept, on which nothing ever acts."""
-    run = simulate(in_steps(tmp_path, STEP))
+    run = simulate(in_steps(tmp_path, STEP, "time.end=0.1"))
     assert run.complete
     assert [one["step"] for one in run.provenance["retries"]] == [STEP / 2, STEP / 4]
     spin = run.bodies["chaser"].angular_velocity
