@@ -92,15 +92,15 @@ class Look:
         if not abs(self.balance[k]) <= self.allowed[k]:
             change = "grew" if self.balance[k] > 0 else "fell, beside what was dissipated,"
             return f"the energy {change} by {abs(self.balance[k]):.3g} J (allowed {self.allowed[k]:.3g} J)"
-        if self.turns_too_fast(k):
-            return (
-                f"{self.body[k]} turns by {self.angle[k]:.3g} rad a step, which may have changed its energy "
-                f"by {self.turned[k]:.1%} (allowed {ENERGY_BOUND:.0%})"
-            )
         if not abs(self.of_bodies[k]) <= self.allowed_of_bodies[k]:
             limit = self.allowed_of_bodies[k]
             return (
                 f"the energy of the rigid bodies changed by {self.of_bodies[k]:.3g} J (allowed {limit:.3g} J)"
+            )
+        if self.turns_too_fast(k):
+            return (
+                f"{self.body[k]} turns by {self.angle[k]:.3g} rad a step, which may have changed its energy "
+                f"by {self.turned[k]:.1%} (allowed {ENERGY_BOUND:.0%})"
             )
         return f"a node moves at {self.speed[k]:.3g} m/s (allowed {self.allowed_speed[k]:.3g} m/s)"
 
