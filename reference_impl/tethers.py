@@ -20,7 +20,7 @@ from reference_impl.reels import chain, spread_outside
 from reference_impl.shape import LARGEST_COUNT
 from reference_impl.start import initial_state
 
-TAUT = 1e-9  # part of its length by which a tether may start stretched: round-off of what is just straight
+TAUT = 1e-9  # part of its length by which a tether may start stretched, and below which its ends coincide
 
 
 def tie(case: Case, net: Net) -> Net:
@@ -133,7 +133,7 @@ def _placed(case: Case, net: Net) -> Net:
                 f"tethers.{tether.name}.{key}: must not be below the distance between its ends at time 0,"
                 f" {distance:.10g} m"
             )
-        elif distance:
+        elif distance > TAUT * tether.length:
             direction[elements] = way / distance
         elif case.effects.beta:
             faults.append(

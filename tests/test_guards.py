@@ -13,6 +13,7 @@ import exunet
 from exunet.backends.protocol import Batch, IntegrationFailed
 from exunet.base.errors import CaseError, RunStopped
 from exunet.bodies.rigid import RigidStates
+from exunet.methods.method import Method, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.results.measures import energy_balance, energy_scale
 from exunet.simulation.guards import ENERGY_BOUND, STRETCH_BOUND
@@ -33,7 +34,7 @@ WORDS = re.compile(
 
 def monitor_of(start: Start, **how: int) -> Monitor:
     monitor = Monitor(start.system, start.state, **how)
-    monitor.explain(Plan("RK44", step=1e-3))
+    monitor.explain(Plan(Method.RK44, step=1e-3), TimeLoop.COMPILED)
     return monitor
 
 

@@ -247,10 +247,36 @@ def test_work_that_is_put_in_is_a_curve_of_its_own():
     )
     made = checked(of)["energies"]
     drawn = curves(made)
-    np.testing.assert_allclose(drawn["work put in"].get_ydata(), work)
+    np.testing.assert_allclose(drawn["work of hand"].get_ydata(), work)
     np.testing.assert_allclose(drawn["dissipated"].get_ydata(), taken, atol=1e-15)
     np.testing.assert_allclose(made.axes[1].get_lines()[0].get_ydata(), 0.0, atol=1e-14)
-    assert "work put in" not in curves(checked(THROWN)["energies"])
+    assert not [name for name in curves(checked(THROWN)["energies"]) if name.startswith("work")]
+
+
+@pytest.mark.parametrize("number", [2, 4, 6])
+def test_each_source_of_work_has_a_curve(number: int) -> None:
+    """Bodies of given motion that put in 1, 2 ... J, an ejection of 3.5 J: what is beyond four is summed."""
+    still, upright = np.zeros((7, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (7, 1))
+    works = {f"hand{k}": np.linspace(0.0, k, 7) for k in range(1, number)}
+    thrown = 3.5 * (np.arange(7) >= 2)
+    event = {"time_s": float(THROWN.time[2]), "energy_lost_J": -3.5}
+    of = replace(
+        THROWN,
+        kinetic=5.0 + sum(works.values()) + thrown,
+        elastic=np.zeros(7),
+        dissipated=-sum(works.values()) - thrown,
+        bodies={name: BodyStates(2.0, np.eye(3), still, still, upright, still) for name in works},
+        states={f"{name}/work": TermStates("J", work[:, None]) for name, work in works.items()},
+        provenance={**THROWN.provenance, "ejection": [event]},
+    )
+    drawn = {name: line for name, line in curves(checked(of)["energies"]).items() if name.startswith("work")}
+    assert len(drawn) == min(number, 4)
+    np.testing.assert_allclose(drawn["work of ejection"].get_ydata(), thrown)
+    in_all = np.sum([line.get_ydata() for line in drawn.values()], axis=0)
+    np.testing.assert_allclose(in_all, sum(works.values()) + thrown)
+    if number == 6:
+        others = works["hand1"] + works["hand2"] + works["hand3"]
+        np.testing.assert_allclose(drawn["work of 3 others"].get_ydata(), others)
 
 
 def test_reference_figure_names_sizes_and_nodes():

@@ -9,6 +9,12 @@ import pytest
 from scipy.sparse import csr_array, diags_array
 
 from exunet.case.scene import Scene
+from exunet.forces.cable import (
+    assemble_pairs,
+    reference_blocks,
+    reference_spans,
+    reference_tangent_stiffness,
+)
 from exunet.forces.terms import LinearTerm
 from exunet.forces.total import Forces
 from exunet.methods.method import METHODS, Method
@@ -76,6 +82,70 @@ def test_the_largest_eigenvalue_is_found_from_above(size):
 def test_frequency_of_one_mass_on_a_cable():
     start = prepare(oscillator())
     assert largest_frequency(start.system) == pytest.approx(math.sqrt(1e8 * 1e-6 / 1.0), rel=1e-12)
+
+
+def tied(way: list[float], thread: list[float], *, divisions: int = 1) -> Scene:
+    """A light node on a thread of 1 m along `thread`, tied to a heavy body by a tether along `way`."""
+    cable = {"diameter": 0.002, "density": 1390.0, "youngs_modulus": 1e8}
+    net = {
+        "topology": "explicit",
+        "nodes": [[0.0, 0.0, 0.0], thread],
+        "elements": [[0, 1]],
+        "node_masses": [0.0, 1.0],
+        "cable": cable,
+    }
+    tether = {**cable, "length": 1.0, "divisions": divisions, "start": {"node": 0}, "end": {"body": "b"}}
+    body = {"mass": 10.0, "inertia": [0.1, 0.1, 0.1], "position": way}
+    return Scene.model_validate(
+        {"format": 1, "title": "a tether", "time": {"end": 1.0, "output_step": 1.0}, "net": net,
+         "initial": {"packing": 1.0}, "bodies": {"b": body}, "tethers": {"a": tether}}
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("divisions", [1, 3])
+def test_the_stable_step_of_a_tether_does_not_depend_on_how_the_scene_is_turned(divisions):
+    """Along x, along z, and at a right angle to the thread, into whose line it may pull it."""
+    x, z = [0.9, 0.0, 0.0], [0.0, 0.0, 0.9]
+    ways = ((x, [-1.0, 0.0, 0.0]), (z, [0.0, 0.0, -1.0]), (x, [0.0, 1.0, 0.0]))
+    found = [largest_frequency(prepare(tied(*one, divisions=divisions)).system) for one in ways]
+    assert found == pytest.approx([found[0]] * 3, rel=1e-12)
+
+
+def test_frequency_of_a_node_between_a_thread_and_a_tether():
+    """In line, both of k = EA / L0, between a point of 10 kg and 1 kg: the eigenvalues of the 3 x 3 chain."""
+    system = prepare(tied([0.9, 0.0, 0.0], [0.0, 1.0, 0.0])).system
+    k = 1e8 * AREA
+    chain = k * np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    mass = system.inert_mass[[1, 0, 2]]  # far end of the thread, the node, the end at the body
+    known = math.sqrt(np.abs(np.linalg.eigvals(chain / mass[:, None])).max())
+    assert largest_frequency(system) == pytest.approx(known, rel=1e-10)
+
+
+def test_threads_that_a_tether_turns_count_with_all_their_stiffness():
+    """As in a tow, where both threads of a corner hang behind it in one line with the tether."""
+    cable = {"diameter": D, "density": RHO, "youngs_modulus": E}
+    tether = {**cable, "length": 1.0, "start": {"node": 0}, "end": {"body": "b"}}
+    body = {"mass": 10.0, "inertia": [0.1, 0.1, 0.1], "position": [-0.5, -0.5, 0.9]}
+    system = prepare(square_net(1, bodies={"b": body}, tethers={"a": tether})).system
+    bound = largest_frequency(system)
+    at = np.flatnonzero((system.net.element_nodes == 0).any(axis=1))
+    assert len(at) == 3
+    weight = np.repeat(system.inert_mass, 3)
+    one = np.array([1.0, 2.0, -1.0]) / math.sqrt(6.0)
+    span = reference_spans(system.net, system.blocks.position)
+    span[at] = one * system.net.reference_length[at, None]  # all in one line
+    stiffness = assemble_pairs(system.net, reference_blocks(system.net, span)).toarray()
+    aligned = math.sqrt(np.abs(np.linalg.eigvals(stiffness / weight[:, None])).max())
+    at_first = reference_tangent_stiffness(system.net, system.blocks.position).toarray()
+    assert math.sqrt(np.abs(np.linalg.eigvals(at_first / weight[:, None])).max()) < 0.95 * aligned
+    assert aligned <= bound * (1.0 + 1e-12)
+
+
+def test_without_tethers_it_is_that_of_the_reference_configuration():
+    system = prepare(square_net(3)).system
+    stiffness = reference_tangent_stiffness(system.net, system.blocks.position).toarray()
+    values = np.abs(np.linalg.eigvals(stiffness / np.repeat(system.inert_mass, 3)[:, None]))
+    assert largest_frequency(system) == pytest.approx(math.sqrt(values.max()), rel=1e-10)
 
 
 def test_damping_rate_of_rayleigh_damping():

@@ -12,6 +12,7 @@ import pytest
 
 import exunet
 from exunet.bodies.rigid import rotation_matrix
+from exunet.forces.effects import bending
 from exunet.interfaces.commands.check import describe
 from exunet.results import loads as loads_module
 from exunet.results.course import course_of
@@ -20,6 +21,8 @@ from exunet.results.measures import net_centre
 from exunet.results.reading import load_result
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.simulation.run import run_into, simulate
+from exunet.studies.both_codes import both_of_text
+from exunet.verification.bodies.at_states import motions
 
 PAIR = """
 format = 1
@@ -223,6 +226,122 @@ def test_names_that_differ_by_capital_letters_are_refused(tmp_path: Path) -> Non
             "tethers.Tow={diameter=1e-3, density=1e3, youngs_modulus=1e9, length=9.0, "
             "start={node=0}, end={body='right'}}",
         )
+
+
+def test_a_bullet_and_its_node_are_one_place(tmp_path: Path) -> None:
+    """Without strings bullets are nodes of the net: bullet 2 of a square net of one mesh is its node 3."""
+    path = tmp_path / "loop.toml"
+    path.write_text(LOOP)
+    words = "tethers.loop.end: is tied to the same node of the net, 3, as start: a tether joins two"
+    with pytest.raises(exunet.CaseError, match=re.escape(words)):
+        prepare_case(exunet.load(path, ["tethers.loop.end={node=3}"]))
+    prepare_case(exunet.load(path, ["tethers.loop.end={node=2}"]))  # the corner beside it
+
+
+LOOP = """
+format = 1
+title = "A tether from a corner"
+time = { end = 0.1, output_step = 0.1 }
+initial.packing = 1.0
+net.topology = "square"
+net.size = 1.0
+net.mesh = 1.0
+net.bullets.mass = 0.1
+net.cable = { diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }
+tethers.loop = { diameter = 0.001, density = 1e3, youngs_modulus = 1e9, length = 2.0, start = { bullet = 2 } }
+"""
+
+SLANTED = (  # along (3, 4, 0) / 5
+    "bodies.right.position=[0.3, 0.4, 0.0]",
+    "tethers.tow.divisions=2",
+)
+
+
+def test_rayleigh_damping_acts_along_the_way_between_the_ends(tmp_path: Path) -> None:
+    """Eq. (13): each half damps along n = (3, 4, 0) / 5 with beta EA / L0, slack or not."""
+    begin = start(tmp_path, *SLANTED, "effects.rayleigh_damping={alpha=0.0, beta=1e-4}")
+    damping = begin.system.forces.linear.damping.toarray()
+    between = 3 * begin.net.tethers[0].nodes[1]
+    n = np.array([0.6, 0.8, 0.0])
+    rate = 1e-4 * 70e9 * math.pi * 0.0005**2 / 0.5
+    own = damping[between : between + 3, between : between + 3]
+    np.testing.assert_allclose(own, 2.0 * rate * np.outer(n, n), atol=1e-12 * rate)
+    with_end = damping[between : between + 3, 6:9]  # node 2, at the body on the left
+    np.testing.assert_allclose(with_end, -rate * np.outer(n, n), atol=1e-12 * rate)
+
+
+def test_rayleigh_damping_needs_a_direction(tmp_path: Path) -> None:
+    """Both bodies at the origin: nothing says along what to damp. Without beta there is nothing to say."""
+    here = "bodies.right.position=[0.0, 0.0, 5e-10]"  # half of what a way of 1 m needs
+    words = "tethers.tow.end: its ends are at one place at the start"
+    with pytest.raises(exunet.CaseError, match=re.escape(words)):
+        start(tmp_path, here, "effects.rayleigh_damping={alpha=0.0, beta=1e-6}")
+    start(tmp_path, here, "effects.rayleigh_damping={alpha=0.1, beta=0.0}")
+
+
+ACROSS = """
+format = 1
+title = "Tethers across a thread, and in line with it"
+time = { end = 0.1, output_step = 0.1 }
+net.topology = "explicit"
+net.nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+net.elements = [[0, 1]]
+net.node_masses = [0.01, 0.01]
+net.divisions = 2
+net.cable = { diameter = 0.002, density = 1390.0, youngs_modulus = 1e8 }
+initial.packing = 1.0
+bodies.beside = { mass = 10.0, inertia = [0.1, 0.2, 0.25], position = [1.0, 0.3, 0.0] }
+bodies.below = { mass = 1.0, inertia = [0.1, 0.2, 0.25], position = [0.0, 0.0, -1.0] }
+
+[tethers.across]
+diameter = 0.002
+density = 1390.0
+youngs_modulus = 1e8
+length = 1.2
+divisions = 3
+start = { node = 0 }
+end = { body = "beside", point = [-0.1, 0.0, 0.0] }
+
+[tethers.on]
+diameter = 0.002
+density = 1390.0
+youngs_modulus = 1e8
+length = 1.2
+divisions = 2
+start = { body = "below", point = [0.0, 0.0, 0.1] }
+end = { node = 0 }
+"""
+
+
+def test_a_tether_bends_by_itself(tmp_path: Path) -> None:
+    """Joints inside the thread and each tether, of one section; none where these meet, in line or not."""
+    path = tmp_path / "across.toml"
+    path.write_text(ACROSS)
+    net = prepare_case(exunet.load(path)).net
+    nodes, length, elements = bending.joints(net)
+    across, on = (tether.nodes for tether in net.tethers)
+    assert {at: {before, after} for before, at, after in nodes[1:].tolist()} == {
+        across[1]: {across[0], across[2]},
+        across[2]: {across[1], across[3]},
+        on[1]: {on[0], on[2]},
+    }
+    assert set(nodes[0].tolist()) == {0, 1, 2}  # the thread of two elements, of nodes 0 to 2
+    assert elements[1:].tolist() == [[2, 3], [3, 4], [5, 6]]
+    np.testing.assert_allclose(length[1:], [[0.4, 0.4], [0.4, 0.4], [0.6, 0.6]], rtol=1e-15)
+
+
+EFFECTS = {
+    "bending": "effects.bending={modulus=1e9}",
+    "rayleigh_damping": "effects.rayleigh_damping={alpha=0.2, beta=1e-3}",
+}
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_both_codes_have_the_same_forces_on_tethers(effect: str) -> None:
+    """Accelerations of nodes and bodies at random states, in every form, as on the ladder (rung 8)."""
+    text = f"{EFFECTS[effect]}\n{ACROSS}".replace("effects.", "effects.", 1)
+    for check in motions(both_of_text(effect, text), 2):
+        assert check.holds, check
 
 
 @pytest.mark.slow

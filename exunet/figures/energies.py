@@ -20,16 +20,23 @@ from exunet.results.result import Result
 
 Floats = NDArray[np.float64]
 
-GREY = "0.4"
+# Of works: with the four energies as many curves as can be told apart.
+_WORKS: tuple[dict[str, Any], ...] = (
+    {"color": "0.35", "linestyle": "-.", "marker": "^"},
+    {"color": "0.55", "linestyle": (0, (7, 2)), "marker": "D"},
+    {"color": "0.35", "linestyle": (0, (2.5, 1)), "marker": "x"},
+    {"color": "0.55", "linestyle": "-", "marker": "*"},
+)
 _REACHED = 0.5  # opacity of what is reached between stored times
 
 
 def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -> Figure:
     """Changes of the energies since the first stored time, and the error of their balance below.
 
-    Kinetic, elastic and potential energy, what is dissipated, and the work that drums, an ejection and bodies
-    whose motion is given have put in, if any. What a thrust puts in counts as dissipated below zero. Where
-    known, bands reach from kinetic and elastic energy to their extremes over the steps between stored times.
+    Kinetic, elastic and potential energy, what is dissipated, and the works that each reel, an ejection and
+    each body whose motion is given have put in, if any. What a thrust puts in counts as dissipated below
+    zero. Where known, bands reach from kinetic and elastic energy to their extremes over the steps between
+    stored times.
     """
     taken = metrics.dissipation(result)
     parts: dict[str, tuple[Floats, dict[str, Any]]] = {
@@ -40,8 +47,7 @@ def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -
     if np.any(result.potential != result.potential[0]):
         dotted = {"color": BLACK, "linewidth": 1.0, "linestyle": ":", "marker": "v"}
         parts["potential"] = (np.asarray(result.potential), dotted)
-    if np.ptp(put_in := taken - result.dissipated):
-        parts["work put in"] = (put_in, {"color": GREY, "linewidth": 1.4, "linestyle": "-.", "marker": "^"})
+    parts |= _put_in(result)
     figure, (axes, below) = page.stacked_axes(result, "Changes of the energies", (3.0, 1.0), 115.0)
     axes.set_ylabel("energy change [J]")
     for name, (values, style) in parts.items():
@@ -65,6 +71,24 @@ def energies(result: Result, page: Page, spread: EnsembleResult | None = None) -
     below.set_title(below.get_ylabel(), loc="left", fontsize=SMALL, pad=3)
     below.set_ylabel("")
     return figure
+
+
+def _put_in(result: Result) -> dict[str, tuple[Floats, dict[str, Any]]]:
+    """Curves of the works of reels, of an ejection and of bodies whose motion is given, where they do any.
+
+    Those that did most by size have one each; what is beyond the styles is summed.
+    """
+    works = {name: work for name, work in metrics.works_put_in(result).items() if np.ptp(work)}
+    names = sorted(works, key=lambda name: -np.ptp(works[name]))
+    if len(names) > len(_WORKS):
+        own, others = names[: len(_WORKS) - 1], names[len(_WORKS) - 1 :]
+        works = {name: works[name] for name in own} | {
+            f"{len(others)} others": np.sum([works[name] for name in others], axis=0)
+        }
+    return {
+        f"work of {name}": (work, {"linewidth": 1.4, **style})
+        for (name, work), style in zip(works.items(), _WORKS, strict=False)
+    }
 
 
 def _balance(axes: Axes, result: Result) -> None:

@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 # law, EA (lambda - 1) (lambda + 1) lambda / 2: beyond, the choice of the law is all that one sees.
 STRETCH_BOUND = 2.0
 
+# Part of a tether's length up to which its ends are at one place: the line between them is round-off.
+NO_WAY = 1e-9
+
 _AT_ONCE = 2**14  # elements times states, for arrays that stay in the processor's cache
 
 
@@ -155,15 +158,36 @@ def tangent_blocks(law: Law, span: Floats, rate: Floats) -> tuple[Floats, Floats
     return stiffness, np.einsum("e,ea,eb->eab", active * twice, span, span)
 
 
-def reference_tangent_stiffness(net: Net, n_points: int | None = None) -> csr_array:
-    """T of eqs. (5) and (14) in the reference configuration, (3n, 3n) [N/m]; n_points: n, if not the nodes.
+def reference_spans(net: Net, position: Floats) -> Floats:
+    """(n_elements, 3) from end to end of the elements in the reference configuration [m].
 
-    S11 is zero there, so each element adds (EA / L0) n n^T to its two nodes, n its reference direction.
+    A tether has none of its own: its elements lie along the straight way between its ends at the start.
+    Where that is no longer than `NO_WAY` of the tether, they have no direction: zeros.
+    position : (at least n_nodes, 3) at the start [m]
     """
     i, j = net.element_nodes.T
     span = net.reference_position[j] - net.reference_position[i]
-    blocks = np.einsum("e,ea,eb->eab", net.axial_stiffness / net.reference_length**3, span, span)
-    return assemble_pairs(net, blocks, n_points)
+    for tether in net.tethers:
+        elements = net.tether_elements[tether.name]
+        length = net.reference_length[elements]
+        way = position[tether.nodes[-1]] - position[tether.nodes[0]]
+        apart = float(np.linalg.norm(way))
+        has_direction = apart > NO_WAY * float(length.sum())
+        span[elements] = np.outer(length, way / apart) if has_direction else 0.0
+    return span
+
+
+def reference_blocks(net: Net, span: Floats) -> Floats:
+    """(n_elements, 3, 3) tangent blocks of just taut elements [N/m]: (EA / L0) n n^T, as S11 is zero."""
+    return np.asarray(np.einsum("e,ea,eb->eab", net.axial_stiffness / net.reference_length**3, span, span))
+
+
+def reference_tangent_stiffness(net: Net, position: Floats, n_points: int | None = None) -> csr_array:
+    """T of eqs. (5) and (14) in the reference configuration, (3n, 3n) [N/m]; n_points: n, if not the nodes.
+
+    position : (at least n_nodes, 3) at the start [m], from which tethers have their directions
+    """
+    return assemble_pairs(net, reference_blocks(net, reference_spans(net, position)), n_points)
 
 
 def assemble_pairs(net: Net, blocks: Floats, n_points: int | None = None) -> csr_array:

@@ -159,4 +159,19 @@ METHODS: Mapping[Method, MethodFacts] = {
         restarts_in_exudyn=False,
     ),
 }
+
+
+def turning_polynomial(method: Method, loop: TimeLoop) -> tuple[float, ...]:
+    """Stability polynomial of what a method does to turning bodies; empty where its steps follow errors.
+
+    The compiled loop turns them by RK44's stages with either of its methods of equal steps.
+    """
+    facts = METHODS[method]
+    if facts.kind != Kind.EXPLICIT:
+        return ()
+    if loop == TimeLoop.COMPILED:
+        return METHODS[Method.RK44].stability_polynomial
+    return facts.stability_polynomial if facts.rotation_order is None else _taylor(facts.rotation_order)
+
+
 COMPILED_METHODS = tuple(method for method, facts in METHODS.items() if facts.compiled)

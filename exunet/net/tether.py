@@ -116,9 +116,9 @@ def with_tethers(net: Net, tethers: Tethers) -> tuple[Net, tuple[TiedPoint, ...]
         )
         most = max(tethers, key=lambda name: tethers[name].divisions)
         raise CaseError([Fault(f"tethers.{most}.divisions", words)])
-    faults = [fault for name, keys in tethers.items() for fault in _missing(name, keys, net)]
-    if faults:
-        raise CaseError(faults)
+    for check in (_missing, _one_node):
+        if faults := [fault for name, keys in tethers.items() for fault in check(name, keys, net)]:
+            raise CaseError(faults)
     tied: list[TiedPoint] = []
     for name, keys in tethers.items():
         net = _with_one(net, name, keys, tied)
@@ -149,6 +149,21 @@ def _missing(name: str, keys: TetherKeys, net: Net) -> Iterator[Fault]:
                 yield Fault(f"tethers.{name}.{label}.{kind}", words)
 
 
+def _one_node(name: str, keys: TetherKeys, net: Net) -> Iterator[Fault]:
+    """A bullet without a string is a node of the net too."""
+    if keys.start.body is None and keys.end.body is None and _node(keys.start, net) == _node(keys.end, net):
+        words = f"is tied to the same node of the net, {_node(keys.end, net)}, as start: a tether joins two"
+        yield Fault(f"tethers.{name}.end", words)
+
+
+def _node(end: EndKeys, net: Net) -> int:
+    """The node of the net at an end that is not tied to a body."""
+    if end.bullet is not None:
+        return int(net.bullet_nodes[end.bullet])
+    assert end.node is not None
+    return end.node
+
+
 def _with_one(net: Net, name: str, keys: TetherKeys, tied: list[TiedPoint]) -> Net:
     new = net.n_nodes
     ends = []
@@ -159,7 +174,7 @@ def _with_one(net: Net, name: str, keys: TetherKeys, tied: list[TiedPoint]) -> N
             ends.append(new)
             new += 1
         else:
-            ends.append(int(net.bullet_nodes[end.bullet]) if end.node is None else end.node)
+            ends.append(_node(end, net))
     chain = np.array([ends[0], *range(new, new + keys.divisions - 1), ends[1]], dtype=np.int64)
     number = int(np.count_nonzero(chain >= net.n_nodes))
     length = keys.length / keys.divisions
@@ -167,7 +182,7 @@ def _with_one(net: Net, name: str, keys: TetherKeys, tied: list[TiedPoint]) -> N
     half = 0.5 * keys.density * keys.cross_section * length
     for one in (chain[:-1], chain[1:]):
         np.add.at(mass, one, half)
-    # Drawn below what it begins at; no force depends on it.
+    # Drawn below what it begins at; no force depends on it, see `exunet.forces.cable.reference_spans`.
     begin = net.reference_position[chain[0]] if chain[0] < net.n_nodes else np.zeros(3)
     along = np.flatnonzero(chain >= net.n_nodes)
     places = begin - np.outer(along * length, [0.0, 0.0, 1.0])

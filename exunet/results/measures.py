@@ -199,10 +199,26 @@ def dissipation(result: Result) -> Floats:
     puts in, such as a thrust, is counted against it here too.
     """
     taken = np.asarray(result.dissipated[:], dtype=float)
-    for name in (*result.net.tether_elements, *result.bodies, CLOSING, UNITS):
+    for work in works_put_in(result).values():
+        taken = taken + work
+    return taken
+
+
+def works_put_in(result: Result) -> dict[str, Floats]:
+    """(n_times,) work [J] of each reel, body whose motion is given, closing line, units; of an ejection.
+
+    By what did it, in the words of a figure; zeros until it does any.
+    """
+    sources = {name: f"reel {name}" for name in result.net.tether_elements}
+    sources |= {name: name for name in result.bodies}
+    sources |= {CLOSING: "closing", UNITS: "corner units"}
+    found = {}
+    for name, words in sources.items():
         if (work := result.states.get(f"{name}/work")) is not None:
-            taken = taken + np.asarray(work.values[:])[:, 0]
-    return taken + ejected(result.time, result.provenance)
+            found[words] = np.asarray(work.values[:], dtype=float)[:, 0]
+    if result.provenance.get(Ejection.heading):
+        found["ejection"] = ejected(result.time, result.provenance)
+    return found
 
 
 def ejected(time: Floats, story: Mapping[str, Any]) -> Floats:

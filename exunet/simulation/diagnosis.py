@@ -42,8 +42,11 @@ def _most_stretched(system: System, state: State) -> str:
     return f"{words}stretch {stretch:.6g}, force {force:.3g} N; "
 
 
-def step_advice(plan: Plan | None) -> str:
-    """Likely cause and remedy where the steps are to blame."""
+SNAPPING, TURNING = "where cables snap taut", "for a body that turns so fast"
+
+
+def step_advice(plan: Plan | None, where: str) -> str:
+    """Likely cause and remedy where the steps are to blame; where: `SNAPPING` or `TURNING`."""
     if plan is None:
         return "Likely cause: steps too long. Give a smaller solver.step or an adaptive method (DOPRI5)"
     if plan.tolerance is not None:
@@ -53,7 +56,7 @@ def step_advice(plan: Plan | None) -> str:
         )
     kind = "an adaptive method" if METHODS[plan.method].kind == Kind.EXPLICIT else "an explicit method"
     return (
-        f"Likely cause: the step {plan.step:.3g} s is too long for {plan.method} where cables snap taut. "
+        f"Likely cause: the step {plan.step:.3g} s is too long for {plan.method} {where}. "
         f"Give a smaller solver.step (`exunet check` shows the stable one) or {kind} (solver.method = DOPRI5)"
     )
 

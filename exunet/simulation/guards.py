@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from exunet.forces.cable import STRETCH_BOUND
 from exunet.system.energy_scale import EnergyScale
 from exunet.system.states import States
 from exunet.system.system import State, System
+from exunet.system.turning import Turning
 
 Floats = NDArray[np.float64]
 
@@ -34,6 +36,8 @@ class Look:
     stretch          : (k,) largest of an element
     speed, allowed_speed : (k,) largest of a node, and what it may be [m/s]
     of_bodies, allowed_of_bodies : (k,) the same of the rigid bodies that no term acts on
+    turned, angle, body : (k,) largest part of its energy by which equal steps may have changed that of a free
+               body (see `exunet.system.turning`), by what angle that body turns in a step [rad], its name
     gained           : (2, k) see `EnergyScale.gained` [J], the largest until each state
     """
 
@@ -46,6 +50,9 @@ class Look:
     gained: Floats
     of_bodies: Floats
     allowed_of_bodies: Floats
+    turned: Floats
+    angle: Floats
+    body: NDArray[np.str_]
 
     def __getitem__(self, rows: slice) -> Look:
         """That of some states."""
@@ -57,6 +64,7 @@ class Look:
         """(k,) True for a state that breaks a bound."""
         inside = self.finite & (np.abs(self.balance) <= self.allowed)
         inside &= np.abs(self.of_bodies) <= self.allowed_of_bodies
+        inside &= self.turned <= ENERGY_BOUND
         inside &= (self.stretch <= STRETCH_BOUND) & (self.speed <= self.allowed_speed)
         return ~inside
 
@@ -68,7 +76,12 @@ class Look:
     def off(self) -> Floats:
         """(k,) how far the energy balances are off, over their bounds."""
         bodies = np.abs(self.of_bodies) / self.allowed_of_bodies
-        return np.maximum(np.abs(self.balance) / self.allowed, bodies)
+        return np.maximum(np.abs(self.balance) / self.allowed, np.maximum(bodies, self.turned / ENERGY_BOUND))
+
+    def turns_too_fast(self, k: int) -> bool:
+        """True if a body that turns is what is wrong with state k."""
+        others = abs(self.balance[k]) <= self.allowed[k] and self.stretch[k] <= STRETCH_BOUND
+        return bool(self.finite[k] and others and not self.turned[k] <= ENERGY_BOUND)
 
     def words(self, k: int) -> str:
         """What is wrong with state k."""
@@ -83,6 +96,11 @@ class Look:
             limit = self.allowed_of_bodies[k]
             return (
                 f"the energy of the rigid bodies changed by {self.of_bodies[k]:.3g} J (allowed {limit:.3g} J)"
+            )
+        if self.turns_too_fast(k):
+            return (
+                f"{self.body[k]} turns by {self.angle[k]:.3g} rad a step, which may have changed its energy "
+                f"by {self.turned[k]:.1%} (allowed {ENERGY_BOUND:.0%})"
             )
         return f"a node moves at {self.speed[k]:.3g} m/s (allowed {self.allowed_speed[k]:.3g} m/s)"
 
@@ -100,6 +118,13 @@ class Guards:
         wave = np.sqrt((net.youngs_modulus / net.density).max(initial=0.0))  # of a just taut element
         self._speeds = float(np.linalg.norm(start.velocity, axis=1).max(initial=0.0) + wave)
         self._mass = float(system.blocks.mass.sum())
+        self._system, self._began = system, start.time
+        self._turning: Turning | None = None
+
+    def explain(self, step: float | None, polynomial: tuple[float, ...]) -> None:
+        """Steps [s] are equal from now on, by a method that turns bodies so; None, or none: they are not."""
+        turns = step is not None and polynomial and self._system.moves_freely.any()
+        self._turning = Turning(self._system, step, polynomial) if turns and step is not None else None
 
     @property
     def gained(self) -> Floats:
@@ -134,7 +159,19 @@ class Guards:
             gained=gained,
             of_bodies=of_bodies - self._bodies,
             allowed_of_bodies=np.full(len(states), allowed(np.asarray(self._bodies))),
+            **self._turned(states),
         )
+
+    def _turned(self, states: States) -> dict[str, NDArray[Any]]:
+        if self._turning is None:
+            nothing = np.zeros(len(states))
+            return {"turned": nothing, "angle": nothing, "body": np.full(len(states), "")}
+        spin = states.bodies.angular_velocity
+        errors = self._turning.error(spin, states.time - self._began)
+        worst = errors.argmax(axis=1)
+        rows = np.arange(len(states))
+        angle = self._turning.angle(spin)[rows, worst]
+        return {"turned": errors[rows, worst], "angle": angle, "body": self._turning.names[worst]}
 
     def accept(self, look: Look, k: int) -> None:
         """Take the state k of a look as good."""

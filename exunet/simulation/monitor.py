@@ -14,8 +14,16 @@ from exunet.base.errors import RunStopped
 from exunet.forces.blocks import AWAKE
 from exunet.forces.cable import STRETCH_BOUND
 from exunet.forces.terms import Change
+from exunet.methods.method import TimeLoop, turning_polynomial
 from exunet.methods.plan import Plan
-from exunet.simulation.diagnosis import COLLAPSE_ADVICE, LOAD_ADVICE, state_of_worst, step_advice
+from exunet.simulation.diagnosis import (
+    COLLAPSE_ADVICE,
+    LOAD_ADVICE,
+    SNAPPING,
+    TURNING,
+    state_of_worst,
+    step_advice,
+)
 from exunet.simulation.element_peaks import ElementPeaks
 from exunet.simulation.envelope import Envelope
 from exunet.simulation.guards import Guards, Look
@@ -103,9 +111,10 @@ class Monitor:
         """What errors of the energy are measured by [J]."""
         return self._guards.scale
 
-    def explain(self, plan: Plan) -> None:
-        """Tell how the run is integrated from now on, for the words of the guards."""
+    def explain(self, plan: Plan, loop: TimeLoop) -> None:
+        """Tell how the run is integrated from now on, and who steps, for the guards and their words."""
         self._plan = plan
+        self._guards.explain(plan.step, turning_polynomial(plan.method, loop))
 
     def mark(self, time: float) -> None:
         """The state of the accepted step that ends at a time [s] is to be looked at and stored."""
@@ -212,7 +221,7 @@ class Monitor:
     def engine_failed(self, failure: Exception, *, step_cause: bool) -> RunStopped:
         """The error for an integrator that gave up, with its words and the last good state."""
         worst = state_of_worst(self._system, self.last_good)
-        advice = step_advice(self._plan) if step_cause else COLLAPSE_ADVICE
+        advice = step_advice(self._plan, SNAPPING) if step_cause else COLLAPSE_ADVICE
         words = f"the engine stopped after t = {self.last_good.time:.6g} s: {failure}; {worst}. {advice}"
         return RunStopped(words, step_cause=step_cause)
 
@@ -358,7 +367,8 @@ class Monitor:
             self._accept(states[:bad], dissipated[:bad], before, look[:bad], marked[marked < bad])
             self.dissipated = float(dissipated[bad - 1])
         shown = states.state(bad) if look.finite[bad] else self.last_good
-        advice = step_advice(self._plan) if look.of_steps(bad) else LOAD_ADVICE
+        where = TURNING if look.turns_too_fast(bad) else SNAPPING
+        advice = step_advice(self._plan, where) if look.of_steps(bad) else LOAD_ADVICE
         raise RunStopped(
             f"diverged at t = {states.time[bad]:.6g} s: {look.words(bad)}; "
             f"{state_of_worst(self._system, shown)}. {advice}",

@@ -13,9 +13,18 @@ from exunet.case.scene import Engine, Scene
 from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import numba_installed
 from exunet.methods.keys import AUTO
-from exunet.methods.method import COMPILED_METHODS, METHODS, Form, Kind, Method, TimeLoop
+from exunet.methods.method import (
+    COMPILED_METHODS,
+    METHODS,
+    Form,
+    Kind,
+    Method,
+    TimeLoop,
+    turning_polynomial,
+)
 from exunet.methods.plan import Plan
 from exunet.simulation import auto, measures, pilot
+from exunet.simulation.guards import ENERGY_BOUND
 from exunet.system.stability import (
     SAFETY,
     WEAK_GROWTH,
@@ -25,6 +34,7 @@ from exunet.system.stability import (
     step_limit,
 )
 from exunet.system.system import State, System
+from exunet.system.turning import largest_step
 
 # Longest adaptive step, times the highest angular frequency. In free flight the error estimate would allow
 # any step; one that ends deep inside a snap overflows, and the engine accepts the step whose error is not a
@@ -41,6 +51,35 @@ NO_BULLETS = (
 
 def make_plan(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fault]]:
     """How this scene is integrated from a state, and what is wrong with that."""
+    plan, faults = _by_forces(scene, system, state)
+    limit = turning_limit(scene, system, state, plan)
+    if plan.step is None or plan.step <= SAFETY * limit:
+        return plan, faults
+    if scene.solver.step is None:
+        note = f"step = {SAFETY:g} x the {limit:.4g} s in which bodies turn too far for {plan.method}"
+        return replace(plan, step=SAFETY * limit, notes=(*plan.notes, note)), faults
+    if plan.step > limit:
+        spin = state.bodies.angular_velocity[system.moves_freely]
+        words = (
+            f"bodies turn at up to {np.linalg.norm(spin, axis=1).max():.4g} rad/s: above {limit:.4g} s "
+            f"{plan.method} may change their energy by more than {ENERGY_BOUND:.0%} until time.end; "
+            "give a smaller one, or an adaptive method (DOPRI5)"
+        )
+        faults = [*faults, Fault("solver.step", words)]
+    return plan, faults
+
+
+def turning_limit(scene: Scene, system: System, state: State, plan: Plan) -> float:
+    """Longest of equal steps [s] for bodies that go on turning as they do in a state; or infinity."""
+    loop = auto.choose_loop(plan.method)[0] if scene.engine.loop == "auto" else TimeLoop(scene.engine.loop)
+    polynomial = turning_polynomial(plan.method, loop)
+    if not (polynomial and system.moves_freely.any()):
+        return math.inf
+    return largest_step(system, state.bodies.angular_velocity, polynomial, scene.time.end, ENERGY_BOUND)
+
+
+def _by_forces(scene: Scene, system: System, state: State) -> tuple[Plan, list[Fault]]:
+    """The same by what pulls and damps, and by accuracy, whatever turns."""
     solver = scene.solver
     if solver.accuracy_of == "measures":
         return _for_measures(scene, system, state), []

@@ -23,7 +23,7 @@ from exunet.case.casefile import Case
 from exunet.case.scene import Scene
 from exunet.forces.reel import command_name
 from exunet.forces.thrusters import Function
-from exunet.methods.method import Method
+from exunet.methods.method import Method, TimeLoop
 from exunet.methods.plan import Plan
 from exunet.net.closing import NAME, ClosingLine
 from exunet.net.drive import asked_of
@@ -98,7 +98,7 @@ class Simulation:
 
     def _begin(self, state: State) -> Integrator:
         """An integrator at a state, by the plan as it is now."""
-        self._monitor.explain(self._plan)
+        self._monitor.explain(self._plan, TimeLoop(self._start.scene.engine.loop))
         began, start = clock.perf_counter(), self._start
         try:
             made = integrator(start.scene.engine, start.system, state, self._plan, self._monitor)
@@ -472,7 +472,7 @@ class Simulation:
         if restored != self._plan:
             self._plan = restored
             self._integrator = self._begin(self._start.state)
-        self._monitor.explain(self._plan)
+        self._monitor.explain(self._plan, TimeLoop(self._start.scene.engine.loop))
         self._integrator.restore(group_of("integrator", arrays))
         self._monitor.restore(group_of("monitor", arrays), header["events"])
         self._monitor.push(self._outside.forces(self._acting))

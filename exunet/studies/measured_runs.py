@@ -22,6 +22,7 @@ from exunet.codegen.compile import WIDTH
 from exunet.codegen.kernel import Kernel
 from exunet.forces.from_outside import OUTSIDE, QUANTITIES, effects_of
 from exunet.forces.thrusters import SPENT, WORK
+from exunet.methods.method import TimeLoop
 from exunet.results import measures as metrics
 from exunet.results.capture import capture, target_of
 from exunet.results.clearance import MOST_PAIRS, Pair, pairs_of
@@ -240,7 +241,7 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
         last = states
 
     monitor = Monitor(start.system, start.state, store=store, series=series)
-    monitor.explain(start.plan)
+    monitor.explain(start.plan, TimeLoop.COMPILED)
     stops = start.state.memory or start.system.kinematics.knots
     through = _from_time_to_time if stops else _in_stretches
     try:

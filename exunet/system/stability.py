@@ -2,9 +2,12 @@
 
 A slack element has no stiffness, so the net with every element just taut (eq. (14) in the reference
 configuration) has the highest frequencies it can reach, up to the factor (3 lambda^2 - 1)/2 by which a
-stretch lambda stiffens an element. But a step that is stable for a taut net is not accurate for one that
-snaps: at each snap the force has a kink, and what a step loses or makes there is not made good. `SAFETY`
-covers both.
+stretch lambda stiffens an element. Tethers have no reference configuration: they pull in any direction, and
+turn the threads that they are tied to. Such an element stands for its worst direction with EA / L0 in all of
+them, since n n^T <= I: the bound holds however the scene is turned, and is reached where all align.
+
+But a step that is stable for a taut net is not accurate for one that snaps: at each snap the force has a
+kink, and what a step loses or makes there is not made good. `SAFETY` covers both.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import ArpackError, eigsh
 
-from exunet.forces.cable import reference_tangent_stiffness
+from exunet.forces.cable import assemble_pairs, reference_blocks, reference_spans
 from exunet.methods.method import METHODS, Kind, Method
 from exunet.system.system import System
 
@@ -63,13 +66,24 @@ def largest_frequency(system: System) -> float:
     K is the constant stiffness of the effects, such as that of bending; kernel terms add their bounds.
     """
     free = _free_coordinates(system)
-    stiffness = reference_tangent_stiffness(system.net, system.blocks.n_points)
+    stiffness = _just_taut(system)
     linear = system.forces.linear
     if linear is not None and linear.stiffness is not None:
         stiffness = csr_array(stiffness + linear.stiffness)
     stiffness = stiffness[free][:, free]
     square = max(0.0, _largest_eigenvalue(_symmetric(stiffness, np.repeat(system.inert_mass, 3)[free])))
     return math.sqrt(square + sum(term.stiffness_rate for term in system.forces.kernels))
+
+
+def _just_taut(system: System) -> csr_array:
+    """Bound of T, (3 n_points, 3 n_points) [N/m]; tethers, and threads tied to them, in any direction."""
+    net = system.net
+    blocks = reference_blocks(net, reference_spans(net, system.blocks.position))
+    tied = [node for tether in net.tethers for node in tether.nodes]
+    turning = np.isin(net.element_nodes, tied).any(axis=1)
+    stiffness = (net.axial_stiffness / net.reference_length)[turning]
+    blocks[turning] = stiffness[:, None, None] * np.eye(3)
+    return assemble_pairs(net, blocks, system.blocks.n_points)
 
 
 @lru_cache(maxsize=8)

@@ -99,6 +99,7 @@ CONCERNED = {
     "coupling/marked_ports": "couple_exudyn couple_runs",
     "system/energy": "guards bodies envelope effects effects_together planar metrics verify books",
     "system/stability": "stability guards methods auto verify",
+    "system/turning": "spin_guard",
     "system/initial": "initial net planar verify",
     "system/limits": "guards guards_limits preparation",
     "system/script": "script script_looks script_faults closing/* corner_units",

@@ -311,7 +311,7 @@ of_text("bullet_area_dropped", 2, "no area of bullets in gas and light", surface
          users=(molecular_drag, solar_pressure))  # fmt: skip
 of_text("one_length_in_bending", 2, "one of two lengths at a joint", bending, "springs",
          "length.mean(axis=1)", "length[:, 0]", "bending_thread")  # fmt: skip
-of_text("strings_bend_with_cables", 2, "strings of equal section bend with cables", bending, "joints",
+of_text("strings_bend_with_cables", 2, "strings of equal section bend with cables", bending, "_in_the_net",
          "net.is_string[e] == net.is_string[f] and ", "", "bending")  # fmt: skip
 of_text("break_at_whole_strain", 4, "free strain ignored at a break", cable_term, "breaking_lengths",
          "free = 0.0 if changes.free_strain is None else changes.free_strain", "free = 0.0",

@@ -11,6 +11,7 @@ within, is softer.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from pydantic import Field
@@ -39,13 +40,25 @@ def joints(net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where threads run on: (nodes (k, 3) before, at and after; lengths (k, 2) [m]; elements (k, 2)).
 
     A thread is a chain of elements of one kind (cables of the net, or strings) and section that run on within
-    `STRAIGHT` in the reference configuration; at a crossing each thread runs on by itself.
+    `STRAIGHT` in the reference configuration; at a crossing each thread runs on by itself. A tether is a
+    thread of its own, from its start to its end.
     """
+    table = np.array([*_in_the_net(net.alone), *_in_tethers(net)], dtype=np.int64).reshape(-1, 5)
+    return table[:, :3], net.reference_length[table[:, 3:]], table[:, 3:]
+
+
+def _in_tethers(net: Net) -> Iterator[tuple[int, int, int, int, int]]:
+    for tether in net.tethers:
+        elements = net.tether_elements[tether.name]
+        yield from zip(tether.nodes, tether.nodes[1:], tether.nodes[2:], elements, elements[1:], strict=False)
+
+
+def _in_the_net(net: Net) -> Iterator[tuple[int, int, int, int, int]]:
     ends: dict[int, list[tuple[int, int]]] = {}  # node -> (element, other node)
     for element, (i, j) in enumerate(net.element_nodes.tolist()):
         ends.setdefault(i, []).append((element, j))
         ends.setdefault(j, []).append((element, i))
-    place, found = net.reference_position, []
+    place = net.reference_position
     for node, arms in ends.items():
         away = np.array([place[other] - place[node] for _, other in arms])
         away /= np.linalg.norm(away, axis=1, keepdims=True)
@@ -56,9 +69,7 @@ def joints(net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                 (e, before), (f, after) = arms[one], arms[two]
                 alike = net.is_string[e] == net.is_string[f] and net.area[e] == net.area[f]
                 if alike and turn[one, two] <= STRAIGHT:
-                    found.append((before, node, after, e, f))
-    table = np.array(found, dtype=np.int64).reshape(-1, 5)
-    return table[:, :3], net.reference_length[table[:, 3:]], table[:, 3:]
+                    yield before, node, after, e, f
 
 
 def springs(keys: Keys, net: Net) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

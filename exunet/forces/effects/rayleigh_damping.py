@@ -1,18 +1,22 @@
 """Rayleigh damping with the tangent stiffness of the reference configuration: paper, eqs. (13), (14).
 
 It is not objective: beta T brakes a rigid rotation of the net too, and damps slack elements along their
-reference direction. That is the paper's model; it is kept exactly.
+reference direction. That is the paper's model; it is kept exactly. Tethers, which have no reference
+configuration, are damped along the straight way between their ends at the start.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from pydantic import Field
 from scipy.sparse import csr_array, diags_array
 
+from exunet.base.errors import CaseError, Fault
 from exunet.base.table import NonNegative, Table
 from exunet.forces.blocks import Blocks
-from exunet.forces.cable import reference_tangent_stiffness
+from exunet.forces.cable import reference_spans, reference_tangent_stiffness
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.on_bodies import braking_on_bodies
 from exunet.forces.terms import LinearTerm, Term
@@ -27,14 +31,27 @@ class Keys(Table):
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[Term, ...]:
     """The constant damping matrix of eq. (13); its part by the mass on bodies too."""
+    if keys.beta and (faults := list(_without_direction(blocks))):
+        raise CaseError(faults)
     damping = matrix(keys, blocks)
     on_points = (LinearTerm(damping=damping),) if damping.nnz else ()
     return *on_points, *braking_on_bodies(blocks, keys.alpha)
 
 
+def _without_direction(blocks: Blocks) -> Iterator[Fault]:
+    """A fault for each tether whose ends are at one place at the start."""
+    span = reference_spans(blocks.net, blocks.position)
+    for name, elements in blocks.net.tether_elements.items():
+        if not span[elements].any():
+            words = (
+                "its ends are at one place at the start, so beta of rayleigh_damping has no direction to damp"
+            )
+            yield Fault(f"tethers.{name}.end", f"{words} along: move one, or use material_damping")
+
+
 def matrix(keys: Keys, blocks: Blocks) -> csr_array:
     """D of eq. (13), (3 n_points, 3 n_points) [N s/m]."""
-    stiffness = reference_tangent_stiffness(blocks.net, blocks.n_points)
+    stiffness = reference_tangent_stiffness(blocks.net, blocks.position, blocks.n_points)
     damping = diags_array(np.repeat(keys.alpha * blocks.own_mass, 3)) + keys.beta * stiffness
     damping = csr_array(damping)
     damping.eliminate_zeros()

@@ -20,6 +20,7 @@ from exunet.methods.method import METHODS, ContactForm, Kind, Method, NetForm, T
 from exunet.net.folding import folded
 from exunet.net.tether import EndKeys
 from exunet.results.table import mass_words
+from exunet.simulation.planning import turning_limit
 from exunet.simulation.preparation import Start, prepare_case
 from exunet.studies.both_codes import refusal
 from exunet.system.stability import (
@@ -167,4 +168,7 @@ def _stable_steps(start: Start) -> str:
     if METHODS[own].kind == Kind.EXPLICIT and own not in common:
         limit = step_limit(own, frequency, rate)
         limits.insert(0, f"{limit:.4g} s ({own}: a mode grows by {WEAK_GROWTH:.0%} a step)")
+    turning = turning_limit(start.scene, start.system, start.state, start.plan)
+    if not math.isinf(turning):
+        limits.append(f"{turning:.4g} s ({own}: bodies that turn)")
     return ", ".join(limits)
