@@ -16,6 +16,7 @@ import pytest
 import exunet
 from exunet.base.blob import read_arrays, write_arrays
 from exunet.simulation import run
+from exunet.simulation.snapshot import FORMAT, KIND
 
 CASE = Path(__file__).parents[1] / "cases" / "planar_deployment.toml"
 FORMS = ["engine.loop=compiled", "engine.net=connectors"]
@@ -96,10 +97,10 @@ def test_the_header_must_tell_what_it_should(whole: tuple[exunet.Simulation, exu
 def test_a_file_is_checked_when_it_is_read(tmp_path: Path) -> None:
     sim = exunet.Simulation(CASE, [FORMS[0]])
     sim.snapshot().save(tmp_path / "good")
-    header, arrays = read_arrays(tmp_path / "good", "exunet snapshot", 1)
+    header, arrays = read_arrays(tmp_path / "good", KIND, FORMAT)
     for key in ("of", "time", "plan", "retries", "spent", "events"):
         for changed in ({k: v for k, v in header.items() if k != key}, header | {key: "junk"}):
-            write_arrays(tmp_path / "bad", "exunet snapshot", 1, changed, arrays)
+            write_arrays(tmp_path / "bad", KIND, FORMAT, changed, arrays)
             with pytest.raises(exunet.InputError, match=f"damaged.*{key}"):
                 exunet.Snapshot.load(tmp_path / "bad")
 

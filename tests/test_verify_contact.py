@@ -34,7 +34,7 @@ def test_every_line_presses_in_and_is_not_too_deep(name: str, lines: int) -> Non
 def test_the_quick_ladder_has_the_states_and_tells_what_it_leaves_out() -> None:
     steps = list(Ladder([], quick=True, paper=False)._contacts())
     assert [step.subject for step in steps] == [
-        name for name in ("bullets", "nodes", "threads") for _ in range(2)
+        name for name in ("bullets", "nodes", "threads", "together") for _ in range(2)
     ]
     assert {step.rung for step in steps} == {9} <= set(RUNGS)
     left = [one for step in steps[1::2] for one in step.run()]

@@ -128,6 +128,8 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
     node by about v. Before the net has opened, its threads move apart.
     """
     net = basis.net
+    if net.n_net_elements < 2:
+        return Estimate(0.0, 0.0, "the net has no two threads that could touch")
     mass = np.where(basis.free, net.mass, 0.0)
     own = basis.velocity - (mass @ basis.velocity) / mass.sum() if mass.any() else 0.0 * basis.velocity
     speed = basis.rms(np.where(basis.free[:, None], own, 0.0))
