@@ -44,7 +44,11 @@ def test_a_net_captures_if_it_is_closed(name: str, outcome: str, mouth: float) -
 
 
 def test_a_script_closes_locks_and_tows() -> None:
-    """The chaser, of 50 kg, pulls the box, of 5 kg, by 0.2 m/s; the mouth stays closed from 1.8 s on."""
+    """The mouth stays closed from 1.8 s on; how fast the box is towed then is beyond the horizon.
+
+    At the end -0.15 to -0.23 m/s over moved starts, other output steps and last bits; without a tow it goes
+    on at +0.05 m/s, the speed that the net gave it.
+    """
     result = exunet.run(exunet.load(CASES / "throw_close_tow.toml"))
     events = [one["entry"] for one in result.provenance["script"]]
     assert events == ["touch", "close", "lock", "tow", "hold"]
@@ -57,7 +61,7 @@ def test_a_script_closes_locks_and_tows() -> None:
     assert course.capture is not None
     assert found["outcome"] == "captured"
     assert course.capture.mouth[result.time >= 1.8].max() < 0.3  # the least width of the box
-    assert result.bodies["box"].velocity[-1, 2] < -0.2
+    assert result.bodies["box"].velocity[-1, 2] < -0.1
     assert momentum_books(result)["linear"].residual < 1e-10 * momentum_books(result)["linear"].size
     assert energy_balance(result) < 1e-3
 
