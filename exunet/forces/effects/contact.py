@@ -15,9 +15,10 @@ from pydantic import ConfigDict, Field
 
 from exunet.base.errors import Fault
 from exunet.base.faults import each
-from exunet.base.table import FromArray, NonNegative, Positive, Table
+from exunet.base.table import FromArray, NonNegative, Positive
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.contact.law import LEAST_RESTITUTION, damping_of, hertz_of_line, hertz_of_sphere
+from exunet.forces.contact.damping_keys import DampingKeys, damped
+from exunet.forces.contact.law import hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.spheres import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
 from exunet.forces.contact.threads import Friction, thread_contact
 from exunet.forces.estimate import Estimate, EstimateBasis
@@ -29,7 +30,7 @@ TOUCHES_BODIES = True
 Names = Annotated[tuple[str, ...], FromArray]
 
 
-class Keys(Table):
+class Keys(DampingKeys):
     """Threads, nodes and bullets touch bodies."""
 
     model_config = ConfigDict(
@@ -114,17 +115,6 @@ class Keys(Table):
     modulus: Positive | None = Field(
         None, description='E*, effective modulus of both materials [Pa]; "hertz"', examples=[1e6]
     )
-    restitution: float | None = Field(
-        None,
-        ge=LEAST_RESTITUTION,
-        le=1.0,
-        description="e, speed after over speed before an impact at impact_speed [-]",
-        examples=[0.5],
-    )
-    impact_speed: Positive | None = Field(None, description="v0 [m/s]; for restitution", examples=[1.0])
-    damping: NonNegative | None = Field(
-        None, description="a in F(p)(1 + a p') [s/m]; instead of restitution", examples=[0.5]
-    )
     friction: NonNegative = Field(description="Coulomb's coefficient mu [-]", examples=[0.3])
     friction_law: Literal["sticking", "regularised"] | None = Field(
         None, description="with memory, or smooth in the speed; for mu > 0", examples=["sticking"]
@@ -138,15 +128,6 @@ class Keys(Table):
     slip_speed: Positive | None = Field(
         None, description='v_s, speed from which friction is full [m/s]; "regularised"', examples=[1e-3]
     )
-
-    @property
-    def a(self) -> float:
-        """Of Hunt and Crossley's law [s/m]."""
-        if self.damping is not None:
-            return self.damping
-        assert self.restitution is not None
-        assert self.impact_speed is not None
-        return damping_of(self.restitution, self.impact_speed)
 
     @property
     def rubbing(self) -> Friction:
@@ -193,7 +174,7 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
         _not_twice(keys),
         _spheres(keys, rest),
         _of_law(keys),
-        _damped(keys),
+        damped(keys),
         _rubs(keys),
     )
 
@@ -268,14 +249,6 @@ def _of_law(keys: Keys) -> Iterator[Fault]:
             yield Fault("", f'needs {key}, for law = "{keys.law}"')
         if keys.is_given(key) and not needed:
             yield Fault(key, f'does not go with law = "{keys.law}" and what touches')
-
-
-def _damped(keys: Keys) -> Iterator[Fault]:
-    bounces = keys.is_given("restitution"), keys.is_given("impact_speed")
-    if keys.is_given("damping") == any(bounces):
-        yield Fault("", "needs either restitution with impact_speed, or damping")
-    elif any(bounces) and not all(bounces):
-        yield Fault("", "needs restitution and impact_speed together: restitution falls with the speed")
 
 
 def _rubs(keys: Keys) -> Iterator[Fault]:

@@ -14,9 +14,9 @@ from pydantic import ConfigDict, Field
 
 from exunet.base.errors import Fault
 from exunet.base.faults import each
-from exunet.base.table import NonNegative, Positive, Table
+from exunet.base.table import Positive
 from exunet.forces.blocks import Blocks, FirstOrder
-from exunet.forces.contact.law import LEAST_RESTITUTION, damping_of
+from exunet.forces.contact.damping_keys import DampingKeys, damped
 from exunet.forces.contact.together import NAME, threads_together
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
@@ -26,7 +26,7 @@ from exunet.net.arrays import Floats, Net
 EXCLUDES = {"breaking": "the line between the ends of a broken element would still touch"}
 
 
-class Keys(Table):
+class Keys(DampingKeys):
     """Threads of the net touch each other."""
 
     model_config = ConfigDict(
@@ -41,39 +41,11 @@ class Keys(Table):
     radius: Positive | None = Field(
         None, description="of all threads [m], at least their own; default that", examples=[0.005]
     )
-    restitution: float | None = Field(
-        None,
-        ge=LEAST_RESTITUTION,
-        le=1.0,
-        description="e, speed after over speed before two threads meet at impact_speed [-]",
-        examples=[0.5],
-    )
-    impact_speed: Positive | None = Field(None, description="v0 [m/s]; for restitution", examples=[1.0])
-    damping: NonNegative | None = Field(
-        None, description="a in F(1 + a p') [s/m]; instead of restitution", examples=[0.5]
-    )
-
-    @property
-    def a(self) -> float:
-        """Of Hunt and Crossley's law [s/m]."""
-        if self.damping is not None:
-            return self.damping
-        assert self.restitution is not None
-        assert self.impact_speed is not None
-        return damping_of(self.restitution, self.impact_speed)
 
 
 def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
     """One of two ways to give the damping; threads that are not thinner than they are."""
-    yield from each(_damped(keys), _thick(keys, rest))
-
-
-def _damped(keys: Keys) -> Iterator[Fault]:
-    bounces = keys.is_given("restitution"), keys.is_given("impact_speed")
-    if keys.is_given("damping") == any(bounces):
-        yield Fault("", "needs either restitution with impact_speed, or damping")
-    elif any(bounces) and not all(bounces):
-        yield Fault("", "needs restitution and impact_speed together: restitution falls with the speed")
+    yield from each(damped(keys), _thick(keys, rest))
 
 
 def _thick(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
