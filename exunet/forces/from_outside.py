@@ -114,7 +114,7 @@ def with_reactions(constraint: Constraint | None, blocks: Blocks) -> Constraint:
     nodes, rate = blocks.net.fixed_nodes, rate_of_impulse(FIXED_NODES, blocks)
     data = Reactions((3 * nodes).astype(Index), rate)
     before = Constraint((), ()) if constraint is None else constraint
-    calls = (*before.calls, KernelCall(count_reactions, data))
+    calls = (*before.calls, KernelCall(count_reactions, data, helpers=(count_force,)))
     return replace(before, calls=calls, data=(*before.data, lambda _: data))
 
 
@@ -124,15 +124,26 @@ def _of_linear(term: LinearTerm, rate: int) -> Iterator[KernelTerm]:
         (term.stiffness, count_position_product),
     ):
         if matrix is not None:
-            yield KernelTerm("states", count, CountedRows(*rows_of(matrix), rate), only_states=True)
+            data = CountedRows(*rows_of(matrix), rate)
+            yield KernelTerm("states", count, data, helpers=(count_force,), only_states=True)
     if term.load is not None:
-        load = np.asarray(term.load, dtype=float)
-        yield KernelTerm("states", count_load, CountedLoad(load, rate), only_states=True)
+        load = CountedLoad(np.asarray(term.load, dtype=float), rate)
+        yield KernelTerm("states", count_load, load, helpers=(count_force,), only_states=True)
 
 
 def _mark(blocks: Blocks, rate: int, sign: float) -> KernelTerm:
     data = Mark(blocks.centres // 3, len(blocks.rigid), rate, sign)
     return KernelTerm("states", add_mark, data, helpers=(in_scene_axes,), only_states=True)
+
+
+def count_force(a: float, b: float, c: float, first: int, x: Any, rate: int, force: Any) -> None:
+    """Add a force (a, b, c) at the point whose place begins at x[first], and its moment, to the rates."""
+    force[rate] += a
+    force[rate + 1] += b
+    force[rate + 2] += c
+    force[rate + 3] += x[first + 1] * c - x[first + 2] * b
+    force[rate + 4] += x[first + 2] * a - x[first] * c
+    force[rate + 5] += x[first] * b - x[first + 1] * a
 
 
 def count_velocity_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
@@ -146,12 +157,7 @@ def count_velocity_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> N
             b -= value[k] * v[column[k]]
         for k in range(start[first + 2], start[first + 3]):
             c -= value[k] * v[column[k]]
-        force[rate] += a
-        force[rate + 1] += b
-        force[rate + 2] += c
-        force[rate + 3] += x[first + 1] * c - x[first + 2] * b
-        force[rate + 4] += x[first + 2] * a - x[first] * c
-        force[rate + 5] += x[first] * b - x[first + 1] * a
+        count_force(a, b, c, first, x, rate, force)
 
 
 def count_position_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> None:
@@ -165,12 +171,7 @@ def count_position_product(t: float, x: Any, v: Any, rows: Any, force: Any) -> N
             b -= value[k] * x[column[k]]
         for k in range(start[first + 2], start[first + 3]):
             c -= value[k] * x[column[k]]
-        force[rate] += a
-        force[rate + 1] += b
-        force[rate + 2] += c
-        force[rate + 3] += x[first + 1] * c - x[first + 2] * b
-        force[rate + 4] += x[first + 2] * a - x[first] * c
-        force[rate + 5] += x[first] * b - x[first + 1] * a
+        count_force(a, b, c, first, x, rate, force)
 
 
 def count_load(t: float, x: Any, v: Any, load: Any, force: Any) -> None:
@@ -178,12 +179,7 @@ def count_load(t: float, x: Any, v: Any, load: Any, force: Any) -> None:
     value, rate = load
     for first in range(0, value.size, 3):
         a, b, c = value[first], value[first + 1], value[first + 2]
-        force[rate] += a
-        force[rate + 1] += b
-        force[rate + 2] += c
-        force[rate + 3] += x[first + 1] * c - x[first + 2] * b
-        force[rate + 4] += x[first + 2] * a - x[first] * c
-        force[rate + 5] += x[first] * b - x[first + 1] * a
+        count_force(a, b, c, first, x, rate, force)
 
 
 def count_reactions(t: float, x: Any, v: Any, held: Any, force: Any) -> None:
@@ -192,12 +188,7 @@ def count_reactions(t: float, x: Any, v: Any, held: Any, force: Any) -> None:
     for k in range(node.size):
         first = node[k]
         a, b, c = -force[first], -force[first + 1], -force[first + 2]
-        force[rate] += a
-        force[rate + 1] += b
-        force[rate + 2] += c
-        force[rate + 3] += x[first + 1] * c - x[first + 2] * b
-        force[rate + 4] += x[first + 2] * a - x[first] * c
-        force[rate + 5] += x[first] * b - x[first + 1] * a
+        count_force(a, b, c, first, x, rate, force)
 
 
 def add_mark(t: float, x: Any, v: Any, mark: Any, force: Any) -> None:

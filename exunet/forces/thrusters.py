@@ -21,7 +21,7 @@ from exunet.base.errors import InputError
 from exunet.forces.blocks import Blocks, FirstOrder
 from exunet.forces.control_keys import Control
 from exunet.forces.control_laws import Sensed, demanded, fired, with_noise
-from exunet.forces.from_outside import rate_of_impulse
+from exunet.forces.from_outside import count_force, rate_of_impulse
 from exunet.forces.loops import Index
 from exunet.forces.terms import Change, KernelTerm, Memories, Memory
 
@@ -84,7 +84,7 @@ def term_of(
         memory=memory,
         switch=samples,
         work_kept=True,
-        helpers=(add_thrusters,),
+        helpers=(add_thrusters, count_force),
     )
 
 
@@ -227,9 +227,4 @@ def add_counted_thrusters(t: float, x: Any, v: Any, thrusters: Any, force: Any) 
         i = bullets[k]
         first = thrusters.first + 3 * k
         a, b, c = memory[first], memory[first + 1], memory[first + 2]
-        force[rate] += a
-        force[rate + 1] += b
-        force[rate + 2] += c
-        force[rate + 3] += x[i + 1] * c - x[i + 2] * b
-        force[rate + 4] += x[i + 2] * a - x[i] * c
-        force[rate + 5] += x[i] * b - x[i + 1] * a
+        count_force(a, b, c, i, x, rate, force)

@@ -172,7 +172,7 @@ _of_text(
     ORBIT,
     "angular impulse of an effect with the wrong sign in one part",
     from_outside,
-    "count_position_product",
+    "count_force",
     "force[rate + 5] += x[first] * b",
     "force[rate + 5] -= x[first] * b",
 )

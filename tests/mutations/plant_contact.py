@@ -7,6 +7,7 @@ from plant import EXUDYN, REFERENCE, of_text, planted
 from exunet.backends.exudyn.model import Model
 from exunet.forces.contact import (
     core_loops,
+    damping_keys,
     frame_loops,
     friction_loops,
     pair_loops,
@@ -155,7 +156,7 @@ _of_text(
 
 @planted(9, "damping by the formula for restitutions near 1", EXUDYN, BULLETS)
 def damping_near_one(patch):
-    patch.setattr(contact, "damping_of", lambda restitution, speed: 1.5 * (1.0 - restitution) / speed)
+    patch.setattr(damping_keys, "damping_of", lambda restitution, speed: 1.5 * (1.0 - restitution) / speed)
 
 
 @planted(9, "contact of twice the stiffness", REFERENCE, THREADS)
