@@ -23,5 +23,6 @@ def seen_of(
     bounds = (0, len(ends)) if bounds is None else bounds
     peaks = np.array([(0.0, np.inf, np.inf, look_above)], dtype=PEAKS)
     largest = np.array([(0.0, 0.0, -1)] * (len(bounds) - 1), dtype=LARGEST)
-    numbers = length, stiffness, twice_time, twice_time, *np.zeros((2, len(ends)))
-    return Seen(peaks, largest, np.array(bounds), half, ends, *numbers)
+    first, second = 3 * np.reshape(ends, (-1, 2)).T
+    numbers = length, stiffness, twice_time, twice_time, np.zeros(len(ends)), length**2
+    return Seen(peaks, largest, np.array(bounds), half, first, second, *numbers)

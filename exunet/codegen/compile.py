@@ -38,6 +38,7 @@ from exunet.codegen.pointers import call_told, call_work, whole, zero_of
 
 called = functools.partial(njit, cache={cache}, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 inside = functools.partial(called, no_cpython_wrapper=True)
+in_any_order = functools.partial(inside, fastmath={{"reassoc"}})
 """
 
 
@@ -95,6 +96,7 @@ def _work(f: Any, h: Any, x0: Any, v0: Any, x1: Any, v1: Any, data: Any) -> Any:
 
 
 _INTERPRETED = {
+    "in_any_order": lambda function: function,
     "borrowed": lambda value: value,
     "Held": lambda value: SimpleNamespace(value=value),
     "zero_of": lambda array: 0.0,

@@ -11,6 +11,11 @@ from exunet.codegen.sums import SUMS
 from exunet.forces.terms import Function
 
 
+def in_any_order(function: Function) -> Function:
+    """Mark a function whose sums compiled code may make in any order: faster, with other last bits."""
+    return function
+
+
 def module_source(
     drivers: Iterable[Function] = (),
     helpers: Iterable[Function] = (),
@@ -39,4 +44,5 @@ def module_source(
 
 @functools.cache
 def _text(function: Function, decorator: str = INSIDE) -> str:
-    return f"{decorator}\n{inspect.getsource(function).rstrip()}"
+    text = inspect.getsource(function).rstrip()
+    return text if text.startswith("@") else f"{decorator}\n{text}"

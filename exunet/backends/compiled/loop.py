@@ -242,7 +242,7 @@ class CompiledLoop(CompiledIntegration):
         peaks = self._peaks
         peaks["elastic"][0], peaks["kinetic"][0] = 0.0, np.inf
         self._seen.of_elements[:] = 0.0
-        self._seen.above[:] = 0.0
+        self._seen.longest[:] = self._seen.length**2
         if self._events.is_due(self.time):
             self._look_for_events()
         with postponed() as check_interrupt:
@@ -318,7 +318,7 @@ class CompiledLoop(CompiledIntegration):
             self.hand_over()
         m = self._motion
         held = (m.taken, m.work[_A1], self._clock, self._seen.peaks, self._seen.largest)
-        arrays = (*held, self._seen.of_elements, self._seen.above, *self._table.kept.values())
+        arrays = (*held, self._seen.of_elements, self._seen.longest, *self._table.kept.values())
         return _Before(self._now(), self._row, tuple((array, array.copy()) for array in arrays))
 
     def _now(self) -> Seen:
@@ -442,23 +442,24 @@ class CompiledLoop(CompiledIntegration):
         self._hold()
         self._count_asleep(memory)
         cable, seen = self._system.forces.cable, self._seen
-        seen.above[:] = 0.0
         carrying = cable.carrying(memory)
         if carrying is not None:
             seen.stiffness[:] = cable.law.stiffness * carrying
         for winding in cable.reels:
             self._see_outlet(winding, memory)
+        seen.longest[:] = seen.length**2
 
     def _see_outlet(self, winding: Winding, memory: Arrays) -> None:
         """See an outlet that does not turn as an element; while it may turn, each state is handed over."""
         seen, wound_up = self._seen, list(winding.reel.elements)
-        seen.ends[wound_up] = self._system.net.element_nodes[wound_up]
+        nodes = self._system.net.element_nodes[wound_up]
+        seen.first[wound_up], seen.second[wound_up] = 3 * nodes.T
         seen.length[wound_up] = self._system.forces.cable.law.natural_length[wound_up]
         seen.jumps[wound_up] = seen.twice_time[wound_up]
         if winding.is_locked(memory):
             element, outlet = winding.outlet_now(memory)
             wound = float(self._motion.x[outlet.state[0]])
-            seen.ends[element] = outlet.drum[0] // 3, outlet.far[0] // 3
+            seen.first[element], seen.second[element] = outlet.drum[0], outlet.far[0]
             seen.length[element] = outlet.ratio * max(outlet.base - wound, outlet.least)
             seen.stiffness[element], seen.jumps[element] = outlet.stiffness, 0.0
 

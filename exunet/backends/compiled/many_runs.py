@@ -27,9 +27,21 @@ def see(t: float, elastic: Any, x: Any, v: Any, seen: Any) -> None:
         for run in range(seen.peaks.size):
             if seen.elastic[0, run] > seen.look_above[0, run]:
                 peaks = seen.peaks[run : run + 1]
-                _, _, bounds, half, ends, length, stiffness, twice, jumps, each, above = seen.elements
-                so_far = seen.largest[run], bounds, half, ends, length, stiffness, twice, jumps, each
-                of_run = Seen(peaks, *so_far, above[run])
+                of_all = seen.elements
+                of_run = Seen(
+                    peaks,
+                    seen.largest[run],
+                    of_all.bounds,
+                    of_all.half,
+                    of_all.first,
+                    of_all.second,
+                    of_all.length,
+                    of_all.stiffness,
+                    of_all.twice_time,
+                    of_all.jumps,
+                    of_all.of_elements,
+                    of_all.longest[run],
+                )
                 see_tensions(t, seen.x[:, run], seen.v[:, run], of_run)
                 seen.look_above[0, run] = peaks[0]["look_above"]
 

@@ -27,6 +27,7 @@ from exunet.backends.compiled.schemes import (
 from exunet.backends.compiled.work import book_push, work_of_step
 from exunet.backends.compiled.work_space import EqualSteps
 from exunet.codegen.force_table import Takes
+from exunet.codegen.generate import in_any_order
 
 TINY_IN_A_ROW = 200.0  # steps of the least length, one after the other, that count as a collapse
 
@@ -60,21 +61,8 @@ def accept(m: Any) -> None:
 
 def see(t: float, elastic: float, x: Any, v: Any, seen: Any) -> None:
     """Take a step's end, whose elastic energy [J] is known, into `seen`."""
-    half = seen.half
     peaks = seen.peaks[0]
-    a = 0.0  # four sums, which the processor can make side by side
-    b = 0.0
-    c = 0.0
-    d = 0.0
-    whole = v.size - v.size % 4
-    for k in range(0, whole, 4):
-        a += half[k] * v[k] * v[k]
-        b += half[k + 1] * v[k + 1] * v[k + 1]
-        c += half[k + 2] * v[k + 2] * v[k + 2]
-        d += half[k + 3] * v[k + 3] * v[k + 3]
-    for k in range(whole, v.size):
-        a += half[k] * v[k] * v[k]
-    kinetic = (a + b) + (c + d)
+    kinetic = kinetic_energy(seen.half, v)
     if elastic > peaks["elastic"]:
         peaks["elastic"] = elastic
     if kinetic < peaks["kinetic"]:
@@ -83,13 +71,24 @@ def see(t: float, elastic: float, x: Any, v: Any, seen: Any) -> None:
         see_tensions(t, x, v, seen)
 
 
+@in_any_order
+def kinetic_energy(half: Any, v: Any) -> float:
+    """Sum of half the masses or inertias times the squares of the velocities [J]."""
+    total = 0.0
+    for k in range(v.size):
+        total += half[k] * v[k] * v[k]
+    return total
+
+
 def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
     """Take the largest tension of each group, and the least elastic energy with which there may be a larger.
 
     N = EA E11 sqrt(1 + 2 E11) <= EA E11 (1 + E11), so an element that pulls by N has at least the energy of
     the strain that makes the latter N. Viscous stress needs no energy: there each taut state is looked at.
     """
-    ends = seen.ends
+    first = seen.first
+    second = seen.second
+    longest = seen.longest
     peaks = seen.peaks[0]
     found = False
     viscous = False
@@ -97,22 +96,21 @@ def see_tensions(t: float, x: Any, v: Any, seen: Any) -> None:
         largest = seen.largest[g]["tension"]
         element = -1
         for e in range(seen.bounds[g], seen.bounds[g + 1]):
-            i = 3 * ends[e, 0]
-            j = 3 * ends[e, 1]
-            square = 0.0
-            for c in range(3):
-                d = x[j + c] - x[i + c]
-                square += d * d
-            length = seen.length[e]
-            excess = square - length * length
-            if excess > seen.above[e]:
+            i = first[e]
+            j = second[e]
+            dx = x[j] - x[i]
+            dy = x[j + 1] - x[i + 1]
+            dz = x[j + 2] - x[i + 2]
+            square = dx * dx + dy * dy + dz * dz
+            if square > longest[e]:
+                length = seen.length[e]
                 along = 0.0
                 if seen.twice_time[e] > 0.0:
                     viscous = True
-                    for c in range(3):
-                        along += (x[j + c] - x[i + c]) * (v[j + c] - v[i + c])
+                    along = dx * (v[j] - v[i]) + dy * (v[j + 1] - v[i + 1]) + dz * (v[j + 2] - v[i + 2])
                 else:
-                    seen.above[e] = excess
+                    longest[e] = square
+                excess = square - length * length
                 pull = (excess + seen.twice_time[e] * along) * math.sqrt(square) / (2.0 * length**3)
                 tension = seen.stiffness[e] * pull
                 if tension > seen.of_elements[e]:
@@ -180,11 +178,11 @@ def jump_ahead(within: float, tolerance: float, t: float, m: Any, seen: Any) -> 
     a = stages_of(m.work).a1
     after = np.inf
     across = np.inf
-    for e in range(seen.ends.shape[0]):
+    for e in range(seen.first.size):
         if seen.jumps[e] <= 0.0 or seen.stiffness[e] <= 0.0:
             continue
-        i = 3 * seen.ends[e, 0]
-        j = 3 * seen.ends[e, 1]
+        i = seen.first[e]
+        j = seen.second[e]
         dd = 0.0
         dw = 0.0
         ww = 0.0
@@ -419,6 +417,7 @@ STEPS = (
     work.work_of_step,
     work.book_push,
     accept,
+    kinetic_energy,
     see_tensions,
     see,
     look,

@@ -159,7 +159,7 @@ def _motion_of(system: System, states: Sequence[State], kernel: Kernel, *, in_pl
 def _seen_nothing(system: System, motion: Motion) -> SeenOfRuns:
     """Tensions are looked at from the first step on."""
     elements = seen_nothing(system)
-    elements = elements._replace(above=np.zeros((WIDTH, len(elements.above))))
+    elements = elements._replace(longest=np.repeat(elements.longest[None], WIDTH, axis=0))
     peaks = np.repeat(elements.peaks, WIDTH)
     peaks["look_above"] = 0.0
     level, energy = _aligned(1, WIDTH), _aligned(1, WIDTH)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from exunet.backends.protocol import Largest
 from exunet.codegen.force_table import ForceTable
+from exunet.forces.loops import Index
 from exunet.system.system import State, System
 
 Floats = NDArray[np.float64]
@@ -119,25 +120,26 @@ class Seen(NamedTuple):
     largest          : (n_groups,) a record `LARGEST` of each group of `Net.spans`
     bounds           : (n_groups + 1,) the first element of each group, and the number of elements
     half             : (n_v,) half the mass or inertia [kg], [kg m2]
-    ends             : (n_elements, 2) nodes of the elements
+    first, second    : (n_elements,) 3 i and 3 j of the nodes i, j at their ends
     length, stiffness, twice_time : (n_elements,) natural lengths [m], axial stiffnesses [N], 2 tau [s]
     jumps            : (n_elements,) 2 tau [s] of those whose jumps of the force are looked for; else 0
     of_elements      : (n_elements,) largest tension of each [N], of the steps whose tensions are looked at
-    above            : (n_elements,) L^2 - L0^2 [m2] of each then, up to which it has no larger tension; 0.0
-                       with viscous stress
+    longest          : (n_elements,) L^2 [m2] of each then, up to which it has no larger tension; L0^2 with
+                       viscous stress
     """
 
     peaks: NDArray[np.void]
     largest: NDArray[np.void]
-    bounds: NDArray[np.int64]
+    bounds: NDArray[Index]
     half: Floats
-    ends: NDArray[np.int64]
+    first: NDArray[Index]
+    second: NDArray[Index]
     length: Floats
     stiffness: Floats
     twice_time: Floats
     jumps: Floats
     of_elements: Floats
-    above: Floats
+    longest: Floats
 
 
 class SeenOfRuns(NamedTuple):
@@ -145,7 +147,7 @@ class SeenOfRuns(NamedTuple):
 
     peaks      : (runs,) a record `PEAKS` of each
     largest    : (runs, n_groups) records `LARGEST`
-    elements   : the rest of a `Seen`, whose own records are not used; its `above` (runs, n_elements)
+    elements   : the rest of a `Seen`, whose own records are not used; its `longest` (runs, n_elements)
     x, v       : (n_x, runs), (n_v, runs) the states
     elastic    : (1, runs) elastic energies [J] of a step that is looked at
     look_above : (1, runs) as in the records; level: the same memory, as vectors in compiled code
@@ -283,12 +285,13 @@ def seen_nothing(system: System) -> Seen:
     groups = system.net.spans.values()
     largest = np.zeros(len(groups), dtype=LARGEST)
     largest["element"] = -1
-    bounds = np.array([0, *(group.stop for group in groups)])
+    bounds = np.array([0, *(group.stop for group in groups)], dtype=Index)
     half = system.layout.half_mass(system)
-    ends = system.net.element_nodes.copy()
+    first, second = (3 * ends for ends in system.net.element_nodes.T.astype(Index))
     lengths, stiffness = law.natural_length.copy(), law.stiffness.copy()
-    each, above = np.zeros((2, system.net.n_elements))
-    return Seen(peaks, largest, bounds, half, ends, lengths, stiffness, twice, twice.copy(), each, above)
+    each, longest = np.zeros(system.net.n_elements), lengths**2
+    own = lengths, stiffness, twice, twice.copy(), each, longest
+    return Seen(peaks, largest, bounds, half, first, second, *own)
 
 
 def told_largest(records: NDArray[np.void]) -> tuple[Largest, ...]:
