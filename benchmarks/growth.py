@@ -23,7 +23,7 @@ import peers
 from unwatched import Unwatched
 
 import exunet
-from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
+from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
 from exunet.backends.exudyn.stepper import Stepper
 from exunet.figures.style import BLACK, BLUE, RED, YELLOW, blank, drawing
 from exunet.methods.method import Method

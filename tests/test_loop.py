@@ -10,7 +10,7 @@ import pytest
 from starts import CASES, planar
 
 import exunet
-from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
+from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
 from exunet.base.errors import CaseError, InputError, Interrupted, RunStopped
 from exunet.case.casefile import load
 from exunet.methods.plan import Plan

@@ -10,7 +10,7 @@ import pytest
 from seen_elements import seen_of
 from starts import no_table
 
-from exunet.backends.compiled import many_steps, schemes, work
+from exunet.backends.compiled import many_steps, schemes, seeing, work
 from exunet.backends.compiled.work_space import (
     Control,
     EqualSteps,
@@ -52,10 +52,10 @@ def states(number: int) -> list[tuple[np.ndarray, np.ndarray]]:
 def test_the_kinetic_energy_is_summed_over_all_coordinates(n_v: int) -> None:
     v = np.random.default_rng(n_v).normal(size=n_v)
     seen = seen_so_far(np.inf, n_v=n_v)
-    many_steps.see(0.5, 7.0, v, v, seen)
+    seeing.see(0.5, 7.0, v, v, seen)
     assert seen.peaks["kinetic"][0] == pytest.approx((seen.half * v**2).sum(), rel=1e-14)
     assert seen.peaks["elastic"][0] == 7.0
-    many_steps.see(0.6, 6.0, v, 2.0 * v, seen)  # neither a larger elastic nor a smaller kinetic energy
+    seeing.see(0.6, 6.0, v, 2.0 * v, seen)  # neither a larger elastic nor a smaller kinetic energy
     assert seen.peaks["kinetic"][0] == pytest.approx((seen.half * v**2).sum(), rel=1e-14)
     assert seen.peaks["elastic"][0] == 7.0
 
@@ -66,7 +66,7 @@ def test_the_largest_tension_is_that_of_the_law(viscous: bool) -> None:
     seen = seen_so_far(twice=TWICE_TAU if viscous else None)
     largest, every = 0.0, []
     for time, (x, v) in enumerate(states(8)):
-        many_steps.see_tensions(float(time), x.ravel(), v.ravel(), seen)
+        seeing.see_tensions(float(time), x.ravel(), v.ravel(), seen)
         tension = cable.element_tension(NET, law, x, v)
         if tension.max() > largest:
             largest, when, where = tension.max(), time, int(np.argmax(tension))
@@ -86,7 +86,7 @@ def test_no_tension_is_larger_below_the_energy_from_which_states_are_looked_at()
             [[0.0, 0.0, 0.0], [0.7 * (1.0 + 0.05 * scale), 0.0, 0.0], [0.6, 0.1, 0.0], [0.1, 0.0, 0.0]]
         )
         seen = seen_so_far()
-        many_steps.see_tensions(0.0, x.ravel(), np.zeros(12), seen)
+        seeing.see_tensions(0.0, x.ravel(), np.zeros(12), seen)
         tension = float(seen.largest["tension"][0])
         strain = np.array([np.roots([1.0, 1.0, -tension / ea]).max() for ea in STIFFNESS])
         least = 0.5 * STIFFNESS * LENGTH * strain**2
@@ -103,7 +103,7 @@ def test_each_group_has_the_largest_tension_of_its_own(viscous: bool) -> None:
     every = []
     for time, (x, v) in enumerate(states(8)):
         elastic = float(cable.elastic_energy(law, cable.lengths(NET, x[None]))[0])
-        many_steps.see(float(time), elastic, x.ravel(), v.ravel(), seen)
+        seeing.see(float(time), elastic, x.ravel(), v.ravel(), seen)
         every.append(cable.element_tension(NET, law, x, v))
         for told, group in zip(seen.largest, (slice(0, 2), slice(2, 4)), strict=True):
             own = np.array(every)[:, group]

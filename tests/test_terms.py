@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from starts import CASES, EFFECTS, model, planar, states, text_of
 
-from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
+from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
 from exunet.backends.exudyn.probe import Probe
 from exunet.backends.protocol import Batch
 from exunet.case.casefile import load

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.loop import CompiledIntegration, loop_kernel
+from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
 from exunet.codegen.compile import numba_installed
 from exunet.methods.method import METHODS, Method, TimeLoop
 from exunet.methods.plan import Plan

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from exunet.backends.compiled.loop import loop_kernel
+from exunet.backends.compiled.integration import loop_kernel
 from exunet.base.errors import ExunetError, Interrupted
 from exunet.case.stored_times import stored_times
 from exunet.codegen.compile import numba_installed, require_numba

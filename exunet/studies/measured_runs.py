@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.loop import CompiledIntegration, CompiledLoop
+from exunet.backends.compiled.integration import CompiledIntegration
+from exunet.backends.compiled.loop import CompiledLoop
 from exunet.backends.compiled.side_by_side import RunsSideBySide
 from exunet.backends.protocol import IntegrationFailed, StepsCollapsed
 from exunet.base.errors import RunStopped

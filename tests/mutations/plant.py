@@ -14,7 +14,8 @@ import numpy as np
 import reference_impl.energy as reference_energy
 import reference_impl.forces as forces
 import reference_impl.stiffness as stiffness
-from exunet.backends.compiled import loop, schemes
+from exunet.backends.compiled import integration as compiled
+from exunet.backends.compiled import schemes
 from exunet.backends.exudyn.model import Model
 from exunet.forces import cable, cable_term, surface
 from exunet.forces.effects import (
@@ -329,7 +330,8 @@ def stage_time(patch):
     right = schemes.runge_kutta_4_step
     old = "stage(t + 0.5 * h, h, s.x1, s.v3"
     wrong = other_text(schemes, right.__name__, old, old.replace("t + 0.5 * h", "t", 1))
-    patch.setattr(loop, "STEPS", tuple(wrong if one is right else one for one in loop.STEPS))
+    steps = tuple(wrong if one is right else one for one in compiled.STEPS)
+    patch.setattr(compiled, "STEPS", steps)
 
 
 def _with_bodies(patch):

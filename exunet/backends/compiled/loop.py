@@ -1,4 +1,4 @@
-"""A system integrated by the compiled loop: in one go, or as an `Integrator`."""
+"""The compiled loop as an `Integrator`: its steps under the eyes of guards, events, and the keyboard."""
 
 from __future__ import annotations
 
@@ -9,38 +9,31 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from exunet.backends.compiled.many_steps import IMPORTS, LOOP, STEPS, TINY_IN_A_ROW
+from exunet.backends.compiled.integration import CompiledIntegration, loop_kernel
 from exunet.backends.compiled.work_space import (
     CLOCK,
     LARGEST,
     PEAKS,
-    Control,
     EqualSteps,
     Kept,
     Looks,
     Run,
     Stages,
-    clock_at,
     empty_rows,
-    motion_of,
     no_looks,
-    seen_nothing,
-    told_largest,
 )
 from exunet.backends.events import Events
-from exunet.backends.protocol import Arrays, Batch, Extremes, Largest, Observer, StepCounts, StepsCollapsed
+from exunet.backends.protocol import Arrays, Extremes, Observer, StepsCollapsed
 from exunet.base.errors import RunStopped
 from exunet.base.interrupt import postponed
 from exunet.bodies.constraint_loops import OnGuided
 from exunet.bodies.kinematics import sites_of, steer
 from exunet.bodies.port import Piece
-from exunet.codegen.compile import require_numba
 from exunet.codegen.force_table import ForceTable
 from exunet.codegen.kernel import Kernel
 from exunet.forces.cable import STRETCH_BOUND, elastic_energy, lengths
 from exunet.forces.reel import Winding
 from exunet.forces.terms import Seen, Watch
-from exunet.methods.method import METHODS, Kind, Method
 from exunet.methods.plan import Plan
 from exunet.system.energy import law_of
 from exunet.system.system import State, System
@@ -52,24 +45,6 @@ _ATTEMPTS = 2000  # steps between two looks at the keyboard
 _THINNED = 64  # steps of which one is handed over
 
 
-def loop_kernel(system: System, *, compiled: bool = True) -> Kernel:
-    """The system's forces and the loop around them; raises MissingExtra without Numba.
-
-    compiled : False: in plain Python
-    """
-    require_numba('engine.loop = "compiled"')
-    return Kernel(
-        system.forces,
-        LOOP,
-        STEPS,
-        bodies=bool(system.bodies),
-        first_order=bool(system.blocks.states),
-        imports=IMPORTS,
-        compiled=compiled,
-    )
-
-
-WITHOUT_LIMIT = 2**62
 _LOOKS = 512  # steps at which conditions are looked at in one go
 _ROWS_TO_LOCATE = 16  # that steps to a crossing in a step may take
 
@@ -80,79 +55,6 @@ class _Before(NamedTuple):
     begin: Seen
     row: int
     arrays: tuple[tuple[NDArray[Any], NDArray[Any]], ...]
-
-
-class CompiledIntegration:
-    """The state of one system and how far it has got.
-
-    plan   : its method is one that the compiled loop has
-    kernel : what `loop_kernel` gives for the system, which several integrations may share
-    """
-
-    def __init__(self, system: System, state: State, plan: Plan, kernel: Kernel) -> None:
-        self._system, self._layout, self._plan = system, system.layout, plan
-        self._chosen = METHODS[plan.method].kind == Kind.ADAPTIVE
-        self._verlet = plan.method == Method.VELOCITY_VERLET
-        self._kernel, self._module = kernel, kernel.module
-        self._memory: Arrays = state.memory
-        self._table = kernel.table(state.memory)
-        self._motion = motion_of(system, state, self._table)
-        self._clock = clock_at(state.time, plan.first_step)
-        self._time, self._tiny = self._clock["time"], self._clock["tiny"]
-        self._seen = seen_nothing(system)
-        self._peaks = {name: self._seen.peaks[name] for name in PEAKS.names or ()}
-        self._control = Control(plan.tolerance or 0.0, plan.longest_step, plan.least_step)
-        self._module.begin(state.time, self._verlet, self._motion)
-
-    def look_at_tensions(self) -> None:
-        """Look for the largest tensions in the steps to come, each of them."""
-        self._peaks["look_above"][0] = 0.0
-
-    @property
-    def largest_tensions(self) -> tuple[Largest, ...]:
-        """Of each group of elements, of the steps looked at."""
-        return told_largest(self._seen.largest)
-
-    def through(self, times: Floats, most: int = WITHOUT_LIMIT) -> Batch:
-        """From times[0], the state's time, through all times [s] without a look at keyboard, guards, events.
-
-        most : attempts of steps whose size is chosen, about, from the state's first on
-        The batch has fewer rows than times if the steps collapsed (see `collapse`), or were more.
-        """
-        kept, at = empty_rows(len(times), self._system), np.array(times, dtype=float)
-        run = Run(self._motion, self._clock, self._seen, kept, no_looks())
-        if self._chosen:
-            rows = self._module.through_chosen(at, self._control, TINY_IN_A_ROW, np.int64(most), run)
-        else:
-            rows = self._module.through_equal(self._verlet, at, self._plan.step, run)
-        return self._batch(kept, rows)
-
-    def _batch(self, kept: Kept, rows: int) -> Batch:
-        time, x, v, taken = (values[:rows] for values in kept)
-        kinematics = self._system.kinematics
-        return Batch(time, *self._layout.unpack(x, v).completed(kinematics, time, self._memory), taken)
-
-    def collapse(self) -> str:
-        """What to say when no step is small enough for the tolerance; "" if that is not so."""
-        if self._tiny[0] <= TINY_IN_A_ROW:
-            return ""
-        step = self._clock["step"][0]
-        return (
-            f"the steps collapsed to {step:.1g} s at t = {self.time:.6g} s: the tolerance "
-            f"{self._plan.tolerance:.2g} cannot be met"
-        )
-
-    @property
-    def time(self) -> float:
-        """Time reached [s]."""
-        return float(self._time[0])
-
-    @property
-    def counts(self) -> StepCounts:
-        """Steps and evaluations of the forces so far."""
-        steps, rejected = int(self._clock["steps"][0]), int(self._clock["rejections"][0])
-        stages = METHODS[self._plan.method].compiled_stages
-        return StepCounts(steps, rejected, right_hand_sides=1 + stages * (steps + rejected))
 
 
 class CompiledLoop(CompiledIntegration):

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from exunet.backends.compiled import many_steps
-from exunet.backends.compiled.many_steps import begin, see_tensions, through_equal
+from exunet.backends.compiled import many_steps, seeing
+from exunet.backends.compiled.many_steps import begin, through_equal
+from exunet.backends.compiled.seeing import see_tensions
 from exunet.backends.compiled.work_space import Motion, Run, Seen, SeenOfRuns
 from exunet.codegen.compile import version_of
 
@@ -106,7 +107,7 @@ IMPORTS = (
     "from exunet.backends.compiled.work_space import Motion, Run, Seen, SeenOfRuns",
     f"from exunet.codegen.lanes import lanes_of  # {version_of('lanes')}",
 )
-_OTHERS = many_steps.see, many_steps.look
+_OTHERS = seeing.see, seeing.kinetic_energy, seeing.look
 _STEPS = tuple(function for function in many_steps.STEPS if function not in _OTHERS)
 STEPS = (*_STEPS, see, look, in_lanes, begin, keep, through_equal)
 IN_PLACE = tuple(accept if function is many_steps.accept else function for function in STEPS)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from exunet.backends.compiled.loop import loop_kernel
+from exunet.backends.compiled.integration import loop_kernel
 from exunet.backends.compiled.work_space import Stages, motion_of
 from exunet.bodies.rigid import RigidStates, rotation_matrix
 from exunet.codegen.compile import numba_installed
