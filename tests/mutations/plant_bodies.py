@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from plant import EXUDYN, PLANTED, REFERENCE, Planted, of_result, of_text, other_text, planted
 
-from exunet.backends.compiled import loop, schemes
+from exunet.backends.compiled import integration, schemes
 from exunet.backends.exudyn.model import Model
 from exunet.bodies import constraint_loops, rigid
 from exunet.bodies.body import RigidBody
@@ -32,7 +32,8 @@ def _of_step(name, what, function, old, new):
     def plant(patch):
         right = getattr(schemes, function)
         wrong = other_text(schemes, function, old, new)
-        patch.setattr(loop, "STEPS", tuple(wrong if one is right else one for one in loop.STEPS))
+        steps = tuple(wrong if one is right else one for one in integration.STEPS)
+        patch.setattr(integration, "STEPS", steps)
 
     PLANTED[name] = Planted(what, EXUDYN, 8, FREE, plant)
 
