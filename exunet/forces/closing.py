@@ -16,7 +16,6 @@ from exunet.forces.closing_loops import (
     Status,
     add_line,
     line_potential,
-    line_power,
     remember_line,
 )
 from exunet.forces.loops import Index
@@ -41,18 +40,18 @@ _SERIES = {  # fields of the status: units
 _STRAIN = 0.01  # up to which the bound for the step counts what the tension itself adds to the stiffness
 
 
-def states_of(line: ClosingLine, position: Floats, ratio: float) -> tuple[FirstOrder, ...]:
-    """Length wound up [m], work of the winch on the line [J]; with friction what that has taken, and elastic
-    energy [J].
+def states_of(line: ClosingLine, position: Floats, ratio: float, time: float) -> tuple[FirstOrder, ...]:
+    """Length wound up [m], work of the winch on the line [J]; what viscous stress has taken [J], if there is
+    any; with friction what that has taken, and elastic energy [J].
 
-    position : (n_nodes, 3) at the start [m]; ratio : as of `Drawstring`
+    position : (n_nodes, 3) at the start [m]; ratio, time : as of `Drawstring`
     """
     states = (
         FirstOrder(f"{NAME}/wound_up", (line.wound,), "m"),
         FirstOrder(f"{NAME}/work", (0.0,), "J", gives=1.0),
     )
     if line.friction == 0.0:
-        return states
+        return (*states, FirstOrder(f"{NAME}/viscosity", (0.0,), "J", gives=-1.0)) if time > 0.0 else states
     natural = ratio * line.length_at_start
     strain = max(0.0, float(green_lagrange_strain(way_of(line, position).sum(), natural)))
     energy = 0.5 * ratio**3 * line.stiffness * strain**2 * natural
@@ -195,7 +194,6 @@ class Drawstring:
             add_rubbing_line if self.rubs else add_line,
             self.data(memory.initial),
             potential=rubbing_potential if self.rubs else line_potential,
-            power=line_power if self.time > 0.0 else None,
             helpers=helpers,
             stiffness_rate=rates[0],
             damping_rate=rates[1],

@@ -55,7 +55,8 @@ class Line(NamedTuple):
 
     node      : (n + 1,) 3 x nodes along it
     state, rate : (1,) where the length wound up stands in x; where its rate stands in force, before that of
-                the work of the winch and, with friction, of what friction takes and of the elastic energy
+                the work of the winch and of what viscous stress takes, or of what friction takes and of the
+                elastic energy
     whole, ratio, stiffness, time : L1 with nothing wound up [m], r, E1A [N], relaxation time [s]
     ring      : diameter of the rings [m]
     friction  : mu
@@ -207,12 +208,17 @@ def line_pulls(way: float, x: Any, v: Any, line: Any) -> Any:
 
 
 def add_line(t: float, x: Any, v: Any, line: Any, force: Any) -> None:
-    """One tension on all nodes along the line, the rate of winding, and the power of the winch."""
+    """One tension on all nodes along the line, the rate of winding, the powers of winch and viscous stress.
+
+    These are integrated with the motion: Simpson's rule would lay the line two more times a step.
+    """
     way = lay_line(x, line)
-    w, tension, felt, _ = line_pulls(way, x, v, line)
+    w, tension, felt, taken = line_pulls(way, x, v, line)
     k = line.rate[0]
     force[k] += w
     force[k + 1] += felt * w
+    if line.time > 0.0:
+        force[k + 2] += taken
     if tension > 0.0:
         pull_nodes(tension, line, force)
     told = line.told
@@ -249,12 +255,6 @@ def line_potential(x: Any, line: Any) -> float:
     """U [J]."""
     natural, _, strain = line_strain(lay_line(x, line), x, line)
     return 0.5 * line.stiffness * strain * strain * natural
-
-
-def line_power(t: float, x: Any, v: Any, line: Any) -> float:
-    """What the viscous stress takes out [W]."""
-    _, _, _, taken = line_pulls(lay_line(x, line), x, v, line)
-    return taken
 
 
 def remember_line(t: float, x: Any, v: Any, line: Any) -> None:

@@ -101,7 +101,7 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
     of_reels = (state for reel in reels for state in states_of(reel))
     lines = _with_lines(scene, net)
     given = (state for name in lines for state in impulses_of(name))
-    of_line = () if line is None else states_of_line(line, position, _free_ratio(scene))
+    of_line = () if line is None else states_of_line(line, position, *_stress_of_line(scene, line))
     of_line = states_of_perimeter(closing) if isinstance(closing, Perimeter) else of_line
     of_units = () if scene.control is None else thrusters.states_of(scene.control)
     states = (*rigid.given, *of_reels, *of_line, *first_order_states(scene.effects), *of_units, *given)
@@ -162,13 +162,19 @@ def _free_ratio(scene: Scene) -> float:
     return 1.0 if warm is None else float(np.sqrt(1.0 + 2.0 * warm.free_strain))
 
 
+def _stress_of_line(scene: Scene, line: ClosingLine) -> tuple[float, float]:
+    """`Drawstring.ratio` and `time` of a closing line: as of all cables."""
+    damped = getattr(scene.effects, "material_damping", None)
+    rubs = line.friction > 0.0
+    return _free_ratio(scene), 0.0 if damped is None or rubs else float(damped.relaxation_time)
+
+
 def _drawn(line: ClosingLine, blocks: Blocks, scene: Scene, faults: list[Fault]) -> tuple[KernelTerm, ...]:
     """The term of the closing line, with the free strain and the viscous stress that all cables have.
 
     None for numbers that cannot be computed with, which `faults` then says.
     """
-    ratio, damped = _free_ratio(scene), getattr(scene.effects, "material_damping", None)
-    time = 0.0 if damped is None or line.friction > 0.0 else float(damped.relaxation_time)
+    ratio, time = _stress_of_line(scene, line)
     way = float(way_of(line, blocks.position).sum())
     if not way <= STRETCH_BOUND * ratio * line.length_at_start:
         stretch = way / (ratio * line.length_at_start)

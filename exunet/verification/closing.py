@@ -97,9 +97,11 @@ def _of_exunet(case: BothCodes, state: State) -> list[float]:
     force = np.zeros(system.blocks.n_force)
     term.add(state.time, x, v, data, force)
     assert term.potential is not None
-    taken = 0.0 if term.power is None else float(term.power(state.time, x, v, data))
     stored = float(term.potential(x, data))
     first = system.blocks.rate(f"{NAME}/{'part' if system.line is None else 'wound_up'}")
+    taken = 0.0 if term.power is None else float(term.power(state.time, x, v, data))
+    if any(one.name == f"{NAME}/viscosity" for one in system.blocks.states):
+        taken = float(force[system.blocks.rate(f"{NAME}/viscosity")])
     return [float(force[first]), float(force[first + 1]), taken, stored]
 
 
