@@ -12,7 +12,7 @@ from exunet.base.errors import LARGEST, CaseError, Fault
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
-from exunet.case.script import begins_a_thrust, begins_control, ejects
+from exunet.case.script import begins_a_thrust, begins_control, ejects, released
 from exunet.forces import thrusters
 from exunet.forces.blocks import Blocks, Inertia, Poses
 from exunet.forces.cable import STRETCH_BOUND
@@ -72,7 +72,8 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
     net = net if line is None else with_mass_of(net, line)
     line = line if line is None or begun is None else replace(line, wound=begun.wound(CLOSING))
     reels = reels_of(net, scene.tethers)
-    rigid = bodies_at_start(scene, net, tied, reels, faults, begun)
+    releases = dict.fromkeys(released(scene.script), False) | ({} if begun is None else dict(begun.releases))
+    rigid = bodies_at_start(scene, net, tied, reels, faults, begun, releases)
     axes = net_axes(scene.initial.frame, rigid)
     packed, speed = packed_state(scene, woven) if begun is None else begun.of_nodes(slice(woven.n_nodes))
     position, velocity, added = packed, speed, kicks(scene, woven)
@@ -205,7 +206,7 @@ def _surfaces(scene: Scene, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> di
     named = touched_bodies(scene.effects)
     found = {}
     for number, body in enumerate(rigid.bodies):
-        attached = rigid.kinematics.point[rigid.kinematics.body == number]
+        attached = rigid.kinematics.tied[rigid.kinematics.tied_to == number]
         wound = tuple(reel.elements for reel in reels if reel.body == body.name)
         surface = surface_of(body, attached, wound) if body.name in named else None
         if surface is not None:

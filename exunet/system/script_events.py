@@ -320,6 +320,9 @@ class ScriptEvents:
             after = self._cut(entry, every[INTACT])
             told["element"] = int(np.argmax(every[INTACT] != after))
             what |= {"others": {INTACT: after}, "energy_lost": None}
+        elif entry.tie is not None:
+            what |= self._release(entry.tie, time, x, v, every)
+            told |= {"tie": entry.tie, "node": int(self._sight.system.kinematics.ties[entry.tie].points[0])}
         elif entry.do == "thrust":
             what["others"] = {THRUST: begun_at(time, self._knots, float(every[THRUST][2]))}
         elif entry.do == "set":
@@ -341,6 +344,13 @@ class ScriptEvents:
         assert entry.on is not None
         after[self._sight.system.net.tether_elements[entry.on].start] = 0.0
         return after
+
+    def _release(self, tie: str, time: float, x: Floats, v: Floats, every: Memories) -> dict[str, Any]:
+        """A point leaves its body with the velocity that it has there, so all keep momenta and energy."""
+        system = self._sight.system
+        moving = system.layout.unpack(x.copy(), v.copy()).completed(system.kinematics, time, every)
+        x, v = system.layout.pack(moving)
+        return {"x": x, "v": v, "others": {system.kinematics.ties[tie].memory: np.zeros(1)}}
 
     def _commands(self, entry: Entry) -> dict[str, Floats]:
         """The input of the drive that an entry acts on."""
