@@ -14,7 +14,7 @@ from exunet import net
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
-from exunet.case import general_contact, script, verdict
+from exunet.case import general_contact, parameters, script, verdict
 from exunet.case.scene import Launch, NetFrame, Scene
 from exunet.forces import control_keys, effects
 from exunet.forces.requirements import RestOfCase
@@ -91,6 +91,7 @@ def _stage(scene: Scene) -> script.Stage:
         {name: one.damping for name, one in drives.items()},
         frozenset(name for name, one in drives.items() if one.commands),
         frozenset(scene.tethers) - frozenset(reels),
+        parameters.settable(scene, drives),
         _ties(scene),
         _why_not_ejected(scene),
         scene.time.end,

@@ -15,6 +15,7 @@ from pydantic import ConfigDict, Field, StringConstraints, ValidationError, fiel
 from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import NonNegative, Positive, Table
+from exunet.case.parameters import NEEDS, Bounds
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.drive import Drive, asked_of
 
@@ -130,8 +131,6 @@ ACTIONS = {
     "note": Action("", (), (), "nothing: the event is told, and others may come after it"),
     "stop": Action("", ("verdict",), ("verdict",), "ends the run"),
 }
-# What `set` may change: what the parameter is, and what of the scene it needs.
-PARAMETERS = {"thrust.factor": ("factor of all forces of [effects.thrust]", "thrust")}
 _VALUES = ("rate", "force", "value", "verdict")
 
 
@@ -166,7 +165,7 @@ class Entry(Table):
     on: str | None = Field(
         None,
         description='name of the tether whose reel acts or that is cut, "closing" for the winch of the '
-        'closing line, or a parameter: "thrust.factor"',
+        "closing line; what is released, or a parameter that is set",
         examples=[CLOSING],
     )
     rate: Positive | None = Field(None, description="of winding up or paying out [m/s]")
@@ -200,6 +199,9 @@ class Entry(Table):
     def drive(self) -> str | None:
         """Name of the drive that it acts on."""
         kind = ACTIONS[self.do].on
+        if kind == "parameter":
+            name, _, what = (self.on or "").rpartition(".")
+            return name if what in ("force", "rate") else None
         if kind == "held":
             return None if self.on is None or "." in self.on else self.on
         return CLOSING if kind == "line" else self.on if kind == "drive" else None
@@ -243,6 +245,7 @@ class Stage:
     drives : damping [N s/m] of each drive by name, None for one without
     taken  : drives that have commands of their own in the case
     tethers : those without a reel, which may be cut
+    settable : parameters that a script may set here, or why it may not, by name
     ties   : what is fixed to bodies, by the name of `Entry.tie`; why it cannot be released, "": it can
     holds_net : why no body holds the net until a script ejects it; "": one does
     end    : of the run [s]
@@ -252,6 +255,7 @@ class Stage:
     drives: Mapping[str, float | None]
     taken: frozenset[str]
     tethers: frozenset[str]
+    settable: Mapping[str, Bounds]
     ties: Mapping[str, str]
     holds_net: str
     end: float
@@ -450,13 +454,17 @@ def _controls(entry: Entry, stage: Stage) -> Iterator[Fault]:
 
 
 def _sets(entry: Entry, stage: Stage) -> Iterator[Fault]:
-    known = ", ".join(PARAMETERS)
-    if not entry.is_given("on"):
-        yield Fault("", f'do = "{entry.do}" needs on: the name of a parameter ({known})')
-    elif entry.on not in PARAMETERS:
-        yield Fault("on", f"{entry.on!r} is no parameter that a script sets (those that are: {known})")
-    elif (needs := PARAMETERS[entry.on][1]) not in stage.has:
-        yield Fault("on", f"{entry.on} needs [effects.{needs}]")
+    known = ", ".join(name for name, bounds in stage.settable.items() if not bounds.why) or "none"
+    if entry.on is None:
+        yield Fault("", f'do = "{entry.do}" needs on: the name of a parameter (here: {known})')
+    elif entry.on not in stage.settable:
+        needs = f"{entry.on} needs {NEEDS[entry.on]}" if entry.on in NEEDS else ""
+        words = f"{entry.on!r} is no parameter that a script sets (those that are, here: {known})"
+        yield Fault("on", needs or words)
+    elif why := stage.settable[entry.on].why:
+        yield Fault("on", why)
+    elif entry.value is not None and (wrong := stage.settable[entry.on].fault(entry.value)):
+        yield Fault("value", wrong)
 
 
 def _asks(entry: Entry, damping: float | None) -> Iterator[Fault]:
@@ -510,7 +518,7 @@ def _contradicts(number: int, entry: Entry, known: list[tuple[int, Entry]]) -> I
 
 def _acted_on(entry: Entry) -> str | None:
     """The drive or the parameter."""
-    return entry.on if entry.do == "set" and entry.on in PARAMETERS else entry.drive
+    return entry.on if entry.do == "set" else entry.drive
 
 
 def _moment(entry: Entry) -> tuple[object, ...]:

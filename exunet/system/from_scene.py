@@ -48,6 +48,7 @@ from exunet.system.drum import Drum
 from exunet.system.ejection import ejecting, holding
 from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
 from exunet.system.script import script_of
+from exunet.system.set_parameters import with_inputs
 from exunet.system.system import Layout, State, System
 
 Floats = NDArray[np.float64]
@@ -144,6 +145,7 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
         forces = replace(forces, kernels=(*forces.kernels, *drawn))
     units = _units(scene, blocks, rigid, thrusters.NAME in lines)
     forces = replace(forces, kernels=(*forces.kernels, *units))
+    forces = with_inputs(forces, scene.script)
     system = System(blocks, forces, rigid.bodies, kinematics, throw, line)
     if scene.script:
         target = None if scene.verdict is None else scene.verdict.target

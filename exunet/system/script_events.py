@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from exunet.case.script import QUANTITIES, Entry, drive_of
 from exunet.forces.cable_term import INTACT
 from exunet.forces.effects.thrust import MEMORY as THRUST
-from exunet.forces.effects.thrust import Knots, begun_at, with_factor
+from exunet.forces.effects.thrust import Knots, begun_at
 from exunet.forces.reel import command_name
 from exunet.forces.terms import Change, Memories, Seen
 from exunet.forces.thrusters import MEMORY as CONTROL
@@ -31,6 +31,7 @@ from exunet.system.quantities import (
     seen_memories,
     watched_weights,
 )
+from exunet.system.set_parameters import changed
 from exunet.system.states import States
 
 Floats = NDArray[np.float64]
@@ -326,8 +327,11 @@ class ScriptEvents:
         elif entry.do == "thrust":
             what["others"] = {THRUST: begun_at(time, self._knots, float(every[THRUST][2]))}
         elif entry.do == "set":
+            assert entry.on is not None
             assert entry.value is not None
-            what["others"] = {THRUST: with_factor(every[THRUST], entry.value)}
+            does, found = changed(self._sight.system, entry.on, entry.value, (time, x, v), every)
+            what |= does
+            told |= found
         elif entry.do == "control":
             what["others"] = {CONTROL: begun(every[CONTROL], time)}
         elif entry.do == "release_control":
