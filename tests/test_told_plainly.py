@@ -160,17 +160,22 @@ def test_nothing_is_assumed_below_the_known_atmosphere():
 
 def test_ablation_measures_against_the_spread_of_moved_starts(monkeypatch):
     """Nine values of each measure with nothing changed; a tenth may differ by chance, by Student's t."""
-    same = np.array([[10.0 + 0.1 * (-1.0) ** k, 1.0, 0.0, 2.0] for k in range(9)])
-    far, near = (ablation._changes(same, (value, 1.0, 0.0, 2.0), sign=1.0) for value in (10.5, 10.2))
+
+    def four(*values: float) -> dict[str, float]:
+        return dict(zip(ablation.FOUR, values, strict=True))
+
+    same = [four(10.0 + 0.1 * (-1.0) ** k, 1.0, 0.0, 2.0) for k in range(9)]
+    areas = np.array([one["largest_area"] for one in same])
+    far, near = (ablation._changes(same, four(value, 1.0, 0.0, 2.0), sign=1.0) for value in (10.5, 10.2))
     # t of 8 degrees of freedom at 99.5 % is 3.355 (any table).
-    width = 3.355 * math.sqrt(1.0 + 1.0 / 9.0) * same[:, 0].std(ddof=1)
+    width = 3.355 * math.sqrt(1.0 + 1.0 / 9.0) * areas.std(ddof=1)
     assert far[0].spread == pytest.approx(width, rel=1e-3)
     assert far[0].told_apart
     assert not near[0].told_apart
-    assert [change.value for change in ablation._changes(same, (10.5, 1.5, 0.0, 2.0), -1.0)] == pytest.approx(
-        [-(10.5 - same[:, 0].mean()), -0.5, 0.0, 0.0]
-    )
-    assert ablation._changes(None, None, 1.0) == ()
+    assert [
+        change.value for change in ablation._changes(same, four(10.5, 1.5, 0.0, 2.0), -1.0)
+    ] == pytest.approx([-(10.5 - areas.mean()), -0.5, 0.0, 0.0])
+    assert ablation._changes([{}], {}, 1.0) == ()
 
 
 def test_an_ablation_runs_eight_moved_starts_and_says_what_it_cannot_tell(monkeypatch):

@@ -71,6 +71,22 @@ class Kinematics:
         return bool(self.guides or self.held) or len(self.point) > 0
 
     @cached_property
+    def ties(self) -> dict[str, Held]:
+        """The attachments and ends of tethers that a script may release, or has released, by name."""
+        return {one.tie: one for one in self.held if one.tie}
+
+    @cached_property
+    def tied(self) -> Ints:
+        """The points that are fixed to bodies, some of them until they are released."""
+        return np.concatenate([self.point, *(one.points for one in self.ties.values())])
+
+    @cached_property
+    def tied_to(self) -> Ints:
+        """The number of the body of each point in `tied`."""
+        owners = (np.full(len(one.points), one.body) for one in self.ties.values())
+        return np.concatenate([self.body, *owners])
+
+    @cached_property
     def knots(self) -> tuple[float, ...]:
         """Instants [s] at which guides go from one piece to the next, where their motion is less smooth."""
         within = (guide.time[1:].tolist() for guide in self.guides)

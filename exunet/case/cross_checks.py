@@ -14,7 +14,7 @@ from exunet import net
 from exunet.base.errors import Fault
 from exunet.base.faults import each, exactly_one, inside, shortened, within
 from exunet.bodies import cross_checks as bodies
-from exunet.case import general_contact, script, verdict
+from exunet.case import general_contact, parameters, script, verdict
 from exunet.case.scene import Launch, NetFrame, Scene
 from exunet.forces import control_keys, effects
 from exunet.forces.requirements import RestOfCase
@@ -91,9 +91,29 @@ def _stage(scene: Scene) -> script.Stage:
         {name: one.damping for name, one in drives.items()},
         frozenset(name for name, one in drives.items() if one.commands),
         frozenset(scene.tethers) - frozenset(reels),
+        parameters.settable(scene, drives),
+        _ties(scene),
         _why_not_ejected(scene),
         scene.time.end,
     )
+
+
+def _ties(scene: Scene) -> dict[str, str]:
+    """What is fixed to bodies, by the names that a script has for it, and why it cannot be released."""
+    bodies_of = {name: one for name, one in scene.bodies.items() if one is not None}
+    ports, found = [name for name, one in bodies_of.items() if one.motion == "port"], dict[str, str]()
+    port = "is fixed to a port, whose mass its host counts: nothing is released from it"
+    for name, body in bodies_of.items():
+        for label in body.attachments:
+            found[f"bodies.{name}.attachments.{label}"] = port if name in ports else ""
+    for name, tether_keys in scene.tethers.items():
+        for end in ("start", "end") if tether_keys is not None else ():
+            body_name, reel = getattr(tether_keys, end).body, tether_keys.reel
+            drum = f"has the drum of the tether: release the other end, or pay out {name!r}"
+            why = drum if reel is not None and reel.at == end else port if body_name in ports else ""
+            if body_name is not None:
+                found[f"tethers.{name}.{end}"] = why
+    return found
 
 
 def _why_not_ejected(scene: Scene) -> str:

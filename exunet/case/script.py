@@ -15,6 +15,7 @@ from pydantic import ConfigDict, Field, StringConstraints, ValidationError, fiel
 from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import NonNegative, Positive, Table
+from exunet.case.parameters import NEEDS, Bounds
 from exunet.net.closing import NAME as CLOSING
 from exunet.net.drive import Drive, asked_of
 
@@ -28,6 +29,7 @@ Deed = Literal[
     "pay_out",
     "brake",
     "lock",
+    "release",
     "cut",
     "thrust",
     "set",
@@ -99,8 +101,8 @@ def condition_of(text: str) -> Condition:
 class Action(NamedTuple):
     """What an entry may do.
 
-    on    : on what it acts: "drive", "line" (the winch of the closing line), "tether", "net", "thrust",
-            "control", "parameter" or ""
+    on    : on what it acts: "drive", "line" (the winch of the closing line), "held" (a drive, or what is
+            fixed to a body), "tether", "net", "thrust", "control", "parameter" or ""
     needs : keys of which it needs at least one
     may   : keys that it may have, these included
     words : what it does
@@ -119,6 +121,7 @@ ACTIONS = {
     "pay_out": Action("drive", ("rate",), ("rate", "force"), "pays out"),
     "brake": Action("drive", ("force",), ("force",), "gives way above a force"),
     "lock": Action("drive", (), (), "holds the length"),
+    "release": Action("held", (), (), "lets go: a drive turns freely, a node or a tether leaves a body"),
     "cut": Action("tether", (), (), "breaks the first element of a tether, from its start on"),
     "thrust": Action("thrust", (), (), "the times of [effects.thrust] count from now on"),
     "control": Action("control", (), (), "the units of [control] are controlled from now on"),
@@ -128,8 +131,6 @@ ACTIONS = {
     "note": Action("", (), (), "nothing: the event is told, and others may come after it"),
     "stop": Action("", ("verdict",), ("verdict",), "ends the run"),
 }
-# What `set` may change: what the parameter is, and what of the scene it needs.
-PARAMETERS = {"thrust.factor": ("factor of all forces of [effects.thrust]", "thrust")}
 _VALUES = ("rate", "force", "value", "verdict")
 
 
@@ -164,7 +165,7 @@ class Entry(Table):
     on: str | None = Field(
         None,
         description='name of the tether whose reel acts or that is cut, "closing" for the winch of the '
-        'closing line, or a parameter: "thrust.factor"',
+        "closing line; what is released, or a parameter that is set",
         examples=[CLOSING],
     )
     rate: Positive | None = Field(None, description="of winding up or paying out [m/s]")
@@ -198,7 +199,17 @@ class Entry(Table):
     def drive(self) -> str | None:
         """Name of the drive that it acts on."""
         kind = ACTIONS[self.do].on
+        if kind == "parameter":
+            name, _, what = (self.on or "").rpartition(".")
+            return name if what in ("force", "rate") else None
+        if kind == "held":
+            return None if self.on is None or "." in self.on else self.on
         return CLOSING if kind == "line" else self.on if kind == "drive" else None
+
+    @property
+    def tie(self) -> str | None:
+        """Name of the attachment, or of the end of a tether, that it releases."""
+        return self.on if self.do == "release" and self.drive is None else None
 
     @property
     def trigger_words(self) -> str:
@@ -234,6 +245,8 @@ class Stage:
     drives : damping [N s/m] of each drive by name, None for one without
     taken  : drives that have commands of their own in the case
     tethers : those without a reel, which may be cut
+    settable : parameters that a script may set here, or why it may not, by name
+    ties   : what is fixed to bodies, by the name of `Entry.tie`; why it cannot be released, "": it can
     holds_net : why no body holds the net until a script ejects it; "": one does
     end    : of the run [s]
     """
@@ -242,6 +255,8 @@ class Stage:
     drives: Mapping[str, float | None]
     taken: frozenset[str]
     tethers: frozenset[str]
+    settable: Mapping[str, Bounds]
+    ties: Mapping[str, str]
     holds_net: str
     end: float
 
@@ -257,12 +272,19 @@ _LACKS = {
 
 def drive_of(entry: Entry, damping: float | None) -> Drive:
     """What an entry asks of a drive; raises ValueError where that is no command of one with this damping."""
+    if entry.do == "release":
+        return asked_of(damping, "brake", None, 0.0)
     mode, rate = {
         "lock": ("lock", None),
         "brake": ("brake", None),
         "pay_out": ("rate", None if entry.rate is None else -entry.rate),
     }.get(entry.do, ("tension" if entry.rate is None else "rate", entry.rate))
     return asked_of(damping, mode, rate, entry.force)
+
+
+def released(entries: Iterable[Entry | None]) -> Iterator[str]:
+    """The attachments and ends of tethers that entries release."""
+    yield from (one.tie for one in entries if one is not None and one.tie is not None)
 
 
 def ejects(entries: Iterable[Entry | None]) -> bool:
@@ -353,12 +375,13 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
     for key in _VALUES:
         if entry.is_given(key) and key not in action.may:
             yield Fault(key, f'do = "{entry.do}" has none')
-    if action.on not in ("drive", "tether", "parameter") and entry.is_given("on"):
+    if action.on not in ("drive", "held", "tether", "parameter") and entry.is_given("on"):
         yield Fault("on", f'do = "{entry.do}" acts on nothing that is to be named')
     if not action.on:
         return
     special = {
         "tether": _cuts,
+        "held": _releases,
         "net": _ejects,
         "thrust": _pushes,
         "control": _controls,
@@ -375,10 +398,8 @@ def _acts(entry: Entry, stage: Stage) -> Iterator[Fault]:
     if name not in stage.drives:
         known = ", ".join(stage.drives) or "none"
         yield Fault(key, f"{name!r} has no reel or winch in this scene (those that have: {known})")
-    elif name in stage.taken:
-        yield Fault(key, f"{name!r} has commands of its own: remove these, or this entry")
-    elif not lacks:
-        yield from _asks(entry, stage.drives[name])
+    elif name in stage.taken or not lacks:
+        yield from _of_drive(entry, name, key, stage)
 
 
 def _cuts(entry: Entry, stage: Stage) -> Iterator[Fault]:
@@ -389,6 +410,28 @@ def _cuts(entry: Entry, stage: Stage) -> Iterator[Fault]:
         yield Fault("on", f"{entry.on!r} is no tether without a reel (those that are: {known})")
     if entry.repeat:
         yield Fault("repeat", "a tether is cut once")
+
+
+def _releases(entry: Entry, stage: Stage) -> Iterator[Fault]:
+    known = ", ".join((*stage.drives, *(name for name, why in stage.ties.items() if not why))) or "none"
+    what = entry.on
+    if what is None:
+        yield Fault("", f'do = "{entry.do}" needs on: a drive, or what is fixed to a body ({known})')
+    elif what in stage.drives:
+        yield from _of_drive(entry, what, "on", stage)
+    elif what not in stage.ties:
+        yield Fault("on", f"{what!r} is nothing that a script releases (what it may: {known})")
+    elif why := stage.ties[what]:
+        yield Fault("on", why)
+    if entry.repeat and entry.drive is None:
+        yield Fault("repeat", "what is fixed to a body is released once")
+
+
+def _of_drive(entry: Entry, name: str, key: str, stage: Stage) -> Iterator[Fault]:
+    if name in stage.taken:
+        yield Fault(key, f"{name!r} has commands of its own: remove these, or this entry")
+    else:
+        yield from _asks(entry, stage.drives[name])
 
 
 def _ejects(entry: Entry, stage: Stage) -> Iterator[Fault]:
@@ -411,13 +454,17 @@ def _controls(entry: Entry, stage: Stage) -> Iterator[Fault]:
 
 
 def _sets(entry: Entry, stage: Stage) -> Iterator[Fault]:
-    known = ", ".join(PARAMETERS)
-    if not entry.is_given("on"):
-        yield Fault("", f'do = "{entry.do}" needs on: the name of a parameter ({known})')
-    elif entry.on not in PARAMETERS:
-        yield Fault("on", f"{entry.on!r} is no parameter that a script sets (those that are: {known})")
-    elif (needs := PARAMETERS[entry.on][1]) not in stage.has:
-        yield Fault("on", f"{entry.on} needs [effects.{needs}]")
+    known = ", ".join(name for name, bounds in stage.settable.items() if not bounds.why) or "none"
+    if entry.on is None:
+        yield Fault("", f'do = "{entry.do}" needs on: the name of a parameter (here: {known})')
+    elif entry.on not in stage.settable:
+        needs = f"{entry.on} needs {NEEDS[entry.on]}" if entry.on in NEEDS else ""
+        words = f"{entry.on!r} is no parameter that a script sets (those that are, here: {known})"
+        yield Fault("on", needs or words)
+    elif why := stage.settable[entry.on].why:
+        yield Fault("on", why)
+    elif entry.value is not None and (wrong := stage.settable[entry.on].fault(entry.value)):
+        yield Fault("value", wrong)
 
 
 def _asks(entry: Entry, damping: float | None) -> Iterator[Fault]:
@@ -471,7 +518,7 @@ def _contradicts(number: int, entry: Entry, known: list[tuple[int, Entry]]) -> I
 
 def _acted_on(entry: Entry) -> str | None:
     """The drive or the parameter."""
-    return entry.on if entry.do == "set" and entry.on in PARAMETERS else entry.drive
+    return entry.on if entry.do == "set" else entry.drive
 
 
 def _moment(entry: Entry) -> tuple[object, ...]:

@@ -17,6 +17,7 @@ from exunet.figures.style import BLACK, BLUE, MOST_CURVES, RED, YELLOW, curve_st
 from exunet.forces.thrusters import NAME as UNITS
 from exunet.results import measures as metrics
 from exunet.results.agreement import Agreement
+from exunet.results.attached import attached_nodes
 from exunet.results.clearance import gaps_of, movers_of, nearest, pairs_of
 from exunet.results.corner_units import mean_thrust
 from exunet.results.ensemble_result import EnsembleResult
@@ -155,7 +156,7 @@ def loads_on_bodies(result: Result, page: Page) -> Figure | None:
 
     The torque is about the centre of mass of the body.
     """
-    found = {name: loads(result, name) for name, body in result.bodies.items() if body.nodes is not None}
+    found = {name: loads(result, name) for name in result.bodies if len(attached_nodes(result, name))}
     if not found:
         return None
     figure, axes = page.stacked_axes(result, "Loads of the threads on the bodies", (1.0, 1.0), 125.0)

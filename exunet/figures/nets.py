@@ -17,6 +17,7 @@ from exunet.figures.panels import AXES, framed, grid_of
 from exunet.figures.style import BLACK, BLUE, GREY, number
 from exunet.figures.views import FREE, View, best_view, draw_net, draw_tethers, net_size, of_border
 from exunet.net.arrays import Net
+from exunet.results.attached import attached_nodes
 from exunet.results.measures import centre_of_mass
 from exunet.results.result import Result
 
@@ -106,7 +107,7 @@ def _time_and_centre(time: float, centre: Floats | None) -> str:
 
 def free_nodes(result: Result) -> NDArray[np.int64]:
     """Nodes to which no thread, no bullet and no body is fixed."""
-    held = [body.nodes for body in result.bodies.values() if body.nodes is not None]
+    held = [attached_nodes(result, name) for name in result.bodies]
     used = np.concatenate([result.net.element_nodes.ravel(), result.net.bullet_nodes, *held])
     return np.setdiff1d(np.arange(result.net.n_nodes), used)
 

@@ -20,6 +20,7 @@ from exunet.figures.page import COLOR_BAR, Page, finish, line_scale
 from exunet.figures.panels import framed
 from exunet.figures.style import BLACK, MOST_CURVES, curve_styles
 from exunet.figures.views import best_view, broadness
+from exunet.results.attached import attached_nodes
 from exunet.results.ensemble_result import EnsembleResult
 from exunet.results.measures import has_peaks_of_all_steps, peak_tensions
 from exunet.results.result import Result
@@ -117,8 +118,8 @@ def tethers(result: Result, page: Page, spread: EnsembleResult | None = None) ->
 
 def _end(result: Result, node: int) -> str:
     """What a tether ends at."""
-    for name, body in result.bodies.items():
-        if body.nodes is not None and node in body.nodes:
+    for name in result.bodies:
+        if node in attached_nodes(result, name):
             return name
     return f"{'bullet' if node in result.net.bullet_nodes else 'node'} {node}"
 

@@ -23,7 +23,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 OVERSHOOT = 1e-9  # of the strain at the limit, by which a step may go beyond it, unless it is a least step
-INTACT = "cable/intact"  # name of the memory: 1.0 for an element that carries, 0.0 for one that has broken
+# Name of the memory: 1.0 for an element that carries, 0.0 for one that has broken; the part of its stiffness
+# for one of a tether that a script has made softer.
+INTACT = "cable/intact"
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,7 @@ class CableTerm:
     """All elements of a net under one law.
 
     But for those on drums and the outlets of reels, and threads of the edge that become shorter.
-    may_be_cut : a script may cut some
+    may_be_cut : a script may cut some, or make them softer
     broken : those that carry nothing from the start on
     """
 
@@ -136,7 +138,7 @@ class CableTerm:
 
     @cached_property
     def memory(self) -> Memory | None:
-        """Which elements are intact, where they may break or be cut, or some have."""
+        """Which elements are intact, where that may change, or some are not."""
         if not (self.breaks or self.may_be_cut or self.broken):
             return None
         intact = np.ones(self.net.n_elements)
@@ -144,7 +146,7 @@ class CableTerm:
         return Memory(INTACT, intact)
 
     def carrying(self, memory: Memories) -> Floats | None:
-        """(n_elements,) 1.0 for elements that carry at these memories, 0.0 for others; None: all do."""
+        """(n_elements,) part of its stiffness with which each carries at these memories; None: all of it."""
         intact = memory.get(INTACT)
         if not self.leaves_some:
             return intact

@@ -21,14 +21,21 @@ from exunet.forces.closing_loops import (
 from exunet.forces.loops import Index
 from exunet.forces.reel import NOTHING_ASKED, command_name
 from exunet.forces.reel_loops import winding_rate
-from exunet.forces.rubbing_loops import RUBBING, add_rubbing_line, remember_rubbing, rubbing_potential
+from exunet.forces.rubbing_loops import (
+    RUBBING,
+    add_rubbing_line,
+    remember_rubbing,
+    rubbing_potential,
+    settle_line,
+    stretch_at,
+)
 from exunet.forces.terms import Change, Input, KernelTerm, Memories, Memory, Series
 from exunet.net.closing import NAME, SLOWS, ClosingLine
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_MEMORY = f"{NAME}/line"
+MEMORY = f"{NAME}/line"
 _SERIES = {  # fields of the status: units
     "tension_start": "N",
     "tension_end": "N",
@@ -157,7 +164,7 @@ class Drawstring:
         series = tuple(
             Series(f"{NAME}/{name}", units, Status._fields.index(name)) for name, units in wanted.items()
         )
-        return Memory(_MEMORY, self.at_start, self.data, "kept", too_long, series)
+        return Memory(MEMORY, self.at_start, self.data, "kept", too_long, series)
 
     @property
     def rates(self) -> tuple[float, float]:
@@ -203,6 +210,15 @@ class Drawstring:
             remember=remember_rubbing if self.rubs else remember_line,
             internal=True,
         )
+
+
+def elastic_once_slid(x: Floats, line: Line, friction: float) -> float:
+    """Energy [J] of a line with friction at x, once it has slid as far as this coefficient lets it."""
+    line = line._replace(friction=friction)
+    settle_line(x, line)
+    stretch = np.array([stretch_at(pull / line.stiffness) for pull in line.tension.tolist()])
+    strain = 0.5 * (stretch - 1.0) * (stretch + 1.0)
+    return float(0.5 * line.stiffness * (strain**2 @ line.material))
 
 
 def too_long(values: Floats) -> str:

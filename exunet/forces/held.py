@@ -14,6 +14,11 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+def tie_name(tie: str) -> str:
+    """Of the memory that says whether a point is still held: 1.0, or 0.0 once it has been released."""
+    return f"{tie}/held"
+
+
 @dataclass(frozen=True, eq=False)
 class Held:
     """Points that are fixed to a body as long as a memory says so.
@@ -24,6 +29,8 @@ class Held:
     body   : number among the rigid bodies
     arm    : (n, 3) of each from the centre of mass, in principal axes [m]
     mass   : (n,) of each [kg], which stays its own
+    tie    : the attachment or the end of a tether that holds the point, by which a script releases it; "": of
+             another kind
     """
 
     memory: str
@@ -32,6 +39,7 @@ class Held:
     body: int
     arm: Floats
     mass: Floats
+    tie: str = ""
 
     def number(self, memory: Memories) -> int:
         """How many are held at these memories; at the start without any."""

@@ -135,7 +135,7 @@ class Input:
     """Values that are given from outside and stay as they are until others are given.
 
     name    : under which `Simulation.set_input` and snapshots know them
-    field   : of the term's data, which has them as an array
+    field   : of the term's data, which has them as an array, or the only one as a number
     initial : (m,) values at the start
     units   : of the values, "1" if they have none
     """
@@ -386,7 +386,9 @@ class KernelTerm:
                 data = self.memory.data(values)
             elif self.memory.kept_in:
                 data = data._replace(**{self.memory.kept_in: values})
-        given = {one.field: memory.get(one.name, one.initial) for one in self.inputs}
+        given: dict[str, Any] = {one.field: memory.get(one.name, one.initial) for one in self.inputs}
+        numbers = [name for name in given if isinstance(getattr(data, name), float)]
+        given |= {name: float(given[name][0]) for name in numbers}
         return (data._replace(**given) if given else data,)
 
     @property

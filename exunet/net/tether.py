@@ -101,6 +101,11 @@ class TiedPoint:
     point: tuple[float, float, float]
     key: str
 
+    @property
+    def tie(self) -> str:
+        """By which a script knows it: `bodies.NAME.attachments.LABEL`, `tethers.NAME.end`."""
+        return self.key.removesuffix(".body") if self.key.startswith("tethers.") else self.key
+
 
 def with_tethers(net: Net, tethers: Tethers) -> tuple[Net, tuple[TiedPoint, ...]]:
     """The net with the elements of its tethers, and which of their nodes are fixed to bodies.

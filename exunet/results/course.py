@@ -43,6 +43,7 @@ from exunet.results.measures import (
 from exunet.results.over_time import OVER_TIME, OverTime
 from exunet.results.result import Result
 from exunet.results.rows import StoredRows
+from exunet.results.script_story import ending
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -83,6 +84,7 @@ class Course(OverTime):
     line            : (t,) what is stored of a closing line, by name ("closing/largest" and so on)
     contact         : (t,) what is stored of contacts, by name ("contact_BODY/threads_touching" and so on)
     together        : (t,) what is stored of threads that touch each other ("self_contact/touching" and so on)
+    stopped         : verdict of the script that has ended the run at the last of the times; "": none has
     """
 
     time: Floats
@@ -104,6 +106,7 @@ class Course(OverTime):
     line: Mapping[str, Floats] = field(default_factory=dict)
     contact: Mapping[str, Floats] = field(default_factory=dict)
     together: Mapping[str, Floats] = field(default_factory=dict)
+    stopped: str = ""
 
     def at_every_second(self) -> Course:
         """The same at half as many times, the last one included."""
@@ -187,6 +190,7 @@ def course_of(result: Result) -> Course:
         line=_series(result, LINE),
         contact=_series(result, CONTACT),
         together=_series(result, SELF),
+        stopped=ending(result.provenance),
     )
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.base.files import path_of
 from exunet.results.course import Course
+from exunet.results.endings import common_time, over_time
 from exunet.results.frame import table
 from exunet.results.headlines import CURVES, headline, headlines_for
 from exunet.results.reading import damage, refuse_unreadable
@@ -34,11 +35,12 @@ LEVELS = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)  # of the quantiles; 0 and 1 ar
 class EnsembleResult:
     """Headlines of many runs of a case from moved starts, and quantiles of quantities over time.
 
-    headlines : (runs,) by key, such as "largest_tension_N"; a NaN where a run has no such quantity
+    headlines : (runs,) by key, such as "largest_tension_N", of each until its end; a NaN where a run has no
+                such quantity
     elements  : (runs,) element with the largest tension of each run; -1: none was ever taut
-    time      : (t,) instants [s]
+    time      : (t,) instants [s], until the last of the runs ended
     levels    : (q,) levels of the quantiles, from 0 (the least) to 1 (the largest)
-    quantiles : (q, t) by name of the quantity, such as "area" [m2]; SI units
+    quantiles : (q, t) by name of the quantity, such as "area" [m2], of the runs that have not ended; SI units
     complete  : False if the ensemble was stopped before its last run
     verdict   : "ok", or why it stopped
     provenance : case text, seed, move_m, versions, method, counts (JSON-like)
@@ -88,14 +90,14 @@ def ensemble_result(
         for one in headlines_for(courses[0])
     }
     curves = {
-        curve.name: np.quantile([curve.value(course) for course in courses], LEVELS, axis=0)
+        curve.name: over_time(courses, curve.value, LEVELS)
         for curve in CURVES
         if curve.value(courses[0]) is not None
     }
     return EnsembleResult(
         headlines={key: values for key, values in found.items() if not np.isnan(values).all()},
         elements=np.array([course.peak.element for course in courses]),
-        time=courses[0].time,
+        time=common_time(courses),
         levels=np.array(LEVELS),
         quantiles=curves,
         complete=complete,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from exunet.base.errors import InputError
 from exunet.bodies.rigid import rotation_matrix
 from exunet.net.arrays import Net
+from exunet.results.attached import held_until
 from exunet.results.margins import Margin, margins
 from exunet.results.result import Result
 from exunet.results.rows import row_ranges
@@ -72,7 +73,8 @@ class Loads:
 def loads(result: Result, body: str) -> Loads:
     """What the threads, those of tethers too, pull on a body; of no nodes if none is fixed to it.
 
-    Of a packed net that the body holds, what pulls on it from elsewhere.
+    Of a packed net that the body holds, what pulls on it from elsewhere; of a node that a script releases,
+    what pulls on it until then.
 
     Forces that act on the nodes themselves, such as drag, are not in it, nor is the inertia of their lumped
     masses, which are part of the body. Raises InputError if there is no body of this name.
@@ -81,13 +83,16 @@ def loads(result: Result, body: str) -> Loads:
         known = ", ".join(result.bodies) or "none"
         raise InputError(f"loads: there is no body {body!r} (bodies: {known})")
     states = result.bodies[body]
-    nodes = np.zeros(0, dtype=np.int64) if states.nodes is None else states.nodes
+    fixed, until = states.nodes, held_until(result, body)
+    nodes = np.array([*([] if fixed is None else fixed.tolist()), *until], dtype=np.int64)
     forces, places = [], []
     for first, last in row_ranges(len(result.time), _ROWS):  # both arrays may be too large for memory
         position = result.position[first:last]
         forces.append(_pulls(result.net, nodes, position, result.tension[first:last]))
         places.append(position[:, nodes])
     force = np.concatenate(forces)
+    for k, time in enumerate(until.values(), start=len(nodes) - len(until)):
+        force[result.time >= time, k] = 0.0
     arms = np.concatenate(places) - np.asarray(states.position[:])[:, None]
     ends = np.asarray(np.isin(result.net.element_nodes, nodes).any(axis=1))
     return Loads(nodes, force, np.cross(arms, force), margins(result, ends), _carried(result, body))

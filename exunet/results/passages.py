@@ -17,6 +17,7 @@ from exunet.bodies.between import cubic, rates_around, seen_from
 from exunet.bodies.crossing import crossing, distance_from
 from exunet.bodies.distance import distances
 from exunet.bodies.overlap import overlap
+from exunet.results.attached import attached_nodes
 from exunet.results.clearance import Pair, movers_of, pairs_of
 from exunet.results.result import Result
 from exunet.results.rows import row_ranges
@@ -102,8 +103,7 @@ def passages(result: Result, but: Sequence[str] = ()) -> list[Passage]:
     ends = result.net.element_nodes
     first = {}
     for name in movers:
-        fixed = result.bodies[name].nodes
-        tied = np.zeros(len(ends), dtype=bool) if fixed is None else np.isin(ends, fixed).any(axis=1)
+        tied = np.isin(ends, attached_nodes(result, name)).any(axis=1)
         first[name] = np.where(tied, -np.inf, np.inf)
     size = max(1, _VALUES // max(1, 3 * len(ends)))
     for start, stop in row_ranges(len(result.time), size) if movers else ():

@@ -16,6 +16,12 @@ def done(story: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [one for one in story.get(HEADING, []) if one["done"]]
 
 
+def ending(story: Mapping[str, Any]) -> str:
+    """The verdict of the entry that ended a run, or its name where that says nothing; "" if none did."""
+    stop = next((one for one in done(story) if one.get("verdict") is not None), None)
+    return "" if stop is None else stop["verdict"] or stop["entry"]
+
+
 def told(story: Mapping[str, Any]) -> dict[str, Any] | None:
     """For the summary: events, how often each entry came, those that never came, what ended the run.
 

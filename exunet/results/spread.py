@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from exunet.results.convergence import CHANCE, is_shifted
 from exunet.results.course import Course
 from exunet.results.digits import printed, unit_of_last_digit
+from exunet.results.endings import endings, words_of_endings
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.results.headline import Headline
 from exunet.results.headlines import headline, headlines_for
@@ -202,6 +203,16 @@ class Spread:
             f"with {setting}{others}, in the compiled loop"
         )
 
+    @cached_property
+    def endings(self) -> list[dict[str, Any]]:
+        """How the moved starts ended, where a script has ended some; see `exunet.results.endings`."""
+        return endings(self.moved)
+
+    def ends(self) -> str:
+        """The same in words; "" without."""
+        words = words_of_endings(self.endings)
+        return f"of {self.runs} moved starts ended {words}" if words else ""
+
     def verdict(self) -> str:
         """What is beyond the horizon of predictability, and what the ranges are worth."""
         beyond = _names(one for one in self.judged.values() if not one.predictable)
@@ -236,7 +247,7 @@ class Spread:
         size = 0.0 if one.size is None else max(one.size(course) for course in (*courses, self.finer))
         least, middle, largest = float(values.min()), float(np.median(values)), float(values.max())
         last = max(one.last_digit(each, size) for each in (least, largest))
-        spacing = float(self.time[1] - self.time[0]) if one.at_a_time else 0.0
+        spacing = _spacing(self.time) if one.at_a_time else 0.0
         unmoved = [value for course in (self.plain, self.finer) if (value := one.value(course)) is not None]
         low, high = _extended(one, least, largest, unmoved, last)
         ranged = Judged(one, len(values), middle, low, high, None, None, places, size, spacing)
@@ -313,8 +324,13 @@ def judged_in(spread: EnsembleResult, key: str) -> Judged | None:
     value, error = spread.provenance.get(CONVERGED, {}).get(key, (None, None))
     low, high, converged = spread.provenance.get(RANGES, {}).get(key, (low, high, True))
     one = headline(key)
-    spacing = float(spread.time[1] - spread.time[0]) if one.at_a_time else 0.0
+    spacing = _spacing(spread.time) if one.at_a_time else 0.0
     return Judged(one, len(values), middle, low, high, value, error, spacing=spacing, converged=converged)
+
+
+def _spacing(time: Floats) -> float:
+    """Of instants [s]; 0 of a single one, where a script ends runs at once."""
+    return float(time[1] - time[0]) if len(time) > 1 else 0.0
 
 
 def _error(one: Headline, error: float, plain: Course, finer: Course, step: float) -> float:
@@ -328,7 +344,7 @@ def _error(one: Headline, error: float, plain: Course, finer: Course, step: floa
         if other is not None:
             error = max(error, abs(other - fine))
     if one.at_a_time:
-        error = max(error, 0.5 * float(finer.time[1] - finer.time[0]))
+        error = max(error, 0.5 * _spacing(finer.time))
     if one.at_a_step:
         error = max(error, 0.5 * step)
     return error
@@ -376,6 +392,7 @@ def description(spread: Spread | str | None) -> dict[str, Any] | None:
         "method": spread.method,
         "tolerance": spread.tolerance,
         "step_s": spread.step,
+        "endings": spread.endings,
         "predictable": spread.predictable,
         "converged": all(one.converged for one in spread.judged.values()),
         "elements_of_largest_tension": [

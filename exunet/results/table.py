@@ -166,7 +166,11 @@ def _headline_rows(summary: dict[str, Any], spread: Spread | str | None) -> list
     if summary["deployment"] is None:
         found.append(("deployment", "no mouth: not defined for this topology"))
     if isinstance(spread, Spread):
-        told = [("spread", one) for one in (spread.words(), spread.verdict(), spread.unconverged()) if one]
+        told = [
+            ("spread", one)
+            for one in (spread.words(), spread.ends(), spread.verdict(), spread.unconverged())
+            if one
+        ]
         return [*found, *told, *_outside_row(summary["headlines"], spread)]
     why = "not asked for" if spread is None else spread
     return [*found, ("spread", f"{why}: these are the numbers of one run of a chaotic net")]

@@ -14,6 +14,7 @@ from exunet.bodies.between import seen_from
 from exunet.bodies.crossing import least_along
 from exunet.bodies.shapes import Solid
 from exunet.bodies.touched import core_of_solid
+from exunet.results.attached import attached_nodes
 from exunet.results.clearance import shapes_of
 from exunet.results.course import CONTACT, THREADS
 from exunet.results.result import Result
@@ -55,8 +56,7 @@ def touching_threads(result: Result, k: int) -> Bools:
         for solid in shapes[name].solids:
             core, rounding = _core(solid, result.provenance.get(EDGES, {}).get(name, 0.0))
             near |= least_along(core.distance, start, end) < rounding + thick
-        if body.nodes is not None:
-            near &= ~np.isin(net.element_nodes, body.nodes).any(axis=1)
+        near &= ~np.isin(net.element_nodes, attached_nodes(result, name)).any(axis=1)
         found |= near
     return found
 

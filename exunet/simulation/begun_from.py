@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from exunet.base.errors import CaseError, Fault, InputError
+from exunet.results.attached import RELEASES, released_at
 from exunet.results.loads import CARRIED
 from exunet.results.reading import RESULT_FILE, load_result
 from exunet.results.result import Result
@@ -101,7 +102,8 @@ def _state(result: Result, row: int, path: Path) -> Begun:
     states = {name: np.array(one.values[row : row + 1][0]) for name, one in result.states.items()}
     where = f"{path} at {time:g} s"
     place, speed = (np.array(part[row : row + 1][0]) for part in (result.position, result.velocity))
-    return Begun(where, result.net, place, speed, bodies, states, _broken(result, time))
+    broken, releases = _broken(result, time), _releases(story, time)
+    return Begun(where, result.net, place, speed, bodies, states, broken, releases)
 
 
 _OF_BODY = ("position", "velocity", "attitude", "angular_velocity")
@@ -111,6 +113,12 @@ def _is_held(story: dict[str, Any], time: float) -> bool:
     """True if the net had not been ejected from its canister."""
     carried = story.get(CARRIED)
     return carried is not None and not any(one["time_s"] <= time for one in story.get("ejection", []))
+
+
+def _releases(story: dict[str, Any], time: float) -> dict[str, bool]:
+    """What a script of that run releases, and whether it had."""
+    every = story.get(RELEASES, [])
+    return {one["tie"]: not one["tied"] or released_at(story, one["tie"]) <= time for one in every}
 
 
 def _broken(result: Result, time: float) -> tuple[int, ...]:

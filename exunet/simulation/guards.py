@@ -147,7 +147,8 @@ class Guards:
         gained = self._scale.gained(states, dissipated)
         gained = np.fmax.accumulate(np.fmax(gained, self._gained[:, None]), axis=1)  # passes over NaN
         carrying = states.system.forces.cable.carrying(states.memory)
-        held = states.length if carrying is None else states.length * carrying  # what broke has any length
+        # What broke has any length.
+        held = states.length if carrying is None else states.length * (carrying > 0.0)
         given = np.sqrt(2.0 * gained[1] / self._mass)
         return Look(
             finite=np.isfinite(balance) & states.finite,

@@ -20,6 +20,7 @@ from exunet.case.stored_times import stored_times
 from exunet.forces.effects import switched_on
 from exunet.forces.thrusters import NAME as UNITS
 from exunet.methods.plan import Plan
+from exunet.results.attached import RELEASES
 from exunet.results.capture import RULE
 from exunet.results.columns import STATES, BodyConstants, Column, body_path, declare, state_column
 from exunet.results.from_rows import result_of_rows
@@ -250,6 +251,7 @@ def first_story(start: Start) -> dict[str, Any]:
         **({} if start.begun_from is None else {BEGUN_FROM: dict(start.begun_from)}),
         **_edges(start),
         **_carried(start),
+        **_releases(start),
         "retries": [],
         "items": {},
         "build_seconds": 0.0,
@@ -290,6 +292,16 @@ def _carried(start: Start) -> dict[str, Any]:
     until = None if ejects(start.scene.script) else frame.eject_at  # which the record of events tells
     nodes = held[0].points.tolist()
     return {CARRIED: {"body": frame.body, "until_s": until, "origin_m": origin.tolist(), "nodes": nodes}}
+
+
+def _releases(start: Start) -> dict[str, Any]:
+    """What is fixed to bodies until a script releases it."""
+    system = start.system
+    found = [
+        {"tie": name, "node": int(one.points[0]), "body": system.bodies[one.body].name, "tied": one.start > 0}
+        for name, one in system.kinematics.ties.items()
+    ]
+    return {RELEASES: found} if found else {}
 
 
 _COST = ("steps", "rejected_steps", "right_hand_sides", "newton_iterations", "integration_seconds")

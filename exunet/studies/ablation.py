@@ -1,16 +1,18 @@
-"""What each effect changes, measured: the scene run with that effect toggled, beside its estimate.
+"""What each effect, and what closes the mouth, changes, measured: the scene run with it toggled.
 
 A net's motion is sensitive: after some time any difference grows to the size of the net. So the scene is also
 run eight times with nothing changed but its errors (the start moved by a little, another accuracy). An
 effect's displacement is measured while it is at least three times as large as the largest of those runs'; the
-estimate beside it is for the same time. A measure of deployment is told apart if its value with the effect
-toggled lies outside the interval in which another of those runs' would lie with a probability of 99 %.
+estimate beside it is for the same time. A measure of deployment, or of a capture, is told apart if its value
+with the effect toggled lies outside the interval in which another of those runs' would lie with a probability
+of 99 %.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +21,13 @@ from numpy.typing import NDArray
 from exunet.base.errors import Interrupted, RunStopped
 from exunet.base.faults import collected
 from exunet.case.scene import Scene
+from exunet.case.script import Entry
 from exunet.forces.effects import cross_checks
+from exunet.results.capture import rule_of
+from exunet.results.capture_headlines import outcome
 from exunet.results.convergence import around_one_more
+from exunet.results.course import course_of
+from exunet.results.headlines import headlines_of
 from exunet.results.measures import deployment
 from exunet.results.result import Result
 from exunet.simulation.preparation import Start, prepare
@@ -34,6 +41,8 @@ ProgressOfRuns = Callable[[str, float], None]
 CLEAR = 3.0  # times the noise, from which on a displacement counts as the effect's
 BRIEF = 1e-4  # of the duration, run before each run that is timed
 FOUR = ("largest_area", "time_of_largest", "distance", "time_open")
+OF_CAPTURE = ("capture_enclosed", "capture_mcqi", "capture_mouth_m", "capture_relative_speed_m_s")
+CLOSING = "closing"  # in place of an effect's name: the line, or the edge that becomes shorter
 
 
 STARTS = 8  # runs with nothing changed but their errors
@@ -41,8 +50,9 @@ STARTS = 8  # runs with nothing changed but their errors
 
 @dataclass(frozen=True)
 class Change:
-    """What an effect's presence changes in a measure of deployment.
+    """What an effect's presence changes in a measure.
 
+    name   : one of FOUR, or of OF_CAPTURE
     value  : with the effect, less without it (the mean of the runs from moved starts)
     spread : half the width of the interval in which another run with nothing changed would lie
     """
@@ -61,12 +71,14 @@ class Change:
 class _Noise:
     """What errors alone change.
 
-    moved    : (n_times,) largest displacement [m]
-    measures : (runs, 4) measures of deployment, that of the scene itself first; None without a mouth
+    moved    : (n_times,) largest displacement [m]; infinite from when on a run had ended
+    measures : of each run, that of the scene itself first, by name
+    outcomes : what became of the target in how many runs; empty without [verdict]
     """
 
     moved: Floats
-    measures: Floats | None
+    measures: tuple[Mapping[str, float], ...]
+    outcomes: Mapping[str, int]
 
 
 @dataclass(frozen=True)
@@ -77,7 +89,9 @@ class Toggled:
     until    : time [s] up to which it could be measured; 0: not at all
     estimate : displacement over the size of the net up to then, estimated
     measured : the same, measured: the largest root mean square over the mass at a stored time
-    measures : changes of the measures of deployment by the effect's presence; empty for a net without a mouth
+    measures : changes of measures by the effect's presence: of deployment where the net has a mouth, of a
+               capture where the case has [verdict]
+    outcomes : what became of the target in how many runs with nothing changed; became : in that toggled
     wall     : integration time with the effect over that without
     failure  : why the run with the effect toggled was not made, or stopped; "" if it ended well
     """
@@ -88,6 +102,8 @@ class Toggled:
     measured: float = 0.0
     measures: tuple[Change, ...] = ()
     wall: float = 1.0
+    outcomes: Mapping[str, int] = field(default_factory=dict)
+    became: str = ""
     failure: str = ""
 
     @property
@@ -99,18 +115,24 @@ class Toggled:
 def ablate(
     scene: Scene, names: tuple[str, ...] | None = None, progress: ProgressOfRuns | None = None
 ) -> Iterator[Toggled]:
-    """Toggle effects one after the other; raises as `run` does if the scene itself does not run.
+    """Toggle effects one after the other, and first what closes the mouth; raises as `run` does if the scene
+    itself does not run.
 
-    names    : which effects; None: all
+    names    : which effects, or "closing"; None: all
     progress : called with what is running and the simulated time [s]
     """
-    findings = survey(scene)
+    findings = [*of_closing(scene), *survey(scene)]
     scene = _settled(scene)
     base = _run(scene, "as it is", progress)
     noise = _noise(scene, base, progress)
     for found in findings:
         if names is None or found.name in names:
             yield _toggle(scene, found, base, noise, progress)
+
+
+def of_closing(scene: Scene) -> list[Finding]:
+    """What closes the mouth as a finding, without an estimate; none of a scene without."""
+    return [] if scene.closing is None else [Finding(CLOSING, True, scene.closing, "", None, 0.0, 0.0)]
 
 
 def _toggle(
@@ -129,18 +151,19 @@ def _toggle(
         return Toggled(found, failure=str(stop))
     with_it, without = (base, result) if found.on else (result, base)
     apart = _distance(base, result)
+    moved = noise.moved[: len(apart)]
     until, measured, estimate = 0.0, 0.0, 0.0
-    clear = np.flatnonzero(apart > CLEAR * noise.moved)
+    clear = np.flatnonzero(apart > CLEAR * moved)
     if len(clear):
-        lost = np.flatnonzero(apart[clear[0] :] <= CLEAR * noise.moved[clear[0] :])
+        lost = np.flatnonzero(apart[clear[0] :] <= CLEAR * moved[clear[0] :])
         last = clear[0] + lost[0] - 1 if len(lost) else len(apart) - 1
         until = float(base.time[last])
         measured = float(apart[: last + 1].max()) / base.net.size
-        estimate = finding(scene, found.name, until).relative
+        estimate = 0.0 if found.estimate is None else finding(scene, found.name, until).relative
     seconds = [float(run.provenance["integration_seconds"]) for run in (with_it, without)]
     wall = seconds[0] / seconds[1] if seconds[1] else 1.0
-    changes = _changes(noise.measures, _four(result), sign=-1.0 if found.on else 1.0)
-    return Toggled(found, until, estimate, measured, changes, wall)
+    changes = _changes(noise.measures, _measures(result), sign=-1.0 if found.on else 1.0)
+    return Toggled(found, until, estimate, measured, changes, wall, noise.outcomes, _outcome(result))
 
 
 def _settled(scene: Scene) -> Scene:
@@ -155,6 +178,8 @@ def _settled(scene: Scene) -> Scene:
 
 def toggled(scene: Scene, found: Finding) -> Scene:
     """The scene with the effect of a finding switched off, or on with its keys."""
+    if found.name == CLOSING:
+        return _without_closing(scene)
     effects: Any = scene.effects
     switched = effects.model_copy(update={found.name: None if found.on else found.keys})
     update: dict[str, Any] = {"effects": switched}
@@ -163,23 +188,41 @@ def toggled(scene: Scene, found: Finding) -> Scene:
     return scene.model_copy(update=update)
 
 
+def _without_closing(scene: Scene) -> Scene:
+    """The scene without the line. Entries of a script that act on it do nothing; others come after them."""
+    script = tuple(_noted(one) if CLOSING in (one.drive, _owner(one)) else one for one in scene.script)
+    return scene.model_copy(update={"closing": None, "script": script})
+
+
+def _owner(entry: Entry) -> str:
+    return (entry.on or "").partition(".")[0] if entry.do == "set" else ""
+
+
+def _noted(entry: Entry) -> Entry:
+    acts = ("do", "on", "rate", "force", "value")
+    kept = {name: getattr(entry, name) for name in entry.model_fields_set if name not in acts}
+    return Entry.model_validate({**kept, "do": "note"})
+
+
 def _contradictions(scene: Scene) -> list[str]:
     return [f"{fault.path[0]} {fault.reason}" for fault in cross_checks(scene)]
 
 
 def _noise(scene: Scene, base: Result, progress: ProgressOfRuns | None) -> _Noise:
     """What runs from moved starts, integrated at another accuracy, differ from the scene's own."""
-    moved, measures = np.zeros(len(base.time)), [_four(base)]
+    moved, every = np.zeros(len(base.time)), [base]
     for number in range(STARTS):
 
         def perturbed(start: Start, seed: int = SEED + number) -> Start:
             return replace(nearby_start(start, seed=seed), plan=of_other_accuracy(start.plan))
 
         again = _run(scene, f"moved start {number + 1}", progress, perturbed)
-        moved = np.maximum(moved, _distance(base, again))
-        measures.append(_four(again))
-    known = [one for one in measures if one is not None]
-    return _Noise(moved, np.array(known) if known else None)
+        apart = _distance(base, again)
+        moved[: len(apart)] = np.maximum(moved[: len(apart)], apart)
+        moved[len(apart) :] = np.inf
+        every.append(again)
+    outcomes = Counter(one for result in every if (one := _outcome(result)))
+    return _Noise(moved, tuple(_measures(one) for one in every), dict(outcomes.most_common()))
 
 
 def _run(
@@ -195,25 +238,42 @@ def _run(
 
 
 def _distance(a: Result, b: Result) -> Floats:
-    """(n_times,) root mean square over the mass of how far the nodes are apart [m]."""
+    """(k,) root mean square over the mass of how far the nodes are apart [m], at the times of both.
+
+    A script may end runs, each at its own time.
+    """
     mass = np.array(a.net.mass)
     mass[a.net.fixed_nodes] = 0.0
-    apart = a.position[:] - b.position[:]
+    shorter = min(len(a.time), len(b.time))
+    same = int(np.argmin(np.append(a.time[:shorter] == b.time[:shorter], False)))
+    apart = a.position[:same] - b.position[:same]
     return np.sqrt(np.einsum("n,tna,tna->t", mass, apart, apart) / mass.sum())
 
 
-def _four(result: Result) -> tuple[float, ...] | None:
-    found = deployment(result)
-    return None if found is None else tuple(float(getattr(found, name)) for name in FOUR)
+def _measures(result: Result) -> dict[str, float]:
+    """Of deployment, and of a capture, by name; those that have a finite value."""
+    four = deployment(result)
+    found = {} if four is None else {name: float(getattr(four, name)) for name in FOUR}
+    if rule_of(result) is not None:
+        of_course = headlines_of(course_of(result))
+        found |= {name: value for name in OF_CAPTURE if (value := of_course.get(name)) is not None}
+    return {name: value for name, value in found.items() if np.isfinite(value)}
 
 
-def _changes(same: Floats | None, toggled: tuple[float, ...] | None, sign: float) -> tuple[Change, ...]:
-    """Of each measure; same: (runs, 4) with nothing changed, toggled: (4,) of the run with the effect so."""
-    if same is None or toggled is None:
-        return ()
-    spread = around_one_more(same)
-    values = sign * (np.array(toggled) - same.mean(axis=0))
-    return tuple(
-        Change(name, float(value), float(around))
-        for name, value, around in zip(FOUR, values, spread, strict=True)
-    )
+def _outcome(result: Result) -> str:
+    """What became of the target; "" without [verdict]."""
+    found = None if rule_of(result) is None else outcome(course_of(result))
+    return "" if found is None else found.outcome.value
+
+
+def _changes(
+    same: Sequence[Mapping[str, float]], toggled: Mapping[str, float], sign: float
+) -> tuple[Change, ...]:
+    """Of each measure that all runs have; same: with nothing changed, toggled: of the run that differs."""
+    found = []
+    for name in (*FOUR, *OF_CAPTURE):
+        if name in toggled and all(name in one for one in same):
+            values = np.array([one[name] for one in same])
+            change = sign * (toggled[name] - float(values.mean()))
+            found.append(Change(name, change, float(around_one_more(values))))
+    return tuple(found)

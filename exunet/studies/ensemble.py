@@ -45,6 +45,7 @@ from exunet.studies.measured_runs import (
     runs_side_by_side,
     shown_bodies,
     shown_pairs,
+    times_until,
 )
 from exunet.studies.neighbours import perturbed, perturbed_bodies
 from exunet.system.ejection import Ejection
@@ -56,6 +57,7 @@ Floats = NDArray[np.float64]
 class Ensemble(Measured):
     """Measures of all runs at the stored times; those of `Measured` and `OverTime` too, as (runs, t, ...).
 
+    Of a run that its script ended before the last of the times, these have its last state from then on.
     time          : (t,) [s]
     contact       : (runs, t, n_series) what is stored of contacts and of a closing line
     ends          : (runs, 2, n_bodies + n_outside + 1) records `exunet.results.ends.END` at the start and
@@ -66,6 +68,7 @@ class Ensemble(Measured):
     largest_tension, time_of_largest_tension : (runs,) of all steps, stored or not [N], [s]
     element_of_largest_tension : (runs,) in which element; -1: none was ever taut
     right_hand_sides : (runs,) evaluations of the forces
+    ended, stopped : (runs,) when each ended [s], and with which verdict of a script, "" at its time
     peak_names    : of these groups (`Net.spans`)
     body_names, tether_names, reel_names : of those bodies and tethers
     turning, guided : the bodies that have an attitude; those whose motion is given
@@ -85,6 +88,8 @@ class Ensemble(Measured):
     element_of_largest_tension: NDArray[np.int64]
     right_hand_sides: NDArray[np.int64]
     contact: Floats
+    ended: Floats
+    stopped: NDArray[np.str_]
     peak_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()
     ejects: bool = False
@@ -104,8 +109,10 @@ class Ensemble(Measured):
 
     def course(self, run: int, achievable_area: float) -> Course:
         """One of the runs, for its headlines; achievable_area: of its net [m2]."""
+        time = times_until(self.time, float(self.ended[run]))
+        rows = slice(len(time))
         return Course(
-            time=self.time,
+            time=time,
             achievable_area=achievable_area,
             peaks={
                 name: Peak(float(tension), float(time), int(element))
@@ -120,27 +127,28 @@ class Ensemble(Measured):
             tether_names=self.tether_names,
             reel_names=self.reel_names,
             pairs=self.pairs,
-            movers=self._movers(run),
+            movers=self._movers(run, time),
             groups=self.groups,
             rule=self.rule,
-            capture=None if self.rule is None else Measures(*self.capture[run].T),
-            line=self._series(run, LINE),
-            contact=self._series(run, CONTACT),
-            together=self._series(run, SELF),
-            **{name: getattr(self, name)[run] for name in OVER_TIME},
+            capture=None if self.rule is None else Measures(*self.capture[run, rows].T),
+            line=self._series(run, rows, LINE),
+            contact=self._series(run, rows, CONTACT),
+            together=self._series(run, rows, SELF),
+            stopped=str(self.stopped[run]),
+            **{name: getattr(self, name)[run, rows] for name in OVER_TIME},
         )
 
-    def _series(self, run: int, prefix: str) -> dict[str, Floats]:
+    def _series(self, run: int, rows: slice, prefix: str) -> dict[str, Floats]:
         """What is stored under names that begin so, of one of the runs."""
         every = enumerate(self.contact_names)
-        return {name: self.contact[run][:, k] for k, name in every if name.startswith(prefix)}
+        return {name: self.contact[run, rows][:, k] for k, name in every if name.startswith(prefix)}
 
-    def _movers(self, run: int) -> dict[str, Mover]:
+    def _movers(self, run: int, time: Floats) -> dict[str, Mover]:
         """The bodies of `pairs` in one of the runs."""
         found = {}
         for k, (name, shape) in enumerate(self.shapes.items()):
-            parts = np.split(self.motion[run, :, k], (3, 6, 10), axis=1)
-            found[name] = Mover(Path(self.time, *parts), shape)
+            parts = np.split(self.motion[run, : len(time), k], (3, 6, 10), axis=1)
+            found[name] = Mover(Path(time, *parts), shape)
         return found
 
 
@@ -283,12 +291,19 @@ def _states(name: str, given: object, n_points: int, runs: int | None) -> Floats
     return states.astype(np.float64)
 
 
+def _held(values: Floats, number: int) -> Floats:
+    """Values (k, ...) with the last of them as often as is missing of a number."""
+    left = number - len(values)
+    return np.concatenate([values, np.repeat(values[-1:], left, axis=0)]) if left else values
+
+
 def _stacked(start: Start, times: Floats, found: Sequence[MeasuredRun]) -> Ensemble:
     columns: dict[str, Any] = {
-        name: np.array([getattr(run.states, name) for run in found]) for name in MEASURED
+        name: np.array([_held(getattr(run.states, name), len(times)) for run in found]) for name in MEASURED
     }
     for name in MeasuredRun._fields[1:]:  # of the whole run
-        columns[name] = np.array([getattr(run, name) for run in found])
+        columns[name] = np.array([getattr(run, name) for run in found if name != "contact"])
+    columns["contact"] = np.array([_held(run.contact, len(times)) for run in found])
     blocks, free = start.system.blocks, start.system.moves_freely
     return Ensemble(
         time=times,

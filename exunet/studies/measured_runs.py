@@ -32,6 +32,7 @@ from exunet.results.ends import AtEnds, Points, before_throw, ends_of, no_ends
 from exunet.results.margins import Groups, loaded_over_blocks
 from exunet.results.over_time import OverTime
 from exunet.results.result import BodyStates
+from exunet.results.script_story import ending
 from exunet.simulation.kept_series import KeptSeries
 from exunet.simulation.monitor import Monitor
 from exunet.simulation.preparation import Start
@@ -68,7 +69,10 @@ def _rows(measured: Measured, start: int, stop: int) -> Measured:
 
 
 class MeasuredRun(NamedTuple):
-    """A whole run: its states, what there was at its start and end, and what was seen of all its steps."""
+    """A whole run: its states, what there was at its start and end, and what was seen of all its steps.
+
+    ended, stopped : when [s], and with which verdict of a script; "" at its time
+    """
 
     states: Measured
     ends: NDArray[np.void]
@@ -79,6 +83,8 @@ class MeasuredRun(NamedTuple):
     element_of_largest_tension: int
     right_hand_sides: int
     contact: Floats
+    ended: float
+    stopped: str
 
 
 def shown_pairs(system: System) -> list[Pair]:
@@ -224,7 +230,14 @@ def _joined(
         peak["element"],
         right_hand_sides,
         contact,
+        float(times[-1]),
+        ending(story),
     )
+
+
+def times_until(times: Floats, end: float) -> Floats:
+    """The times [s] of a run that has ended at `end`, at that or before it."""
+    return np.append(times[: np.searchsorted(times, end)], end)
 
 
 def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> MeasuredRun:
@@ -246,26 +259,35 @@ def one_run(start: Start, kernel: Kernel, times: Floats, stop: Event) -> Measure
     stops = start.state.memory or start.system.kinematics.knots
     through = _from_time_to_time if stops else _in_stretches
     try:
-        right_hand_sides = through(start, kernel, times, monitor, stop)
+        right_hand_sides, end = through(start, kernel, times, monitor, stop)
     except IntegrationFailed as failure:
         collapsed = isinstance(failure, StepsCollapsed)
         raise RunStopped(f"stopped: {failure}", step_cause=not collapsed) from failure
-    ends = _ends(first, last, monitor.story())
+    ends, times = _ends(first, last, monitor.story()), times_until(times, end)
     return _joined(parts, times, ends, monitor, right_hand_sides, series.at(times))
 
 
-def _from_time_to_time(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:
-    """The general way: events are looked for after each step, and steps end at the knots of guides."""
+def _from_time_to_time(
+    start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event
+) -> tuple[int, float]:
+    """The general way: events are looked for after each step, and steps end at the knots of guides.
+
+    Returns the right-hand sides, and when the run ended [s]; a script may end it.
+    """
     loop = CompiledLoop(start.system, start.state, start.plan, monitor, kernel)
     for time in times[1:]:
         monitor.mark(time)
         loop.advance(time)
         _leave_if(stop)
+        if loop.stopped:
+            break
     loop.hand_over()
-    return loop.counts.right_hand_sides
+    return loop.counts.right_hand_sides, loop.time
 
 
-def _in_stretches(start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event) -> int:
+def _in_stretches(
+    start: Start, kernel: Kernel, times: Floats, monitor: Monitor, stop: Event
+) -> tuple[int, float]:
     """Without events many times are reached in one call of compiled code; the steps are the same."""
     loop = CompiledIntegration(start.system, start.state, start.plan, kernel)
     loop.look_at_tensions()
@@ -278,7 +300,7 @@ def _in_stretches(start: Start, kernel: Kernel, times: Floats, monitor: Monitor,
         if words := loop.collapse():
             raise StepsCollapsed(words)
         monitor.peaks.take(loop.largest_tensions)
-    return loop.counts.right_hand_sides
+    return loop.counts.right_hand_sides, float(times[-1])
 
 
 def runs_side_by_side(

@@ -13,7 +13,6 @@ from exunet.base.errors import InputError, Interrupted, RunStopped
 from exunet.base.machine import memory_left
 from exunet.case.casefile import Case
 from exunet.case.scene import Scene
-from exunet.case.script import may_end_a_run
 from exunet.codegen.compile import WIDTH
 from exunet.forces import cable
 from exunet.forces.cable import STRETCH_BOUND
@@ -22,6 +21,7 @@ from exunet.methods.method import COMPILED_METHODS, METHODS, Kind
 from exunet.net.areas import achievable_area
 from exunet.results.capture_headlines import outcomes
 from exunet.results.course import COURSE_BYTES, Course
+from exunet.results.endings import endings
 from exunet.results.ensemble_result import EnsembleResult, ensemble_result
 from exunet.simulation import measures
 from exunet.simulation.preparation import Start, start_of
@@ -35,7 +35,7 @@ from exunet.studies.ensemble import (
     run_ensemble,
     whole_number,
 )
-from exunet.studies.spread import ENDED, MOVE, start_of_runs
+from exunet.studies.spread import MOVE, start_of_runs
 
 OF_EQUAL_STEPS = 1.4e-5  # of the net's size: moves above the errors of equal steps (benchmarks/ensemble.md)
 PORTION = 64  # runs that are lost if the ensemble is interrupted; vectors of runs, where they go side by side
@@ -61,8 +61,8 @@ def ensemble(
     A case of equal steps goes eight runs at a time through compiled code, where its forces can and it pays;
     each has the bits that it has alone. A run that fails because of its steps begins anew with finer ones,
     `solver.retry` times. Of a case with [verdict] the provenance has "outcomes": in how many runs what became
-    of the target. Where moves are less than the errors that all runs by a cheap setting share, the
-    provenance has "notes" that say so.
+    of the target; of one whose script has ended runs, "endings": how many ended how, and when. Where moves
+    are less than the errors that all runs by a cheap setting share, the provenance has "notes" that say so.
 
     Raises InputError for a number, a perturbation or a seed out of range, for a method that the compiled loop
     does not have, or for more runs than there is memory; MissingExtra without Numba; RunStopped if a run
@@ -72,7 +72,6 @@ def ensemble(
     start = start_of(case)
     seed = start.scene.seed if seed is None else seed
     refuse_other_methods(start)
-    refuse_ended(start)
     refuse_too_many(runs)
     refuse_far_moves(start, perturb)
     there = start_of_runs(start)
@@ -95,6 +94,8 @@ def ensemble(
         found = story | {"seconds": clock.perf_counter() - began, "right_hand_sides": evaluations}
         if counts := outcomes(courses):
             found["outcomes"] = counts
+        if ways := endings(courses):
+            found["endings"] = ways
         return ensemble_result(courses, complete=verdict == "ok", verdict=verdict, provenance=found)
 
     try:
@@ -170,12 +171,6 @@ def refuse_other_methods(start: Start) -> None:
     if asked != AUTO and not METHODS[start.plan.method].compiled:
         able = ", ".join(COMPILED_METHODS)
         raise InputError(f"solver.method: an ensemble runs by {able}, or auto, not by {asked}")
-
-
-def refuse_ended(start: Start) -> None:
-    """Raise InputError for a case whose script may end runs: their measures are of no common times."""
-    if may_end_a_run(start.scene.script):
-        raise InputError(f"script: {ENDED}: remove the entry that stops")
 
 
 def refuse_too_many(runs: int) -> None:

@@ -20,7 +20,6 @@ from exunet.studies.neighbours import of_other_accuracy
 
 MOVE = 1e-9  # [m]: far below what anyone can place, far above what the integrators round off
 FINER_RUN = 1.6  # times the cost of a run: that with a tenth of the tolerance
-ENDED = "the script may end each run at another time, and measures of many runs are of common times"
 NO_NUMBA = "the compiled loop needs Numba, which is not installed (pip install numba)"
 FINER_PART = 4  # one in so many moved starts runs with the finer setting
 BESIDE = 2  # runs beside those of the moved starts: the unmoved one, and that with a finer setting

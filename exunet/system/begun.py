@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +49,7 @@ class Begun:
     bodies   : the rigid ones, by name
     states   : first-order states and what was stored of memories, by name
     broken   : elements that carried nothing any more
+    releases : attachments and ends of tethers that a script of that run releases; True: it had done so
     """
 
     source: str
@@ -58,6 +59,7 @@ class Begun:
     bodies: Mapping[str, BodyBegun]
     states: Mapping[str, Floats]
     broken: tuple[int, ...] = ()
+    releases: Mapping[str, bool] = field(default_factory=dict)
 
     def of_nodes(self, nodes: slice) -> tuple[Floats, Floats]:
         """Positions and velocities (n, 3) of some nodes [m], [m/s]; copies."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -16,12 +16,12 @@ from exunet.bodies.guide import Guide
 from exunet.bodies.keys import BodyKeys
 from exunet.bodies.kinematics import Kinematics, given_states
 from exunet.bodies.making import make_body
-from exunet.bodies.mass_properties import MassDistribution, point_mass
+from exunet.bodies.mass_properties import point_mass
 from exunet.bodies.overlap import overlap
 from exunet.bodies.rigid import RigidStates, product, rotation_matrix
 from exunet.case.scene import Scene
 from exunet.forces.blocks import FirstOrder
-from exunet.forces.held import Held
+from exunet.forces.held import Held, tie_name
 from exunet.forces.reel import memory_name
 from exunet.net.arrays import Net
 from exunet.net.reel import Reel
@@ -59,6 +59,7 @@ def bodies_at_start(
     reels: tuple[Reel, ...],
     faults: list[Fault],
     begun: Begun | None = None,
+    releases: Mapping[str, bool] | None = None,
 ) -> BodiesAtStart:
     """The rigid bodies of a scene, with the nodes of the net that are fixed to them.
 
@@ -66,6 +67,7 @@ def bodies_at_start(
     reels  : whose drums hold nodes for a while
     faults : takes those of bodies that overlap
     begun  : a state of another run, in which they start
+    releases : attachments and ends of tethers that a script releases, by name; True: it is released already
     Raises CaseError for bodies that cannot be made, or not begin so, and for attachments to nodes that are
     not there.
     """
@@ -73,22 +75,30 @@ def bodies_at_start(
         return BodiesAtStart()
     bodies: list[RigidBody] = []
     attached, wrong = attached_points(scene, net, tied)
+    releases = releases or {}
+    as_given = _apart(attached, () if begun is None else begun.releases)[0]
+    attached, let_go = _apart(attached, releases)
+    whole_bodies: list[RigidBody] = []
     for name in sorted(scene.bodies, key=lambda name: scene.bodies[name].motion != "free"):
         with joining(wrong):
             keys = scene.bodies[name]
-            carried = [point_mass(net.mass[one.node], one.point) for one in attached[name]]
-            bodies.append(_loaded(name, keys, carried))
+            bodies.append(_loaded(name, keys, net, attached[name]))
+            same = len(as_given[name]) == len(attached[name])
+            whole_bodies.append(bodies[-1] if same else _loaded(name, keys, net, as_given[name]))
     if begun is not None:
-        wrong += [fault for body in bodies for fault in begun.faults_of_body(body)]
+        wrong += [fault for body in whole_bodies for fault in begun.faults_of_body(body)]
     if wrong:
         raise CaseError(wrong)
     tables = [scene.bodies[body.name] for body in bodies]
     guides = tuple(
         _guide(body, keys, begun) for body, keys in zip(bodies, tables, strict=True) if keys.motion != "free"
     )
-    states = [_start_of(body, keys, begun) for body, keys in zip(bodies, tables, strict=True)]
+    states = [
+        _parted(_start_of(body, keys, begun), body, of, moved=begun is not None)
+        for body, of, keys in zip(bodies, whole_bodies, tables, strict=True)
+    ]
     whole = RigidStates(*(np.array(part) for part in zip(*states, strict=True)))
-    held = _on_drums(bodies, net, tied, reels)
+    held = (*_on_drums(bodies, net, tied, reels), *_until_released(bodies, net, let_go, releases))
     ports = tuple(k for k, keys in enumerate(tables) if keys.motion == "port")
     kinematics = Kinematics(len(bodies) - len(guides), guides, ports, *_attached(bodies, attached), held)
     whole = kinematics.all_bodies(np.array(0.0), whole)
@@ -97,11 +107,27 @@ def bodies_at_start(
     return BodiesAtStart(tuple(bodies), whole, kinematics, given)
 
 
-def _loaded(name: str, keys: BodyKeys, carried: list[MassDistribution]) -> RigidBody:
+def _parted(
+    start: tuple[Floats, Floats, Floats, Floats], body: RigidBody, whole: RigidBody, *, moved: bool
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """The start of a body without the points that it lets go later, which moves as the whole does.
+
+    start : as of `_start_of`, with the velocity, and with `moved` the place, of the centre of the whole
+    """
+    if whole is body:
+        return start
+    place, velocity, attitude, spin = start
+    turn = rotation_matrix(attitude)
+    lever = (np.array(body.centre) - np.array(whole.centre)) @ body.rotation
+    return place + turn @ lever * moved, velocity + turn @ np.cross(spin, lever), attitude, spin
+
+
+def _loaded(name: str, keys: BodyKeys, net: Net, points: list[TiedPoint]) -> RigidBody:
     """A body with the nodes that it carries; one whose motion the case gives keeps its own centre of mass.
 
     A port is the body that its host moves, which carries the nodes.
     """
+    carried = [point_mass(net.mass[one.node], one.point) for one in points]
     if keys.motion in ("free", "port"):
         return make_body(name, keys, carried)
     alone = make_body(name, keys)
@@ -135,6 +161,25 @@ def attached_points(
     for point in tied:
         found[point.body].append(point)
     return found, faults
+
+
+def _apart(
+    attached: Mapping[str, list[TiedPoint]], releases: Collection[str]
+) -> tuple[dict[str, list[TiedPoint]], list[TiedPoint]]:
+    """Points that stay with each body, and those that are released, which keep masses of their own."""
+    stay = {name: [one for one in points if one.tie not in releases] for name, points in attached.items()}
+    return stay, [one for points in attached.values() for one in points if one.tie in releases]
+
+
+def _until_released(
+    bodies: list[RigidBody], net: Net, points: list[TiedPoint], releases: Mapping[str, bool]
+) -> Iterator[Held]:
+    names = [body.name for body in bodies]
+    for one in points:
+        number, node = names.index(one.body), np.array([one.node], dtype=np.int64)
+        arm = bodies[number].in_principal_axes(one.point)[None]
+        start = 0 if releases[one.tie] else 1
+        yield Held(tie_name(one.tie), start, node, number, arm, net.mass[node], one.tie)
 
 
 def _attached(bodies: list[RigidBody], attached: dict[str, list[TiedPoint]]) -> tuple[Ints, Ints, Floats]:

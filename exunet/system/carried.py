@@ -91,7 +91,7 @@ def thrown(
     motion is given, by the case or a host, has given them. Points that are fixed to bodies are not thrown.
     """
     gained = added @ axes.turn.T
-    gained[rigid.kinematics.point[rigid.kinematics.point < len(gained)]] = 0.0
+    gained[rigid.kinematics.tied[rigid.kinematics.tied < len(gained)]] = 0.0
     number = axes.body
     if number is None or not gained.any():
         return gained, rigid, None
@@ -138,7 +138,7 @@ def booked(
     brought = gains["net_kinetic_energy_gained_J"] + float(next(energies) - next(energies))
     given = throw.work if throw.body >= before.kinematics.n_free else 0.0
     carrier = before.bodies[throw.body].name
-    nodes = np.setdiff1d(np.arange(net.n_net_nodes), before.kinematics.point)
+    nodes = np.setdiff1d(np.arange(net.n_net_nodes), before.kinematics.tied)
     event = {"time_s": 0.0, "nodes": len(nodes), "body": carrier, **gains, "energy_lost_J": given - brought}
     return throw._replace(brought=brought, event=event)
 

@@ -31,7 +31,7 @@ def holding(axes: NetAxes, rigid: BodiesAtStart, net: Net, position: Floats) -> 
     Nodes that are attached to bodies are left to these.
     """
     assert axes.body is not None
-    nodes = np.setdiff1d(np.arange(len(position)), rigid.kinematics.point)
+    nodes = np.setdiff1d(np.arange(len(position)), rigid.kinematics.tied)
     states = rigid.states
     turn = rotation_matrix(states.attitude[axes.body])
     arms = (position[nodes] - states.position[axes.body]) @ turn

@@ -12,7 +12,7 @@ from exunet.base.errors import LARGEST, CaseError, Fault
 from exunet.bodies.rigid import rotation_matrix
 from exunet.bodies.touched import surface_of
 from exunet.case.scene import Scene
-from exunet.case.script import begins_a_thrust, begins_control, ejects
+from exunet.case.script import begins_a_thrust, begins_control, ejects, released
 from exunet.forces import thrusters
 from exunet.forces.blocks import Blocks, Inertia, Poses
 from exunet.forces.cable import STRETCH_BOUND
@@ -48,6 +48,7 @@ from exunet.system.drum import Drum
 from exunet.system.ejection import ejecting, holding
 from exunet.system.initial import along_tethers, common_velocity, kicks, packed_state
 from exunet.system.script import script_of
+from exunet.system.set_parameters import with_inputs
 from exunet.system.system import Layout, State, System
 
 Floats = NDArray[np.float64]
@@ -72,7 +73,8 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
     net = net if line is None else with_mass_of(net, line)
     line = line if line is None or begun is None else replace(line, wound=begun.wound(CLOSING))
     reels = reels_of(net, scene.tethers)
-    rigid = bodies_at_start(scene, net, tied, reels, faults, begun)
+    releases = dict.fromkeys(released(scene.script), False) | ({} if begun is None else dict(begun.releases))
+    rigid = bodies_at_start(scene, net, tied, reels, faults, begun, releases)
     axes = net_axes(scene.initial.frame, rigid)
     packed, speed = packed_state(scene, woven) if begun is None else begun.of_nodes(slice(woven.n_nodes))
     position, velocity, added = packed, speed, kicks(scene, woven)
@@ -143,6 +145,7 @@ def system_of(scene: Scene, faults: list[Fault], begun: Begun | None = None) -> 
         forces = replace(forces, kernels=(*forces.kernels, *drawn))
     units = _units(scene, blocks, rigid, thrusters.NAME in lines)
     forces = replace(forces, kernels=(*forces.kernels, *units))
+    forces = with_inputs(forces, scene.script)
     system = System(blocks, forces, rigid.bodies, kinematics, throw, line)
     if scene.script:
         target = None if scene.verdict is None else scene.verdict.target
@@ -211,7 +214,7 @@ def _surfaces(scene: Scene, rigid: BodiesAtStart, reels: tuple[Reel, ...]) -> di
     named = touched_bodies(scene.effects)
     found = {}
     for number, body in enumerate(rigid.bodies):
-        attached = rigid.kinematics.point[rigid.kinematics.body == number]
+        attached = rigid.kinematics.tied[rigid.kinematics.tied_to == number]
         wound = tuple(reel.elements for reel in reels if reel.body == body.name)
         surface = surface_of(body, attached, wound) if body.name in named else None
         if surface is not None:

@@ -170,7 +170,7 @@ def contact_faults(system: System, start: State) -> list[Fault]:
 
 def _attachments(system: System, ends: Ints) -> str:
     """The key of the attachments that put an end of an element where it starts; "" if none does."""
-    on = system.kinematics.body[np.isin(system.kinematics.point, ends)]
+    on = system.kinematics.tied_to[np.isin(system.kinematics.tied, ends)]
     return f"bodies.{system.blocks.rigid[on[0]]}.attachments" if len(on) else ""
 
 

@@ -85,7 +85,7 @@ def watched_weights(sight: Sight, names: Collection[str]) -> Floats:
 
     None also if bodies carry nodes of the net, whose velocities may be some stages old within steps.
     """
-    carried = (sight.system.kinematics.point < sight.system.net.n_net_nodes).any()
+    carried = (sight.system.kinematics.tied < sight.system.net.n_net_nodes).any()
     return np.zeros(0) if carried or not _OF_CENTRE.intersection(names) else weights(sight)
 
 

@@ -15,6 +15,7 @@ from exunet.forces.terms import Input, KernelCall, Memories, Memory
 from exunet.net.closing import NAME as CLOSING
 from exunet.system.quantities import Sight
 from exunet.system.script_events import WAITING, Row, ScriptEvents
+from exunet.system.set_parameters import inputs_of
 from exunet.system.system import System
 
 Floats = NDArray[np.float64]
@@ -59,7 +60,8 @@ class Script:
     @property
     def acts_with(self) -> frozenset[str]:
         """The inputs that it gives."""
-        return frozenset(command_name(one.drive) for one in self.entries if one.drive is not None)
+        drives = frozenset(command_name(one.drive) for one in self.entries if one.drive is not None)
+        return drives | inputs_of(self.entries)
 
 
 def script_of(entries: tuple[Entry, ...], system: System, target: str | None) -> Script:

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from exunet.case.script import QUANTITIES, Entry, drive_of
 from exunet.forces.cable_term import INTACT
 from exunet.forces.effects.thrust import MEMORY as THRUST
-from exunet.forces.effects.thrust import Knots, begun_at, with_factor
+from exunet.forces.effects.thrust import Knots, begun_at
 from exunet.forces.reel import command_name
 from exunet.forces.terms import Change, Memories, Seen
 from exunet.forces.thrusters import MEMORY as CONTROL
@@ -31,6 +31,7 @@ from exunet.system.quantities import (
     seen_memories,
     watched_weights,
 )
+from exunet.system.set_parameters import changed
 from exunet.system.states import States
 
 Floats = NDArray[np.float64]
@@ -320,11 +321,17 @@ class ScriptEvents:
             after = self._cut(entry, every[INTACT])
             told["element"] = int(np.argmax(every[INTACT] != after))
             what |= {"others": {INTACT: after}, "energy_lost": None}
+        elif entry.tie is not None:
+            what |= self._release(entry.tie, time, x, v, every)
+            told |= {"tie": entry.tie, "node": int(self._sight.system.kinematics.ties[entry.tie].points[0])}
         elif entry.do == "thrust":
             what["others"] = {THRUST: begun_at(time, self._knots, float(every[THRUST][2]))}
         elif entry.do == "set":
+            assert entry.on is not None
             assert entry.value is not None
-            what["others"] = {THRUST: with_factor(every[THRUST], entry.value)}
+            does, found = changed(self._sight.system, entry.on, entry.value, (time, x, v), every)
+            what |= does
+            told |= found
         elif entry.do == "control":
             what["others"] = {CONTROL: begun(every[CONTROL], time)}
         elif entry.do == "release_control":
@@ -341,6 +348,13 @@ class ScriptEvents:
         assert entry.on is not None
         after[self._sight.system.net.tether_elements[entry.on].start] = 0.0
         return after
+
+    def _release(self, tie: str, time: float, x: Floats, v: Floats, every: Memories) -> dict[str, Any]:
+        """A point leaves its body with the velocity that it has there, so all keep momenta and energy."""
+        system = self._sight.system
+        moving = system.layout.unpack(x.copy(), v.copy()).completed(system.kinematics, time, every)
+        x, v = system.layout.pack(moving)
+        return {"x": x, "v": v, "others": {system.kinematics.ties[tie].memory: np.zeros(1)}}
 
     def _commands(self, entry: Entry) -> dict[str, Floats]:
         """The input of the drive that an entry acts on."""

@@ -150,6 +150,7 @@ class System:
         found = {memory.name: memory.initial for memory in memories if memory is not None}
         if self.blocks.awake is not None:
             found[AWAKE] = self.blocks.awake
+        found |= {one.memory: np.array([float(one.start)]) for one in self.kinematics.ties.values()}
         return found | {name: one.initial for name, one in self.inputs.items()}
 
     @cached_property

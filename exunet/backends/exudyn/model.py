@@ -47,8 +47,8 @@ class Model:
         self._keep_alive: list[Any] = []  # the engine only borrows the functions it is given
         self._laws: dict[bool, Any] = {}
         self._seen: Coordinates | None = None
-        self._connectors: dict[int, int] = {}  # of elements
-        self._carrying: NDArray[np.bool_] | None = None
+        self._connectors: dict[int, tuple[int, float]] = {}  # of elements: number, stiffness [N]
+        self._carrying: Floats | None = None
         self._bodies: list[int] = []  # their nodes
         self._body_objects: list[int] = []
         self._n_first_order = 0
@@ -125,18 +125,20 @@ class Model:
         self.system.SetObjectParameter(
             number, "springForceUserFunction", self._law(viscous=relaxation_time is not None)
         )
-        self._connectors[element] = number
+        self._connectors[element] = number, float(stiffness)
         return number
 
-    def carry(self, intact: Floats) -> None:
-        """Let the connectors of elements carry, or not: intact (n_elements,) is 1 or 0."""
-        wanted = intact > 0.0
-        before = np.ones(len(wanted), dtype=bool) if self._carrying is None else self._carrying
-        for element in np.flatnonzero(wanted != before).tolist():
+    def carry(self, carrying: Floats) -> None:
+        """Let the connectors of elements carry parts (n_elements,) of their stiffness; 0.0: nothing."""
+        before = np.ones(len(carrying)) if self._carrying is None else self._carrying
+        for element in np.flatnonzero(carrying != before).tolist():
             if element in self._connectors:  # else a kernel has it
-                connector = self._connectors[element]
-                self.system.SetObjectParameter(connector, "activeConnector", bool(wanted[element]))
-        self._carrying = wanted
+                connector, stiffness = self._connectors[element]
+                part = float(carrying[element])
+                self.system.SetObjectParameter(connector, "activeConnector", part > 0.0)
+                if part > 0.0:
+                    self.system.SetObjectParameter(connector, "stiffness", part * stiffness)
+        self._carrying = carrying.copy()
 
     def rigid_body(self, body: RigidBody, state: RigidStates) -> int:
         """Add a body in its principal axes.

@@ -54,11 +54,15 @@ def vector(values: Floats) -> str:
 def _attached(start: Start, body: int) -> str:
     """The nodes that are fixed to a body, whose mass is part of its own."""
     kinematics = start.system.kinematics
-    nodes = kinematics.point[kinematics.body == body]
-    if not len(nodes):
-        return ""
-    mass = float(start.net.mass[nodes].sum())
-    return f"; {mass:g} kg of it are nodes fixed to it: {', '.join(map(str, nodes.tolist()))}"
+    nodes, words = kinematics.point[kinematics.body == body], ""
+    if len(nodes):
+        mass = float(start.net.mass[nodes].sum())
+        words = f"; {mass:g} kg of it are nodes fixed to it: {', '.join(map(str, nodes.tolist()))}"
+    ties = [one for one in kinematics.ties.values() if one.body == body and one.start]
+    if ties:
+        every = ", ".join(f"{one.points[0]} ({one.tie})" for one in ties)
+        words += f"; fixed to it until a script releases them: node {every}"
+    return words
 
 
 def _motion(position: Floats, velocity: Floats) -> str:

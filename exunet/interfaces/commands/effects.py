@@ -19,7 +19,15 @@ from exunet.net import weave
 from exunet.net.closing import Perimeter, closing_of
 from exunet.results.convergence import SURE
 from exunet.results.headlines import DEPLOYMENT, headline
-from exunet.studies.ablation import FOUR, STARTS, Change, ProgressOfRuns, Toggled, ablate
+from exunet.studies.ablation import (
+    FOUR,
+    STARTS,
+    Change,
+    ProgressOfRuns,
+    Toggled,
+    ablate,
+)
+from exunet.studies.ablation import of_closing as closing_of_scene
 from exunet.studies.neighbours import MOVE
 from exunet.system.effect_survey import ASKED, Finding, survey
 
@@ -128,7 +136,7 @@ def _ablation(case: Case, out: Console) -> None:
         "time; what the effect changes in "
         f"the measures, beside the spread of moved starts ({SURE:.0%}); wall time"
     )
-    runs = len(survey(case.scene)) + 1 + STARTS
+    runs = len(survey(case.scene)) + len(closing_of_scene(case.scene)) + 1 + STARTS
     try:
         with _progress(case.scene.time.end, runs) as progress:
             for one in ablate(case.scene, progress=progress):
@@ -143,20 +151,26 @@ def lines_of(one: Toggled) -> list[str]:
     name = f"{one.found.name:17s} {'on ' if one.found.on else 'off'}"
     if one.failure:
         return [f"{name} {one.failure}"]
-    size = "not told apart from moved starts"
+    size, estimated = "not told apart from moved starts", one.found.estimate is not None
     if one.ratio is not None:
         size = f"until {one.until:.3g} s: {one.measured:.1e} of the size"
-        size += f", estimate {one.estimate:.1e} (x {one.ratio:.2g})"
+        size += f", estimate {one.estimate:.1e} (x {one.ratio:.2g})" if estimated else ""
     changes = [_change(change) for change in one.measures] or ["no mouth"]
-    cost = f"wall time x {one.wall:.2f}, its forces estimated x {1.0 + one.found.cost:.2f}"
+    if one.became:
+        counts = ", ".join(f"{number} {name}" for name, number in one.outcomes.items())
+        other = "without it" if one.found.on else "with it"
+        changes.append(f"the target, of {sum(one.outcomes.values())} runs: {counts}; {other}: {one.became}")
+    cost = f"wall time x {one.wall:.2f}"
+    cost += f", its forces estimated x {1.0 + one.found.cost:.2f}" if estimated else ""
     return [f"{name} {size}", *(f"  {words}" for words in (*changes, cost))]
 
 
 def _change(change: Change) -> str:
-    one = headline(_HEADLINES[change.name])
+    one = headline(_HEADLINES.get(change.name, change.name))
     value, spread = (0.0 if abs(each) < _NOTHING else each for each in (change.value, change.spread))
     apart = "" if change.told_apart else ": not told apart"
-    return f"{one.words} {value:+.2g} {one.unit}, spread ± {spread:.1g} {one.unit}{apart}"
+    unit = f" {one.unit}" if one.unit else ""
+    return f"{one.words} {value:+.2g}{unit}, spread ± {spread:.1g}{unit}{apart}"
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from exunet.interfaces.commands.lines import silent, tell
 from exunet.interfaces.commands.naming import folder_of
 from exunet.interfaces.commands.printing import print_table, status
 from exunet.results.digits import printed, unit_of_last_digit
+from exunet.results.endings import words_of_endings
 from exunet.results.ensemble_result import ENSEMBLE_FILE, EnsembleResult, save_ensemble
 from exunet.results.headline import Headline
 from exunet.results.headlines import HEADLINES, headline
@@ -158,6 +159,8 @@ def rows(found: EnsembleResult) -> list[tuple[str, str]]:
     if outcomes := story.get("outcomes"):
         counts = ", ".join(f"{number} {name}" for name, number in outcomes.items())
         table.append(("capture", f"of {found.runs} runs: {counts}"))
+    if words := words_of_endings(story.get("endings", [])):
+        table.append(("ended", f"of {found.runs} runs: {words}"))
     table += [(one.words, _quantiles(one, found)) for one in map(headline, found.headlines)]
     return [*table, *_elements(found), *(("note", words) for words in story.get("notes", []))]
 

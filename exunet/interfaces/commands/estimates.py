@@ -8,7 +8,6 @@ from pathlib import Path
 
 from exunet.base.errors import InputError
 from exunet.base.machine import disk_left, memory_left
-from exunet.case.script import may_end_a_run
 from exunet.codegen.compile import numba_installed
 from exunet.interfaces.commands.waiting import waiting
 from exunet.results.course import COURSE_BYTES
@@ -24,7 +23,7 @@ from exunet.simulation.expected_cost import (
 from exunet.simulation.preparation import Start
 from exunet.simulation.trial import Trial, is_compiled, try_out
 from exunet.studies.ensemble import way_of
-from exunet.studies.spread import BESIDE, ENDED, MOVE, NO_NUMBA, move_of, rounds, runs_within
+from exunet.studies.spread import BESIDE, MOVE, NO_NUMBA, move_of, rounds, runs_within
 
 LONG = 10.0  # [s] from which on a run says what would be cheaper
 _BUDGET = 1.0  # [s] of a trial
@@ -150,8 +149,6 @@ def expected_spread(
         return ExpectedSpread(0)
     if not numba_installed():
         return ExpectedSpread(0, refused=NO_NUMBA)
-    if may_end_a_run(start.scene.script):
-        return ExpectedSpread(0, refused=ENDED)
     cores = os.cpu_count() or 1
     each = seconds_of_a_course(start, trial)
     runs = runs_within(run.seconds, each, cores) if asked is None else asked

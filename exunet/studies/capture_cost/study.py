@@ -14,9 +14,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-from exunet.base.errors import ExunetError, Interrupted, RunStopped
+from exunet.base.errors import ExunetError, InputError, Interrupted, RunStopped
 from exunet.bodies.rigid import RigidStates
 from exunet.case.casefile import Case
+from exunet.case.script import may_end_a_run
 from exunet.net.areas import achievable_area
 from exunet.results.course import Course, course_of
 from exunet.results.spread import COVERING, FEWEST
@@ -26,7 +27,6 @@ from exunet.simulation.run import simulate
 from exunet.studies.capture_cost.judging import Bias, Verdicts, biases, verdicts
 from exunet.studies.capture_cost.settings import Knob, Setting, settings_of, the_case
 from exunet.studies.ensemble import perturbed_bodies_of, perturbed_positions, run_ensemble
-from exunet.studies.moved_starts import refuse_ended
 
 Say = Callable[[str], None]
 Left = Callable[[], float]
@@ -167,7 +167,9 @@ def begun(case: Case, asked: Asked) -> Study:
     Raises what preparing the case raises, and InputError for a script that may end runs, whose moved starts
     cannot be compared.
     """
-    refuse_ended(prepare_case(case))
+    if may_end_a_run(prepare_case(case).scene.script):
+        words = "the script may end each run at another time, and settings are judged over the same times"
+        raise InputError(f"script: {words}: remove the entry that stops")
     rows = [Row(one, reason=one.refused, failed=bool(one.refused)) for one in settings_of(case)]
     return Study(case, asked.runs or 0, asked.move, rows)
 

@@ -1,0 +1,40 @@
+"""Nodes that are fixed to bodies in a result: for good, or until a script released them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from exunet.results.result import Result
+from exunet.results.script_story import done
+
+Ints = NDArray[np.int64]
+
+RELEASES = "releases"  # heading of the provenance: what a script may release; tied: it was not at the start
+
+
+def attached_nodes(result: Result, body: str) -> Ints:
+    """(m,) nodes that are fixed to a body, or were: contact leaves out what ends there, all the time."""
+    fixed = result.bodies[body].nodes
+    parts = [np.zeros(0, dtype=np.int64) if fixed is None else fixed]
+    parts += [np.array([one["node"]]) for one in _of(result, body)]
+    return np.concatenate(parts)
+
+
+def held_until(result: Result, body: str) -> dict[int, float]:
+    """Until when [s] nodes were fixed to a body that a script released from it; infinite: to the end."""
+    every = (one for one in _of(result, body) if one["tied"])
+    return {one["node"]: released_at(result.provenance, one["tie"]) for one in every}
+
+
+def released_at(story: Mapping[str, Any], tie: str) -> float:
+    """When a script released it [s]; infinite if it has not."""
+    return next((float(one["time_s"]) for one in done(story) if one.get("tie") == tie), math.inf)
+
+
+def _of(result: Result, body: str) -> list[dict[str, Any]]:
+    return [one for one in result.provenance.get(RELEASES, []) if one["body"] == body]

@@ -1,0 +1,243 @@
+"""A script sets parameters of a scene: what that changes, against hand calculations, and its energy."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from own_terms import FORMS, continue_alike
+from scipy.integrate import solve_ivp
+from test_script import SCENE, case_of, entry, happened
+
+import exunet
+from exunet.base.errors import CaseError
+from exunet.case.casefile import parse_case
+from exunet.simulation.simulation import Simulation
+
+EVERY = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+# 1 kg falls from where a tether of 100 N and 1 m, on a fixed body, begins to hold it.
+SECTION = math.pi * 0.0005**2
+EA, G = 100.0, 9.81
+HANGS = f"""
+format = 1
+title = "A weight on a tether"
+time = {{ end = 0.6, output_step = 0.02 }}
+solver = {{ method = "RK44", step = 5e-4 }}
+initial.packing = 1.0
+initial.node_positions = [[0.0, 0.0, -1.0]]
+net.topology = "explicit"
+net.nodes = [[0.0, 0.0, -1.0]]
+net.elements = []
+net.node_masses = [1.0]
+net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }}
+effects.gravity.acceleration = [0.0, 0.0, {-G}]
+[bodies.roof]
+mass = 1.0
+inertia = [0.3, 0.4, 0.5]
+motion = "fixed"
+[tethers.tow]
+diameter = 0.001
+density = 1.0
+youngs_modulus = {EA / SECTION!r}
+length = 1.0
+start = {{ body = "roof" }}
+end = {{ node = 0 }}
+"""
+SOFT = entry("soft", at=0.3, do="set", on="tow.youngs_modulus", value=0.4 * EA / SECTION)
+
+
+def tension(length: float, stiffness: float) -> float:
+    """Of a tether of 1 m [N]."""
+    return max(0.0, 0.5 * stiffness * (length**2 - 1.0) * length)
+
+
+def falls(t: float, y: np.ndarray, stiffness: float) -> list[float]:
+    mass = 1.0 + 0.5 * SECTION  # with half of the tether
+    return [y[1], tension(-y[0], stiffness) / mass - G]
+
+
+@EVERY
+def test_a_tether_becomes_softer_while_it_is_stretched(form: str) -> None:
+    """Against the weight's equation of motion, solved by itself; 0.6 of what the tether stored is lost."""
+    result = exunet.run(case_of(SOFT, form, scene=HANGS))
+    times, precise = result.time, {"rtol": 1e-10, "atol": 1e-12}
+    first = solve_ivp(falls, (0.0, 0.3), [-1.0, 0.0], t_eval=times[:16], args=(EA,), **precise)
+    after = solve_ivp(falls, (0.3, 0.6), first.y[:, -1], t_eval=times[15:], args=(0.4 * EA,), **precise)
+    np.testing.assert_allclose(result.position[:16, 0, 2], first.y[0], atol=1e-7)
+    np.testing.assert_allclose(result.position[15:, 0, 2], after.y[0], atol=1e-7)
+    (event,) = result.provenance["script"]
+    stored = 0.5 * EA * (0.5 * (first.y[0, -1] ** 2 - 1.0)) ** 2
+    assert event["energy_lost_J"] == pytest.approx(0.6 * stored, rel=1e-6)
+    balance = result.kinetic + result.elastic + result.potential + result.dissipated
+    assert np.ptp(balance) < 1e-8
+    expected = [tension(-z, 0.4 * EA) for z in result.position[16:, 0, 2]]
+    np.testing.assert_allclose(result.tension[16:, 0], expected, rtol=1e-9)
+
+
+SLIDES = f"""
+format = 1
+title = "A ball slides on a table"
+time = {{ end = 0.3, output_step = 0.01 }}
+solver = {{ method = "RK44", step = 1e-4 }}
+initial.packing = 1.0
+initial.node_positions = [[0.0, 0.0, {0.51 - G / 1e4!r}]]
+initial.node_velocities = [[1.0, 0.0, 0.0]]
+net.topology = "explicit"
+net.nodes = [[0.0, 0.0, 0.0]]
+net.elements = []
+net.node_masses = [1.0]
+net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }}
+effects.gravity.acceleration = [0.0, 0.0, {-G}]
+effects.contact = {{ nodes = ["table"], node_radius = 0.01, law = "linear", node_stiffness = 1e4, damping = 0.0, friction = 0.3, friction_law = "sticking" }}
+[bodies.table]
+shape = "box"
+size = [4.0, 4.0, 1.0]
+edge_radius = 0.1
+mass = 1.0
+motion = "fixed"
+"""  # noqa: E501
+
+
+@EVERY
+def test_friction_of_contact_changes(form: str) -> None:
+    """A ball of 1 kg on a table slows down at mu g, with another mu from 0.1 s, and none from 0.2 s on."""
+    script = entry("rough", at=0.1, do="set", on="contact.friction", value=0.1)
+    script += entry("smooth", at=0.2, do="set", on="contact.friction", value=0.0)
+    result = exunet.run(case_of(script, form, scene=SLIDES))
+    t, speed = result.time, result.velocity[:, 0, 0]
+    expected = 1.0 - G * (0.3 * np.minimum(t, 0.1) + 0.1 * np.clip(t - 0.1, 0.0, 0.1))
+    # The first 1e-3 s it leans against its anchor: 0.3 g of 1 kg on a spring of 5 kN/m.
+    np.testing.assert_allclose(speed, expected, atol=2e-3)
+    lost = 0.5 - 0.5 * speed**2
+    np.testing.assert_allclose(result.states["contact/friction"].values[:, 0], lost, atol=1e-6)
+    balance = result.kinetic + result.potential + result.dissipated
+    assert np.ptp(balance) < 1e-6
+
+
+LIFTS = f"""
+format = 1
+title = "A winch lifts a weight over a ring"
+time = {{ end = 0.9, output_step = 0.01 }}
+solver = {{ method = "RK44", step = 1e-4 }}
+initial.packing = 1.0
+net.topology = "explicit"
+net.cable = {{ diameter = 0.001, density = 1390.0, youngs_modulus = 70e9 }}
+effects.gravity.acceleration = [0.0, 0.0, {-G}]
+net.elements = []
+net.nodes = [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -2.0]]
+net.node_masses = [1.0, 1.0, 1.0]
+net.fixed = [0, 1]
+[closing]
+kind = "line"
+nodes = [1]
+start = {{ node = 0 }}
+end = {{ node = 2 }}
+length = 2.997
+stiffness = 1e4
+linear_density = 0.0
+ring_diameter = 0.001
+friction = 0.3
+[closing.winch]
+shortest = 0.5
+damping = 20.0
+"""
+LIFT = entry("lift", at=0.05, do="close", force=25.0)
+
+
+@EVERY
+def test_friction_of_a_closing_line_changes(form: str) -> None:
+    """The tensions beside the ring have the ratio e^(mu pi / 2) while the winch lifts, with mu as it is then.
+
+    Where mu falls, the line slides at once, and friction takes what it stores less; where it grows, nothing
+    does. All energy is accounted for.
+    """
+    script = LIFT + entry("slip", at=0.4, do="set", on="closing.friction", value=0.1)
+    script += entry("hold", at=0.6, do="set", on="closing.friction", value=0.2)
+    result = exunet.run(case_of(script, form, scene=LIFTS))
+    start, end = (result.states[f"closing/tension_{name}"].values[:, 0] for name in ("start", "end"))
+    for until, friction in ((0.395, 0.3), (0.595, 0.1), (0.895, 0.2)):
+        late = (result.time > until - 0.1) & (result.time < until)
+        np.testing.assert_allclose(start[late] / end[late], math.exp(0.5 * math.pi * friction), rtol=1e-8)
+    _, slip, hold = result.provenance["script"]
+    assert slip["energy_taken_J"] > 1e-4
+    assert hold["energy_taken_J"] == pytest.approx(0.0, abs=1e-12)
+    balance = result.kinetic + result.potential + result.dissipated
+    work = result.states["closing/work"].values[-1, 0]
+    assert np.ptp(balance) < 1e-6 * work
+    lengths = np.array([1.0, -result.position[-1, 2, 2]])  # N^2 L / (2 EA) of each part, nearly
+    stored = 0.5 / 1e4 * np.array([start[-1], end[-1]]) ** 2 @ lengths
+    assert result.states["closing/elastic"].values[-1, 0] == pytest.approx(stored, rel=5e-3)
+
+
+def test_what_a_drive_does_goes_on_with_another_force_or_rate() -> None:
+    """To the last bit as with a command that says both; of what it does not do nothing changes."""
+    fast = ["bodies.right.velocity=[2.0, 0.0, 0.0]", "tethers.tow.reel.paid_out=3.0"]
+    begin = entry("in", at=0.05, do="reel", on="tow", rate=0.4, force=30.0)
+    sets = entry("weak", at=0.2, do="set", on="tow.force", value=10.0)
+    sets += entry("slow", at=0.3, do="set", on="tow.rate", value=0.1)
+    says = entry("weak", at=0.2, do="reel", on="tow", rate=0.4, force=10.0)
+    says += entry("slow", at=0.3, do="reel", on="tow", rate=0.1, force=10.0)
+    hold = entry("hold", at=0.6, do="lock", on="tow")
+    late = entry("late", at=0.7, do="set", on="tow.force", value=1.0)
+    note = entry("late", at=0.7, do="note")
+    ours, theirs = (
+        exunet.run(case_of(begin + one, *fast)) for one in (sets + hold + late, says + hold + note)
+    )
+    assert np.array_equal(ours.position, theirs.position)
+    assert ours.states["tow/wound_up"].values[-1, 0] != 0.2
+    assert [name for name, _ in happened(ours)] == ["in", "weak", "slow", "hold", "late"]
+    last = ours.provenance["script"][-1]["event"]
+    assert last == "set tow.force, which changes nothing: what tow does has no force"
+
+
+@EVERY
+@pytest.mark.parametrize("scene", ["tether", "line"])
+def test_a_snapshot_between_goes_on(tmp_path: Path, form: str, scene: str) -> None:
+    slip = LIFT + entry("slip", at=0.2, do="set", on="closing.friction", value=0.1)
+    text = HANGS + SOFT if scene == "tether" else LIFTS + slip
+    case = parse_case(text, Path("set.toml"), [form])
+    one, other = Simulation(case), Simulation(case)
+    one.advance_to(0.35)
+    continue_alike(one, other, 0.5, tmp_path)
+
+
+def refused(script: str, *overrides: str, scene: str = SCENE) -> str:
+    with pytest.raises(CaseError) as error:
+        case_of(script, *overrides, scene=scene)
+    return str(error.value)
+
+
+def test_what_may_be_set_is_a_closed_list_with_bounds() -> None:
+    def sets(what: str, value: float = 1.0) -> str:
+        return entry("set", at=0.1, do="set", on=what, value=value)
+
+    commands = 'tethers.tow.reel.commands=[{at=0.2, mode="lock"}]'
+    breaking = "effects.breaking={strain=0.5}"
+    bare = SLIDES.replace('friction = 0.3, friction_law = "sticking"', "friction = 0.0")
+    stiffest = "must be greater than 0 and not above 1.27324e+08, that of the case, for which the step is"
+    wrong = (
+        (sets("tow"), "on: 'tow' is no parameter that a script sets (those that are, here: tow.rate, tow.f"),
+        (sets("contact.friction"), "on: contact.friction needs [effects.contact]"),
+        (sets("closing.friction"), "on: closing.friction needs a closing line"),
+        (sets("tow.rate", 0.0), "value: must be greater than 0, got 0"),
+        (sets("tow.youngs_modulus"), "on: 'tow' has a reel, whose outlet keeps its stiffness"),
+    )
+    for script, words in wrong:
+        told = refused(script)
+        assert told.startswith("script.toml:")
+        assert f"script[0].{words}" in told
+    assert "'tow' has commands of its own" in refused(sets("tow.force"), commands)
+    weak = refused(sets("tow.force"), "tethers.tow.reel.damping=")
+    assert "needs the damping of the drive of 'tow'" in weak
+    assert stiffest in refused(sets("tow.youngs_modulus", 2e9), scene=HANGS)
+    most = refused(sets("closing.friction", 3.0), scene=LIFTS)
+    assert "must be greater than 0 and not above 2, got 3" in most
+    smooth = refused(sets("closing.friction", 0.1), "closing.friction=0.0", scene=LIFTS)
+    assert "the line slides without friction" in smooth
+    rough = refused(sets("contact.friction", 0.1), scene=bare)
+    assert "needs effects.contact.friction_law" in rough
+    assert "excludes [effects.breaking]" in refused(sets("tow.youngs_modulus", 1e3), breaking, scene=HANGS)
+    both = sets("tow.rate", 0.1) + entry("other", at=0.1, do="set", on="tow.rate", value=0.2)
+    assert "contradicts set, which acts on tow.rate at the same time" in refused(both)
