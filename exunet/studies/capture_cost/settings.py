@@ -147,7 +147,7 @@ def _sizes(start: Start) -> list[Setting]:
     """Steps up to the stable one, or tolerances, the coarsest first."""
     plan, found = start.plan, list[Setting]()
     for factor, name in (_STEPS if plan.step is not None else _TOLERANCES).items():
-        if plan.step is None or factor <= 1.0 or factor * plan.step <= _stable(start):
+        if plan.step is None or factor <= 1.0 or factor * plan.step <= stable_of(start):
             size, work = _sized(plan, factor)
             found.append(Setting(Knob.SIZE, name, solver(plan, size), size, work))
     return found
@@ -161,7 +161,7 @@ def _with_divisions(case: Case, start: Start) -> Setting:
         other = prepare_case(free)
     except CaseError as error:
         return Setting(Knob.DIVISIONS, name, refused=_first_line(error))
-    ratio = 1.0 if plan.step is None else min(1.0, _stable(other) / _stable(start))
+    ratio = 1.0 if plan.step is None else min(1.0, stable_of(other) / stable_of(start))
     size, work = _sized(plan, ratio)
     more = other.net.n_elements / max(1, start.net.n_elements)
     work *= more if plan.step is not None else more**2  # whose steps follow by themselves
@@ -172,7 +172,7 @@ def _first_line(error: Exception) -> str:
     return str(error).split("\n", maxsplit=1)[0]
 
 
-def _stable(start: Start) -> float:
+def stable_of(start: Start) -> float:
     """Stable step [s] of the scene by its method."""
     system = start.system
     return stable_step(start.plan.method, largest_frequency(system), largest_damping_rate(system))
