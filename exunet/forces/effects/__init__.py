@@ -160,7 +160,9 @@ def _brought(what: str, effects: Table) -> Iterator[Any]:
 def touched_bodies(effects: Table) -> frozenset[str]:
     """Names of the rigid bodies that something touches."""
     on: Any = switched_on(effects).get("contact")
-    return frozenset() if on is None else frozenset((*on.threads, *on.nodes, *on.bullets))
+    if on is None:
+        return frozenset()
+    return frozenset((*on.threads, *on.nodes, *on.bullets, *(name for pair in on.bodies for name in pair)))
 
 
 def from_outside(effects: Table) -> tuple[str, ...]:

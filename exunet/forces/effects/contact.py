@@ -1,4 +1,4 @@
-"""Contact of threads, nodes and bullets with rigid bodies.
+"""Contact of threads, nodes and bullets with rigid bodies, and of these with each other.
 
 Penalty with Hunt and Crossley's damping across the surface, Coulomb friction along it; see
 `exunet.forces.contact`, and for the equations cases/README.md.
@@ -17,6 +17,7 @@ from exunet.base.errors import Fault
 from exunet.base.faults import each
 from exunet.base.table import FromArray, NonNegative, Positive
 from exunet.forces.blocks import Blocks, FirstOrder
+from exunet.forces.contact.bodies import BodyLaw, body_contact
 from exunet.forces.contact.damping_keys import DampingKeys, damped
 from exunet.forces.contact.law import hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.spheres import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
@@ -28,15 +29,16 @@ from exunet.forces.terms import KernelTerm
 TOUCHES_BODIES = True
 
 Names = Annotated[tuple[str, ...], FromArray]
+Pairs = Annotated[tuple[Annotated[tuple[str, str], FromArray], ...], FromArray]
 
 
 class Keys(DampingKeys):
-    """Threads, nodes and bullets touch bodies."""
+    """Threads, nodes and bullets touch bodies, and bodies each other."""
 
     model_config = ConfigDict(
         json_schema_extra={
             "allOf": [
-                {"anyOf": [{"required": [what]} for what in ("threads", "nodes", "bullets")]},
+                {"anyOf": [{"required": [what]} for what in ("threads", "nodes", "bullets", "bodies")]},
                 {"oneOf": [{"required": ["damping"]}, {"required": ["restitution", "impact_speed"]}]},
                 {
                     "dependentRequired": {
@@ -54,6 +56,7 @@ class Keys(DampingKeys):
                             "stiffness": False,
                             "node_stiffness": False,
                             "bullet_stiffness": False,
+                            "body_stiffness": False,
                         },
                     },
                     "else": {
@@ -64,6 +67,8 @@ class Keys(DampingKeys):
                             "node_stiffness": ["nodes"],
                             "bullets": ["bullet_stiffness"],
                             "bullet_stiffness": ["bullets"],
+                            "bodies": ["body_stiffness"],
+                            "body_stiffness": ["bodies"],
                         },
                         "properties": {"modulus": False},
                     },
@@ -77,11 +82,22 @@ class Keys(DampingKeys):
                         "required": ["slip_speed"],
                         "properties": {"tangential_ratio": False, "tangential_damping": False},
                     },
-                    "else": {"properties": {"slip_speed": False}},
+                    "else": {
+                        "if": {"required": ["bodies"]},
+                        "else": {"properties": {"slip_speed": False}},
+                    },
                 },
                 {
                     "if": {"properties": {"friction": {"exclusiveMinimum": 0.0}}, "required": ["friction"]},
-                    "then": {"required": ["friction_law"]},
+                    "then": {
+                        "required": ["friction_law"],
+                        "if": {"required": ["bodies"]},
+                        "then": {"required": ["slip_speed"]},
+                    },
+                },
+                {
+                    "if": {"not": {"anyOf": [{"required": [what]} for what in ("threads", "nodes", "bullets")]}},
+                    "then": {"properties": {"friction_law": {"const": "regularised"}}},
                 },
             ]
         }
@@ -95,6 +111,9 @@ class Keys(DampingKeys):
     )
     bullets: Names = Field(
         (), description="names of the bodies that bullets touch, as spheres", examples=[["chaser"]]
+    )
+    bodies: Pairs = Field(
+        (), description="pairs of names of bodies that touch each other", examples=[[["chaser", "target"]]]
     )
     node_radius: Positive | None = Field(None, description="of the nodes [m]; for nodes", examples=[0.01])
     bullet_radius: Positive | None = Field(
@@ -112,6 +131,11 @@ class Keys(DampingKeys):
     bullet_stiffness: Positive | None = Field(
         None, description='k, force per depth [N/m]; "linear", for bullets', examples=[2e4]
     )
+    body_stiffness: Positive | None = Field(
+        None,
+        description='k, force per depth of a ball or a corner [N/m]; "linear", for bodies',
+        examples=[2e4],
+    )
     modulus: Positive | None = Field(
         None, description='E*, effective modulus of both materials [Pa]; "hertz"', examples=[1e6]
     )
@@ -126,7 +150,9 @@ class Keys(DampingKeys):
         0.1, description='part of critical damping along the surface; "sticking"'
     )
     slip_speed: Positive | None = Field(
-        None, description='v_s, speed from which friction is full [m/s]; "regularised"', examples=[1e-3]
+        None,
+        description='v_s, speed from which friction is full [m/s]; "regularised", and of bodies',
+        examples=[1e-3],
     )
 
     @property
@@ -136,6 +162,11 @@ class Keys(DampingKeys):
             assert self.slip_speed is not None
             return Friction(self.friction, self.slip_speed)
         return Friction(self.friction, 0.0, self.tangential_ratio, self.tangential_damping)
+
+    @property
+    def between_bodies(self) -> Friction:
+        """Of bodies, which have no memory."""
+        return Friction(self.friction, self.slip_speed or 0.0)
 
     @property
     def of_threads(self) -> float:
@@ -155,6 +186,14 @@ class Keys(DampingKeys):
         """Of spheres of the bullets' radius."""
         return self._of_spheres(self.bullet_radius, self.bullet_stiffness)
 
+    @property
+    def of_bodies(self) -> BodyLaw:
+        """Of corners, balls and edges."""
+        if self.modulus is not None:
+            return BodyLaw(hertz_of_sphere(self.modulus, 1.0), 1.5, hertz_of_line(self.modulus), self.a)
+        assert self.body_stiffness is not None
+        return BodyLaw(self.body_stiffness, 1.0, None, self.a)
+
     def _of_spheres(self, radius: float | None, stiffness: float | None) -> SphereLaw:
         assert radius is not None
         if self.modulus is not None:
@@ -171,6 +210,7 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
         _named(keys, rest, "threads"),
         _named(keys, rest, "nodes"),
         _named(keys, rest, "bullets"),
+        _paired(keys, rest),
         _not_twice(keys),
         _spheres(keys, rest),
         _of_law(keys),
@@ -180,10 +220,9 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
 
 
 def _some_pair(keys: Keys) -> Iterator[Fault]:
-    if not (keys.threads or keys.nodes or keys.bullets):
-        yield Fault(
-            "", "names nothing that touches: give threads or nodes, bullets, or both, with names of bodies"
-        )
+    if not (keys.threads or keys.nodes or keys.bullets or keys.bodies):
+        words = "give threads or nodes, bullets, or both, with names of bodies, or bodies with pairs of them"
+        yield Fault("", f"names nothing that touches: {words}")
 
 
 def _named(keys: Keys, rest: RestOfCase, key: str) -> Iterator[Fault]:
@@ -191,12 +230,61 @@ def _named(keys: Keys, rest: RestOfCase, key: str) -> Iterator[Fault]:
     for k, name in enumerate(names):
         place = f"{key}[{k}]"
         if name not in rest.bodies:
-            there = ", ".join(rest.bodies) or "none"
-            yield Fault(place, f"there is no body {name!r}: bodies are {there}")
+            yield _not_there(name, rest, place)
         elif name in names[:k]:
             yield Fault(place, f"{name} is named twice")
         else:
             yield from _touchable(rest.scene.bodies[name], name, place)
+
+
+def _not_there(name: str, rest: RestOfCase, place: str) -> Fault:
+    there = ", ".join(rest.bodies) or "none"
+    return Fault(place, f"there is no body {name!r}: bodies are {there}")
+
+
+def _paired(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
+    seen = set()
+    for k, pair in enumerate(keys.bodies):
+        one, other = pair
+        place = f"bodies[{k}]"
+        missing = [name for name in dict.fromkeys(pair) if name not in rest.bodies]
+        for name in missing:
+            yield _not_there(name, rest, f"{place}[{pair.index(name)}]")
+        if one == other:
+            yield Fault(place, f"{one} cannot touch itself: give two bodies")
+        elif frozenset(pair) in seen:
+            yield Fault(place, f"{one} and {other} are named twice")
+        elif not missing:
+            wrong = [
+                fault
+                for m, name in enumerate(pair)
+                for fault in _touchable(rest.scene.bodies[name], name, f"{place}[{m}]")
+            ]
+            yield from wrong
+            if not wrong:
+                yield from _fit(rest, pair, place)
+        seen.add(frozenset(pair))
+
+
+_PRESSING = ("sphere", "box", "capsule")
+
+
+def _fit(rest: RestOfCase, pair: tuple[str, str], place: str) -> Iterator[Fault]:
+    """Round sides press on nothing but balls: there is no corner or edge that would meet them first."""
+    one, other = (_shapes(rest.scene.bodies[name]) for name in pair)
+    for name, shapes, partner, theirs in (*zip(pair, (one, other), pair[::-1], (other, one), strict=True),):
+        curved = [shape for shape in shapes if shape not in _PRESSING]
+        if curved and any(shape != "sphere" for shape in theirs):
+            words = f"{name} has a {curved[0]}, which touches spheres only, and {partner} is no sphere"
+            yield Fault(place, f"{words}: build both of boxes, spheres and capsules, as parts")
+            return
+
+
+def _shapes(body: Any) -> list[str]:
+    """Of a body, or of its parts."""
+    if body is None:
+        return []
+    return [body.shape] if body.is_given("shape") else [part.shape for part in body.parts.values()]
 
 
 def _touchable(body: Any, name: str, place: str) -> Iterator[Fault]:
@@ -207,7 +295,7 @@ def _touchable(body: Any, name: str, place: str) -> Iterator[Fault]:
             place, f"{name} is a mesh: contact knows solids and bodies of parts, so build it of parts"
         )
         return
-    shapes = [body.shape] if body.is_given("shape") else [part.shape for part in body.parts.values()]
+    shapes = _shapes(body)
     if not shapes:
         yield Fault(place, f"{name} has no shape that could be touched: give it shape or parts")
     sharp = [shape for shape in shapes if shape not in ("sphere", "capsule")]
@@ -243,6 +331,7 @@ def _of_law(keys: Keys) -> Iterator[Fault]:
         "stiffness": keys.law == "linear" and bool(keys.threads),
         "node_stiffness": keys.law == "linear" and bool(keys.nodes),
         "bullet_stiffness": keys.law == "linear" and bool(keys.bullets),
+        "body_stiffness": keys.law == "linear" and bool(keys.bodies),
     }
     for key, needed in wanted.items():
         if needed and not keys.is_given(key):
@@ -257,8 +346,13 @@ def _rubs(keys: Keys) -> Iterator[Fault]:
     smooth = keys.is_given("friction_law") and keys.friction_law == "regularised"
     if smooth and not keys.is_given("slip_speed"):
         yield Fault("", 'needs slip_speed, for friction_law = "regularised"')
-    if keys.is_given("slip_speed") and not smooth:
-        yield Fault("slip_speed", 'is for friction_law = "regularised"')
+    elif keys.bodies and keys.friction > 0.0 and not keys.is_given("slip_speed"):
+        yield Fault("", "needs slip_speed, as friction of bodies on bodies has no memory")
+    if keys.is_given("slip_speed") and not (smooth or keys.bodies):
+        yield Fault("slip_speed", 'is for friction_law = "regularised", and bodies that touch each other')
+    if keys.is_given("friction_law") and not (smooth or keys.threads or keys.nodes or keys.bullets):
+        words = 'bodies touch each other with friction that has no memory: give "regularised"'
+        yield Fault("friction_law", words)
     for key in ("tangential_ratio", "tangential_damping"):
         if keys.is_given(key) and smooth:
             yield Fault(key, 'is for friction_law = "sticking"')
@@ -275,7 +369,7 @@ def internal(keys: Keys) -> bool:
 
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
-    """A term for each body that threads touch, for each that nodes touch, and for each that bullets touch."""
+    """A term for each body that threads touch, that nodes touch and that bullets touch; of pairs one or two."""
     found = []
     for body in keys.threads:
         inside = np.arange(blocks.net.n_net_elements if body == blocks.carrier else 0)
@@ -286,6 +380,8 @@ def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
     found += [
         _balls(keys, blocks, bullets, body, keys.bullet_radius, keys.of_bullets) for body in keys.bullets
     ]
+    for pair in keys.bodies:
+        found += body_contact(blocks, pair, keys.of_bodies, keys.between_bodies)
     return tuple(found)
 
 
