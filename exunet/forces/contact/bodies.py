@@ -1,18 +1,18 @@
 """Contact of two rigid bodies: corners, balls and edges of the one, pressed into the other's surface.
 
-A body presses with what its core is made of: a ball with its middle, a capsule with its axis and both ends of
-that, a box with its eight corners and twelve edges. Where two rounded boxes overlap, a corner or an edge of one
-of them at least is nearer to the other's core than both roundings together, because the nearest points of two
-polyhedra that do not meet are a corner and a face, or two edges. So nothing is missed, and forces are
-continuous where the nearest points of two bodies are not: of face on face all corners and edges press that lie
-on it. Each way is a term of its own, and a body that has nothing to press with has none. A ball and a solid
-are counted once, by the ball, so that this is exact.
+A body presses with what its core is made of: a ball with its middle, a capsule with its axis and both ends
+of that, a box with its eight corners and twelve edges. Where two rounded boxes overlap, a corner or an edge
+of one of them at least is nearer to the other's core than both roundings together, because the nearest points
+of two polyhedra that do not meet are a corner and a face, or two edges. So nothing is missed, and forces are
+continuous where the nearest points of two bodies are not: of face on face all corners and edges press that
+lie on it. Each way is a term of its own, and a body that has nothing to press with has none. A ball and a
+solid are counted once, by the ball, so that this is exact.
 """
 
 from __future__ import annotations
 
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,42 +209,28 @@ def _contact_of(
         few = ball if len(ball_radius) else np.zeros(len(ball), dtype=bool)
         none = np.zeros(0)
         frame = Frame(frame.corner[few], frame.thick[few], frame.is_ball[few], np.zeros((0, 2, 3)), none)
+    springs = _springs(frame, law, _only_ball(mine), _only_ball(surface))
+    edges = law.stiffness / (frame.thickness + rounding)
+    if law.modulus is not None:
+        edges = np.full(len(frame.thickness), law.modulus)
     number = len(others.kind)
-    return BodyContact(
-        *frame,
-        _springs(frame, law, _only_ball(mine), _only_ball(surface)),
-        np.full(len(frame.thickness), law.modulus)
-        if law.modulus is not None
-        else law.stiffness / (frame.thickness + rounding),
-        ball_place,
-        ball_radius,
-        *others,
-        _reach(surface),
-        _reach(mine),
-        surface.allowed + mine.allowed,
-        min(surface.least, mine.least),
-        *(where(touched) for where in (blocks.centre, blocks.attitude, blocks.spin)),
-        *(where(presses) for where in (blocks.centre, blocks.attitude, blocks.spin)),
-        blocks.rate("contact/damping"),
-        1.0,
-        law.damping,
-        law.exponent,
-        rubbing.friction,
-        rubbing.slip_speed,
+    parts = (*frame, springs, edges, ball_place, ball_radius, *others)
+    bounds = (_reach(surface), _reach(mine), surface.allowed + mine.allowed, min(surface.least, mine.least))
+    entries = (*_entries(blocks, touched), *_entries(blocks, presses), blocks.rate("contact/damping"))
+    laws = (1.0, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed)
+    rooms = (7, (3, 3), (3, 3), (3, 3), 3, 6, 6, (number, 6), (number, 2), 16 * number, 12)
+    values: tuple[Any, ...] = (
+        *(*parts, *bounds, *entries, *laws),
         untouched(np.zeros(0)),
-        np.zeros(7),
-        np.zeros((3, 3)),
-        np.zeros((3, 3)),
-        np.zeros((3, 3)),
-        np.zeros(3),
-        np.zeros(6),
-        np.zeros(6),
-        np.zeros((number, 6)),
-        np.zeros((number, 2)),
-        np.zeros(16 * number),
-        np.zeros(12),
+        *map(np.zeros, rooms),
         gauss_rules(2, 4, 8),
     )
+    return BodyContact(*values)
+
+
+def _entries(blocks: Blocks, body: str) -> tuple[int, int, int]:
+    """Where the entries of a body begin: centre, attitude, spin."""
+    return blocks.centre(body), blocks.attitude(body), blocks.spin(body)
 
 
 def _only_ball(surface: Surface) -> float:
@@ -317,14 +303,12 @@ def _stiffness_rate(blocks: Blocks, presses: str, touched: str, data: BodyContac
         boxes = blocks.surfaces[touched].cores.boxes
         low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
         corners = product(*zip(low, high, strict=True))
-        rate += max(
-            _fastest(blocks, touched, np.array([one]), np.full(1, total)) for one in corners
-        )
+        rate += max(_fastest(blocks, touched, np.array([one]), np.full(1, total)) for one in corners)
     return rate
 
 
 def _fastest(blocks: Blocks, body: str, places: Floats, stiffness: Floats) -> float:
-    """Largest eigenvalue [1/s2] of a free body held by springs (n,) [N/m], in all directions, at places (n, 3)."""
+    """Largest eigenvalue [1/s2] of a free body that springs (n,) [N/m] hold at places (n, 3), all ways."""
     number = blocks.free_bodies.index(body)
     inertia = np.concatenate([np.full(3, blocks.inertia.mass[number]), blocks.inertia.moments[number]])
     held = np.zeros((6, 6))

@@ -9,7 +9,6 @@ body's centre, handed on to both bodies at the end.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from exunet.forces.contact.core_loops import core_gradient

@@ -49,8 +49,8 @@ def trouble_of_bodies(values: Floats, presses: str, touched: str, allowed: float
     when = f"at t = {status.wrong_time:.6g} s"
     if status.wrong == TOO_DEEP:
         return (
-            f"{presses} is deeper than {allowed:.3g} m in {touched} {when}: it may come out on the other side "
-            f"of an edge, or of the body. Make effects.contact.body_stiffness or modulus larger, steps "
+            f"{presses} is deeper than {allowed:.3g} m in {touched} {when}: it may come out on the other "
+            f"side of an edge, or of the body. Make effects.contact.body_stiffness or modulus larger, steps "
             f"smaller, or edge_radius of bodies.{presses} or bodies.{touched} larger"
         )
     if status.wrong == TOO_FAST:

@@ -165,6 +165,12 @@ def touched_bodies(effects: Table) -> frozenset[str]:
     return frozenset((*on.threads, *on.nodes, *on.bullets, *(name for pair in on.bodies for name in pair)))
 
 
+def touching_pairs(effects: Table) -> frozenset[frozenset[str]]:
+    """Pairs of names of the rigid bodies that touch each other."""
+    on: Any = switched_on(effects).get("contact")
+    return frozenset() if on is None else frozenset(frozenset(pair) for pair in on.bodies)
+
+
 def from_outside(effects: Table) -> tuple[str, ...]:
     """Names of the effects that give the scene momentum, or angular momentum."""
     on = switched_on(effects).items()

@@ -96,7 +96,9 @@ class Keys(DampingKeys):
                     },
                 },
                 {
-                    "if": {"not": {"anyOf": [{"required": [what]} for what in ("threads", "nodes", "bullets")]}},
+                    "if": {
+                        "not": {"anyOf": [{"required": [what]} for what in ("threads", "nodes", "bullets")]}
+                    },
                     "then": {"properties": {"friction_law": {"const": "regularised"}}},
                 },
             ]
@@ -369,7 +371,7 @@ def internal(keys: Keys) -> bool:
 
 
 def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
-    """A term for each body that threads touch, that nodes touch and that bullets touch; of pairs one or two."""
+    """A term for each body that threads, nodes and bullets touch, each its own; of pairs one or two."""
     found = []
     for body in keys.threads:
         inside = np.arange(blocks.net.n_net_elements if body == blocks.carrier else 0)
