@@ -71,7 +71,7 @@ class BodyContact(NamedTuple):
     """What of one body may press into another, this one's surface, the law and work space.
 
     corner, thick, is_ball, edge, thickness : as `Frame`
-    spring   : (m,) k [N/m^n]; edge_stiffness : (e,) K [N/m2]
+    spring   : (m,) k [N/m^n]; edge_stiffness : (e,) K L of edges of length L [N/m]
     ball_place, ball_radius : (b, 3), (b,) balls of the touched body, on which balls alone press
     kind, numbers, place, turn, rounding, boxes : as `Cores`, of its other solids
     reach, from_reach : radius of a ball about the centre of mass that has all of it: of the touched body, of
@@ -210,11 +210,10 @@ def _contact_of(
         none = np.zeros(0)
         frame = Frame(frame.corner[few], frame.thick[few], frame.is_ball[few], np.zeros((0, 2, 3)), none)
     springs = _springs(frame, law, _only_ball(mine), _only_ball(surface))
-    edges = law.stiffness / (frame.thickness + rounding)
-    if law.modulus is not None:
-        edges = np.full(len(frame.thickness), law.modulus)
+    edges = law.stiffness / (frame.thickness + rounding) if law.modulus is None else law.modulus
     number = len(others.kind)
-    parts = (*frame, springs, edges, ball_place, ball_radius, *others)
+    length = np.linalg.norm(frame.edge[:, 1] - frame.edge[:, 0], axis=1)
+    parts = (*frame, springs, edges * length, ball_place, ball_radius, *others)
     bounds = (_reach(surface), _reach(mine), surface.allowed + mine.allowed, min(surface.least, mine.least))
     entries = (*_entries(blocks, touched), *_entries(blocks, presses), blocks.rate("contact/damping"))
     laws = (1.0, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed)
@@ -222,7 +221,7 @@ def _contact_of(
     values: tuple[Any, ...] = (
         *(*parts, *bounds, *entries, *laws),
         untouched(np.zeros(0)),
-        *map(np.zeros, rooms),
+        *(np.zeros(room) for room in rooms),
         gauss_rules(2, 4, 8),
     )
     return BodyContact(*values)
@@ -282,10 +281,10 @@ _HELPERS = (
 
 
 def steepest(data: BodyContact) -> tuple[Floats, Floats]:
-    """(m,) the largest stiffness [N/m] of each corner or ball, and (e,) of each edge all along."""
+    """(m,) the largest stiffness [N/m] of each corner or ball, and (e,) of each edge, on all of the other."""
     slope = data.spring * data.exponent * data.allowed ** (data.exponent - 1.0)
     length = np.linalg.norm(data.edge[:, 1] - data.edge[:, 0], axis=1)
-    return slope, data.edge_stiffness * length
+    return slope, data.edge_stiffness * np.minimum(1.0, 2.0 * data.reach / length)
 
 
 def _stiffness_rate(blocks: Blocks, presses: str, touched: str, data: BodyContact) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field
@@ -22,6 +22,7 @@ from exunet.forces.contact.damping_keys import DampingKeys, damped
 from exunet.forces.contact.law import hertz_of_line, hertz_of_sphere
 from exunet.forces.contact.spheres import Balls, SphereLaw, bullets_of, nodes_of, sphere_contact
 from exunet.forces.contact.threads import Friction, thread_contact
+from exunet.forces.contact.touchable import named, paired
 from exunet.forces.estimate import Estimate, EstimateBasis
 from exunet.forces.requirements import RestOfCase
 from exunet.forces.terms import KernelTerm
@@ -209,10 +210,10 @@ def cross_checks(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
     """Pairs of things that are there, and the keys that each choice needs, and no other."""
     yield from each(
         _some_pair(keys),
-        _named(keys, rest, "threads"),
-        _named(keys, rest, "nodes"),
-        _named(keys, rest, "bullets"),
-        _paired(keys, rest),
+        named(keys, rest, "threads"),
+        named(keys, rest, "nodes"),
+        named(keys, rest, "bullets"),
+        paired(keys, rest),
         _not_twice(keys),
         _spheres(keys, rest),
         _of_law(keys),
@@ -225,88 +226,6 @@ def _some_pair(keys: Keys) -> Iterator[Fault]:
     if not (keys.threads or keys.nodes or keys.bullets or keys.bodies):
         words = "give threads or nodes, bullets, or both, with names of bodies, or bodies with pairs of them"
         yield Fault("", f"names nothing that touches: {words}")
-
-
-def _named(keys: Keys, rest: RestOfCase, key: str) -> Iterator[Fault]:
-    names = getattr(keys, key)
-    for k, name in enumerate(names):
-        place = f"{key}[{k}]"
-        if name not in rest.bodies:
-            yield _not_there(name, rest, place)
-        elif name in names[:k]:
-            yield Fault(place, f"{name} is named twice")
-        else:
-            yield from _touchable(rest.scene.bodies[name], name, place)
-
-
-def _not_there(name: str, rest: RestOfCase, place: str) -> Fault:
-    there = ", ".join(rest.bodies) or "none"
-    return Fault(place, f"there is no body {name!r}: bodies are {there}")
-
-
-def _paired(keys: Keys, rest: RestOfCase) -> Iterator[Fault]:
-    seen = set()
-    for k, pair in enumerate(keys.bodies):
-        one, other = pair
-        place = f"bodies[{k}]"
-        missing = [name for name in dict.fromkeys(pair) if name not in rest.bodies]
-        for name in missing:
-            yield _not_there(name, rest, f"{place}[{pair.index(name)}]")
-        if one == other:
-            yield Fault(place, f"{one} cannot touch itself: give two bodies")
-        elif frozenset(pair) in seen:
-            yield Fault(place, f"{one} and {other} are named twice")
-        elif not missing:
-            wrong = [
-                fault
-                for m, name in enumerate(pair)
-                for fault in _touchable(rest.scene.bodies[name], name, f"{place}[{m}]")
-            ]
-            yield from wrong
-            if not wrong:
-                yield from _fit(rest, pair, place)
-        seen.add(frozenset(pair))
-
-
-_PRESSING = ("sphere", "box", "capsule")
-
-
-def _fit(rest: RestOfCase, pair: tuple[str, str], place: str) -> Iterator[Fault]:
-    """Round sides press on nothing but balls: there is no corner or edge that would meet them first."""
-    one, other = (_shapes(rest.scene.bodies[name]) for name in pair)
-    for name, shapes, partner, theirs in (*zip(pair, (one, other), pair[::-1], (other, one), strict=True),):
-        curved = [shape for shape in shapes if shape not in _PRESSING]
-        if curved and any(shape != "sphere" for shape in theirs):
-            words = f"{name} has a {curved[0]}, which touches spheres only, and {partner} is no sphere"
-            yield Fault(place, f"{words}: build both of boxes, spheres and capsules, as parts")
-            return
-
-
-def _shapes(body: Any) -> list[str]:
-    """Of a body, or of its parts."""
-    if body is None:
-        return []
-    return [body.shape] if body.is_given("shape") else [part.shape for part in body.parts.values()]
-
-
-def _touchable(body: Any, name: str, place: str) -> Iterator[Fault]:
-    if body is None:
-        return
-    if body.is_given("shape") and body.shape == "mesh":
-        yield Fault(
-            place, f"{name} is a mesh: contact knows solids and bodies of parts, so build it of parts"
-        )
-        return
-    shapes = _shapes(body)
-    if not shapes:
-        yield Fault(place, f"{name} has no shape that could be touched: give it shape or parts")
-    sharp = [shape for shape in shapes if shape not in ("sphere", "capsule")]
-    if sharp and not (body.is_given("edge_radius") and body.edge_radius > 0.0):
-        yield Fault(
-            place,
-            f"{name} has sharp edges, over which the direction of a force would jump: give "
-            f"bodies.{name}.edge_radius, at least what threads may press in",
-        )
 
 
 def _not_twice(keys: Keys) -> Iterator[Fault]:
