@@ -101,7 +101,8 @@ WRONG: dict[str, tuple[dict[str, str], str]] = {
     ),
     "general": (
         {'engine.loop = "compiled"': 'engine = { loop = "exudyn", contact = "general" }'},
-        r":13: effects\.contact\.bodies: engine\.contact = \"general\" lets points touch bodies, not bodies each",
+        r":13: effects\.contact\.bodies: engine\.contact = \"general\" lets points touch bodies, not "
+        r"bodies each other",
     ),
     "overlap at the start": (
         {"position = [1.0, 0.0, 0.0]": "position = [0.4, 0.0, 0.0]"},
@@ -119,5 +120,5 @@ def test_what_is_wrong_is_refused_with_its_line(name: str, tmp_path: Path) -> No
 def test_the_reference_tells_that_it_lacks_it(tmp_path: Path) -> None:
     path = written(tmp_path)
     path.write_text(path.read_text() + MORE)
-    with pytest.raises(ValueError, match="reference_impl does not know effects.contact.bodies"):
+    with pytest.raises(ValueError, match=r"reference_impl does not know effects\.contact\.bodies"):
         reference_impl.load(path)

@@ -319,7 +319,9 @@ def nominal(basis: EstimateBasis) -> None:
 
 
 def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
-    """What a full stop of the net by a body would change."""
+    """What a full stop of the net by a body would change; without one, that of bodies by each other."""
+    if not (keys.threads or keys.nodes or keys.bullets):
+        return _of_meetings(keys, basis)
     speed = basis.speed
     length = float(basis.net.reference_length.sum())
     mass = float(basis.net.mass.sum())
@@ -329,3 +331,23 @@ def magnitude(keys: Keys, basis: EstimateBasis) -> Estimate:
         stiffness = (keys.of_nodes if keys.nodes else keys.of_bullets).stiffness
     acceleration = speed * math.sqrt(stiffness / mass)
     return Estimate(acceleration, basis.held(speed * basis.duration), f"stopped from {speed:.3g} m/s")
+
+
+def _of_meetings(keys: Keys, basis: EstimateBasis) -> Estimate:
+    """The hardest of those that may come: a ball or a corner of k stops the reduced mass m from v.
+
+    m v^2 / 2 = k p^(n + 1) / (n + 1). By Hertz's law k is that of a radius of 1 m.
+    """
+    law, found = keys.of_bodies, Estimate(0.0, 0.0, "no two bodies that touch each other come near in time")
+    for one in basis.meetings:
+        if not one.speed * basis.duration > one.distance or not math.isfinite(one.mass):
+            continue
+        n = law.exponent
+        depth = (0.5 * (n + 1.0) * one.mass * one.speed**2 / law.stiffness) ** (1.0 / (n + 1.0))
+        force = law.stiffness * depth**n
+        if force / one.mass > found.acceleration:
+            words = f"{' and '.join(one.bodies)} may meet at {one.speed:.3g} m/s from "
+            words += f"{one.distance / one.speed:.3g} s on, with some {force:.3g} N"
+            lasts = basis.duration - one.distance / one.speed
+            found = Estimate(force / one.mass, one.speed * lasts, words)
+    return found
