@@ -122,9 +122,9 @@ def random_states(scene: Scene, count: int) -> Any:
 
 
 def test_forces_follow_from_the_energy_and_change_no_momentum() -> None:
-    """Twelve states of a box and a body of three solids, frictionless: the power is that of the energy."""
+    """Six states of a box and a body of three solids, frictionless: the power is that of the energy."""
     scene = Scene(*ODD)
-    for found in random_states(scene, 12):
+    for found in random_states(scene, 6):
         rate = (scene.after(1e-6) - scene.after(-1e-6)) / 2e-6
         assert found.power == pytest.approx(-rate, rel=1e-6, abs=1e-4)
         assert_nothing_is_gained(scene, found)
@@ -132,7 +132,7 @@ def test_forces_follow_from_the_energy_and_change_no_momentum() -> None:
 
 def test_friction_and_damping_change_no_momentum_and_are_booked() -> None:
     scene = Scene(*ODD, *RUBBING, "effects.contact.damping=0.2")
-    for found in random_states(scene, 12):
+    for found in random_states(scene, 6):
         rate = (scene.after(1e-6) - scene.after(-1e-6)) / 2e-6
         assert found.power == pytest.approx(-rate - found.taken.sum(), rel=1e-6, abs=1e-4)
         assert found.taken[1] > 0.0
@@ -192,7 +192,7 @@ def test_no_force_jumps_over_faces_edges_and_corners(ball: bool) -> None:
         return np.concatenate([found.force["one"], found.torque["one"]])
 
     changes = []
-    for count in (100, 200, 400):
+    for count in (30, 60, 120):
         values = np.array([force(s) for s in np.linspace(-1.0, 1.0, count + 1)])
         changes.append(np.abs(np.diff(values, axis=0)).max())
     assert changes[0] > 0.1  # N, N m
@@ -222,7 +222,7 @@ def test_nothing_that_overlaps_is_missed() -> None:
     (solid,) = shape.solids
     inner = type(shape)((type(solid)("box", (0.34, 0.24, 0.14), solid.position, solid.attitude),))
     met = 0
-    for _ in range(150):
+    for _ in range(60):
         poses = [np.concatenate([0.12 * random.normal(size=3), random.normal(size=4)]) for _ in NAMES]
         for name, pose in zip(NAMES, poses, strict=True):
             pose[3:] /= np.linalg.norm(pose[3:])
@@ -235,7 +235,7 @@ def test_nothing_that_overlaps_is_missed() -> None:
         # along edges it is the largest at the places of a rule of integration
         assert 0.95 * (0.06 - gap) < found.depth < 0.06 - gap + 1e-9 or found.depth == 0.0
         met += found.depth > 0.0
-    assert 10 < met < 140
+    assert 5 < met < 50
 
 
 def test_friction_acts_where_the_surfaces_are() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from exunet.forces.contact.status import OF_BODY
-from exunet.results.clearance import Pair
+from exunet.results.clearance import Pair, pairs_of
 from exunet.results.course import CONTACT, Course
 from exunet.results.headline import Headline
 
@@ -24,13 +24,14 @@ def touching_pairs(names: Iterable[str]) -> tuple[Pair, ...]:
 
     What one body presses into the other, and what the other into the one, are stored apart.
     """
-    found: dict[frozenset[str], Pair] = {}
+    found: set[frozenset[str]] = set()
     for name in names:
         touched, _, series = name.removeprefix(CONTACT).rpartition("/")
         if name.startswith(CONTACT) and series.startswith(OF_BODY) and series.endswith(_DEEPEST):
             presses = series.removeprefix(OF_BODY).removesuffix(_DEEPEST)
-            found.setdefault(frozenset((presses, touched)), (presses, touched))
-    return tuple(found.values())
+            found.add(frozenset((presses, touched)))
+    bodies = {name for pair in found for name in pair}
+    return tuple(pair for pair in pairs_of(list(bodies)) if frozenset(pair) in found)
 
 
 def _series(course: Course, pair: str, quantity: str) -> list[Floats]:

@@ -127,6 +127,16 @@ def test_a_box_at_rest_on_a_face_stays_where_it_is(tmp_path: Path) -> None:
     assert 0.05 - end.position[2] == pytest.approx(2.0 * GRAVITY / stiffness, rel=1e-3)
 
 
+def test_what_is_held_on_a_slope_creeps_as_the_law_says(tmp_path: Path) -> None:
+    """mu N w / sqrt(w^2 + v_s^2) = N tan of the slope: w = v_s tan / sqrt(mu^2 - tan^2)."""
+    still = ON_A_PLATE[2].replace("velocity=[1.0,0.0,0.0]", "velocity=[0.0,0.0,0.0]")
+    weight = "effects.gravity.acceleration=[1.4715,0.0,-9.81]"  # a slope of 0.15
+    sim = simulation(tmp_path, weight, ON_A_PLATE[1], still, *ON_A_PLATE[3:])
+    sim.advance_to(3.0)
+    known = SLIP * 0.15 / math.sqrt(MU**2 - 0.15**2)
+    assert sim.bodies["one"].velocity == pytest.approx([known, 0.0, 0.0], rel=1e-6, abs=1e-12)
+
+
 def test_forms_give_the_same_motion(tmp_path: Path) -> None:
     found = {}
     for form, change in FORMS.items():
