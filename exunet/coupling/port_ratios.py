@@ -102,7 +102,8 @@ def _of_contact(net: NetSystem, port: str) -> Ratios:
         damper = spring * depth * data.damping
         if data.friction > 0.0 and data.slip_speed > 0.0:
             damper += spring * depth * data.friction / data.slip_speed
-        elif data.friction > 0.0 and not isinstance(data, BodyContact):
-            damper += float((data.spring * data.relaxation).sum()) * mobility
+        elif data.friction > 0.0:
+            along = data.along if isinstance(data, BodyContact) else data.spring
+            damper += float((along * data.relaxation).sum()) * mobility
         total = total.plus(Ratios(spring, damper))
     return total

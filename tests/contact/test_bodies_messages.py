@@ -95,10 +95,6 @@ WRONG: dict[str, tuple[dict[str, str], str]] = {
         {"friction = 0.0": 'friction = 0.3\nfriction_law = "regularised"'},
         r":12: effects\.contact: needs slip_speed",
     ),
-    "memory": (
-        {"friction = 0.0": 'friction = 0.3\nfriction_law = "sticking"\nslip_speed = 1e-3'},
-        r":18: effects\.contact\.friction_law: bodies touch each other with friction that has no memory",
-    ),
     "general": (
         {'engine.loop = "compiled"': 'engine = { loop = "exudyn", contact = "general" }'},
         r":13: effects\.contact\.bodies: engine\.contact = \"general\" lets points touch bodies, not "

@@ -26,7 +26,7 @@ from exunet.forces.contact.body_loops import (
 )
 from exunet.forces.contact.core_loops import DISTANCES, is_flat
 from exunet.forces.contact.frame_loops import place_in_body, turn_into
-from exunet.forces.contact.friction_loops import along_surface, regularised_friction
+from exunet.forces.contact.friction_loops import FRICTION
 from exunet.forces.contact.near_loops import remember_touch, remember_wrong, size_of
 from exunet.forces.contact.status import OF_BODY, memory_of, untouched
 from exunet.forces.contact.threads import Friction, gauss_rules
@@ -37,6 +37,8 @@ from exunet.forces.terms import KernelTerm
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+ROW = 7  # numbers of a corner, ball or edge in the memory, see `body_loops`
 
 
 class BodyLaw(NamedTuple):
@@ -72,6 +74,7 @@ class BodyContact(NamedTuple):
 
     corner, thick, is_ball, edge, thickness : as `Frame`
     spring   : (m,) k [N/m^n]; edge_stiffness : (e,) K L of edges of length L [N/m]
+    along, relaxation : (m + e,) k_t [N/m] and theta [s] of friction, of corners and balls, then of edges
     ball_place, ball_radius : (b, 3), (b,) balls of the touched body, on which balls alone press
     kind, numbers, place, turn, rounding, boxes : as `Cores`, of its other solids
     reach, from_reach : radius of a ball about the centre of mass that has all of it: of the touched body, of
@@ -83,7 +86,8 @@ class BodyContact(NamedTuple):
     stiffness : 1.0, of what `touching_loops` integrates
     damping, exponent : a [s/m], n
     friction, slip_speed : as `exunet.forces.contact.threads.Friction`
-    kept     : (STATUS,) the memory
+    kept     : (ROW (m + e) + STATUS,) the memory
+    after    : (m + e, ROW) what the memory would be after the state that was looked at last
     now      : (7,) of the state that was looked at last: largest depth [m], 0.0 where something touches, how
                many corners, balls and edges touch, bound of the speed of the bodies against each other [m/s],
                less than 0 where it is too deep, sum of the forces across the surface [N], how far the balls
@@ -99,6 +103,8 @@ class BodyContact(NamedTuple):
     thickness: Floats
     spring: Floats
     edge_stiffness: Floats
+    along: Floats
+    relaxation: Floats
     ball_place: Floats
     ball_radius: Floats
     kind: Ints
@@ -124,6 +130,7 @@ class BodyContact(NamedTuple):
     friction: float
     slip_speed: float
     kept: Floats
+    after: Floats
     now: Floats
     frame: Floats
     from_frame: Floats
@@ -141,10 +148,7 @@ class BodyContact(NamedTuple):
 def body_contact(
     blocks: Blocks, pair: tuple[str, str], law: BodyLaw, rubbing: Friction
 ) -> tuple[KernelTerm, ...]:
-    """The terms of the contact of two bodies by name: what of each may press into the other.
-
-    rubbing : regularised, or none
-    """
+    """The terms of the contact of two bodies by name: what of each may press into the other."""
     first, second = pair
     found = []
     for presses, touched in (first, second), (second, first):
@@ -209,18 +213,21 @@ def _contact_of(
         few = ball if len(ball_radius) else np.zeros(len(ball), dtype=bool)
         none = np.zeros(0)
         frame = Frame(frame.corner[few], frame.thick[few], frame.is_ball[few], np.zeros((0, 2, 3)), none)
-    springs = _springs(frame, law, _only_ball(mine), _only_ball(surface))
+    springs, along = _springs(frame, law, _only_ball(mine), _only_ball(surface))
     edges = law.stiffness / (frame.thickness + rounding) if law.modulus is None else law.modulus
     number = len(others.kind)
     length = np.linalg.norm(frame.edge[:, 1] - frame.edge[:, 0], axis=1)
-    parts = (*frame, springs, edges * length, ball_place, ball_radius, *others)
+    along = rubbing.ratio * np.concatenate([along, edges * length])
+    relaxation = 2.0 * rubbing.damping * np.sqrt(_reduced_mass(blocks, presses, touched) / along)
+    parts = (*frame, springs, edges * length, along, relaxation, ball_place, ball_radius, *others)
     bounds = (_reach(surface), _reach(mine), surface.allowed + mine.allowed, min(surface.least, mine.least))
     entries = (*_entries(blocks, touched), *_entries(blocks, presses), blocks.rate("contact/damping"))
     laws = (1.0, law.damping, law.exponent, rubbing.friction, rubbing.slip_speed)
     rooms = (7, (3, 3), (3, 3), (3, 3), 3, 6, 6, (number, 6), (number, 2), 16 * number, 12)
     values: tuple[Any, ...] = (
         *(*parts, *bounds, *entries, *laws),
-        untouched(np.zeros(0)),
+        untouched(np.zeros((len(along), ROW))),
+        np.zeros((len(along), ROW)),
         *(np.zeros(room) for room in rooms),
         gauss_rules(2, 4, 8),
     )
@@ -238,12 +245,23 @@ def _only_ball(surface: Surface) -> float:
     return float(surface.cores.rounding[0]) if alone else 0.0
 
 
-def _springs(frame: Frame, law: BodyLaw, own: float, other: float) -> Floats:
-    """(m,) k [N/m^n]; by Hertz's law of the radius, against a flat face but for two balls alone."""
+def _springs(frame: Frame, law: BodyLaw, own: float, other: float) -> tuple[Floats, Floats]:
+    """(m,) k [N/m^n], and (m,) [N/m] of what k_t is a part of.
+
+    By Hertz's law of the radius, against a flat face but for two balls alone.
+    """
     if law.exponent == 1.0:
-        return np.full(len(frame.thick), law.stiffness)
+        return np.full(len(frame.thick), law.stiffness), np.full(len(frame.thick), law.stiffness)
     curvature = 1.0 / frame.thick + (1.0 / other if own > 0.0 and other > 0.0 else 0.0)
-    return np.asarray(law.stiffness / np.sqrt(curvature))
+    return np.asarray(law.stiffness / np.sqrt(curvature)), np.asarray(law.stiffness / curvature)
+
+
+def _reduced_mass(blocks: Blocks, *names: str) -> float:
+    """[kg] of those that move freely; 0.0: none does."""
+    mass = [
+        blocks.inertia.mass[blocks.free_bodies.index(name)] for name in names if name in blocks.free_bodies
+    ]
+    return float(1.0 / sum(1.0 / one for one in mass)) if mass else 0.0
 
 
 def _reach(surface: Surface) -> float:
@@ -272,8 +290,7 @@ def _term(blocks: Blocks, presses: str, touched: str, data: BodyContact) -> Kern
 _HELPERS = (
     turn_into,
     place_in_body,
-    along_surface,
-    regularised_friction,
+    *FRICTION,
     remember_touch,
     remember_wrong,
     size_of,
@@ -293,7 +310,8 @@ def _stiffness_rate(blocks: Blocks, presses: str, touched: str, data: BodyContac
     All corners and edges press at once; on the touched body where that is moved most easily.
     """
     slope, along = steepest(data)
-    places = np.concatenate([data.corner, data.edge[:, 0], data.edge[:, 1]])
+    thick = np.concatenate([data.thick, data.thickness, data.thickness])
+    places = _at_the_surface(np.concatenate([data.corner, data.edge[:, 0], data.edge[:, 1]]), thick)
     stiffness = np.concatenate([slope, 0.5 * along, 0.5 * along])
     total, rate = float(stiffness.sum()), 0.0
     if presses in blocks.free_bodies:
@@ -304,6 +322,13 @@ def _stiffness_rate(blocks: Blocks, presses: str, touched: str, data: BodyContac
         corners = product(*zip(low, high, strict=True))
         rate += max(_fastest(blocks, touched, np.array([one]), np.full(1, total)) for one in corners)
     return rate
+
+
+def _at_the_surface(places: Floats, thick: Floats) -> Floats:
+    """Places (n, 3) [m] as far from the centre as what is around them (n,) [m] reaches."""
+    far = np.linalg.norm(places, axis=1, keepdims=True)
+    outwards = np.divide(places, far, out=np.tile([0.0, 0.0, 1.0], (len(far), 1)), where=far > 0.0)
+    return np.asarray(places + thick[:, None] * outwards)
 
 
 def _fastest(blocks: Blocks, body: str, places: Floats, stiffness: Floats) -> float:

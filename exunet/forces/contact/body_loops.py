@@ -5,6 +5,12 @@ axes of the body that is touched. A force acts on both bodies at one point, on t
 of the depth inside it, which is where friction rubs; across the surface it is the same for every point of the
 line that it acts along. What is added up of all corners and edges is a force and its torque about the touched
 body's centre, handed on to both bodies at the end.
+
+Friction with memory is that of `friction_loops`, but for what is remembered. Since bodies roll on each other,
+it is a point of each, at the end of every accepted step the place of the contact anew, shifted by what the
+spring along the surface is stretched by then; with that memory the force is the same. A row of it: what is
+remembered (0.0: nothing, 1.0: an anchor), the pressing body's point (3), the touched one's (3), each in its
+own axes.
 """
 
 from __future__ import annotations
@@ -13,7 +19,7 @@ from typing import Any
 
 from exunet.forces.contact.core_loops import core_gradient
 from exunet.forces.contact.frame_loops import place_in_body, turn_into
-from exunet.forces.contact.friction_loops import regularised_friction
+from exunet.forces.contact.friction_loops import along_surface, friction, regularised_friction, shift_for
 from exunet.forces.contact.near_loops import remember_touch, remember_wrong, size_of
 from exunet.forces.contact.touching_loops import find_spans, touch
 
@@ -24,6 +30,8 @@ def add_body_contact(t: float, x: Any, v: Any, c: Any, force: Any) -> None:
     for m in range(now.size):
         now[m] = 0.0
     now[1] = -1.0
+    for k in range(c.along.size):
+        c.after[k, 0] = 0.0
     now[3] = closing_speed(v, c)
     now[6] = gap_of_balls(x, c)
     if now[6] >= 0.0:
@@ -160,7 +168,7 @@ def press_corner(c: Any, k: int, force: Any) -> None:
     force[c.taken] += (push - elastic) * rate
     act(c, p, (push * d, push * e, push * f))
     size = size_of((d, e, f))
-    rub(c, p, (d / size, e / size, f / size), push, c.thick[k] - 0.5 * depth, force)
+    rub(c, k, p, (d / size, e / size, f / size), push, c.thick[k] - 0.5 * depth, force)
 
 
 def press_edge(c: Any, k: int, force: Any) -> None:
@@ -183,7 +191,7 @@ def press_edge(c: Any, k: int, force: Any) -> None:
         at = sums[7] / sums[6]
         p = (a[0] + at * (b[0] - a[0]), a[1] + at * (b[1] - a[1]), a[2] + at * (b[2] - a[2]))
         n = (sums[0] / size, sums[1] / size, sums[2] / size)
-        rub(c, p, n, push, thick - 0.5 * sums[10], force)
+        rub(c, c.thick.size + k, p, n, push, thick - 0.5 * sums[10], force)
 
 
 def note(c: Any, depth: float, push: float) -> None:
@@ -210,14 +218,33 @@ def act(c: Any, p: Any, f: Any) -> None:
     total[5] += g
 
 
-def rub(c: Any, p: Any, n: Any, push: float, inwards: float, force: Any) -> None:
-    """Friction where `push` [N] acts along n (3): `inwards` [m] from p (3) against n."""
+def rub(c: Any, k: int, p: Any, n: Any, push: float, inwards: float, force: Any) -> None:
+    """Friction of row k where `push` [N] acts along n (3): `inwards` [m] from p (3) against n."""
     if c.friction > 0.0:
         q = (p[0] - inwards * n[0], p[1] - inwards * n[1], p[2] - inwards * n[2])
         w = motion_at(c, q)
-        f = regularised_friction(push, n, w, c)
+        f = regularised_friction(push, n, w, c) if c.slip_speed > 0.0 else hold(c, k, q, n, w, push)
         force[c.taken + 1] -= f[0] * w[0] + f[1] * w[1] + f[2] * w[2]
         act(c, q, f)
+
+
+def hold(c: Any, k: int, q: Any, n: Any, w: Any, push: float) -> Any:
+    """Friction (3) [N] with memory at q (3), where bodies slide at w (3) [m/s]; its next memory: the row."""
+    kept, row, first = c.kept, c.after[k], 7 * k
+    u = (0.0, 0.0, 0.0)
+    if kept[first] == 1.0:
+        a, b, d = place_of_body(c, kept[first + 1 : first + 4])
+        u = (a - kept[first + 4], b - kept[first + 5], d - kept[first + 6])
+    f, slides = friction(push, n, u, w, c.along[k], c.relaxation[k], c)
+    u = shift_for(f, n, w, c.along[k], c.relaxation[k]) if slides else along_surface(n, u)
+    row[0] = 1.0
+    turned, shift = c.turned, c.shift
+    for axis in range(3):
+        row[1 + axis] = 0.0
+        for m in range(3):
+            row[1 + axis] += turned[m, axis] * (q[m] - shift[m])
+        row[4 + axis] = q[axis] - u[axis]
+    return f
 
 
 def hand_on(c: Any, force: Any) -> None:
@@ -256,8 +283,16 @@ def body_contact_potential(x: Any, c: Any) -> float:
 
 
 def remember_body_contact(t: float, x: Any, v: Any, c: Any) -> None:
-    """The status at the end of an accepted step; `add_body_contact` has looked at this state last."""
-    now, status = c.now, c.kept
+    """What friction remembers, and the status, at the end of an accepted step.
+
+    `add_body_contact` has looked at this state last.
+    """
+    kept, rows = c.kept, c.along.size
+    for k in range(rows):
+        row = c.after[k]
+        for m in range(7):
+            kept[7 * k + m] = row[m] if row[0] == 1.0 else 0.0
+    now, status = c.now, kept[7 * rows :]
     way = now[3] * (t - status[8])
     remember_touch(t, now, status)
     unseen = way > c.least and way > now[6]
@@ -280,5 +315,6 @@ BODIES = (
     note,
     act,
     rub,
+    hold,
     hand_on,
 )

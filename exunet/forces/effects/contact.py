@@ -83,24 +83,11 @@ class Keys(DampingKeys):
                         "required": ["slip_speed"],
                         "properties": {"tangential_ratio": False, "tangential_damping": False},
                     },
-                    "else": {
-                        "if": {"required": ["bodies"]},
-                        "else": {"properties": {"slip_speed": False}},
-                    },
+                    "else": {"properties": {"slip_speed": False}},
                 },
                 {
                     "if": {"properties": {"friction": {"exclusiveMinimum": 0.0}}, "required": ["friction"]},
-                    "then": {
-                        "required": ["friction_law"],
-                        "if": {"required": ["bodies"]},
-                        "then": {"required": ["slip_speed"]},
-                    },
-                },
-                {
-                    "if": {
-                        "not": {"anyOf": [{"required": [what]} for what in ("threads", "nodes", "bullets")]}
-                    },
-                    "then": {"properties": {"friction_law": {"const": "regularised"}}},
+                    "then": {"required": ["friction_law"]},
                 },
             ]
         }
@@ -154,7 +141,7 @@ class Keys(DampingKeys):
     )
     slip_speed: Positive | None = Field(
         None,
-        description='v_s, speed from which friction is full [m/s]; "regularised", and of bodies',
+        description='v_s, speed from which friction is full [m/s]; "regularised"',
         examples=[1e-3],
     )
 
@@ -165,11 +152,6 @@ class Keys(DampingKeys):
             assert self.slip_speed is not None
             return Friction(self.friction, self.slip_speed)
         return Friction(self.friction, 0.0, self.tangential_ratio, self.tangential_damping)
-
-    @property
-    def between_bodies(self) -> Friction:
-        """Of bodies, which have no memory."""
-        return Friction(self.friction, self.slip_speed or 0.0)
 
     @property
     def of_threads(self) -> float:
@@ -267,13 +249,8 @@ def _rubs(keys: Keys) -> Iterator[Fault]:
     smooth = keys.is_given("friction_law") and keys.friction_law == "regularised"
     if smooth and not keys.is_given("slip_speed"):
         yield Fault("", 'needs slip_speed, for friction_law = "regularised"')
-    elif keys.bodies and keys.friction > 0.0 and not keys.is_given("slip_speed"):
-        yield Fault("", "needs slip_speed, as friction of bodies on bodies has no memory")
-    if keys.is_given("slip_speed") and not (smooth or keys.bodies):
-        yield Fault("slip_speed", 'is for friction_law = "regularised", and bodies that touch each other')
-    if keys.is_given("friction_law") and not (smooth or keys.threads or keys.nodes or keys.bullets):
-        words = 'bodies touch each other with friction that has no memory: give "regularised"'
-        yield Fault("friction_law", words)
+    if keys.is_given("slip_speed") and not smooth:
+        yield Fault("slip_speed", 'is for friction_law = "regularised"')
     for key in ("tangential_ratio", "tangential_damping"):
         if keys.is_given(key) and smooth:
             yield Fault(key, 'is for friction_law = "sticking"')
@@ -302,7 +279,7 @@ def terms(keys: Keys, blocks: Blocks) -> tuple[KernelTerm, ...]:
         _balls(keys, blocks, bullets, body, keys.bullet_radius, keys.of_bullets) for body in keys.bullets
     ]
     for pair in keys.bodies:
-        found += body_contact(blocks, pair, keys.of_bodies, keys.between_bodies)
+        found += body_contact(blocks, pair, keys.of_bodies, keys.rubbing)
     return tuple(found)
 
 
